@@ -1,0 +1,97 @@
+"""The film and its material."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator
+
+from pvdf_fem.quantity import Finite, Length, Modulus, Number, Part, refusal, within
+
+
+def _number_or_pair(value: Any) -> str:
+    return "pair" if isinstance(value, list | tuple) else "number"
+
+
+class Film(Part):
+    """The film: a flat disc clamped on its rim, centred on the origin.
+
+    `youngs_modulus_GPa` is a number, or a pair [E1, E2] along x and y; `poisson_ratio` is then
+    ν12 (ν21 = ν12 E2/E1). Without `shear_modulus_GPa`, Huber's estimate
+    √(E1 E2)/(2(1 + √(ν12 ν21))) is taken, which is E/(2(1 + ν)) for an isotropic film.
+    """
+
+    radius_mm: Length = 45.0
+    thickness_um: Annotated[Finite, within(1e-3, 1e6, "µm")] = 25.0
+    youngs_modulus_GPa: Annotated[
+        Annotated[Modulus, Tag("number")] | Annotated[tuple[Modulus, Modulus], Tag("pair")],
+        Discriminator(_number_or_pair),
+    ] = 2.0
+    poisson_ratio: Number = Field(0.34, validate_default=True)
+    shear_modulus_GPa: Modulus | None = None
+    density_kg_m3: Annotated[Finite, within(1e-3, 1e6, "kg/m³")] = 1760.0
+    thermal_expansion_per_K: Annotated[Finite, within(-1.0, 1.0, "1/K")] = 110e-6
+    temperature_change_K: Annotated[Finite, within(-1e4, 1e4, "K")] = -1.0
+    d31_pC_N: Number = 8.0
+    d32_pC_N: Number = 8.0
+
+    @field_validator("poisson_ratio")
+    @classmethod
+    def _elastic_energy_is_positive(cls, value: float, info: ValidationInfo) -> float:
+        modulus = info.data.get("youngs_modulus_GPa")
+        if modulus is None:  # refused already
+            return value
+        if isinstance(modulus, tuple):
+            E1, E2 = modulus
+            if value**2 * E2 >= E1:
+                bound = np.sqrt(E1 / E2)
+                raise refusal(f"makes ν12 ν21 at least 1; give a value below {bound:.6g}")
+        elif not 0 <= value < 0.5:
+            raise refusal("is outside of [0, 0.5); give Poisson's ratio of a real isotropic film")
+        return value
+
+    @property
+    def radius(self) -> float:
+        """Radius in m."""
+        return self.radius_mm / 1e3
+
+    @property
+    def thickness(self) -> float:
+        """Thickness in m."""
+        return self.thickness_um / 1e6
+
+    @property
+    def density(self) -> float:
+        """Density in kg/m³."""
+        return self.density_kg_m3
+
+    @property
+    def d31(self) -> float:
+        """Piezoelectric coefficient along x in C/N."""
+        return self.d31_pC_N / 1e12
+
+    @property
+    def d32(self) -> float:
+        """Piezoelectric coefficient along y in C/N."""
+        return self.d32_pC_N / 1e12
+
+    @property
+    def thermal_strain(self) -> float:
+        """Free thermal strain αΔT: negative for a film under tension."""
+        return self.thermal_expansion_per_K * self.temperature_change_K
+
+    @property
+    def stiffness(self) -> NDArray[np.float64]:
+        """Plane-stress stiffness in Pa, shape (3, 3): components 11, 22, 12, engineering shear."""
+        modulus = self.youngs_modulus_GPa
+        E1, E2 = modulus if isinstance(modulus, tuple) else (modulus, modulus)
+        nu12 = self.poisson_ratio
+        nu21 = nu12 * E2 / E1
+        G = self.shear_modulus_GPa
+        if G is None:
+            # Huber's estimate; ν12 √(E2/E1) is √(ν12 ν21) with the sign of ν12
+            G = np.sqrt(E1 * E2) / (2 * (1 + nu12 * np.sqrt(E2 / E1)))
+        m = 1 - nu12 * nu21
+        return 1e9 * np.array([[E1 / m, nu12 * E2 / m, 0], [nu12 * E2 / m, E2 / m, 0], [0, 0, G]])

@@ -1,0 +1,137 @@
+"""The text of a scene file: TOML read with bounds, written, and quoted in complaints."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import re
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+#: Largest scene file in bytes.
+MOST_BYTES = 1_000_000
+
+# tomllib's time grows with the square of the parts of a dotted key; a scene needs two
+_LONG_KEY = re.compile(
+    r"""(?:^|[\[{,])[ \t]*(?:(?:"[^"\n]*"|'[^'\n]*'|[\w-]+)[ \t]*\.[ \t]*){9}""", re.MULTILINE
+)
+
+
+class SceneError(ValueError):
+    """A scene that cannot be simulated.
+
+    Attributes
+    ----------
+    problems : tuple of str
+        One line for each mistake: ``key = value: reason; what to change``.
+    source : str
+        Where the scene came from: a path, or empty.
+    """
+
+    def __init__(self, problems: Iterable[str], source: str = "") -> None:
+        # an unpaired surrogate could not be printed
+        self.problems = tuple(
+            problem.encode("utf-8", "backslashreplace").decode() for problem in problems
+        )
+        self.source = source
+        super().__init__(self.problems, source)
+
+    def __str__(self) -> str:
+        head = f"{self.source} is not a valid scene" if self.source else "not a valid scene"
+        return "\n  ".join([f"{head}:", *self.problems])
+
+
+def read_text(path: Path) -> str:
+    """The text of a scene file; SceneError for what is no UTF-8 file of at most `MOST_BYTES`."""
+    try:
+        with path.open("rb") as file:
+            raw = file.read(MOST_BYTES + 1)
+    except (OSError, ValueError) as error:  # ValueError: a null character in the path
+        reason = getattr(error, "strerror", None) or str(error)
+        text = f"{path}: cannot be read ({reason}); give the path of a scene file"
+        raise SceneError([text], str(path)) from None
+    _refuse_large(len(raw), str(path))
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        text = f"{path}: line {line} is not UTF-8 text; save the file as UTF-8"
+        raise SceneError([text], str(path)) from None
+
+
+def parse_toml(text: str, source: str) -> dict[str, Any]:
+    """The table in a TOML text; SceneError naming source and line for what is not TOML."""
+    _refuse_large(len(text), source)
+    deep = f"{source}: tables or lists are nested too deeply; a scene needs two levels"
+    if long_key := _LONG_KEY.search(text):
+        line = text.count("\n", 0, long_key.end()) + 1
+        raise SceneError([f"{deep} (line {line})"], source)
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise SceneError([deep], source) from None
+    except tomllib.TOMLDecodeError as error:
+        text = f"{source}: not TOML: {str(error)[:300]}; correct the file there"
+        raise SceneError([text], source) from None
+    except ValueError:  # of int(), whose digits are limited
+        text = f"{source}: has an integer of thousands of digits; give a smaller number"
+        raise SceneError([text], source) from None
+
+
+def _refuse_large(size: int, source: str) -> None:
+    if size > MOST_BYTES:
+        text = f"{source}: larger than {MOST_BYTES} bytes; a scene file is small, give another"
+        raise SceneError([text], source)
+
+
+def write_toml(table: Mapping[str, Any]) -> str:
+    """TOML for a mapping of tables and lists of tables; their values are scalars and lists."""
+    blocks = []
+    for name, content in table.items():
+        heading, rows = (
+            (f"[[{name}]]", content) if isinstance(content, list) else (f"[{name}]", [content])
+        )
+        for row in rows:
+            lines = [heading, *(f"{key} = {_toml(value)}" for key, value in row.items())]
+            blocks.append("\n".join(lines) + "\n")
+    return "\n".join(blocks)
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, str):
+        # the escapes of JSON are TOML's, and other printable characters stand for themselves
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
+    return repr(value)
+
+
+def quote(value: Any, depth: int = 0) -> str:
+    """A value as a scene file shows it, in at most 60 characters."""
+    if isinstance(value, bool):
+        text = str(value).lower()
+    elif isinstance(value, int) and value.bit_length() > 128:
+        text = f"an integer of {value.bit_length()} bits"
+    elif isinstance(value, str):
+        text = json.dumps(value[:60], ensure_ascii=False)
+    elif isinstance(value, Mapping):
+        text = "a table"
+    elif isinstance(value, list | tuple):
+        inner = [quote(item, depth + 1) for item in value[:10]] if depth < 3 else ["..."]
+        text = f"[{', '.join(inner)}]"
+    else:
+        text = repr(value) if isinstance(value, float | int) else str(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def problem(key: str, value: Any, reason: str) -> str:
+    """One complaint; `reason` says what is wrong and what to change."""
+    return f"{key} = {quote(value)}: {reason}"
+
+
+def choose(word: Any, known: Sequence[str]) -> str:
+    """What to write instead of a word that is not among the known ones."""
+    near = difflib.get_close_matches(word, known, 1) if isinstance(word, str) else []
+    return f"did you mean {near[0]}?" if near else f"choose from {', '.join(known)}"
