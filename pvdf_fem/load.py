@@ -1,0 +1,111 @@
+"""What the probe does to the film: dead pressure, follower pressure, rigid punch.
+
+All three press on the probe's patch Omega_p with the total force F along +z:
+
+- dead: pressure F/A_p along z per reference area;
+- follower: pressure F/A_p normal to the deformed film, per deformed area (ANSYS's SFA);
+- rigid: a flat face that stays horizontal, so the deflection is one unknown over the patch. The
+  face either slides or sticks; a sticking face is held by the probe's guide, so u = v = 0 on it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pvdf_fem.membrane import Array, Membrane
+from pvdf_fem.mesh import PROBE
+from pvdf_fem.scene import Scene
+
+
+@dataclass(frozen=True)
+class Load:
+    """The forces and constraints of a scene's probe on a membrane's dofs.
+
+    Attributes
+    ----------
+    kind, contact : str
+        As in the scene file.
+    force : float
+        Total force in N.
+    patch : (n,) int
+        Elements under the probe.
+    shapes : (n, points, functions)
+        Values of the shape functions on the patch.
+    weights : (n, points)
+        Quadrature weights times area on the patch, m^2.
+    membrane : Membrane
+        Where the forces act.
+    """
+
+    kind: str
+    contact: str | None
+    force: float
+    patch: NDArray[np.int64]
+    shapes: Array
+    weights: Array
+    membrane: Membrane
+
+    @classmethod
+    def of(cls, scene: Scene, membrane: Membrane) -> Load:
+        """The load of `scene`; without a probe, no patch and no force."""
+        none = np.empty(0, dtype=np.int64)
+        patch = membrane.mesh.subdomains[PROBE] if scene.probe else none
+        force = scene.load.force if scene.probe else 0.0
+        values = [np.broadcast_to(s[0], membrane.weights.shape) for s in membrane.basis.basis]
+        shapes = np.stack([value[patch] for value in values], axis=-1)
+        weights = membrane.weights[patch]
+        return cls(
+            scene.load.kind, scene.load.contact, force, patch, shapes, weights, membrane
+        )
+
+    @property
+    def conservative(self) -> bool:
+        """Whether the forces do not depend on the displacement, so that an energy exists."""
+        return self.kind != "follower"
+
+    @property
+    def pressure(self) -> float:
+        """Nominal pressure in Pa."""
+        return self.force / float(self.weights.sum()) if self.force else 0.0
+
+    def shared_dofs(self) -> NDArray[np.int64]:
+        """Dofs that have one common value: the deflection under a rigid punch."""
+        return 3 * self._rigid_nodes() + 2
+
+    def fixed_dofs(self) -> NDArray[np.int64]:
+        """Dofs that a sticking punch holds in the plane."""
+        nodes = self._rigid_nodes() if self.contact == "stuck" else self._rigid_nodes()[:0]
+        return np.concatenate([3 * nodes, 3 * nodes + 1])
+
+    def _rigid_nodes(self) -> NDArray[np.int64]:
+        nodes = self.membrane.basis.element_dofs[:, self.patch]
+        return np.unique(nodes if self.kind == "rigid" else nodes[:0])
+
+    def forces(self, deformation_gradient: Array) -> Array:
+        """External forces in N, (elements, dofs of an element)."""
+        forces = np.zeros((*self.membrane.basis.element_dofs.T.shape, 3))
+        if self.kind == "follower":
+            F = deformation_gradient[self.patch]
+            normal = np.cross(F[..., 0], F[..., 1])
+        else:
+            normal = np.broadcast_to([0.0, 0.0, 1.0], (*self.weights.shape, 3))
+        traction = self.pressure * self.weights[..., None] * normal
+        forces[self.patch] = np.matmul(self.shapes.swapaxes(1, 2), traction)
+        return forces.reshape(len(forces), -1)
+
+    def stiffness(self, deformation_gradient: Array) -> Array:
+        """Derivative of `forces` on the patch, (patch elements, dofs, dofs of an element)."""
+        F = deformation_gradient[self.patch]
+        gradients = self.membrane.gradients[self.patch]
+        # d(F1 x F2) = F1 x dF2 - F2 x dF1, with dFi = gradients_i du
+        turned = [np.cross(F[..., i][..., None, :], np.eye(3)).swapaxes(-1, -2) for i in (0, 1)]
+        normal = np.einsum("epij,epb->epibj", turned[0], gradients[..., 1]) - np.einsum(
+            "epij,epb->epibj", turned[1], gradients[..., 0]
+        )
+        scaled = self.shapes * (self.pressure * self.weights)[..., None]
+        stiffness = np.einsum("epa,epibj->eaibj", scaled, normal)
+        dofs = 3 * self.shapes.shape[-1]
+        return stiffness.reshape(len(self.patch), dofs, dofs)

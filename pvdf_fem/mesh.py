@@ -1,0 +1,242 @@
+"""Scene to mesh: the clamped disc with its electrodes and probe as named patches.
+
+This is the only module that imports gmsh. The outlines are embedded with OpenCASCADE's
+``fragment``, so every patch, and every overlap of patches, is a union of elements. Elements are
+six-node triangles: rim and circular outlines are curved to second order. Element sizes are
+smallest along the outlines and grow linearly with the distance from them (`Sizes`), or follow an
+error estimate on an earlier mesh (`SizeField`).
+
+gmsh works on lengths divided by a hundredth of the film's radius, so that its absolute geometric
+tolerance means the same for a film of 1 mm and of 1 m.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import gmsh
+import numpy as np
+from numpy.typing import NDArray
+from skfem import MeshTri2
+
+from pvdf_fem.outline import Circle, Outline
+from pvdf_fem.scene import Scene
+
+# gmsh's other sources of element sizes, all switched off.
+OTHER_SIZES = ("MeshSizeFromPoints", "MeshSizeExtendFromBoundary", "MeshSizeFromCurvature")
+FRONTAL_DELAUNAY = 6
+
+RIM = "rim"
+PROBE = "probe"
+
+
+def electrode_patch(name: str) -> str:
+    """Name of the mesh subdomain that an electrode covers."""
+    return f"electrode {name}"
+
+
+class MeshError(RuntimeError):
+    """gmsh could not mesh a scene; the text names the patches found and expected."""
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Element sizes in metres.
+
+    Attributes
+    ----------
+    patches : dict
+        Element size along the outline of each patch, by patch name.
+    growth : float
+        Increase of the element size per unit of distance from an outline.
+    film : float
+        Largest element size.
+    """
+
+    patches: dict[str, float]
+    growth: float
+    film: float
+
+    def scaled(self, factor: float) -> Sizes:
+        """All element sizes, and so the gradient, times `factor`."""
+        patches = {name: size * factor for name, size in self.patches.items()}
+        return Sizes(patches, self.growth * factor, self.film * factor)
+
+
+@dataclass(frozen=True, eq=False)
+class SizeField:
+    """Element sizes in metres at the vertices of a mesh, linear in its triangles.
+
+    Attributes
+    ----------
+    mesh : MeshTri2
+    sizes : (vertices,)
+    """
+
+    mesh: MeshTri2
+    sizes: NDArray[np.float64]
+
+
+def outlines(scene: Scene) -> dict[str, Outline]:
+    """The outlines that the mesh follows, by patch name: the electrodes, then the probe."""
+    found: dict[str, Outline] = {electrode_patch(e.name): e.outline for e in scene.electrode_list}
+    if scene.probe is not None:
+        found[PROBE] = scene.probe.outline
+    return found
+
+
+def mesh_scene(scene: Scene, sizes: Sizes | SizeField) -> MeshTri2:
+    """Mesh a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        The film, its electrodes and the probe.
+    sizes : Sizes or SizeField
+        Element sizes; patches that `Sizes.patches` does not name get no finer mesh.
+
+    Returns
+    -------
+    MeshTri2
+        Coordinates in metres. Subdomains: ``film``, one ``electrode NAME`` each and ``probe``;
+        boundary: ``rim``.
+
+    Raises
+    ------
+    MeshError
+        When gmsh fails or a patch has got no element.
+    """
+    unit = scene.film.radius / 100.0
+    with _gmsh():
+        try:
+            patches = _fragment(outlines(scene), unit)
+            for option in OTHER_SIZES:
+                gmsh.option.setNumber(f"Mesh.{option}", 0)
+            gmsh.option.setNumber("Mesh.Algorithm", FRONTAL_DELAUNAY)
+            if isinstance(sizes, Sizes):
+                _grade_from_outlines(patches, sizes, unit)
+            else:
+                _follow(sizes, unit)
+            gmsh.model.mesh.generate(2)
+            gmsh.model.mesh.setOrder(2)
+        except Exception as error:
+            raise MeshError(f"gmsh failed: {error}") from error
+        return _read(patches, unit)
+
+
+@contextmanager
+def _gmsh() -> Iterator[None]:
+    gmsh.initialize(argv=["", "-v", "1"], readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("General.NumThreads", 1)
+        yield
+    finally:
+        gmsh.finalize()
+
+
+def _fragment(outlines: dict[str, Outline], unit: float) -> dict[str, list[int]]:
+    """Surfaces of each patch, ``film`` included, after all outlines have cut the disc."""
+    occ = gmsh.model.occ
+    disc = (2, occ.addDisk(0.0, 0.0, 0.0, 100.0, 100.0))
+    tools = [(2, _surface(outline, unit)) for outline in outlines.values()]
+    if tools:
+        _, pieces = occ.fragment([disc], tools)
+    else:
+        pieces = [[disc]]
+    occ.synchronize()
+    names = ["film", *outlines]
+    return {name: [tag for _, tag in piece] for name, piece in zip(names, pieces, strict=True)}
+
+
+def _surface(outline: Outline, unit: float) -> int:
+    occ = gmsh.model.occ
+    if isinstance(outline, Circle):
+        x, y = outline.centre / unit
+        radius = outline.radius / unit
+        return int(occ.addDisk(x, y, 0.0, radius, radius))
+    points = [occ.addPoint(x, y, 0.0) for x, y in outline.vertices / unit]
+    lines = [occ.addLine(a, b) for a, b in zip(points, points[1:] + points[:1], strict=True)]
+    return int(occ.addPlaneSurface([occ.addCurveLoop(lines)]))
+
+
+def _outer_curves(surfaces: list[int]) -> set[int]:
+    pairs = gmsh.model.getBoundary([(2, tag) for tag in surfaces], combined=True, oriented=False)
+    return {abs(tag) for _, tag in pairs}
+
+
+def _grade_from_outlines(patches: dict[str, list[int]], sizes: Sizes, unit: float) -> None:
+    gmsh.option.setNumber("Mesh.MeshSizeMax", sizes.film / unit)
+    field = gmsh.model.mesh.field
+    graded = []
+    for name, size in sizes.patches.items():
+        curves = _outer_curves(patches[name])
+        length = max(gmsh.model.occ.getMass(1, curve) for curve in curves)
+        distance = field.add("Distance")
+        field.setNumbers(distance, "CurvesList", sorted(curves))
+        field.setNumber(distance, "Sampling", int(np.clip(2 * length * unit / size, 10, 1000)))
+        threshold = field.add("Threshold")
+        for key, value in {
+            "InField": distance,
+            "SizeMin": size / unit,
+            "SizeMax": sizes.film / unit,
+            "DistMin": 0.0,
+            "DistMax": max((sizes.film - size) / sizes.growth / unit, 1e-9),
+        }.items():
+            field.setNumber(threshold, key, value)
+        graded.append(threshold)
+    if graded:
+        smallest = field.add("Min")
+        field.setNumbers(smallest, "FieldsList", graded)
+        field.setAsBackgroundMesh(smallest)
+
+
+def _follow(sizes: SizeField, unit: float) -> None:
+    mesh = sizes.mesh
+    corners = np.zeros((mesh.nelements, 3, 3))
+    corners[:, :2] = mesh.p[:, mesh.t].transpose(2, 0, 1) / unit
+    values = sizes.sizes[mesh.t.T] / unit
+    data = np.hstack([corners.reshape(-1, 9), values])
+    view = gmsh.view.add("sizes")
+    gmsh.view.addListData(view, "ST", mesh.nelements, data.ravel())
+    field = gmsh.model.mesh.field
+    background = field.add("PostView")
+    field.setNumber(background, "ViewTag", view)
+    # Points between the rim and its chords take the size of the nearest triangle.
+    field.setNumber(background, "UseClosest", 1)
+    field.setAsBackgroundMesh(background)
+
+
+def _read(patches: dict[str, list[int]], unit: float) -> MeshTri2:
+    """The gmsh model as a scikit-fem mesh."""
+    tags, coordinates, _ = gmsh.model.mesh.getNodes()
+    row = np.empty(int(tags.max()) + 1, dtype=np.int64)
+    row[tags] = np.arange(len(tags))
+    blocks, spans, count = [], {}, 0
+    for _, surface in gmsh.model.getEntities(2):
+        _, _, nodes = gmsh.model.mesh.getElements(2, surface)
+        block = row[nodes[0]].reshape(-1, 6) if nodes else np.empty((0, 6), dtype=np.int64)
+        blocks.append(block)
+        spans[surface] = np.arange(count, count + len(block))
+        count += len(block)
+    subdomains = {
+        name: np.concatenate([spans[surface] for surface in surfaces])
+        for name, surfaces in patches.items()
+    }
+    empty = [name for name, elements in subdomains.items() if not len(elements)]
+    if empty:
+        found = [name for name in subdomains if name not in empty]
+        raise MeshError(f"patches without elements: {empty}; patches found: {found}")
+    points = coordinates.reshape(-1, 3)[:, :2].T * unit
+    mesh = MeshTri2(points, _with_sorted_vertices(np.concatenate(blocks)).T)
+    return mesh.with_subdomains(subdomains).with_boundaries({RIM: mesh.boundary_facets()})
+
+
+def _with_sorted_vertices(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Six-node triangles with their vertices in ascending order, as cubic elements need them."""
+    order = np.argsort(triangles[:, :3], axis=1)
+    midside = np.array([[-1, 3, 5], [3, -1, 4], [5, 4, -1]])
+    edges = midside[order, np.roll(order, -1, axis=1)]
+    return np.take_along_axis(triangles, np.hstack([order, edges]), axis=1)

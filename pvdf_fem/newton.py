@@ -1,0 +1,194 @@
+"""Newton's method: a seed near the solution, an exact line search, a named end.
+
+A flat film without pretension has a singular tangent, so the first iterate is not the flat film.
+`seed` solves the linear membrane under an estimate of the tension that the load itself makes, then
+the in-plane equations at that deflection, and scales the result to the least energy. From there
+the energy along a Newton direction is an exact quartic, and its least value costs a few sums.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.polynomial import polynomial
+from numpy.typing import NDArray
+from scipy.sparse.linalg import SuperLU, splu
+
+from pvdf_fem.equilibrium import Equilibrium
+from pvdf_fem.membrane import IDENTITY, Array, MembraneState, strain_of, strain_rate
+
+# Relative size, in the energy norm, of the last Newton step that is made. The next one, by the
+# quadratic convergence, would be some 1e-10.
+STEP_TOLERANCE = 1e-6
+# Below this relative size of a step, full steps keep the quadratic convergence.
+LOCAL_STEP = 1e-2
+MAX_ITERATIONS = 60
+
+
+class Status(StrEnum):
+    """How a solve ended."""
+
+    CONVERGED = "converged"
+    MAX_ITERATIONS = "max_iterations"
+    SINGULAR = "singular_tangent"
+    UNSTABLE = "unstable"
+    TOLERANCE = "tolerance_not_reached"
+    MESH_FAILED = "mesh_failed"
+
+    @property
+    def advice(self) -> str:
+        """What the status means and what to change."""
+        return ADVICE[self]
+
+
+ADVICE = {
+    Status.CONVERGED: "the Newton iteration converged",
+    Status.MAX_ITERATIONS: f"no convergence in {MAX_ITERATIONS} Newton iterations; lower"
+    " load.force_N, or give the film more tension (film.temperature_change_K below zero)",
+    Status.SINGULAR: "the tangent is singular: the film has no tension; cool it"
+    " (film.temperature_change_K below zero)",
+    Status.TOLERANCE: "the finest mesh allowed misses the tolerance; raise numerics.tolerance",
+    Status.MESH_FAILED: "gmsh could not mesh the scene; move or resize the probe slightly",
+    Status.UNSTABLE: "the equilibrium found is not a minimum of the energy: the film is in"
+    " compression, which it cannot carry; cool it (film.temperature_change_K below zero)",
+}
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """One row of the iteration table.
+
+    Attributes
+    ----------
+    step : float
+        Size of the Newton step in the energy norm over that of the solution.
+    length : float
+        Length that the line search chose.
+    negative_pivots : int
+        Number of negative eigenvalues of the tangent (symmetric loads).
+    """
+
+    step: float
+    length: float
+    negative_pivots: int
+
+
+@dataclass(frozen=True)
+class NewtonResult:
+    """Unknowns, how the iteration ended, its table and the last factorised tangent."""
+
+    q: Array
+    status: Status
+    iterations: tuple[Iteration, ...]
+    factors: SuperLU | None
+
+
+def factorise(matrix: sp.csc_matrix) -> SuperLU:
+    """LU of a matrix of symmetric pattern without pivoting: the signs of U are the inertia."""
+    return splu(
+        matrix,
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+
+
+def newton(equilibrium: Equilibrium, q: Array) -> NewtonResult:
+    """Solve ``equilibrium`` from the unknowns `q`."""
+    if equilibrium.load.force == 0.0:
+        return _unloaded(equilibrium, q)
+    table: list[Iteration] = []
+    factors = None
+    state = equilibrium.state(q)
+    while len(table) < MAX_ITERATIONS:
+        residual = equilibrium.residual(state)
+        try:
+            factors = factorise(equilibrium.tangent(state))
+        except RuntimeError:  # SuperLU: exactly singular
+            return NewtonResult(q, Status.SINGULAR, tuple(table), None)
+        step = -factors.solve(residual)
+        slope = float(residual @ step)
+        size = np.sqrt(abs(slope / _work(equilibrium, state, q)))
+        length = 1.0
+        if size > LOCAL_STEP:
+            length = _least(equilibrium.energy_along(state, step, slope))
+        negative = int((factors.U.diagonal() < 0).sum())
+        table.append(Iteration(float(size), length, negative))
+        q = q + length * step
+        state = equilibrium.state(q)
+        if size < STEP_TOLERANCE:
+            stable = negative == 0 or not equilibrium.load.conservative
+            status = Status.CONVERGED if stable else Status.UNSTABLE
+            return NewtonResult(q, status, tuple(table), factors)
+    return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), factors)
+
+
+def _unloaded(equilibrium: Equilibrium, q: Array) -> NewtonResult:
+    """The flat film: an equilibrium for any tension, a stable one unless it is compressed."""
+    compressed = equilibrium.film.thermal_strain > 0.0
+    return NewtonResult(q, Status.UNSTABLE if compressed else Status.CONVERGED, (), None)
+
+
+def _work(equilibrium: Equilibrium, state: MembraneState, q: Array) -> float:
+    """Work of the external forces, the scale of energies."""
+    forces = equilibrium.load.forces(state.deformation_gradient)
+    return float(equilibrium.assembly.vector(forces) @ q)
+
+
+def _least(energy: Array) -> float:
+    """The s > 0 of least energy among the stationary points of the quartic, 1 without any."""
+    roots = np.roots(polynomial.polyder(energy)[::-1])
+    lengths = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots)) & (roots.real > 0)]
+    if not len(lengths):
+        return 1.0
+    return float(lengths[np.argmin(polynomial.polyval(lengths, energy))])
+
+
+def seed(equilibrium: Equilibrium) -> Array:
+    """Unknowns near the solution: linear deflection, in-plane response, least energy."""
+    film, membrane = equilibrium.film, equilibrium.membrane
+    q = np.zeros(equilibrium.unknowns.count)
+    if equilibrium.load.force == 0.0:
+        return q
+    deflections = np.flatnonzero(equilibrium.unknowns.deflections())
+    in_plane = np.flatnonzero(~equilibrium.unknowns.deflections())
+    flat = membrane.state(np.zeros(membrane.dof_count))
+    forces = equilibrium.assembly.vector(equilibrium.load.forces(flat.deformation_gradient))
+
+    stiffness = film.thickness * film.stiffness[:2, :2].mean()
+    induced = 0.3 * np.cbrt(stiffness * (equilibrium.load.force / film.radius) ** 2)
+    tension = induced + max(-2.0 * stiffness * film.thermal_strain, 0.0)
+    laplace = equilibrium.assembly.matrix(membrane.laplace() * tension)
+    tangent = equilibrium.tangent(flat)
+    q[deflections] = _solve_block(laplace, forces, deflections)
+    residual = equilibrium.residual(equilibrium.state(q))
+    q[in_plane] = -_solve_block(tangent, residual, in_plane)
+
+    length = _least(_energy_of_scaled(equilibrium, q, deflections, forces))
+    q[deflections] *= length
+    q[in_plane] *= length**2
+    return q
+
+
+def _solve_block(matrix: sp.csc_matrix, right: Array, block: NDArray[np.intp]) -> Array:
+    return factorise(matrix[block][:, block].tocsc()).solve(right[block])
+
+
+def _energy_of_scaled(
+    equilibrium: Equilibrium, q: Array, deflections: NDArray[np.intp], forces: Array
+) -> Array:
+    """Föppl-von Kármán energy of (s^2 u, s^2 v, s w), coefficients (5,) of 1, s, ... s^4."""
+    membrane, film = equilibrium.membrane, equilibrium.film
+    w = np.zeros_like(q)
+    w[deflections] = q[deflections]
+    deflection = membrane.gradient(equilibrium.unknowns.expand(w))
+    plane = membrane.gradient(equilibrium.unknowns.expand(q - w))
+    strain = strain_rate(IDENTITY, plane) + strain_of(deflection)
+    weighted = strain * (film.thickness * membrane.weights)[..., None]
+    stress = strain @ film.stiffness
+    thermal = film.thermal_strain * film.stiffness[:, :2].sum(axis=1)
+    work, released = float(forces @ w), float((weighted @ thermal).sum())
+    return np.array([0.0, -work, -released, 0.0, 0.5 * float((stress * weighted).sum())])

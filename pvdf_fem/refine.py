@@ -1,0 +1,90 @@
+"""From one mesh to the next: element sizes from error indicators, and the solution carried over."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+from skfem import Basis, MeshTri2
+
+from pvdf_fem.membrane import Array
+from pvdf_fem.mesh import SizeField
+
+# Errors of charges fall with this power of the element size (see `tests/test_convergence.py`);
+# lower than the 4 of smooth solutions, since corners of the patches make them less smooth.
+ORDER = 3.0
+# A size changes by no more than this in one go, and from one place to another by this slope.
+CHANGE = (0.15, 1.6)
+GROWTH = 0.5
+# Triangles in which a point is sought.
+CANDIDATES = 8
+
+
+def refined_sizes(mesh: MeshTri2, shares: Array, reduction: float) -> SizeField:
+    """Sizes for which each goal's error is `reduction` times what it was, with fewest elements.
+
+    With an element's share proportional to size^(ORDER + 2), the number of elements is least for
+    equal shares (Brown and others: equidistribution).
+
+    Parameters
+    ----------
+    mesh : MeshTri2
+    shares : (elements,)
+        Share of each element in the error.
+    reduction : float
+        Wanted sum of shares over the present one.
+    """
+    share = np.maximum(shares / shares.sum(), 1e-12)
+    factor = share ** (-1.0 / (ORDER + 2.0))
+    factor *= (reduction / (share ** (2.0 / (ORDER + 2.0))).sum()) ** (1.0 / ORDER)
+    sizes = element_sizes(mesh) * np.clip(factor, *CHANGE)
+    return SizeField(mesh, _graded(mesh, _at_vertices(mesh, sizes)))
+
+
+def element_sizes(mesh: MeshTri2) -> Array:
+    """Edge of the equilateral triangle of each element's area, m."""
+    (x0, x1, x2), (y0, y1, y2) = mesh.p[:, mesh.t]
+    area = 0.5 * np.abs((x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0))
+    return np.sqrt(4.0 / np.sqrt(3.0) * area)
+
+
+def _at_vertices(mesh: MeshTri2, sizes: Array) -> Array:
+    """Geometric mean over the elements around each vertex."""
+    total = np.bincount(mesh.t.ravel(), np.tile(np.log(sizes), 3), mesh.nvertices)
+    return np.exp(total / np.maximum(np.bincount(mesh.t.ravel(), minlength=mesh.nvertices), 1))
+
+
+def _graded(mesh: MeshTri2, sizes: Array) -> Array:
+    """Sizes lowered until they grow by `GROWTH` per unit of length at the most."""
+    a, b = mesh.facets
+    rise = GROWTH * np.linalg.norm(mesh.p[:, a] - mesh.p[:, b], axis=0)
+    while True:
+        lowered = sizes.copy()
+        np.minimum.at(lowered, a, sizes[b] + rise)
+        np.minimum.at(lowered, b, sizes[a] + rise)
+        if np.array_equal(lowered, sizes):
+            return sizes
+        sizes = lowered
+
+
+def transferred(basis: Basis, x: Array, target: Basis) -> Array:
+    """Dofs on the basis `target` of the displacement that has the dofs `x` on `basis`.
+
+    A starting guess, so points are sought in the straight-sided triangles with the nearest
+    centroids, and those in none of them are extrapolated from the closest.
+    """
+    mesh, points = basis.mesh, target.doflocs
+    corners = mesh.p[:, mesh.t]
+    _, near = cKDTree(corners.mean(axis=1).T).query(points.T, k=min(CANDIDATES, mesh.nelements))
+    near = near.reshape(points.shape[1], -1)
+    origin = corners[:, 0][:, near]
+    edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=-1)
+    inverse = np.linalg.inv(edges.transpose(1, 0, 2))[near]
+    local = np.einsum("pcij,jpc->ipc", inverse, points[:, :, None] - origin)
+    inside = np.minimum(local.min(axis=0), 1.0 - local.sum(axis=0))
+    best = inside.argmax(axis=1)[:, None]
+    element = np.take_along_axis(near, best, axis=1)[:, 0]
+    place = np.take_along_axis(local, best[None], axis=2)[..., 0]
+    functions = range(basis.Nbfun)
+    values = np.stack([basis.elem.lbasis(place, i)[0] for i in functions], axis=-1)
+    nodal = x.reshape(-1, 3)[basis.element_dofs[:, element]]
+    return np.einsum("pi,ipc->pc", values, nodal).ravel()

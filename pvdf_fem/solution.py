@@ -1,0 +1,362 @@
+"""Scene to solution: mesh, equilibrium, charges and their errors, refined until these are met.
+
+A first mesh comes from sizes that the tolerance sets a priori (`first_sizes`); while the estimated
+error of a charge exceeds the tolerance, the next mesh follows the indicators of that error.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from skfem import Basis, MeshTri2
+
+from pvdf_fem.charge import charge_gradients, electrode_forces
+from pvdf_fem.equilibrium import Equilibrium
+from pvdf_fem.estimate import Correction, correct, indicators
+from pvdf_fem.membrane import Array
+from pvdf_fem.mesh import PROBE, MeshError, SizeField, Sizes, mesh_scene, outlines
+from pvdf_fem.newton import Iteration, NewtonResult, Status, newton, seed
+from pvdf_fem.refine import ORDER, refined_sizes, transferred
+from pvdf_fem.scene import Scene
+
+# Sizes aim at this part of the tolerance.
+SAFETY = 0.5
+MAX_MESHES = 6
+
+
+class NotConvergedError(RuntimeError):
+    """A result was asked of a solve that has none; the text says its status and what to change."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """How a solve ended and, if it converged, its fields and charges.
+
+    Attributes
+    ----------
+    scene : Scene
+    status : Status
+        `Status.CONVERGED`, or why there is no result.
+    iterations : tuple of Iteration
+        Newton's table on the last mesh.
+    left_out, warnings : tuple of str
+        What the model neglects in this scene; what to look at.
+    seconds : dict
+        ``mesh``, ``solve``, ``estimate`` and ``total``.
+    reason : str
+        The status in words, with what to change.
+    """
+
+    scene: Scene
+    status: Status
+    reason: str
+    iterations: tuple[Iteration, ...] = ()
+    left_out: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    seconds: dict[str, float] = field(default_factory=dict)
+    _fields: Fields | None = None
+
+    @property
+    def fields(self) -> Fields:
+        """The converged solution on its mesh; raises `NotConvergedError`."""
+        if self._fields is None or self.status is not Status.CONVERGED:
+            raise NotConvergedError(f"{self.status}: {self.reason}")
+        return self._fields
+
+    @property
+    def mesh(self) -> MeshTri2:
+        """Mesh in metres, with the patches as subdomains."""
+        return self.fields.equilibrium.membrane.mesh
+
+    @property
+    def basis(self) -> Basis:
+        """Scalar basis of each displacement component."""
+        return self.fields.equilibrium.membrane.basis
+
+    @property
+    def displacement(self) -> Array:
+        """u, v, w in m at the dofs of `basis`, (dofs, 3)."""
+        return self.fields.displacement.reshape(-1, 3)
+
+    @property
+    def charges_pC(self) -> dict[str, float]:
+        """Charge of each electrode."""
+        return self.charges(self.scene.film.d31_pC_N, self.scene.film.d32_pC_N)
+
+    @property
+    def charge_errors_pC(self) -> dict[str, float]:
+        """Estimated discretisation error of each charge, absolute."""
+        return self.charge_errors(self.scene.film.d31_pC_N, self.scene.film.d32_pC_N)
+
+    def charges(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
+        """Charges in pC of a film with other piezoelectric coefficients."""
+        values = self.fields.forces @ [d31_pC_N, d32_pC_N]
+        return dict(zip(self._names, values.tolist(), strict=True))
+
+    def charge_errors(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
+        """Estimated errors in pC of `charges`."""
+        values = np.abs(self.fields.force_errors @ [d31_pC_N, d32_pC_N])
+        return dict(zip(self._names, values.tolist(), strict=True))
+
+    @property
+    def _names(self) -> list[str]:
+        return [electrode.name for electrode in self.scene.electrode_list]
+
+    @property
+    def deflection_max_mm(self) -> float:
+        """Largest deflection."""
+        return 1e3 * float(np.abs(self.displacement[:, 2]).max())
+
+    @property
+    def force_balance(self) -> float:
+        """|rim reaction + applied force| over the applied force."""
+        equilibrium, state = self.fields.equilibrium, self.fields.state
+        applied = equilibrium.applied_force(state)
+        return abs(equilibrium.rim_reaction(state) + applied) / applied if applied else 0.0
+
+    @property
+    def unknowns(self) -> int:
+        """Number of equations on the last mesh."""
+        return self._fields.equilibrium.unknowns.count if self._fields else 0
+
+    @property
+    def newton_iterations(self) -> int:
+        """Newton iterations on the last mesh."""
+        return len(self.iterations)
+
+    def to_json(self) -> dict[str, Any]:
+        """What `pvdf-fem solve --json` prints; without results unless converged."""
+        results: dict[str, Any] = {"reason": self.reason}
+        if self.status is Status.CONVERGED:
+            results = {
+                "charges_pC": self.charges_pC,
+                "charge_errors_pC": self.charge_errors_pC,
+                "deflection_max_mm": self.deflection_max_mm,
+                "force_balance": self.force_balance,
+            }
+        return {
+            "status": str(self.status),
+            **results,
+            "observable": self.scene.numerics.observable,
+            "unknowns": self.unknowns,
+            "newton_iterations": self.newton_iterations,
+            "left_out": list(self.left_out),
+            "warnings": list(self.warnings),
+            "seconds": self.seconds,
+        }
+
+    def to_vtu(self, path: str | Path) -> None:
+        """Write displacement, stresses and patches to a VTU file."""
+        from pvdf_fem.export import write_vtu  # meshio is slow to import
+
+        write_vtu(self, Path(path))
+
+
+@dataclass(frozen=True, eq=False)
+class Fields:
+    """A discrete solution: equations, unknowns, and the electrodes' forces with their errors."""
+
+    equilibrium: Equilibrium
+    q: Array
+    forces: Array
+    force_errors: Array
+
+    @cached_property
+    def displacement(self) -> Array:
+        return self.equilibrium.unknowns.expand(self.q)
+
+    @cached_property
+    def state(self) -> Any:
+        return self.equilibrium.state(self.q)
+
+
+def solve(scene: Scene, *, mesh: MeshTri2 | None = None, order: int = 2) -> Solution:
+    """Charges and fields of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    mesh : MeshTri2, optional
+        Solve on this mesh of `mesh_scene`, whatever the error, instead of meshing for
+        ``scene.numerics.tolerance``.
+    order : int
+        Polynomial order of the displacement, 1 or 2.
+
+    Returns
+    -------
+    Solution
+        Its `status` tells whether there is a result.
+    """
+    clock = Clock()
+    if mesh is not None:
+        return _finish(_solve_on(scene, mesh, order, clock), clock)
+    tolerance = scene.numerics.tolerance
+    try:
+        attempt = _solve_on(scene, _meshed(scene, first_sizes(scene), clock), order, clock)
+        for _ in range(MAX_MESHES - 1):
+            if attempt.result.status is not Status.CONVERGED or attempt.worst <= tolerance:
+                break
+            with clock("refine"):
+                sizes = _refined(attempt, SAFETY * tolerance)
+            attempt = _solve_on(scene, _meshed(scene, sizes, clock), order, clock, attempt)
+    except MeshError as error:
+        reason = f"{Status.MESH_FAILED.advice} ({error})"
+        return Solution(scene, Status.MESH_FAILED, reason, seconds=clock.seconds())
+    solution = _finish(attempt, clock)
+    if solution.status is Status.CONVERGED and attempt.worst > tolerance:
+        reason = f"{Status.TOLERANCE.advice} to at least {attempt.worst:.1e}, which was reached"
+        solution = replace(solution, status=Status.TOLERANCE, reason=reason)
+    return solution
+
+
+def _meshed(scene: Scene, sizes: Sizes | SizeField, clock: Clock) -> MeshTri2:
+    with clock("mesh"):
+        return mesh_scene(scene, sizes)
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """A solve on one mesh: Newton's result, the correction and the worst charge's error."""
+
+    scene: Scene
+    result: NewtonResult
+    fields: Fields
+    correction: Correction | None
+
+    @property
+    def worst(self) -> float:
+        """Largest estimated error of a charge over the sizes of its two contributions."""
+        errors = np.abs(self.fields.force_errors @ self._d)
+        return float(np.max(errors / self.charge_sizes, initial=0.0))
+
+    @property
+    def charge_sizes(self) -> Array:
+        """|d31 X| + |d32 Y| of each electrode in C, (electrodes,)."""
+        sizes = np.abs(self.fields.forces) @ np.abs(self._d)
+        return np.where(sizes > 0.0, sizes, 1.0)
+
+    @property
+    def _d(self) -> list[float]:
+        return [self.scene.film.d31, self.scene.film.d32]
+
+
+def _solve_on(
+    scene: Scene, mesh: MeshTri2, order: int, clock: Clock, coarser: Attempt | None = None
+) -> Attempt:
+    with clock("solve"):
+        equilibrium = Equilibrium(scene, mesh, order)
+        start = _carried_over(coarser, equilibrium) if coarser else seed(equilibrium)
+        result = newton(equilibrium, start)
+        x = equilibrium.unknowns.expand(result.q)
+        forces = electrode_forces(scene, equilibrium.membrane, x)
+    correction, errors = None, np.zeros_like(forces)
+    if result.status is Status.CONVERGED and result.factors is not None:
+        with clock("estimate"):
+            rich = Equilibrium(scene, mesh, order + 1)
+            correction = correct(equilibrium, result.q, result.factors, rich)
+            x = rich.unknowns.expand(correction.q)
+            errors = electrode_forces(scene, rich.membrane, x) - forces
+    return Attempt(scene, result, Fields(equilibrium, result.q, forces, errors), correction)
+
+
+def _carried_over(coarser: Attempt, equilibrium: Equilibrium) -> Array:
+    known = coarser.fields.equilibrium.membrane.basis
+    x = transferred(known, coarser.fields.displacement, equilibrium.membrane.basis)
+    return equilibrium.unknowns.restrict(x)
+
+
+def _refined(attempt: Attempt, tolerance: float) -> SizeField:
+    """Element sizes at which the worst error would be `tolerance`."""
+    correction, factors = attempt.correction, attempt.result.factors
+    if correction is None or factors is None:
+        raise ValueError("only a converged attempt can be refined")
+    rich = correction.rich
+    x = rich.unknowns.expand(correction.start)
+    goals = charge_gradients(attempt.scene, rich.membrane, x) / attempt.charge_sizes
+    shares = indicators(correction, factors, goals)
+    return refined_sizes(rich.membrane.mesh, shares.max(axis=1), tolerance / attempt.worst)
+
+
+def first_sizes(scene: Scene) -> Sizes:
+    """Element sizes that meet the tolerance in most scenes.
+
+    The sizes at an outline follow its area over its perimeter, which for a slender shape is half
+    its width.
+    """
+    factor = float(np.clip((scene.numerics.tolerance / 1e-3) ** (1.0 / ORDER), 0.5, 2.0))
+    shapes = outlines(scene)
+    share = {name: 3.0 for name in shapes} | {PROBE: 2.0}
+    patches = {name: share[name] * shape.area / shape.perimeter for name, shape in shapes.items()}
+    return Sizes(patches, 0.4, 0.25 * scene.film.radius).scaled(factor)
+
+
+def _finish(attempt: Attempt, clock: Clock) -> Solution:
+    status, fields = attempt.result.status, attempt.fields
+    return Solution(
+        attempt.scene,
+        status,
+        status.advice,
+        attempt.result.iterations,
+        (_bending(fields),),
+        tuple(_compression(fields)),
+        clock.seconds(),
+        fields,
+    )
+
+
+def _bending(fields: Fields) -> str:
+    """The bending length sqrt(D/N) at rest and under load, as a remark."""
+    film, membrane = fields.equilibrium.film, fields.equilibrium.membrane
+    bending = film.stiffness[0, 0] * film.thickness**3 / 12.0
+    rest = -film.thickness * film.thermal_strain * film.stiffness[:2, :2].sum() / 2.0
+    mean = 0.5 * film.thickness * fields.state.stress[..., :2].sum(axis=-1)
+    loaded = float((mean * membrane.weights).sum() / membrane.weights.sum())
+    lengths = [
+        f"{1e3 * np.sqrt(bending / tension):.3g} mm {when}"
+        for tension, when in ((rest, "at rest"), (loaded, "under load"))
+        if tension > 0.0
+    ]
+    return f"bending: acts within a length of {' and '.join(lengths) or 'any size'}"
+
+
+def _compression(fields: Fields) -> Iterator[str]:
+    """A warning where the smaller principal stress is compressive."""
+    weights = fields.equilibrium.membrane.weights
+    s11, s22, s12 = np.moveaxis(fields.state.stress, -1, 0)
+    radius = np.hypot(0.5 * (s11 - s22), s12)
+    least, largest = 0.5 * (s11 + s22) - radius, 0.5 * (s11 + s22) + radius
+    slack = least < -1e-9 * np.abs(largest).max()
+    if slack.any():
+        area, share = (weights * slack).sum(), (weights * slack).sum() / weights.sum()
+        yield (
+            f"compression: down to {1e-6 * least.min():.3g} MPa on {1e6 * area:.3g} mm2"
+            f" ({share:.2%} of the film), where a real film wrinkles"
+        )
+
+
+class Clock:
+    """Adds up the seconds of named stages."""
+
+    def __init__(self) -> None:
+        self._start = time.perf_counter()
+        self._stages: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            elapsed = time.perf_counter() - start
+            self._stages[stage] = self._stages.get(stage, 0.0) + elapsed
+
+    def seconds(self) -> dict[str, float]:
+        """Seconds by stage, and ``total`` since the clock was made."""
+        return {**self._stages, "total": time.perf_counter() - self._start}
