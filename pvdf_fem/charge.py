@@ -54,7 +54,7 @@ def electrode_forces(scene: Scene, membrane: Membrane, x: Array) -> Array:
 
     The observable is that of ``scene.numerics``.
     """
-    stress = STRESS[scene.numerics.observable]
+    stress = OBSERVABLES[scene.numerics.observable]
     forces = np.zeros((len(scene.electrode_list), 2))
     for part in _samplings(scene, membrane):
         values = stress(membrane, _gradient(membrane, x, part))[..., part.axis]
@@ -64,7 +64,7 @@ def electrode_forces(scene: Scene, membrane: Membrane, x: Array) -> Array:
 
 def charge_gradients(scene: Scene, membrane: Membrane, x: Array) -> Array:
     """Derivative of each electrode's charge with respect to the dofs, C/m, (dofs, electrodes)."""
-    stress = STRESS[scene.numerics.observable]
+    stress = OBSERVABLES[scene.numerics.observable]
     d = (scene.film.d31, scene.film.d32)
     result = np.zeros((membrane.dof_count, len(scene.electrode_list)))
     for part in _samplings(scene, membrane):
@@ -98,7 +98,7 @@ def material_stress(membrane: Membrane, gradient: Array) -> Array:
     return membrane.stress(strain_of(gradient))[..., :2]
 
 
-STRESS: dict[str, Callable[[Membrane, Array], Array]] = {
+OBSERVABLES: dict[str, Callable[[Membrane, Array], Array]] = {
     "material": material_stress,
     "thesis-edge": cauchy_stress,
 }

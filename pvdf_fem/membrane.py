@@ -212,6 +212,16 @@ def strain_rate(deformation_gradient: Array, step: Array) -> Array:
     )
 
 
+def tensile_part(stress: Array) -> Array:
+    """The stress (..., 3) without its compressive principal values."""
+    mean = 0.5 * (stress[..., :1] + stress[..., 1:2])
+    radius = np.hypot(0.5 * (stress[..., :1] - stress[..., 1:2]), stress[..., 2:])
+    smallest, largest = mean - radius, mean + radius
+    # The projection on the direction of the largest stress; no direction without a difference.
+    onto = (stress - smallest * np.array([1.0, 1.0, 0.0])) / np.where(radius > 0, 2 * radius, 1)
+    return np.where(smallest >= 0.0, stress, np.maximum(largest, 0.0) * onto)
+
+
 def residual_form(film: Film) -> LinearForm:
     """h S : sym(F^T grad v), to be assembled with the field `displacement`."""
 

@@ -4,11 +4,13 @@ A flat film without pretension has a singular tangent, so the first iterate is n
 `seed` solves the linear membrane under an estimate of the tension that the load itself makes, then
 the in-plane equations at that deflection, and scales the result to the least energy. From there
 the energy along a Newton direction is an exact quartic, and its least value costs a few sums.
+Far from the solution the seed's compressive stresses, which vanish with it, would make the
+tangent indefinite; there the geometric stiffness takes the tensile part of the stress only.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -18,13 +20,24 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import SuperLU, splu
 
 from pvdf_fem.equilibrium import Equilibrium
-from pvdf_fem.membrane import IDENTITY, Array, MembraneState, strain_of, strain_rate
+from pvdf_fem.membrane import (
+    IDENTITY,
+    Array,
+    MembraneState,
+    strain_of,
+    strain_rate,
+    tensile_part,
+)
 
 # Relative size, in the energy norm, of the last Newton step that is made. The next one, by the
 # quadratic convergence, would be some 1e-10.
 STEP_TOLERANCE = 1e-6
-# Below this relative size of a step, full steps keep the quadratic convergence.
-LOCAL_STEP = 1e-2
+# Above this size compressive stress adds no stiffness, so that every step lowers the energy.
+NEAR = 0.1
+# Below this size full steps keep the quadratic convergence.
+LOCAL = 1e-2
+# Tension, as a part of the largest stress, that keeps a slack film's convex tangent regular.
+CONVEX_FLOOR = 1e-6
 MAX_ITERATIONS = 60
 
 
@@ -67,12 +80,15 @@ class Iteration:
         Size of the Newton step in the energy norm over that of the solution.
     length : float
         Length that the line search chose.
+    convex : bool
+        Whether compressive stress was left out of the tangent.
     negative_pivots : int
-        Number of negative eigenvalues of the tangent (symmetric loads).
+        Number of negative eigenvalues of the full tangent, where it was factorised.
     """
 
     step: float
     length: float
+    convex: bool
     negative_pivots: int
 
 
@@ -101,29 +117,40 @@ def newton(equilibrium: Equilibrium, q: Array) -> NewtonResult:
     if equilibrium.load.force == 0.0:
         return _unloaded(equilibrium, q)
     table: list[Iteration] = []
-    factors = None
+    factors, negative = None, 0
+    size = np.inf
     state = equilibrium.state(q)
     while len(table) < MAX_ITERATIONS:
         residual = equilibrium.residual(state)
         try:
-            factors = factorise(equilibrium.tangent(state))
+            if size <= NEAR:
+                factors = factorise(equilibrium.tangent(state))
+                negative = int((factors.U.diagonal() < 0).sum())
+            convex = size > NEAR or (negative > 0 and equilibrium.load.conservative)
+            used = factorise(_convex_tangent(equilibrium, state)) if convex else factors
         except RuntimeError:  # SuperLU: exactly singular
             return NewtonResult(q, Status.SINGULAR, tuple(table), None)
-        step = -factors.solve(residual)
+        step = -used.solve(residual)
         slope = float(residual @ step)
-        size = np.sqrt(abs(slope / _work(equilibrium, state, q)))
+        size = float(np.sqrt(abs(slope / _work(equilibrium, state, q))))
         length = 1.0
-        if size > LOCAL_STEP:
+        if size > LOCAL:
             length = _least(equilibrium.energy_along(state, step, slope))
-        negative = int((factors.U.diagonal() < 0).sum())
-        table.append(Iteration(float(size), length, negative))
+        table.append(Iteration(size, length, convex, negative))
         q = q + length * step
         state = equilibrium.state(q)
         if size < STEP_TOLERANCE:
             stable = negative == 0 or not equilibrium.load.conservative
             status = Status.CONVERGED if stable else Status.UNSTABLE
             return NewtonResult(q, status, tuple(table), factors)
-    return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), factors)
+    return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
+
+
+def _convex_tangent(equilibrium: Equilibrium, state: MembraneState) -> sp.csc_matrix:
+    """The tangent without the geometric stiffness of compressive stress: never indefinite."""
+    stress = tensile_part(state.stress)
+    floor = CONVEX_FLOOR * np.abs(state.stress).max() * np.array([1.0, 1.0, 0.0])
+    return equilibrium.tangent(replace(state, stress=stress + floor))
 
 
 def _unloaded(equilibrium: Equilibrium, q: Array) -> NewtonResult:
