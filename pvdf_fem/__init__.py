@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from pvdf_fem.scene import Scene, SceneError
-
 if TYPE_CHECKING:
+    from pvdf_fem.scene import Scene, SceneError
     from pvdf_fem.solution import NotConvergedError, Solution, solve
 
 __all__ = ["NotConvergedError", "Scene", "SceneError", "Solution", "solve"]
@@ -14,9 +14,9 @@ __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
-    # gmsh, scikit-fem and scipy take a second to import; reading scenes does without them.
+    # What is asked for is imported then: the command line's help waits for nothing, and reading
+    # scenes does without gmsh, scikit-fem and scipy.
     if name in __all__:
-        from pvdf_fem import solution
-
-        return getattr(solution, name)
+        module = "scene" if name.startswith("Scene") else "solution"
+        return getattr(import_module(f"pvdf_fem.{module}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

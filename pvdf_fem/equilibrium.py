@@ -103,9 +103,7 @@ class Unknowns:
         Dofs that have one common value, the last unknown.
     """
 
-    def __init__(
-        self, dof_count: int, fixed: NDArray[np.int64], shared: NDArray[np.int64]
-    ) -> None:
+    def __init__(self, dof_count: int, fixed: NDArray[np.int64], shared: NDArray[np.int64]) -> None:
         free = np.ones(dof_count, dtype=bool)
         free[fixed] = False
         free[shared] = False

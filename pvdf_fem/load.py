@@ -57,9 +57,7 @@ class Load:
         values = [np.broadcast_to(s[0], membrane.weights.shape) for s in membrane.basis.basis]
         shapes = np.stack([value[patch] for value in values], axis=-1)
         weights = membrane.weights[patch]
-        return cls(
-            scene.load.kind, scene.load.contact, force, patch, shapes, weights, membrane
-        )
+        return cls(scene.load.kind, scene.load.contact, force, patch, shapes, weights, membrane)
 
     @property
     def conservative(self) -> bool:

@@ -82,14 +82,11 @@ class Iteration:
         Length that the line search chose.
     convex : bool
         Whether compressive stress was left out of the tangent.
-    negative_pivots : int
-        Number of negative eigenvalues of the full tangent, where it was factorised.
     """
 
     step: float
     length: float
     convex: bool
-    negative_pivots: int
 
 
 @dataclass(frozen=True)
@@ -117,33 +114,45 @@ def newton(equilibrium: Equilibrium, q: Array) -> NewtonResult:
     if equilibrium.load.force == 0.0:
         return _unloaded(equilibrium, q)
     table: list[Iteration] = []
-    factors, negative = None, 0
-    size = np.inf
-    state = equilibrium.state(q)
-    while len(table) < MAX_ITERATIONS:
-        residual = equilibrium.residual(state)
-        try:
-            if size <= NEAR:
-                factors = factorise(equilibrium.tangent(state))
-                negative = int((factors.U.diagonal() < 0).sum())
-            convex = size > NEAR or (negative > 0 and equilibrium.load.conservative)
-            used = factorise(_convex_tangent(equilibrium, state)) if convex else factors
-        except RuntimeError:  # SuperLU: exactly singular
-            return NewtonResult(q, Status.SINGULAR, tuple(table), None)
-        step = -used.solve(residual)
-        slope = float(residual @ step)
-        size = float(np.sqrt(abs(slope / _work(equilibrium, state, q))))
-        length = 1.0
-        if size > LOCAL:
-            length = _least(equilibrium.energy_along(state, step, slope))
-        table.append(Iteration(size, length, convex, negative))
-        q = q + length * step
-        state = equilibrium.state(q)
-        if size < STEP_TOLERANCE:
-            stable = negative == 0 or not equilibrium.load.conservative
-            status = Status.CONVERGED if stable else Status.UNSTABLE
-            return NewtonResult(q, status, tuple(table), factors)
-    return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
+    size, state = np.inf, equilibrium.state(q)
+    try:
+        while len(table) < MAX_ITERATIONS and size >= STEP_TOLERANCE:
+            residual = equilibrium.residual(state)
+            convex, factors = _tangent_factors(equilibrium, state, size)
+            step = -factors.solve(residual)
+            slope = float(residual @ step)
+            size = float(np.sqrt(abs(slope / _work(equilibrium, state, q))))
+            length = 1.0
+            if size > LOCAL:
+                length = _least(equilibrium.energy_along(state, step, slope))
+            table.append(Iteration(size, length, convex))
+            q = q + length * step
+            state = equilibrium.state(q)
+        if size >= STEP_TOLERANCE:
+            return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
+        if convex:
+            factors = factorise(equilibrium.tangent(state))
+    except RuntimeError:  # SuperLU: exactly singular
+        return NewtonResult(q, Status.SINGULAR, tuple(table), None)
+    stable = not equilibrium.load.conservative or negative_pivots(factors) == 0
+    status = Status.CONVERGED if stable else Status.UNSTABLE
+    return NewtonResult(q, status, tuple(table), factors)
+
+
+def negative_pivots(factors: SuperLU) -> int:
+    """Number of negative eigenvalues of a symmetric matrix, by Sylvester's law of inertia."""
+    return int((factors.U.diagonal() < 0).sum())
+
+
+def _tangent_factors(
+    equilibrium: Equilibrium, state: MembraneState, size: float
+) -> tuple[bool, SuperLU]:
+    """Whether the tangent is the convex one, and its factors: the full one near the solution."""
+    if size <= NEAR:
+        factors = factorise(equilibrium.tangent(state))
+        if not equilibrium.load.conservative or negative_pivots(factors) == 0:
+            return False, factors
+    return True, factorise(_convex_tangent(equilibrium, state))
 
 
 def _convex_tangent(equilibrium: Equilibrium, state: MembraneState) -> sp.csc_matrix:

@@ -124,7 +124,7 @@ class Scene(Part):
         """Scene from a scene file; raises `SceneError` for whatever keeps it from being one."""
         return cls.parse(read_text(Path(path)), str(path))
 
-    def with_(self, **changes: Any) -> Scene:
+    def with_(self, /, **changes: Any) -> Scene:
         """Another scene, with some values changed.
 
         Parameters
