@@ -359,8 +359,11 @@ def test_no_command_is_a_mistake(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_interrupt_is_one_line(scene: Path) -> None:
-    process = python("solve", scene, "--set", "numerics.tolerance=2e-8")
-    time.sleep(1.5)
+    def heed() -> None:  # jobs that a shell starts in the background ignore the signal
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    process = python("solve", scene, "--set", "numerics.tolerance=2e-8", preexec_fn=heed)
+    time.sleep(3.0)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert (process.returncode, out, err) == (130, "", "pvdf-fem: interrupted\n")
