@@ -76,6 +76,33 @@ class Record:
         values = np.reshape(self.forces[observable], (-1, 2)) @ [d31_pC_N, d32_pC_N]
         return dict(zip(self.electrodes, values.tolist(), strict=True))
 
+    def charge_pC(
+        self,
+        electrode: str,
+        observable: str = "material",
+        d31_pC_N: float = 8.0,
+        d32_pC_N: float = 8.0,
+    ) -> float:
+        """Charge in pC of one electrode; NaN for a record without charges."""
+        return self._charge(self.forces, electrode, observable, d31_pC_N, d32_pC_N)
+
+    def charge_error_pC(
+        self,
+        electrode: str,
+        observable: str = "material",
+        d31_pC_N: float = 8.0,
+        d32_pC_N: float = 8.0,
+    ) -> float:
+        """Estimated error of `charge_pC`; NaN for another observable than the scene's own."""
+        return abs(self._charge(self.force_errors, electrode, observable, d31_pC_N, d32_pC_N))
+
+    def _charge(
+        self, forces: dict[str, list[list[float]]], electrode: str, observable: str, *d: float
+    ) -> float:
+        if observable not in forces:
+            return np.nan
+        return float(np.dot(forces[observable][self.electrodes.index(electrode)], d))
+
 
 class Store:
     """Records by scene, in a file.
@@ -84,6 +111,8 @@ class Store:
     ----------
     path : Path
         Made if it does not exist; several processes may use one file.
+    code : str
+        Hash of whatever else than this package makes the records.
 
     Raises
     ------
@@ -91,8 +120,8 @@ class Store:
         When the file is damaged, or is not a store of this version.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, code: str = "") -> None:
+        self._path, self._code = path, code
         try:
             self._rows = sqlite3.connect(path, timeout=60.0, isolation_level=None)
             self._open()
@@ -117,7 +146,7 @@ class Store:
     def get(self, scene: Scene) -> Record | None:
         """The record of a scene, if there is one."""
         query = "SELECT record FROM records WHERE key = ?"
-        row = self._rows.execute(query, (key(scene),)).fetchone()
+        row = self._rows.execute(query, (self._code + key(scene),)).fetchone()
         if row is None:
             return None
         fields = json.loads(row[0])
@@ -129,7 +158,9 @@ class Store:
     def put(self, scene: Scene, record: Record) -> None:
         """Keep the record of a scene."""
         text = json.dumps(asdict(record))
-        self._rows.execute("INSERT OR REPLACE INTO records VALUES (?, ?)", (key(scene), text))
+        self._rows.execute(
+            "INSERT OR REPLACE INTO records VALUES (?, ?)", (self._code + key(scene), text)
+        )
 
     def close(self) -> None:
         """Close the file."""

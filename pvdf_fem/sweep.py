@@ -13,6 +13,9 @@ from pvdf_fem.scene import Scene, SceneError
 from pvdf_fem.solution import Solution, solve
 from pvdf_fem.store import Record, Store
 
+#: Status of a scene whose solve ended in an exception. It is not stored, so the next run tries it.
+CRASHED = "crashed"
+
 
 def solve_all(
     scenes: Sequence[Scene],
@@ -28,7 +31,7 @@ def solve_all(
     scenes : sequence of Scene
         Equal scenes are solved once.
     store : Store, optional
-        Scenes found in it are not solved; others are added one by one.
+        Scenes found in it are not solved; others are added one by one, except crashed ones.
     processes : int
         Number of processes, -1 for all cores; 1 solves in this one.
     progress : callable
@@ -49,14 +52,19 @@ def solve_all(
         solved = joblib.Parallel(processes, return_as="generator_unordered")(tasks)
     for done, (name, record) in enumerate(solved, start=1):
         found[name] = record
-        if store:
+        if store and record.status != CRASHED:
             store.put(missing[name], record)
         progress(done, len(missing))
     return [found[name] for name in keys]
 
 
 def _solved(name: str, scene: Scene) -> tuple[str, Record]:
-    return name, record_of(solve(scene))
+    try:
+        return name, record_of(solve(scene))
+    except Exception as error:  # whatever it is, the other scenes go on
+        names = tuple(electrode.name for electrode in scene.electrode_list)
+        reason = f"{type(error).__name__}: {error}"
+        return name, Record(CRASHED, reason, names, {}, {}, 0.0, 0, 0, (), 0.0)
 
 
 def record_of(solution: Solution) -> Record:

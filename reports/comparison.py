@@ -9,9 +9,9 @@ import numpy as np
 
 from pvdf_fem.figures import Series
 from pvdf_fem.page import Cell, Column, Table
-from reports.simulation import MATERIAL, Outcomes, Simulation
+from reports.results import MATERIAL, THESIS_EDGE, Results
 from reports.thesis_data import Charge
-from reports.thesis_scene import simulation_of
+from reports.thesis_scene import scene_of
 
 #: Largest differences in percent allowed: of the median charge, and of any.
 MEDIAN_LIMIT, LIMIT = 1.0, 2.0
@@ -38,25 +38,19 @@ class Comparison:
         return not self.charge.defect and bool(np.isfinite(self.difference))
 
 
-def simulations_of(charges: Iterable[Charge]) -> list[Simulation]:
-    """The simulations that a comparison of these charges needs."""
-    return [simulation_of(charge)[0] for charge in charges]
+def compare(charges: Iterable[Charge], results: Results) -> list[Comparison]:
+    """Printed charges beside ours, from the records of their scenes."""
+    return [_compare(charge, results) for charge in charges]
 
 
-def compare(charges: Iterable[Charge], outcomes: Outcomes) -> list[Comparison]:
-    """Printed charges beside the outcomes of their simulations."""
-    return [_compare(charge, outcomes) for charge in charges]
-
-
-def _compare(charge: Charge, outcomes: Outcomes) -> Comparison:
-    simulation, electrode = simulation_of(charge)
-    outcome = outcomes[simulation]
+def _compare(charge: Charge, results: Results) -> Comparison:
+    record, electrode = results[scene_of(charge)], charge.electrode
     return Comparison(
         charge,
-        outcome.status,
-        outcome.charge_pC(electrode),
-        outcome.error_pC(electrode),
-        outcome.charge_pC(electrode, MATERIAL),
+        record.status,
+        record.charge_pC(electrode, THESIS_EDGE),
+        record.charge_error_pC(electrode, THESIS_EDGE),
+        record.charge_pC(electrode, MATERIAL),
     )
 
 

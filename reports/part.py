@@ -1,4 +1,4 @@
-"""A part of a report: the simulations it needs, and the content made of their outcomes."""
+"""A part of a report: the scenes it needs, and the content made of their records."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from pvdf_fem import Scene
 from pvdf_fem.page import Picture, Table
-from reports.comparison import Comparison, compare, simulations_of
-from reports.simulation import Outcomes, Simulation
+from reports.comparison import Comparison, compare
+from reports.results import Results
 from reports.thesis_data import Charge, Thesis
+from reports.thesis_scene import scene_of
 
 
 @dataclass(frozen=True)
@@ -28,22 +30,26 @@ class Part:
     ----------
     name, title : str
         Of the section; the name is also its anchor.
-    simulations : callable
-        From the thesis's numbers to the simulations that the section needs.
+    shows : tuple of str
+        Numbers of the thesis's figures and tables that it shows: ``Fig. 3.5``, ``Table 4.1``.
+    scenes : callable
+        From the thesis's numbers to the scenes that the section needs.
     compose : callable
-        From the thesis's numbers, the outcomes of those simulations and the output directory to
-        the content. It writes its pictures; its tables are written by who calls it.
+        From the thesis's numbers, the records of those scenes and the output directory to the
+        content. It writes its pictures; its tables are written by who calls it.
     """
 
     name: str
     title: str
-    simulations: Callable[[Thesis], list[Simulation]]
-    compose: Callable[[Thesis, Outcomes, Path], Content]
+    shows: tuple[str, ...]
+    scenes: Callable[[Thesis], list[Scene]]
+    compose: Callable[[Thesis, Results, Path], Content]
 
 
 def comparing(
     name: str,
     title: str,
+    shows: tuple[str, ...],
     choose: Callable[[Thesis], list[Charge]],
     compose: Callable[[list[Comparison], Path], Content],
 ) -> Part:
@@ -51,6 +57,7 @@ def comparing(
     return Part(
         name,
         title,
-        lambda thesis: simulations_of(choose(thesis)),
-        lambda thesis, outcomes, out: compose(compare(choose(thesis), outcomes), out),
+        shows,
+        lambda thesis: [scene_of(charge) for charge in choose(thesis)],
+        lambda thesis, results, out: compose(compare(choose(thesis), results), out),
     )

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from pvdf_fem import Scene
 from pvdf_fem.figures import Series, charge_against_distance, new_figure, save, style
 from pvdf_fem.page import Cell, Column, Picture, Table
 from reports.part import Content, Part
-from reports.simulation import MATERIAL, Outcomes, Simulation
+from reports.results import MATERIAL, THESIS_EDGE, Results
 from reports.thesis_data import ContourPoint, Thesis
 from reports.thesis_scene import thesis_scene
 
@@ -39,36 +40,36 @@ def distances(angle_deg: float, step_mm: float) -> list[float]:
     )
 
 
-def _simulation(angle_deg: float, distance_mm: float) -> Simulation:
+def _scene(angle_deg: float, distance_mm: float) -> Scene:
     x, y = place(angle_deg, distance_mm)
-    return Simulation(thesis_scene("3", "tri7", x_mm=x, y_mm=y))
+    return thesis_scene("3", "tri7", x_mm=x, y_mm=y)
 
 
 def cuts(thesis: Thesis) -> list[ContourPoint]:
     """Where the thesis's contour of A cuts the lines from A."""
-    angles = thesis.mapping.angles_deg
+    angles = thesis.angles_deg[ELECTRODE]
     return [c for c in thesis.contours if c.frame == ELECTRODE and c.angle_deg in angles]
 
 
 def fine_distances(thesis: Thesis, angle_deg: float) -> list[float]:
     """All distances in mm that we compute on a line: more than the thesis's steps."""
-    step = thesis.mapping.step_mm
+    step = thesis.step_mm
     halves = [r for r in distances(angle_deg, 0.5 * step) if r < BEND_MM]
     radii = [cut.radius_mm for cut in cuts(thesis) if cut.angle_deg == angle_deg]
     return sorted({*distances(angle_deg, step), *halves, *radii})
 
 
-def _simulations(thesis: Thesis) -> list[Simulation]:
+def _scenes(thesis: Thesis) -> list[Scene]:
     return [
-        _simulation(angle, distance)
-        for angle in thesis.mapping.angles_deg
+        _scene(angle, distance)
+        for angle in thesis.angles_deg[ELECTRODE]
         for distance in fine_distances(thesis, angle)
     ]
 
 
-def line(angle_deg: float, at_mm: list[float], outcomes: Outcomes) -> Series:
+def line(angle_deg: float, at_mm: list[float], results: Results) -> Series:
     """Charge of A in pC at some distances in mm on one line."""
-    charges = [outcomes[_simulation(angle_deg, r)].charge_pC(ELECTRODE) for r in at_mm]
+    charges = [results[_scene(angle_deg, r)].charge_pC(ELECTRODE, THESIS_EDGE) for r in at_mm]
     return Series(f"{angle_deg:g}°", np.array(at_mm), np.array(charges))
 
 
@@ -83,10 +84,10 @@ def crossing(curve: Series, charge_pC: float, near_mm: float) -> float:
     return float(min(roots, key=lambda r: abs(r - near_mm), default=np.nan))
 
 
-def _compose(thesis: Thesis, outcomes: Outcomes, out: Path) -> Content:
-    step, angles = thesis.mapping.step_mm, thesis.mapping.angles_deg
-    coarse = {angle: line(angle, distances(angle, step), outcomes) for angle in angles}
-    fine = {angle: line(angle, fine_distances(thesis, angle), outcomes) for angle in angles}
+def _compose(thesis: Thesis, results: Results, out: Path) -> Content:
+    step, angles = thesis.step_mm, thesis.angles_deg[ELECTRODE]
+    coarse = {angle: line(angle, distances(angle, step), results) for angle in angles}
+    fine = {angle: line(angle, fine_distances(thesis, angle), results) for angle in angles}
     _picture(fine, cuts(thesis), out / "figure_3_5.svg")
     return Content(
         [
@@ -107,8 +108,8 @@ def _compose(thesis: Thesis, outcomes: Outcomes, out: Path) -> Content:
                 "Fig. 3.5: charge of A against distance; rings: the thesis's contour of "
                 "905.1037 pC. Below: the same less the mean of all lines at that distance.",
             ),
-            _cut_table(cuts(thesis), fine, coarse, outcomes),
-            _curve_table(thesis, outcomes),
+            _cut_table(cuts(thesis), fine, coarse, results),
+            _curve_table(thesis, results),
         ],
     )
 
@@ -150,7 +151,7 @@ def _cut_table(
     found: list[ContourPoint],
     fine: dict[float, Series],
     coarse: dict[float, Series],
-    outcomes: Outcomes,
+    results: Results,
 ) -> Table:
     columns = [
         Column("contour_case", "case"),
@@ -164,7 +165,7 @@ def _cut_table(
     ]
     rows: list[list[Cell]] = []
     for cut in found:
-        ours = outcomes[_simulation(cut.angle_deg, cut.radius_mm)].charge_pC(ELECTRODE)
+        ours = results[_scene(cut.angle_deg, cut.radius_mm)].charge_pC(ELECTRODE, THESIS_EDGE)
         places = [
             crossing(curves[cut.angle_deg], cut.charge_pC, cut.radius_mm)
             for curves in (fine, coarse)
@@ -181,7 +182,7 @@ def _cut_table(
     )
 
 
-def _curve_table(thesis: Thesis, outcomes: Outcomes) -> Table:
+def _curve_table(thesis: Thesis, results: Results) -> Table:
     columns = [
         Column("angle_deg", "angle (°)", 0),
         Column("distance_mm", "distance (mm)", None),
@@ -193,18 +194,22 @@ def _curve_table(thesis: Thesis, outcomes: Outcomes) -> Table:
         Column("status", "status"),
     ]
     rows: list[list[Cell]] = []
-    for angle in thesis.mapping.angles_deg:
+    for angle in thesis.angles_deg[ELECTRODE]:
         for distance in fine_distances(thesis, angle):
-            outcome = outcomes[_simulation(angle, distance)]
+            record = results[_scene(angle, distance)]
             row: list[Cell] = [
                 angle,
                 distance,
                 *place(angle, distance),
-                outcome.charge_pC(ELECTRODE),
+                record.charge_pC(ELECTRODE, THESIS_EDGE),
             ]
-            material = outcome.charge_pC(ELECTRODE, MATERIAL)
-            rows.append([*row, outcome.error_pC(ELECTRODE), material, outcome.status])
+            material = record.charge_pC(ELECTRODE, MATERIAL)
+            rows.append(
+                [*row, record.charge_error_pC(ELECTRODE, THESIS_EDGE), material, record.status]
+            )
     return Table("figure_3_5", "Fig. 3.5: charge of A at the computed points.", columns, rows)
 
 
-MAPPING_PART = Part("figure-3-5", "Fig. 3.5: charge against distance", _simulations, _compose)
+MAPPING_PART = Part(
+    "figure-3-5", "Fig. 3.5: charge against distance", ("Fig. 3.5",), _scenes, _compose
+)

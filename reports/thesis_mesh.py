@@ -8,6 +8,11 @@ of a difference from the thesis is the thesis's mesh.
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 from skfem import MeshTri2
@@ -16,6 +21,8 @@ from pvdf_fem.charge import cauchy_stress
 from pvdf_fem.mesh import Sizes, electrode_patch, mesh_scene, outlines
 from pvdf_fem.scene import Scene
 from pvdf_fem.solution import Solution, solve
+from pvdf_fem.store import Record, Store
+from pvdf_fem.sweep import record_of
 
 PATCH_SIZE = 0.75e-3
 FILM_SIZE = 1.0e-3
@@ -27,6 +34,37 @@ def solve_on_thesis_mesh(scene: Scene) -> Solution:
     """Solve with linear triangles of the thesis's sizes."""
     sizes = Sizes(dict.fromkeys(outlines(scene), PATCH_SIZE), GROWTH, FILM_SIZE)
     return solve(scene, mesh=mesh_scene(scene, sizes), order=1)
+
+
+def charges_on_thesis_mesh(scenes: Iterable[Scene], path: Path) -> dict[Scene, dict[str, float]]:
+    """Charges in pC by electrode, of scenes solved here or found in the store at `path`.
+
+    A scene without a solution has no charges.
+    """
+    found: dict[Scene, dict[str, float]] = {}
+    with Store(path, code=hashlib.sha256(Path(__file__).read_bytes()).hexdigest()) as store:
+        for scene in dict.fromkeys(scenes):
+            record = store.get(scene)
+            if record is None:
+                record = _record(solve_on_thesis_mesh(scene))
+                store.put(scene, record)
+            film, observable = scene.film, scene.numerics.observable
+            found[scene] = (
+                record.charges_pC(film.d31_pC_N, film.d32_pC_N, observable)
+                if record.converged
+                else {}
+            )
+    return found
+
+
+def _record(solution: Solution) -> Record:
+    record = record_of(solution)
+    if not record.converged:
+        return record
+    forces: dict[str, list[list[float]]] = {
+        solution.scene.numerics.observable: edge_forces(solution).tolist()
+    }
+    return replace(record, forces=forces, force_errors={})
 
 
 def edge_forces(solution: Solution) -> NDArray[np.float64]:

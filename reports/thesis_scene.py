@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from pvdf_fem import Scene
-from reports.simulation import THESIS_EDGE, Simulation
+from reports.results import THESIS_EDGE
 from reports.thesis_data import Charge
 
 LAYOUTS = {"3": "three", "4": "four"}
@@ -38,32 +38,13 @@ def thesis_scene(
     )
 
 
-def simulation_of(charge: Charge) -> tuple[Simulation, str]:
-    """The simulation that gives a printed charge, and the name of the electrode in it.
-
-    Rotations of the rectangle at the centre of the four electrodes are reduced to [0°, 45°]: the
-    mirror images of a scene have its charges on the mirrored electrodes (d31 = d32). This is exact,
-    and one simulation then serves up to eight printed charges.
-    """
-    rotation, electrode = charge.rotation_deg, charge.electrode
-    if (charge.layout, charge.probe, charge.x_mm, charge.y_mm) == ("4", "rect14x7", 0.0, 0.0):
-        rotation, electrode = reduced(rotation, electrode)
-    scene = thesis_scene(
+def scene_of(charge: Charge) -> Scene:
+    """The scene that gives a printed charge."""
+    return thesis_scene(
         charge.layout,
         charge.probe,
         x_mm=charge.x_mm,
         y_mm=charge.y_mm,
-        rotation_deg=rotation,
+        rotation_deg=charge.rotation_deg,
         force_N=charge.force_N,
     )
-    return Simulation(scene), electrode
-
-
-def reduced(rotation_deg: float, electrode: str) -> tuple[float, str]:
-    """The rotation in [0°, 45°] of the mirrored centred rectangle, and the mirrored electrode."""
-    rotation = rotation_deg % 180.0
-    if rotation > 90.0:  # mirrored at the y axis
-        rotation, electrode = 180.0 - rotation, {"A": "C", "C": "A"}.get(electrode, electrode)
-    if rotation > 45.0:  # mirrored at the line y = x
-        rotation, electrode = 90.0 - rotation, {"A": "B", "B": "A", "C": "D", "D": "C"}[electrode]
-    return round(rotation, 9), electrode

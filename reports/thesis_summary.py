@@ -8,11 +8,13 @@ import numpy as np
 
 from pvdf_fem.figures import COLOURS, GREY, new_figure, save, style
 from pvdf_fem.page import Cell, Column, Picture, Table
-from reports.comparison import LIMIT, Comparison, compare, long_table, simulations_of, verdict
+from pvdf_fem.scene import Scene
+from reports.comparison import LIMIT, Comparison, compare, long_table, verdict
 from reports.part import Content, Part, comparing
-from reports.simulation import Outcomes, Simulation
+from reports.results import Results
 from reports.thesis_data import DEFECTS, Charge, Thesis
-from reports.thesis_scene import simulation_of
+from reports.thesis_mesh import charges_on_thesis_mesh
+from reports.thesis_scene import scene_of
 
 #: Cases solved on the thesis's mesh too.
 MESH_CASES = ("t41_r0", "t41_r45", "t41_r90", "s312_1", "s322_1")
@@ -98,16 +100,11 @@ def _mesh_charges(thesis: Thesis) -> list[Charge]:
     return [charge for charge in thesis.charges if charge.case in MESH_CASES]
 
 
-def _mesh_simulations(thesis: Thesis) -> list[Simulation]:
-    refined = simulations_of(_mesh_charges(thesis))
-    return [*refined, *(_on_thesis_mesh(simulation) for simulation in refined)]
+def _mesh_scenes(thesis: Thesis) -> list[Scene]:
+    return [scene_of(charge) for charge in _mesh_charges(thesis)]
 
 
-def _on_thesis_mesh(simulation: Simulation) -> Simulation:
-    return Simulation(simulation.scene, "thesis")
-
-
-def _mesh(thesis: Thesis, outcomes: Outcomes, out: Path) -> Content:
+def _mesh(thesis: Thesis, results: Results, out: Path) -> Content:
     columns = [
         Column("case_id", "case"),
         Column("electrode", "electrode"),
@@ -118,7 +115,11 @@ def _mesh(thesis: Thesis, outcomes: Outcomes, out: Path) -> Content:
         Column("difference_on_thesis_mesh_percent", "on its mesh (%)", 2, signed=True),
         Column("effect_of_mesh_percent", "effect of the mesh (%)", 2, signed=True),
     ]
-    rows = [_mesh_row(one, outcomes) for one in compare(_mesh_charges(thesis), outcomes)]
+    found = compare(_mesh_charges(thesis), results)
+    coarse = charges_on_thesis_mesh(
+        [scene_of(one.charge) for one in found], results.folder / "thesis_mesh.db"
+    )
+    rows = [_mesh_row(one, coarse[scene_of(one.charge)]) for one in found]
     numbers = np.array([row[5:7] for row in rows], dtype=float)
     ours, on_its_mesh = np.median(np.abs(numbers), axis=0) if rows else (np.nan, np.nan)
     return Content(
@@ -135,15 +136,16 @@ def _mesh(thesis: Thesis, outcomes: Outcomes, out: Path) -> Content:
     )
 
 
-def _mesh_row(one: Comparison, outcomes: Outcomes) -> list[Cell]:
-    simulation, electrode = simulation_of(one.charge)
-    on_its_mesh = outcomes[_on_thesis_mesh(simulation)].charge_pC(electrode)
+def _mesh_row(one: Comparison, on_its_mesh: dict[str, float]) -> list[Cell]:
     printed, ours = one.charge.charge_pC, one.ours_pC
-    row: list[Cell] = [one.charge.case, one.charge.electrode, printed, ours, on_its_mesh]
-    differences = [ours - printed, on_its_mesh - printed, on_its_mesh - ours]
+    coarse = on_its_mesh.get(one.charge.electrode, np.nan)
+    row: list[Cell] = [one.charge.case, one.charge.electrode, printed, ours, coarse]
+    differences = [ours - printed, coarse - printed, coarse - ours]
     return [*row, *(100.0 * difference / printed for difference in differences)]
 
 
-SUMMARY_PART = comparing("summary", "Summary", lambda t: list(t.charges), _summary)
-MESH_PART = Part("thesis-mesh", "The share of the thesis's mesh", _mesh_simulations, _mesh)
-ALL_PART = comparing("charges", "All printed charges", lambda t: list(t.charges), _all)
+SUMMARY_PART = comparing(
+    "summary", "Summary of all charges", (), lambda t: list(t.charges), _summary
+)
+MESH_PART = Part("thesis-mesh", "The share of the thesis's mesh", (), _mesh_scenes, _mesh)
+ALL_PART = comparing("charges", "All printed charges", (), lambda t: list(t.charges), _all)
