@@ -281,10 +281,10 @@ def _mesh(options: argparse.Namespace) -> int:
 
     scene = _scene(options, *_output_mistakes(options.file, list(FORMATS)))
     from pvdf_fem.mesh import MeshError, mesh_scene
-    from pvdf_fem.solution import first_sizes
+    from pvdf_fem.solution import first_sizes, order_for
 
     try:
-        mesh = mesh_scene(scene, first_sizes(scene))
+        mesh = mesh_scene(scene, first_sizes(scene, order_for(scene)))
         write_mesh(mesh, options.file)
     except MeshError as error:
         print(f"not meshed: {error}; move or resize the probe slightly", file=sys.stderr)

@@ -35,7 +35,7 @@ class Equilibrium:
     """
 
     def __init__(self, scene: Scene, mesh: MeshTri2, order: int = 2) -> None:
-        self.film = scene.film
+        self.scene, self.film = scene, scene.film
         self.membrane = Membrane(mesh, scene.film, order)
         self.load = Load.of(scene, self.membrane)
         rim = self.membrane.basis.get_dofs(RIM).all()
@@ -134,18 +134,45 @@ class Assembly:
     def __init__(self, element_dofs: NDArray[np.int64], unknowns: Unknowns) -> None:
         self.count = unknowns.count
         self.local = unknowns.of_dof[element_dofs]
+        self._element_dofs, self._of_dof = element_dofs, unknowns.of_dof
         self._vector_slots = np.where(self.local == FIXED, self.count, self.local).ravel()
 
     @cached_property
     def _pattern(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int64]]:
         """Row indices, column starts, and the place of each element matrix entry among them."""
-        rows, columns = np.broadcast_arrays(self.local[:, :, None], self.local[:, None, :])
+        place, entries = self._dof_pattern
+        columns, rows = (self._of_dof[dofs] for dofs in entries)
         used = (rows != FIXED) & (columns != FIXED)
-        keys, inverse = np.unique(columns[used] * self.count + rows[used], return_inverse=True)
+        keys, inverse = columns[used] * self.count + rows[used], np.arange(used.sum())
+        if np.any(np.diff(keys) <= 0):  # dofs share an unknown
+            keys, inverse = np.unique(keys, return_inverse=True)
         starts = np.searchsorted(keys, np.arange(self.count + 1) * self.count)
-        slots = np.full(used.shape, len(keys))
+        slots = np.full(len(used), len(keys))
         slots[used] = inverse
-        return (keys % self.count).astype(np.int32), starts.astype(np.int32), slots.ravel()
+        return (keys % self.count).astype(np.int32), starts.astype(np.int32), slots[place].ravel()
+
+    @cached_property
+    def _dof_pattern(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Place of each element matrix entry among those of all dofs, and their (column, row).
+
+        Pairs of nodes are sorted, which are nine times fewer than pairs of dofs.
+        """
+        nodes = self._element_dofs[:, ::3] // 3
+        count = int(nodes.max()) + 1
+        keys, pair = np.unique(nodes[:, None, :] * count + nodes[:, :, None], return_inverse=True)
+        column, row = np.divmod(keys, count)
+        sizes = np.bincount(column, minlength=count)
+        first = (np.cumsum(sizes) - sizes)[column]
+        a, b = np.ogrid[:3, :3]
+        # of (column node, b, row node, a), in this order
+        places = (9 * first + 3 * (np.arange(len(keys)) - first))[:, None, None] + a
+        places = places + 3 * sizes[column][:, None, None] * b
+        entries = np.empty((2, 9 * len(keys)), dtype=np.int64)
+        entries[0, places] = 3 * column[:, None, None] + b
+        entries[1, places] = 3 * row[:, None, None] + a
+        elements, functions = nodes.shape
+        of_pair = places[pair.reshape(elements, functions, functions)]
+        return of_pair.transpose(0, 1, 3, 2, 4), entries
 
     def vector(self, element_vectors: Array) -> Array:
         """Sum of element vectors, (unknowns,)."""

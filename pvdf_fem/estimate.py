@@ -25,10 +25,10 @@ from pvdf_fem.equilibrium import Equilibrium, Unknowns
 from pvdf_fem.membrane import ELEMENTS, Array
 
 # Steps end when one lowers the energy by less than this part of what the first did.
-ENERGY_RATIO = 1e-3
+ENERGY_RATIO = 1e-2
 NEWTON_STEPS = 5
-# The estimate wants two digits at the most.
-RELATIVE_RESIDUAL = 1e-2
+# The estimate wants a digit or two.
+RELATIVE_RESIDUAL = 5e-2
 MAX_ITERATIONS = 40
 
 

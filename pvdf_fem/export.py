@@ -37,7 +37,8 @@ class ExportError(ValueError):
 def write_vtu(solution: Solution, path: str | Path) -> None:
     """Write a solution as an unstructured grid of VTK, for ParaView.
 
-    Points are the reference disc in m, cells six-node triangles.
+    Points are the reference disc in m, cells six-node triangles. Values at the points are those of
+    the solution, which is cubic in between; a finer tolerance gives a finer grid.
 
     Point data: ``displacement`` (m, three components: Warp By Vector shows the deformed film) and
     ``S11``, ``S22``, ``S12``, the second Piola-Kirchhoff stress in Pa as the mean over the elements

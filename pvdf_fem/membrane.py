@@ -32,6 +32,7 @@ from skfem import (
     ElementTriP1,
     ElementTriP2,
     ElementTriP3,
+    ElementTriP4,
     ElementVector,
     LinearForm,
     MeshTri2,
@@ -44,10 +45,15 @@ Array = NDArray[np.float64]
 Selection = slice | NDArray[np.int64]
 ALL = slice(None)
 
-ELEMENTS: dict[int, type[Element]] = {1: ElementTriP1, 2: ElementTriP2, 3: ElementTriP3}
+ELEMENTS: dict[int, type[Element]] = {
+    1: ElementTriP1,
+    2: ElementTriP2,
+    3: ElementTriP3,
+    4: ElementTriP4,
+}
 # Exact for the residual of straight-sided elements: four gradients of degree order - 1. The tangent
 # of order 3 keeps its full rank with degree 6, and quadrature of higher degree moves no digit.
-INTEGRATION_ORDER = {1: 1, 2: 4, 3: 6}
+INTEGRATION_ORDER = {1: 1, 2: 4, 3: 6, 4: 8}
 
 
 @dataclass(frozen=True)

@@ -20,13 +20,21 @@ import gmsh
 import numpy as np
 from numpy.typing import NDArray
 from skfem import MeshTri2
+from skfem.quadrature import get_quadrature
 
 from pvdf_fem.outline import Circle, Outline
 from pvdf_fem.scene import Scene
 
 # gmsh's other sources of element sizes, all switched off.
-OTHER_SIZES = ("MeshSizeFromPoints", "MeshSizeExtendFromBoundary", "MeshSizeFromCurvature")
+OTHER_SIZES = ("MeshSizeFromPoints", "MeshSizeExtendFromBoundary")
 FRONTAL_DELAUNAY = 6
+# Sizes of a `SizeField` grow by no more than this per unit of length.
+GROWTH = 0.5
+# A curved element is distorted whose area is compressed to less than this part somewhere. Between
+# an arc and an electrode's edge that it nearly touches it even folds; elements there are made
+# smaller by the factor, and the scene is meshed again, a few times at the most. The cusp between
+# an arc and its own tangent stays distorted, which does no harm as long as nothing folds.
+DISTORTED, SMALLER, ATTEMPTS = 0.2, 0.4, 4
 
 RIM = "rim"
 PROBE = "probe"
@@ -78,6 +86,37 @@ class SizeField:
     mesh: MeshTri2
     sizes: NDArray[np.float64]
 
+    @classmethod
+    def of_elements(cls, mesh: MeshTri2, sizes: NDArray[np.float64]) -> SizeField:
+        """From a size per element: geometric means at the vertices, lowered where too steep."""
+        vertices, count = mesh.t.ravel(), np.bincount(mesh.t.ravel(), minlength=mesh.nvertices)
+        total = np.bincount(vertices, np.tile(np.log(sizes), 3), mesh.nvertices)
+        at_vertices = np.exp(total / np.maximum(count, 1))
+        a, b = mesh.facets
+        rise = GROWTH * np.linalg.norm(mesh.p[:, a] - mesh.p[:, b], axis=0)
+        while True:
+            lowered = at_vertices.copy()
+            np.minimum.at(lowered, a, at_vertices[b] + rise)
+            np.minimum.at(lowered, b, at_vertices[a] + rise)
+            if np.array_equal(lowered, at_vertices):
+                return cls(mesh, at_vertices)
+            at_vertices = lowered
+
+
+def element_sizes(mesh: MeshTri2) -> NDArray[np.float64]:
+    """Edge of the equilateral triangle of each element's area, m."""
+    (x0, x1, x2), (y0, y1, y2) = mesh.p[:, mesh.t]
+    area = 0.5 * np.abs((x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0))
+    return np.sqrt(4.0 / np.sqrt(3.0) * area)
+
+
+def compression(mesh: MeshTri2) -> NDArray[np.float64]:
+    """Least Jacobian over the mean one of each element, (elements,); below 0 where it folds."""
+    points, _ = get_quadrature(mesh.elem.refdom, 8)
+    jacobian = mesh.mapping().detDF(points)
+    mean = jacobian.mean(axis=1, keepdims=True)
+    return (jacobian / mean).min(axis=1)
+
 
 def outlines(scene: Scene) -> dict[str, Outline]:
     """The outlines that the mesh follows, by patch name: the electrodes, then the probe."""
@@ -106,14 +145,30 @@ def mesh_scene(scene: Scene, sizes: Sizes | SizeField) -> MeshTri2:
     Raises
     ------
     MeshError
-        When gmsh fails or a patch has got no element.
+        When gmsh fails, a patch has got no element, or curved elements fold.
     """
+    for _ in range(ATTEMPTS):
+        mesh = _mesh_once(scene, sizes)
+        least = compression(mesh)
+        bad = least < DISTORTED
+        if not bad.any():
+            return mesh
+        smaller = element_sizes(mesh) * np.where(bad, SMALLER, 1.0)
+        sizes = SizeField.of_elements(mesh, smaller)
+    if least.min() > 0.0:
+        return mesh
+    raise MeshError(f"{(least <= 0).sum()} curved elements fold: an outline nearly touches another")
+
+
+def _mesh_once(scene: Scene, sizes: Sizes | SizeField) -> MeshTri2:
     unit = scene.film.radius / 100.0
     with _gmsh():
         try:
             patches = _fragment(outlines(scene), unit)
             for option in OTHER_SIZES:
                 gmsh.option.setNumber(f"Mesh.{option}", 0)
+            arcs = _arcs(scene.numerics.tolerance)
+            gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", arcs)
             gmsh.option.setNumber("Mesh.Algorithm", FRONTAL_DELAUNAY)
             if isinstance(sizes, Sizes):
                 _grade_from_outlines(patches, sizes, unit)
@@ -124,6 +179,14 @@ def mesh_scene(scene: Scene, sizes: Sizes | SizeField) -> MeshTri2:
         except Exception as error:
             raise MeshError(f"gmsh failed: {error}") from error
         return _read(patches, unit)
+
+
+def _arcs(tolerance: float) -> int:
+    """Number of quadratic arcs of a circle, whose error falls with its fourth power.
+
+    Measured: charges under a disc of eight arcs are wrong by 2e-5.
+    """
+    return int(np.ceil(max(12.0, 20.0 * (1e-5 / tolerance) ** 0.25)))
 
 
 @contextmanager

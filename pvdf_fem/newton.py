@@ -38,6 +38,11 @@ NEAR = 0.1
 LOCAL = 1e-2
 # Tension, as a part of the largest stress, that keeps a slack film's convex tangent regular.
 CONVEX_FLOOR = 1e-6
+# A tangent serves on after a step below the first size, as long as steps shrink by the second.
+DEFER = 0.1
+CONTRACTION = 0.2
+# The last step with an older tangent is smaller by this than one with a fresh tangent.
+STALE = 1e-4
 MAX_ITERATIONS = 60
 
 
@@ -82,11 +87,14 @@ class Iteration:
         Length that the line search chose.
     convex : bool
         Whether compressive stress was left out of the tangent.
+    fresh : bool
+        Whether the tangent is that of this state, not of an earlier one.
     """
 
     step: float
     length: float
     convex: bool
+    fresh: bool
 
 
 @dataclass(frozen=True)
@@ -109,50 +117,99 @@ def factorise(matrix: sp.csc_matrix) -> SuperLU:
     )
 
 
-def newton(equilibrium: Equilibrium, q: Array) -> NewtonResult:
-    """Solve ``equilibrium`` from the unknowns `q`."""
+def newton(
+    equilibrium: Equilibrium, q: Array, tolerance: float = STEP_TOLERANCE, *, near: bool = False
+) -> NewtonResult:
+    """Solve ``equilibrium`` from the unknowns `q`.
+
+    Parameters
+    ----------
+    equilibrium : Equilibrium
+    q : (unknowns,)
+    tolerance : float
+        Relative size, in the energy norm, of the last step.
+    near : bool
+        Whether `q` is a solution of less resolution, not a mere seed.
+    """
     if equilibrium.load.force == 0.0:
         return _unloaded(equilibrium, q)
     table: list[Iteration] = []
-    size, state = np.inf, equilibrium.state(q)
+    size, state = NEAR if near else np.inf, equilibrium.state(q)
+    tangent: _Tangent | None = None
     try:
-        while len(table) < MAX_ITERATIONS and size >= STEP_TOLERANCE:
+        while len(table) < MAX_ITERATIONS and not _ended(table, tolerance):
+            fresh = tangent is None or _outdated(tangent, table)
+            if tangent is None or fresh:
+                tangent = _tangent(equilibrium, state, size)
             residual = equilibrium.residual(state)
-            convex, factors = _tangent_factors(equilibrium, state, size)
-            step = -factors.solve(residual)
+            step = -tangent.factors.solve(residual)
             slope = float(residual @ step)
             size = float(np.sqrt(abs(slope / _work(equilibrium, state, q))))
             length = 1.0
             if size > LOCAL:
                 length = _least(equilibrium.energy_along(state, step, slope))
-            table.append(Iteration(size, length, convex))
+            table.append(Iteration(size, length, tangent.convex, fresh))
             q = q + length * step
             state = equilibrium.state(q)
-        if size >= STEP_TOLERANCE:
+        if tangent is None or not _ended(table, tolerance):
             return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
-        if convex:
-            factors = factorise(equilibrium.tangent(state))
+        if tangent.convex or _compressed(state):
+            tangent = _Tangent(factorise(equilibrium.tangent(state)), False)
     except RuntimeError:  # SuperLU: exactly singular
         return NewtonResult(q, Status.SINGULAR, tuple(table), None)
-    stable = not equilibrium.load.conservative or negative_pivots(factors) == 0
+    stable = not _compressed(state) or _stable(equilibrium, tangent.factors)
     status = Status.CONVERGED if stable else Status.UNSTABLE
-    return NewtonResult(q, status, tuple(table), factors)
+    return NewtonResult(q, status, tuple(table), tangent.factors)
+
+
+@dataclass(frozen=True)
+class _Tangent:
+    """A factorised tangent, and whether compressive stress was left out of it."""
+
+    factors: SuperLU
+    convex: bool
+
+
+def _ended(table: list[Iteration], tolerance: float) -> bool:
+    """Whether the last step is small enough; one with an older tangent leaves more behind it."""
+    if not table:
+        return False
+    return table[-1].step < tolerance * (1.0 if table[-1].fresh else STALE)
+
+
+def _outdated(tangent: _Tangent, table: list[Iteration]) -> bool:
+    """Whether a new tangent would save more steps than it costs."""
+    if tangent.convex or table[-1].step > DEFER:
+        return True
+    return len(table) > 1 and table[-1].step > CONTRACTION * table[-2].step
+
+
+def _tangent(equilibrium: Equilibrium, state: MembraneState, size: float) -> _Tangent:
+    """The full tangent near the solution, otherwise the convex one.
+
+    Where no stress is compressive they are the same, and positive definite.
+    """
+    compressed = _compressed(state)
+    if size <= NEAR or not compressed:
+        factors = factorise(equilibrium.tangent(state))
+        if not compressed or _stable(equilibrium, factors):
+            return _Tangent(factors, False)
+    return _Tangent(factorise(_convex_tangent(equilibrium, state)), True)
+
+
+def _compressed(state: MembraneState) -> bool:
+    """Whether a principal stress is compressive anywhere."""
+    s11, s22, s12 = np.moveaxis(state.stress, -1, 0)
+    return bool(np.any((s11 + s22 < 0.0) | (s11 * s22 < s12**2)))
+
+
+def _stable(equilibrium: Equilibrium, factors: SuperLU) -> bool:
+    return not equilibrium.load.conservative or negative_pivots(factors) == 0
 
 
 def negative_pivots(factors: SuperLU) -> int:
     """Number of negative eigenvalues of a symmetric matrix, by Sylvester's law of inertia."""
     return int((factors.U.diagonal() < 0).sum())
-
-
-def _tangent_factors(
-    equilibrium: Equilibrium, state: MembraneState, size: float
-) -> tuple[bool, SuperLU]:
-    """Whether the tangent is the convex one, and its factors: the full one near the solution."""
-    if size <= NEAR:
-        factors = factorise(equilibrium.tangent(state))
-        if not equilibrium.load.conservative or negative_pivots(factors) == 0:
-            return False, factors
-    return True, factorise(_convex_tangent(equilibrium, state))
 
 
 def _convex_tangent(equilibrium: Equilibrium, state: MembraneState) -> sp.csc_matrix:

@@ -7,14 +7,13 @@ from scipy.spatial import cKDTree
 from skfem import Basis, MeshTri2
 
 from pvdf_fem.membrane import Array
-from pvdf_fem.mesh import SizeField
+from pvdf_fem.mesh import SizeField, element_sizes
 
 # Errors of charges fall with this power of the element size (see `tests/test_convergence.py`);
 # lower than the 4 of smooth solutions, since corners of the patches make them less smooth.
 ORDER = 3.0
-# A size changes by no more than this in one go, and from one place to another by this slope.
+# A size changes by no more than this in one go.
 CHANGE = (0.15, 1.6)
-GROWTH = 0.5
 # Triangles in which a point is sought.
 CANDIDATES = 8
 
@@ -37,33 +36,7 @@ def refined_sizes(mesh: MeshTri2, shares: Array, reduction: float) -> SizeField:
     factor = share ** (-1.0 / (ORDER + 2.0))
     factor *= (reduction / (share ** (2.0 / (ORDER + 2.0))).sum()) ** (1.0 / ORDER)
     sizes = element_sizes(mesh) * np.clip(factor, *CHANGE)
-    return SizeField(mesh, _graded(mesh, _at_vertices(mesh, sizes)))
-
-
-def element_sizes(mesh: MeshTri2) -> Array:
-    """Edge of the equilateral triangle of each element's area, m."""
-    (x0, x1, x2), (y0, y1, y2) = mesh.p[:, mesh.t]
-    area = 0.5 * np.abs((x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0))
-    return np.sqrt(4.0 / np.sqrt(3.0) * area)
-
-
-def _at_vertices(mesh: MeshTri2, sizes: Array) -> Array:
-    """Geometric mean over the elements around each vertex."""
-    total = np.bincount(mesh.t.ravel(), np.tile(np.log(sizes), 3), mesh.nvertices)
-    return np.exp(total / np.maximum(np.bincount(mesh.t.ravel(), minlength=mesh.nvertices), 1))
-
-
-def _graded(mesh: MeshTri2, sizes: Array) -> Array:
-    """Sizes lowered until they grow by `GROWTH` per unit of length at the most."""
-    a, b = mesh.facets
-    rise = GROWTH * np.linalg.norm(mesh.p[:, a] - mesh.p[:, b], axis=0)
-    while True:
-        lowered = sizes.copy()
-        np.minimum.at(lowered, a, sizes[b] + rise)
-        np.minimum.at(lowered, b, sizes[a] + rise)
-        if np.array_equal(lowered, sizes):
-            return sizes
-        sizes = lowered
+    return SizeField.of_elements(mesh, sizes)
 
 
 def transferred(basis: Basis, x: Array, target: Basis) -> Array:

@@ -219,7 +219,8 @@ def test_files_are_written(scene: Path, tmp_path: Path, capsys: pytest.CaptureFi
     run = Run(["solve", scene, "--json", "--vtu", vtu, "--plot", plot], capsys)
     assert (run.code, run.err) == (0, "")
     deflection = meshio.read(vtu).point_data["displacement"][:, 2]
-    assert 1e3 * deflection.max() == pytest.approx(run.json["deflection_max_mm"], rel=1e-12)
+    # the largest is not at a node
+    assert 0.99 < 1e3 * deflection.max() / run.json["deflection_max_mm"] <= 1.0 + 1e-12
     assert "<svg" in plot.read_text()[:1000]
     assert {path.name for path in tmp_path.iterdir()} == {"scene.toml", "a.vtu", "a.svg"}
 

@@ -88,7 +88,9 @@ def test_patches_are_where_their_outlines_are(placed):
         assert len(np.unique(patch)) == len(patch)
         weights = basis.dx[patch] / basis.dx[patch].sum()
         centroid = (points[:, patch] * weights).sum(axis=(1, 2))
-        assert centroid == pytest.approx(outline.centroid, abs=1e-8)
+        # a circle to the order of its quadratic arcs
+        off = 1e-5 * outline.radius if isinstance(outline, Circle) else 1e-8
+        assert centroid == pytest.approx(outline.centroid, abs=off)
 
 
 def test_elements_are_not_inverted(placed):

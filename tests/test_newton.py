@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -83,11 +84,21 @@ def test_start_does_not_matter(mesh):
         assert np.abs(other.q - q).max() < 1e-9 * np.abs(q).max()
 
 
-def test_steps_end_quadratically(mesh):
+def test_steps_with_fresh_tangents_end_quadratically(mesh, monkeypatch):
+    monkeypatch.setattr(newton, "DEFER", 0.0)
     problem = Equilibrium(scene_of(1.0, -1.0), mesh)
     steps = [row.step for row in newton.newton(problem, seed(problem)).iterations]
     assert steps[-1] < 1e-8
     assert steps[-1] < 100 * steps[-2] ** 2
+
+
+def test_an_older_tangent_serves_as_long_as_steps_shrink(mesh):
+    problem = Equilibrium(scene_of(1.0, -1.0), mesh)
+    table = newton.newton(problem, seed(problem)).iterations
+    assert [row.fresh for row in table[-3:]] == [False] * 3
+    assert table[-1].step < 1e-9
+    for before, row in pairwise(table):
+        assert row.fresh or row.step < newton.CONTRACTION * before.step or row is table[-1]
 
 
 # named ends

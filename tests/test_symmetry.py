@@ -45,10 +45,10 @@ def test_a_scene_without_a_probe_stands_for_itself():
 
 @pytest.mark.parametrize("observable", ["material", "thesis-edge"])
 def test_images_have_the_charges_of_the_scene(observable, tmp_path):
-    """Mesh noise is below 1 %; charges of the electrodes differ by 20 % and more."""
+    """Mesh noise is below 1 %; charges of the electrodes differ by 2 % and more."""
     scene = PLACED.with_(**{"numerics.observable": observable})
     charges = solve(scene).charges_pC
-    assert min(abs(a / b - 1) for a in charges.values() for b in charges.values() if a != b) > 0.03
+    assert min(abs(a / b - 1) for a in charges.values() for b in charges.values() if a != b) > 0.02
     scenes = [image.scene for image in images(scene)]
     solved = []
     with Store(tmp_path / "s.db") as store:
