@@ -29,8 +29,8 @@ from pvdf_fem.membrane import (
     tensile_part,
 )
 
-# Relative size, in the energy norm, of the last Newton step that is made. The next one, by the
-# quadratic convergence, would be some 1e-10.
+# Relative size, in the energy norm, of the last Newton step that is made with a fresh tangent. The
+# next one, by the quadratic convergence, would be some 1e-12.
 STEP_TOLERANCE = 1e-6
 # Above this size compressive stress adds no stiffness, so that every step lowers the energy.
 NEAR = 0.1
@@ -40,9 +40,7 @@ LOCAL = 1e-2
 CONVEX_FLOOR = 1e-6
 # A tangent serves on after a step below the first size, as long as steps shrink by the second.
 DEFER = 0.1
-CONTRACTION = 0.2
-# The last step with an older tangent is smaller by this than one with a fresh tangent.
-STALE = 1e-4
+CONTRACTION = 0.3
 MAX_ITERATIONS = 60
 
 
@@ -127,7 +125,7 @@ def newton(
     equilibrium : Equilibrium
     q : (unknowns,)
     tolerance : float
-        Relative size, in the energy norm, of the last step.
+        Relative size, in the energy norm, of a last step with a fresh tangent.
     near : bool
         Whether `q` is a solution of less resolution, not a mere seed.
     """
@@ -171,17 +169,21 @@ class _Tangent:
 
 
 def _ended(table: list[Iteration], tolerance: float) -> bool:
-    """Whether the last step is small enough; one with an older tangent leaves more behind it."""
+    """Whether what the last step leaves is smaller than the square of the tolerance.
+
+    The steps shrink quadratically with fresh tangents, and else at the rate of the last two.
+    """
     if not table:
         return False
-    return table[-1].step < tolerance * (1.0 if table[-1].fresh else STALE)
+    step, fresh = table[-1].step, table[-1].fresh
+    return step * (step if fresh else step / table[-2].step) < tolerance**2
 
 
 def _outdated(tangent: _Tangent, table: list[Iteration]) -> bool:
     """Whether a new tangent would save more steps than it costs."""
     if tangent.convex or table[-1].step > DEFER:
         return True
-    return len(table) > 1 and table[-1].step > CONTRACTION * table[-2].step
+    return not table[-1].fresh and table[-1].step > CONTRACTION * table[-2].step
 
 
 def _tangent(equilibrium: Equilibrium, state: MembraneState, size: float) -> _Tangent:
