@@ -105,19 +105,21 @@ def save(figure: Figure, path: str | Path) -> None:
 
 
 def charge_against_rotation(
-    ax: Axes, ours: Sequence[Series], thesis: Sequence[Series] = ()
+    ax: Axes, ours: Sequence[Series], thesis: Sequence[Series] = (), *, others: str = "thesis"
 ) -> None:
-    """Charges (pC) against the probe's rotation (degrees)."""
+    """Charges (pC) against the probe's rotation (degrees); `others` names the markers."""
     # without overshoot at the maxima, which lie at computed points
-    _charges(ax, ours, thesis, PchipInterpolator)
+    _charges(ax, ours, thesis, PchipInterpolator, others=others)
     ax.set_xlabel("rotation of the probe (°)")
     _degrees(ax)
     label_curves(ax, ours, colours(len(ours)))
 
 
-def charge_against_force(ax: Axes, ours: Sequence[Series], thesis: Sequence[Series] = ()) -> None:
-    """Charges (pC) against the force (N)."""
-    _charges(ax, ours, thesis)
+def charge_against_force(
+    ax: Axes, ours: Sequence[Series], thesis: Sequence[Series] = (), *, others: str = "thesis"
+) -> None:
+    """Charges (pC) against the force (N); `others` names the markers."""
+    _charges(ax, ours, thesis, others=others)
     ax.set_xlabel("force (N)")
     ax.set_xlim(left=0.0)
     ax.set_ylim(bottom=0.0)
@@ -131,12 +133,14 @@ def charge_against_distance(
     reference: str = "electrode",
     *,
     labelled: bool = True,
+    between: Sequence[Series] = (),
 ) -> None:
     """Charges (pC) against the probe's distance (mm) from the centre of `reference`.
 
-    Curves that nearly coincide are better left without labels (`labelled`).
+    Curves that nearly coincide are better left without labels (`labelled`). `between` gives the
+    curves through our points, one for each, where a spline does not do.
     """
-    _charges(ax, ours, thesis)
+    _charges(ax, ours, thesis, between=between)
     ax.set_xlabel(f"distance from the centre of {reference} (mm)")
     ax.set_xlim(left=0.0)
     if labelled:
@@ -209,10 +213,9 @@ def deflection_map(ax: Axes, solution: Solution, *, reach_mm: float | None = Non
         Half the width of the part of the film that is shown; the whole film when not given.
     """
     grid, w = solution.basis.refinterp(solution.displacement[:, 2], nrefs=2)
+    levels = _levels(np.append(1e3 * w, solution.deflection_max_mm))
     x, y = 1e3 * grid.p
-    filled = ax.tricontourf(
-        Triangulation(x, y, grid.t.T), 1e3 * w, levels=_levels(1e3 * w), cmap="Blues"
-    )
+    filled = ax.tricontourf(Triangulation(x, y, grid.t.T), 1e3 * w, levels=levels, cmap="Blues")
     _figure(ax).colorbar(filled, ax=ax, label="deflection (mm)", fraction=0.046, pad=0.03)
     radius = solution.scene.film.radius_mm
     reach = radius if reach_mm is None else reach_mm
@@ -232,13 +235,20 @@ def deflection_map(ax: Axes, solution: Solution, *, reach_mm: float | None = Non
 
 
 def _charges(
-    ax: Axes, ours: Sequence[Series], thesis: Sequence[Series], curve: Curve = CubicSpline
+    ax: Axes,
+    ours: Sequence[Series],
+    thesis: Sequence[Series],
+    curve: Curve = CubicSpline,
+    *,
+    between: Sequence[Series] = (),
+    others: str = "thesis",
 ) -> None:
     """Our points joined by smooth curves, the thesis's as markers in the same colour."""
     inks = colours(len(ours))
     by_label = dict(zip((one.label for one in ours), inks, strict=True))
-    for one, ink in zip(ours, inks, strict=True):
-        ax.plot(*_smooth(one, curve), color=ink)
+    smooth = [(one.x, one.y) for one in between] or [_smooth(one, curve) for one in ours]
+    for one, line, ink in zip(ours, smooth, inks, strict=True):
+        ax.plot(*line, color=ink)
         ax.plot(one.x, one.y, ".", color=ink, markersize=3)
         _mark_failures(ax, one, ink)
     for one in thesis:
@@ -246,7 +256,7 @@ def _charges(
     ax.set_ylabel("charge (pC)")
     if thesis:
         ours_key = Line2D([], [], color=GREY, marker=".", markersize=3, label="this work")
-        thesis_key = Line2D([], [], **_THESIS, markeredgecolor=GREY, label="thesis")
+        thesis_key = Line2D([], [], **_THESIS, markeredgecolor=GREY, label=others)
         # above the axes, where no point can be
         ax.legend(
             handles=[ours_key, thesis_key],

@@ -16,6 +16,9 @@ from typing import TypeAlias
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+# Texts longer than this are broken into lines.
+PROSE = 60
+
 Cell: TypeAlias = str | float | int | None
 
 
@@ -71,7 +74,7 @@ class Table:
 
     @property
     def shown_rows(self) -> list[list[tuple[str, str]]]:
-        """The cells on the page, each with its class: ``text`` or ``number``."""
+        """The cells on the page, each with its class: ``number``, ``text`` or ``prose``."""
         pairs = [list(zip(self.columns, row, strict=True)) for row in self.rows]
         return [[(c.show(cell), _kind(cell)) for c, cell in row if c.on_page] for row in pairs]
 
@@ -151,4 +154,6 @@ def _plain(cell: Cell) -> Cell:
 
 
 def _kind(cell: Cell) -> str:
-    return "text" if isinstance(cell, str) else "number"
+    if not isinstance(cell, str):
+        return "number"
+    return "prose" if len(cell) > PROSE else "text"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import lru_cache
 from itertools import combinations
 
 from pvdf_fem.outline import TOUCH, overlaps
@@ -30,13 +31,9 @@ def misplacements(
     kind, observable : str
         Kind of the load and charge observable.
     """
-    if isinstance(electrodes, Layout):
-        yield from _of_layout(radius_mm, electrodes)
-    else:
-        keyed = {f"electrodes[{i}]": electrode for i, electrode in electrodes.items()}
-        yield from _of_list(radius_mm, keyed)
-        if observable == "thesis-edge":
-            yield from _without_edges(keyed)
+    given = electrodes if isinstance(electrodes, Layout) else tuple(electrodes.items())
+    if not _sound(radius_mm, given, observable):
+        yield from _of_electrodes(radius_mm, given, observable)
     if probe is None or radius_mm is None:
         return
     yield from _over_rim("probe", probe, radius_mm)
@@ -44,6 +41,27 @@ def misplacements(
     if kind == "rigid" and abs(reach_mm - radius_mm) <= TOUCH * radius_mm:
         reason = "a rigid probe on the clamped rim cannot move; make the probe smaller"
         yield problem("load.kind", kind, f"{reason} or choose another kind")
+
+
+_Electrodes = Layout | tuple[tuple[int, Electrode], ...]
+
+
+@lru_cache(maxsize=16)
+def _sound(radius_mm: float | None, electrodes: _Electrodes, observable: str) -> bool:
+    """Whether there is no complaint; the electrodes of a sweep are compared once."""
+    return next(_of_electrodes(radius_mm, electrodes, observable), None) is None
+
+
+def _of_electrodes(
+    radius_mm: float | None, electrodes: _Electrodes, observable: str
+) -> Iterator[str]:
+    if isinstance(electrodes, Layout):
+        yield from _of_layout(radius_mm, electrodes)
+        return
+    keyed = {f"electrodes[{i}]": electrode for i, electrode in electrodes}
+    yield from _of_list(radius_mm, keyed)
+    if observable == "thesis-edge":
+        yield from _without_edges(keyed)
 
 
 def _of_layout(radius_mm: float | None, layout: Layout) -> Iterator[str]:

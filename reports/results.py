@@ -35,7 +35,6 @@ class Results:
     def __init__(self, folder: Path, processes: int) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder, self.processes = folder, processes
-        self.store = Store(folder / "results.db")
         self._images: dict[Scene, Image] = {}
         self._records: dict[Scene, Record] = {}
 
@@ -51,12 +50,21 @@ class Results:
     ) -> None:
         """Solve those of the scenes that are neither here nor in the store."""
         wanted = [one for one in self._distinct(scenes) if one not in self._records]
-        found = solve_all(wanted, self.store, processes=self.processes, progress=progress)
+        with self._store() as store:
+            found = solve_all(wanted, store, processes=self.processes, progress=progress)
         self._records.update(zip(wanted, found, strict=True))
 
     def missing(self, scenes: Iterable[Scene]) -> int:
         """How many solves these scenes still need."""
-        return sum(self.store.get(scene) is None for scene in self._distinct(scenes))
+        with self._store() as store:
+            return sum(store.get(scene) is None for scene in self._distinct(scenes))
+
+    def of(self, scenes: Iterable[Scene]) -> Results:
+        """The records of some solved scenes only, for another process."""
+        some = Results(self.folder, 1)
+        some._images = {scene: self._image(scene) for scene in scenes}
+        some._records = {i.scene: self._records[i.scene] for i in some._images.values()}
+        return some
 
     def field(self, scene: Scene) -> CarriedField:
         """The stress about the probe of a scene, from `pvdf_fem.sensing.carried`."""
@@ -67,9 +75,8 @@ class Results:
         """All that were needed so far."""
         return list(self._records.values())
 
-    def close(self) -> None:
-        """Close the store."""
-        self.store.close()
+    def _store(self) -> Store:
+        return Store(self.folder / "results.db")
 
     def _distinct(self, scenes: Iterable[Scene]) -> list[Scene]:
         return list(dict.fromkeys(self._image(scene).scene for scene in scenes))

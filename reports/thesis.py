@@ -2,9 +2,9 @@
 
     python reports/thesis.py [--out DIR] [--only FIGURE] [--quick] [--quiet] [--processes N]
 
-Writes ``index.html`` with its figures (SVG) and tables (CSV) into one directory. The page is
-written anew after each part, and every solved scene is kept in ``results/`` there: a report that
-was interrupted goes on, and a second run does not solve again.
+Writes ``index.html`` with its figures (SVG) and tables (CSV) into one directory. Every solved
+scene is kept in ``results/`` there as soon as it is solved: a report that was interrupted goes on,
+and a second run does not solve again. The page is written anew after each section.
 """
 
 from __future__ import annotations
@@ -15,11 +15,13 @@ import sys
 import time
 import traceback
 from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from platform import python_version
 
+from joblib import Parallel, delayed, parallel_config
 from tqdm import tqdm
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -30,26 +32,80 @@ from pvdf_fem import Scene, __version__  # noqa: E402
 from pvdf_fem.page import Page, Section  # noqa: E402
 from reports.part import Part  # noqa: E402
 from reports.results import Results  # noqa: E402
-from reports.thesis_data import Thesis  # noqa: E402
-from reports.thesis_mapping import MAPPING_PART  # noqa: E402
-from reports.thesis_summary import ALL_PART, MESH_PART, SUMMARY_PART  # noqa: E402
-from reports.thesis_tables import (  # noqa: E402
-    CHECKS_PART,
-    FORCE_PART,
-    FORCE_ROTATION_PART,
-    ROTATION_PART,
-    SCENES_PART,
+from reports.thesis_angle import ANGLE_PART  # noqa: E402
+from reports.thesis_contact import CONTACT_PART  # noqa: E402
+from reports.thesis_contours import (  # noqa: E402
+    FIGURE_3_9_PART,
+    FIGURE_3_16_PART,
+    RECTANGLE_MAP_PART,
+    TRIANGLE_MAP_PART,
 )
+from reports.thesis_data import Thesis  # noqa: E402
+from reports.thesis_drawings import DRAWINGS_PART  # noqa: E402
+from reports.thesis_experiments import (  # noqa: E402
+    CHARGE_PARTS_PART,
+    CIRCUIT_PART,
+    MEASURED_POSITIONS_PART,
+)
+from reports.thesis_findings import FINDINGS_PART  # noqa: E402
+from reports.thesis_force import (  # noqa: E402
+    RECTANGLE_FORCE_PART,
+    TRIANGLE_FORCE_PART,
+)
+from reports.thesis_force_law import FORCE_LAW_PART  # noqa: E402
+from reports.thesis_mapping import (  # noqa: E402
+    FIGURE_3_5_PART,
+    FIGURE_3_7_PART,
+    FIGURE_3_17_PART,
+    FIGURE_3_18_PART,
+    OTHER_MAPPINGS_PART,
+)
+from reports.thesis_orientation import ROTATION_PART  # noqa: E402
+from reports.thesis_positions import (  # noqa: E402
+    EXPERIMENT_POSITIONS_PART,
+    RECTANGLE_POSITIONS_PART,
+    TRIANGLE_POSITIONS_PART,
+    TWO_NEWTON_POSITIONS_PART,
+    UNIAXIAL_POSITIONS_PART,
+)
+from reports.thesis_recovery import RECOVERY_PART  # noqa: E402
+from reports.thesis_summary import ALL_PART, MESH_PART, SUMMARY_PART  # noqa: E402
+from reports.thesis_surface import SURFACE_PART  # noqa: E402
+from reports.thesis_tables import SCENES_PART  # noqa: E402
+from reports.thesis_thickness import THICKNESS_PART  # noqa: E402
 
 #: In the order of the page.
 PARTS = (
     SUMMARY_PART,
+    FINDINGS_PART,
+    DRAWINGS_PART,
     SCENES_PART,
-    MAPPING_PART,
-    FORCE_PART,
+    FIGURE_3_5_PART,
+    FIGURE_3_7_PART,
+    FIGURE_3_17_PART,
+    FIGURE_3_18_PART,
+    OTHER_MAPPINGS_PART,
+    FIGURE_3_9_PART,
+    TRIANGLE_POSITIONS_PART,
+    RECTANGLE_POSITIONS_PART,
+    FIGURE_3_16_PART,
+    TRIANGLE_MAP_PART,
+    RECTANGLE_MAP_PART,
+    UNIAXIAL_POSITIONS_PART,
+    TWO_NEWTON_POSITIONS_PART,
+    TRIANGLE_FORCE_PART,
+    THICKNESS_PART,
+    RECTANGLE_FORCE_PART,
+    FORCE_LAW_PART,
     ROTATION_PART,
-    CHECKS_PART,
-    FORCE_ROTATION_PART,
+    ANGLE_PART,
+    SURFACE_PART,
+    RECOVERY_PART,
+    MEASURED_POSITIONS_PART,
+    EXPERIMENT_POSITIONS_PART,
+    CONTACT_PART,
+    CHARGE_PARTS_PART,
+    CIRCUIT_PART,
     MESH_PART,
     ALL_PART,
 )
@@ -63,9 +119,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     thesis = Thesis.read().quick() if options.quick else Thesis.read()
     results = Results(options.out / "results", options.processes)
     report = Report(thesis, results, options.out, _chosen(options.only))
-    with closing(results), _progress(report.missing, options.quiet) as bar:
-        for part in report.by_size:
-            report.make(part, bar)
+    with _progress(report.missing + len(report.parts), options.quiet) as bar:
+        report.solve(bar)
+        report.make(bar)
     if not options.quiet:
         print(f"{options.out / 'index.html'}: {report.outcome}")
     return 0 if report.complete else 1
@@ -87,19 +143,17 @@ class Report:
     def __init__(self, thesis: Thesis, results: Results, out: Path, parts: Sequence[Part]) -> None:
         self.thesis, self.results, self.out, self.parts = thesis, results, out, parts
         self.sections: dict[str, Section] = {}
+        self.scenes = {part.name: part.scenes(thesis) for part in parts}
         self._start = time.perf_counter()
 
     @property
     def missing(self) -> int:
         """Number of solves that no earlier run has left."""
-        return self.results.missing(
-            scene for part in self.parts for scene in part.scenes(self.thesis)
-        )
+        return self.results.missing(self._all_scenes)
 
     @property
-    def by_size(self) -> list[Part]:
-        """The parts, those with the fewest scenes first, so that results come early."""
-        return sorted(self.parts, key=lambda part: len(set(part.scenes(self.thesis))))
+    def _all_scenes(self) -> list[Scene]:
+        return [scene for scenes in self.scenes.values() for scene in scenes]
 
     @property
     def complete(self) -> bool:
@@ -114,35 +168,26 @@ class Report:
         seconds = f"{time.perf_counter() - self._start:.0f} s"
         return f"{seconds}; incomplete: {', '.join(bad)}" if bad else f"complete in {seconds}"
 
-    def make(self, part: Part, bar: tqdm[None]) -> None:
-        """Solve what a part still needs, make its section, and write the page."""
-        bar.set_description(part.title)
-        try:
-            scenes = part.scenes(self.thesis)
-            self.results.solve(scenes, lambda done, total: bar.update(1 if done else 0))
-            section = self._section(part, scenes)
-        except Exception as error:
-            traceback.print_exc()
-            section = Section(part.name, part.title, error=f"{type(error).__name__}: {error}")
-        self.sections[part.name] = section
+    def solve(self, bar: tqdm[None]) -> None:
+        """Solve what is missing; each record is kept as soon as it is there."""
+        bar.set_description("solving")
+        self.results.solve(self._all_scenes, lambda done, total: bar.update(1 if done else 0))
+
+    def make(self, bar: tqdm[None]) -> None:
+        """Make all sections, and write the page after each."""
+        bar.set_description("drawing")
         self._write_page()
-
-    def _section(self, part: Part, scenes: Sequence[Scene]) -> Section:
-        content = part.compose(self.thesis, self.results, self.out)
-        section = Section(
-            part.name, part.title, content.paragraphs, content.blocks, note=self._failures(scenes)
+        tasks = (
+            delayed(_section)(part, self.scenes[part.name], self.thesis, known, self.out)
+            for part in self.parts
+            for known in [self.results.of(self.scenes[part.name])]
         )
-        for table in section.tables:
-            table.write_csv(self.out)
-        return section
-
-    def _failures(self, scenes: Sequence[Scene]) -> str:
-        found = {scene: self.results[scene] for scene in scenes}
-        failed = [record for record in found.values() if not record.converged]
-        if not failed:
-            return ""
-        reasons = sorted({f"{record.status} ({record.reason})" for record in failed})
-        return f"{len(failed)} of {len(found)} solves failed: {'; '.join(reasons)}"
+        with parallel_config("loky", inner_max_num_threads=1):
+            made = Parallel(self.results.processes, return_as="generator_unordered")(tasks)
+        for section in made:
+            self.sections[section.name] = section
+            self._write_page()
+            bar.update()
 
     def _write_page(self) -> None:
         sections = [
@@ -175,11 +220,36 @@ class Report:
         }
 
 
+def _section(
+    part: Part, scenes: Sequence[Scene], thesis: Thesis, results: Results, out: Path
+) -> Section:
+    """A section with its files written; an exception becomes its error."""
+    try:
+        content = part.compose(thesis, results, out)
+        note = _failures(results, scenes)
+        section = Section(part.name, part.title, content.paragraphs, content.blocks, note=note)
+        for table in section.tables:
+            table.write_csv(out)
+    except Exception as error:
+        traceback.print_exc()
+        return Section(part.name, part.title, error=f"{type(error).__name__}: {error}")
+    return section
+
+
+def _failures(results: Results, scenes: Sequence[Scene]) -> str:
+    found = {scene: results[scene] for scene in scenes}
+    failed = [record for record in found.values() if not record.converged]
+    if not failed:
+        return ""
+    reasons = sorted({f"{record.status} ({record.reason})" for record in failed})
+    return f"{len(failed)} of {len(found)} solves failed: {'; '.join(reasons)}"
+
+
 @contextmanager
 def _progress(total: int, quiet: bool) -> Iterator[tqdm[None]]:
     """A bar with the remaining time on standard error, if that is a terminal."""
     silent = quiet or not sys.stderr.isatty()
-    with tqdm(total=total, unit="solve", disable=silent, dynamic_ncols=True) as bar:
+    with tqdm(total=total, unit="step", disable=silent, dynamic_ncols=True) as bar:
         yield bar
 
 
@@ -221,4 +291,5 @@ def _count(text: str) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    # by its own name, so that other processes find its functions
+    sys.exit(import_module("reports.thesis").main())

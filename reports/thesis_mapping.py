@@ -1,215 +1,362 @@
-"""Part of the thesis report: charge against distance on lines from an electrode (Fig. 3.5)."""
+"""Parts of the thesis report: charge against distance on lines from an electrode.
+
+Figs 3.5 and 3.7 (biaxial film) and Figs 3.17 and 3.18 (uniaxial film): the same scenes twice, since
+one solve serves every pair of piezoelectric coefficients. A further part has what the thesis does
+not picture: the rectangle, and the sensor with four electrodes.
+"""
 
 from __future__ import annotations
 
-from itertools import count, takewhile
+from collections.abc import Callable, Sequence
+from itertools import product
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from pvdf_fem import Scene
-from pvdf_fem.figures import Series, charge_against_distance, new_figure, save, style
+from pvdf_fem.figures import (
+    Series,
+    charge_against_distance,
+    colours,
+    new_figure,
+    save,
+    style,
+)
 from pvdf_fem.page import Cell, Column, Picture, Table
+from reports.mapping_curves import FARTHEST_MM, REACH_MM, Curve, Family, plain
 from reports.part import Content, Part
 from reports.results import MATERIAL, THESIS_EDGE, Results
 from reports.thesis_data import ContourPoint, Thesis
-from reports.thesis_scene import thesis_scene
 
-#: The probe's centre stays within this distance of the film's: twice that of the electrodes. The
-#: thesis maps "the central area", without a number.
-USEFUL_RADIUS_MM = 20.0
-#: Up to here, where the probe leaves the electrode and curves bend, the thesis's steps are halved.
-BEND_MM = 12.0
-ELECTRODE = "A"
-CENTRE_MM = (0.0, -10.0)
-
-
-def place(angle_deg: float, distance_mm: float) -> tuple[float, float]:
-    """Position (x, y) in mm of the probe on a line from electrode A."""
-    angle = np.radians(angle_deg)
-    x, y = CENTRE_MM[0] + distance_mm * np.cos(angle), CENTRE_MM[1] + distance_mm * np.sin(angle)
-    return round(float(x), 9), round(float(y), 9)
+#: The curves that section 3.1.1 calls uppermost and lowermost, by electrode.
+EXTREMES_DEG = {"A": (35.0, 90.0), "B": (140.0, 240.0)}
+CASES = {
+    "A": "Electrode A lies at (0, −10) mm.",
+    "B": "Electrode B lies on the 10 mm circle at 30°. The caption of Fig. 3.7 says rectangular "
+    "probe; its section, and the contours that it prints, are about the triangular one.",
+}
 
 
-def distances(angle_deg: float, step_mm: float) -> list[float]:
-    """Distances in mm from electrode A at which the probe is placed on a line."""
-    steps = (step_mm * i for i in count())
-    return list(
-        takewhile(lambda r: np.hypot(*place(angle_deg, r)) <= USEFUL_RADIUS_MM + 1e-9, steps)
+FIGURES = (
+    Family("3.5", "3", "tri7", "A", "biaxial"),
+    Family("3.7", "3", "tri7", "B", "biaxial"),
+    Family("3.17", "3", "tri7", "A", "uniaxial"),
+    Family("3.18", "3", "tri7", "B", "uniaxial"),
+)
+OTHERS = tuple(
+    Family("", layout, probe, electrode, film)
+    for (layout, probe), electrode, film in product(
+        (("3", "rect14x7"), ("4", "tri7"), ("4", "rect14x7")), "AB", ("biaxial", "uniaxial")
     )
+)
 
 
-def _scene(angle_deg: float, distance_mm: float) -> Scene:
-    x, y = place(angle_deg, distance_mm)
-    return thesis_scene("3", "tri7", x_mm=x, y_mm=y)
+# ------------------------------------------------------------------------------- the thesis's
 
 
-def cuts(thesis: Thesis) -> list[ContourPoint]:
-    """Where the thesis's contour of A cuts the lines from A."""
-    angles = thesis.angles_deg[ELECTRODE]
-    return [c for c in thesis.contours if c.frame == ELECTRODE and c.angle_deg in angles]
+def _scenes(family: Family) -> Callable[[Thesis], list[Scene]]:
+    return lambda thesis: list(family.scenes(thesis))
 
 
-def fine_distances(thesis: Thesis, angle_deg: float) -> list[float]:
-    """All distances in mm that we compute on a line: more than the thesis's steps."""
-    step = thesis.step_mm
-    halves = [r for r in distances(angle_deg, 0.5 * step) if r < BEND_MM]
-    radii = [cut.radius_mm for cut in cuts(thesis) if cut.angle_deg == angle_deg]
-    return sorted({*distances(angle_deg, step), *halves, *radii})
+def _compose(family: Family) -> Callable[[Thesis, Results, Path], Content]:
+    def compose(thesis: Thesis, results: Results, out: Path) -> Content:
+        field, cuts = family.field(thesis, results), family.cuts(thesis)
+        found = family.curves(thesis, results, THESIS_EDGE, field)
+        _picture(family, found, cuts, out / f"{family.file}.svg")
+        order = _order_table(family, found)
+        blocks: list[Table | Picture] = [Picture(f"{family.file}.svg", _caption(family, cuts))]
+        blocks += [_cut_table(family, cuts, found)] if family.film == "biaxial" else []
+        blocks += [order, _point_table(family, thesis, results)]
+        texts = [_scene_text(family, thesis), _order_text(family, thesis, order)]
+        if family.film == "biaxial":
+            texts += [*_cut_texts(cuts), _step_text(found, thesis.step_mm)]
+        return Content([text for text in texts if text], blocks)
+
+    return compose
 
 
-def _scenes(thesis: Thesis) -> list[Scene]:
-    return [
-        _scene(angle, distance)
-        for angle in thesis.angles_deg[ELECTRODE]
-        for distance in fine_distances(thesis, angle)
-    ]
+def _caption(family: Family, cuts: Sequence[ContourPoint]) -> str:
+    charges = sorted({(c.contour[-1], c.charge_pC) for c in cuts})
+    rings = " and ".join(f"{charge} pC (contour of {name})" for name, charge in charges)
+    text = f"Fig. {family.figure}: charge of {family.electrode} against distance, {family.film} "
+    text += "film, triangular probe, 1 N; dots: solved places."
+    below = " Below: the same less the mean of all lines at that distance, with their angles."
+    return text + (f" Rings: the thesis's points at {rings}." if rings else "") + below
 
 
-def line(angle_deg: float, at_mm: list[float], results: Results) -> Series:
-    """Charge of A in pC at some distances in mm on one line."""
-    charges = [results[_scene(angle_deg, r)].charge_pC(ELECTRODE, THESIS_EDGE) for r in at_mm]
-    return Series(f"{angle_deg:g}°", np.array(at_mm), np.array(charges))
-
-
-def crossing(curve: Series, charge_pC: float, near_mm: float) -> float:
-    """Distance in mm at which a spline through a curve's points has a charge.
-
-    NaN where it has not, or where a solve failed.
-    """
-    if not np.isfinite(curve.y).all() or len(curve.x) < 2:
-        return np.nan
-    roots = CubicSpline(curve.x, curve.y).solve(charge_pC, extrapolate=False)
-    return float(min(roots, key=lambda r: abs(r - near_mm), default=np.nan))
-
-
-def _compose(thesis: Thesis, results: Results, out: Path) -> Content:
-    step, angles = thesis.step_mm, thesis.angles_deg[ELECTRODE]
-    coarse = {angle: line(angle, distances(angle, step), results) for angle in angles}
-    fine = {angle: line(angle, fine_distances(thesis, angle), results) for angle in angles}
-    _picture(fine, cuts(thesis), out / "figure_3_5.svg")
-    return Content(
-        [
-            "The triangular probe (1 N, one corner to +y) moves in steps of 4 mm from the centre "
-            "of electrode A of the three-electrode sensor, as far as its centre stays within "
-            f"{USEFUL_RADIUS_MM:g} mm of the film's centre. Of the thesis's curves only one cut is "
-            "printed: the distances at which they reach the charge of its first scene. We compute "
-            f"each line there too, and every 2 mm up to {BEND_MM:g} mm.",
-            "The curves of all angles nearly coincide; the lower picture shows what tells them "
-            "apart. The thesis calls the curve of 35° the uppermost and that of 90° the lowermost. "
-            "That order holds around 3 mm only; from 5 mm on it is the other way round.",
-            "The thesis interpolates between steps of 4 mm. What this alone does is the difference "
-            "between the last two columns of the first table.",
-        ],
-        [
-            Picture(
-                "figure_3_5.svg",
-                "Fig. 3.5: charge of A against distance; rings: the thesis's contour of "
-                "905.1037 pC. Below: the same less the mean of all lines at that distance.",
-            ),
-            _cut_table(cuts(thesis), fine, coarse, results),
-            _curve_table(thesis, results),
-        ],
-    )
-
-
-def _picture(fine: dict[float, Series], rings: list[ContourPoint], path: Path) -> None:
-    printed = [
-        Series(fine[cut.angle_deg].label, np.array([cut.radius_mm]), np.array([cut.charge_pC]))
-        for cut in rings
-    ]
-    mean = _mean(list(fine.values()))
-    with style():
-        figure = new_figure(160, 160)
-        above, below = figure.subplots(2)
-        lines = list(fine.values())
-        charge_against_distance(above, lines, printed, "electrode A", labelled=False)
-        apart, rings_apart = (
-            [_less(one, mean) for one in some if np.isfinite(mean.y).all()]
-            for some in (lines, printed)
+def _scene_text(family: Family, thesis: Thesis) -> str:
+    d31, d32 = family.d_pC_N(thesis)
+    same = {"3.17": "3.5", "3.18": "3.7"}.get(family.figure)
+    if same:
+        return (
+            f"The solutions are those of Fig. {same}, read with d31 = {d31:g} and "
+            f"d32 = {d32:g} pC/N."
         )
-        charge_against_distance(below, apart, rings_apart, "electrode A")
+    return (
+        f"{CASES[family.electrode]} The triangular probe (1 N, one corner to +y) moves in steps "
+        f"of {thesis.step_mm:g} mm from there, as far as its centre stays within {REACH_MM:g} mm "
+        "of the film's centre. Between the solved places we interpolate the charge over its "
+        "leading part (the stress of the centred probe, carried along), which is far smoother "
+        "than the charge itself."
+    )
+
+
+def _order_text(family: Family, thesis: Thesis, order: Table) -> str:
+    """Where the curves that the thesis calls uppermost and lowermost are that."""
+    angles = family.angles_deg(thesis)
+    rows = [row for row in order.rows if row[1] in angles]
+    upper, lower = EXTREMES_DEG[family.electrode]
+    if not rows or not {upper, lower} <= set(angles):
+        return ""
+    highest, lowest, wrong = (
+        _listed([float(str(row[0])) for row in rows if row[column] == angle])
+        for column, angle in ((1, upper), (3, lower), (3, upper))
+    )
+    of = "" if family.film == "biaxial" else " of the biaxial film"
+    return (
+        f"The thesis calls the curve of {upper:g}°{of} the uppermost and that of {lower:g}° the "
+        f"lowermost. Here, of {len(rows)} distances compared, that of {upper:g}° is the highest "
+        f"at {highest} and the lowest at {wrong}; that of {lower:g}° is the lowest at {lowest}."
+    )
+
+
+def _cut_texts(cuts: Sequence[ContourPoint]) -> list[str]:
+    """What the thesis's own points say of the order of the curves, which fall with distance."""
+    texts = []
+    for contour in sorted({cut.contour for cut in cuts}):
+        some = sorted((c for c in cuts if c.contour == contour), key=lambda c: c.radius_mm)
+        near, far = some[0], some[-1]
+        if near is far:
+            continue
+        texts.append(
+            f"Of the thesis's own points at {near.charge_pC} pC the nearest is that of "
+            f"{near.angle_deg:g}° ({near.radius_mm:g} mm), the farthest that of "
+            f"{far.angle_deg:g}° ({far.radius_mm:g} mm). As charges fall with the distance, the "
+            "latter curve is the higher one there."
+        )
+    return texts
+
+
+def _step_text(found: Sequence[Curve], step_mm: float) -> str:
+    """What interpolating the charge itself between the steps does."""
+    apart = [
+        (abs(wrong / right - 1.0), r)
+        for curve in found
+        for r, right, wrong in zip(
+            curve.series.x, curve.series.y, plain(curve.line).series.y, strict=True
+        )
+        if np.isfinite(right)
+    ]
+    if not apart:
+        return ""
+    worst, at = max(apart)
+    beyond = max(size for size, r in apart if r >= 6.0)
+    return (
+        "A spline through the charges at the steps themselves misses these curves by up to "
+        f"{100 * worst:.1f} % (at {at:.1f} mm), and by up to {100 * beyond:.1f} % from 6 mm on: "
+        f"near the electrode, steps of {step_mm:g} mm are too long for it."
+    )
+
+
+def _listed(distances: Sequence[float]) -> str:
+    """Distances in words, a run of them by its ends."""
+    if not distances:
+        return "none of them"
+    if len(distances) > 2 and len(set(np.diff(distances))) == 1:
+        return f"{distances[0]:g} to {distances[-1]:g} mm"
+    return f"{', '.join(f'{r:g}' for r in distances)} mm"
+
+
+def _picture(
+    family: Family, found: Sequence[Curve], cuts: Sequence[ContourPoint], path: Path
+) -> None:
+    points, smooth = [one.points for one in found], [one.series for one in found]
+    rings = [
+        Series(f"{c.angle_deg:g}°", np.array([c.radius_mm]), np.array([c.charge_pC])) for c in cuts
+    ]
+    with style():
+        figure = new_figure(160, 165)
+        above, below = figure.subplots(2)
+        reference = f"electrode {family.electrode}"
+        charge_against_distance(above, points, rings, reference, labelled=False, between=smooth)
+        less = [[_less(one, found) for one in some] for some in (points, rings, smooth)]
+        charge_against_distance(below, less[0], less[1], reference, between=less[2])
         below.set_ylabel("charge − mean of the lines (pC)")
         save(figure, path)
 
 
-def _mean(lines: list[Series]) -> Series:
-    """Mean charge of the lines at the distances that all of them have."""
-    common = np.array(sorted(set.intersection(*(set(one.x.tolist()) for one in lines))))
-    charges = [one.y[np.isin(one.x, common)] for one in lines]
-    return Series("mean", common, np.mean(charges, axis=0))
+def _less(one: Series, found: Sequence[Curve]) -> Series:
+    """A series less the mean of all curves, as far as all of them reach."""
+    inside = one.x <= _common_mm(found)
+    r = one.x[inside]
+    mean = np.mean([curve(r) for curve in found], axis=0)
+    return Series(one.label, r, one.y[inside] - mean)
 
 
-def _less(one: Series, mean: Series) -> Series:
-    inside = one.x <= mean.x[-1]
-    values = one.y[inside] - CubicSpline(mean.x, mean.y)(one.x[inside])
-    return Series(one.label, one.x[inside], values)
+def _common_mm(found: Sequence[Curve]) -> float:
+    return float(min(curve.line.distances_mm[-1] for curve in found))
 
 
-def _cut_table(
-    found: list[ContourPoint],
-    fine: dict[float, Series],
-    coarse: dict[float, Series],
-    results: Results,
-) -> Table:
+def _cut_table(family: Family, cuts: Sequence[ContourPoint], found: Sequence[Curve]) -> Table:
     columns = [
-        Column("contour_case", "case"),
-        Column("angle_deg", "angle (°)", 0),
-        Column("thesis_mm", "thesis (mm)", 3),
-        Column("thesis_pC", "thesis (pC)", 4),
-        Column("ours_pC", "ours there (pC)"),
-        Column("difference_percent", "diff. (%)", 2, signed=True),
-        Column("ours_mm", "ours: distance (mm)", 3),
-        Column("ours_from_steps_mm", "from the 4 mm steps alone (mm)", 3),
+        Column("case", "contour"),
+        Column("angle_deg", "line (°)", 0),
+        Column("charge_pC", "charge (pC)", 4),
+        Column("thesis_mm", "thesis (mm)", 3, "distance of that charge"),
+        Column("ours_mm", "ours (mm)", 3, "distance of that charge"),
+        Column("difference_mm", "diff. (mm)", 3, "distance of that charge", signed=True),
+        Column("ours_plain_mm", "spline through the 4 mm steps (mm)", 3, "distance of that charge"),
+        Column("ours_pC", "ours (pC)", 1, "charge at the thesis's distance"),
+        Column("difference_percent", "diff. (%)", 2, "charge at the thesis's distance", True),
     ]
+    by_angle = {curve.line.angle_deg: curve for curve in found}
     rows: list[list[Cell]] = []
-    for cut in found:
-        ours = results[_scene(cut.angle_deg, cut.radius_mm)].charge_pC(ELECTRODE, THESIS_EDGE)
-        places = [
-            crossing(curves[cut.angle_deg], cut.charge_pC, cut.radius_mm)
-            for curves in (fine, coarse)
-        ]
-        difference = 100.0 * (ours / cut.charge_pC - 1.0)
-        row: list[Cell] = [cut.case, cut.angle_deg, cut.radius_mm, cut.charge_pC, ours, difference]
-        rows.append([*row, *places])
+    for cut in cuts:
+        curve = by_angle[cut.angle_deg]
+        ours, simple = (
+            one.distance(cut.charge_pC, cut.radius_mm) for one in (curve, plain(curve.line))
+        )
+        there = float(curve(np.array(cut.radius_mm)))
+        row: list[Cell] = [cut.contour, cut.angle_deg, cut.charge_pC, cut.radius_mm]
+        row += [ours, ours - cut.radius_mm, simple]
+        rows.append([*row, there, 100.0 * (there / cut.charge_pC - 1.0)])
     return Table(
-        "figure_3_5_cuts",
-        "The thesis's contour of A at 905.1037 pC (Fig. 3.9): our charge at its points, and the "
-        "distances at which ours has that charge.",
+        f"{family.file}_cuts",
+        f"The thesis's contour points on the lines from {family.electrode} (Fig. 3.9), and the "
+        "distances at which our curves have their charges. Those of the contour of C are read "
+        "from the curves of B.",
         columns,
         rows,
     )
 
 
-def _curve_table(thesis: Thesis, results: Results) -> Table:
+def _order_table(family: Family, found: Sequence[Curve]) -> Table:
+    """Highest and lowest curve every 2 mm."""
     columns = [
-        Column("angle_deg", "angle (°)", 0),
-        Column("distance_mm", "distance (mm)", None),
-        Column("x_mm", "x (mm)", 3),
-        Column("y_mm", "y (mm)", 3),
-        Column("charge_A_pC", "thesis-edge (pC)"),
-        Column("estimated_error_pC", "estimated error (pC)", 2),
-        Column("material_A_pC", "material (pC)"),
-        Column("status", "status"),
+        Column("distance_mm", "distance (mm)", 0),
+        Column("highest_deg", "highest curve (°)", 0),
+        Column("highest_pC", "its charge (pC)"),
+        Column("lowest_deg", "lowest curve (°)", 0),
+        Column("lowest_pC", "its charge (pC)"),
+        Column("between_percent", "between them (%)"),
     ]
     rows: list[list[Cell]] = []
-    for angle in thesis.angles_deg[ELECTRODE]:
-        for distance in fine_distances(thesis, angle):
-            record = results[_scene(angle, distance)]
-            row: list[Cell] = [
-                angle,
-                distance,
-                *place(angle, distance),
-                record.charge_pC(ELECTRODE, THESIS_EDGE),
-            ]
-            material = record.charge_pC(ELECTRODE, MATERIAL)
-            rows.append(
-                [*row, record.charge_error_pC(ELECTRODE, THESIS_EDGE), material, record.status]
-            )
-    return Table("figure_3_5", "Fig. 3.5: charge of A at the computed points.", columns, rows)
+    angles = [curve.line.angle_deg for curve in found]
+    for r in np.arange(2.0, _common_mm(found) + 1e-9, 2.0).tolist():
+        charges = np.array([float(curve(np.array(r))) for curve in found])
+        if not np.isfinite(charges).all():
+            rows.append([r, *[np.nan] * 5])
+            continue
+        high, low = int(charges.argmax()), int(charges.argmin())
+        row: list[Cell] = [r, angles[high], charges[high], angles[low], charges[low]]
+        rows.append([*row, 100.0 * (charges[high] / charges[low] - 1.0)])
+    return Table(
+        f"{family.file}_order",
+        f"Order of the curves of {family.electrode}, as far as all lines reach.",
+        columns,
+        rows,
+    )
 
 
-MAPPING_PART = Part(
-    "figure-3-5", "Fig. 3.5: charge against distance", ("Fig. 3.5",), _scenes, _compose
+_POINT_COLUMNS = (
+    Column("layout", "electrodes"),
+    Column("probe", "probe"),
+    Column("electrode", "electrode"),
+    Column("film", "film"),
+    Column("angle_deg", "line (°)", 0),
+    Column("distance_mm", "distance (mm)", None),
+    Column("x_mm", "x (mm)", 3),
+    Column("y_mm", "y (mm)", 3),
+    Column("thesis_edge_pC", "thesis-edge (pC)"),
+    Column("material_pC", "material (pC)"),
+    Column("status", "status"),
+)
+
+
+def _point_rows(family: Family, thesis: Thesis, results: Results) -> list[list[Cell]]:
+    scheme, d = family.scheme(thesis), family.d_pC_N(thesis)
+    records = iter(family.records(thesis, results))
+    rows: list[list[Cell]] = []
+    for angle, places in zip(scheme.angles_deg, scheme.positions_mm, strict=True):
+        for distance, place in zip(scheme.distances_mm, places.tolist(), strict=False):
+            record = next(records)
+            both = [record.charge_pC(family.electrode, o, *d) for o in (THESIS_EDGE, MATERIAL)]
+            head: list[Cell] = [family.layout, family.probe, family.electrode, family.film]
+            rows.append([*head, angle, distance, *place, *both, record.status])
+    return rows
+
+
+def _point_table(family: Family, thesis: Thesis, results: Results) -> Table:
+    caption = f"Fig. {family.figure}: charge of {family.electrode} at the solved places, 1 N."
+    rows = [row[4:] for row in _point_rows(family, thesis, results)]
+    return Table(family.file, caption, _POINT_COLUMNS[4:], rows)
+
+
+# ---------------------------------------------------------------------------------- the others
+
+
+def _other_scenes(thesis: Thesis) -> list[Scene]:
+    return [scene for family in OTHERS for scene in family.scenes(thesis)]
+
+
+def _compose_others(thesis: Thesis, results: Results, out: Path) -> Content:
+    _other_picture(thesis, results, out / "mapping_others.svg")
+    rows = [row for family in OTHERS for row in _point_rows(family, thesis, results)]
+    scenes = _other_scenes(thesis)
+    return Content(
+        [
+            "The thesis shows no curves of the rectangle, nor of the sensor with four electrodes. "
+            "Here each electrode has three of its lines; with four electrodes they are those of A "
+            "of three electrodes, turned with the electrode. Charges are the material's; "
+            f"{len(set(scenes))} scenes, each read for both films.",
+        ],
+        [
+            Picture(
+                "mapping_others.svg",
+                "Charge against distance for probes and layouts without a figure in the thesis, "
+                "1 N. Full: biaxial film, dashed: uniaxial film; dots: solved places.",
+            ),
+            Table("mapping_others", "Charges at the solved places, 1 N.", _POINT_COLUMNS, rows),
+        ],
+    )
+
+
+def _other_picture(thesis: Thesis, results: Results, path: Path) -> None:
+    fields = {family.probe: family.field(thesis, results) for family in OTHERS[::4]}
+    with style():
+        figure = new_figure(170, 200)
+        axes = figure.subplots(3, 2)
+        for ax, biaxial, uniaxial in zip(axes.flat, OTHERS[::2], OTHERS[1::2], strict=True):
+            probe = {"tri7": "triangle", "rect14x7": "rectangle"}[biaxial.probe]
+            ax.set_title(f"{biaxial.layout} electrodes, {probe}, electrode {biaxial.electrode}")
+            for family, dashes in ((biaxial, "-"), (uniaxial, (0, (4, 2)))):
+                found = family.curves(thesis, results, MATERIAL, fields[family.probe])
+                for curve, ink in zip(found, colours(len(found)), strict=True):
+                    smooth, points = curve.series, curve.points
+                    label = smooth.label if family is biaxial else None
+                    ax.plot(smooth.x, smooth.y, ls=dashes, color=ink, lw=1.1, label=label)
+                    ax.plot(points.x, points.y, ".", color=ink, markersize=3)
+            ax.set(xlabel="distance (mm)", ylabel="charge (pC)", xlim=(0.0, FARTHEST_MM))
+            ax.set_ylim(bottom=0.0)
+            ax.legend()  # at the upper right, where the charges have fallen
+        save(figure, path)
+
+
+def _part(family: Family) -> Part:
+    return Part(
+        family.file.replace("_", "-"),
+        f"Fig. {family.figure}: charge of {family.electrode} against distance, {family.film} film",
+        (f"Fig. {family.figure}",),
+        _scenes(family),
+        _compose(family),
+    )
+
+
+FIGURE_3_5_PART, FIGURE_3_7_PART, FIGURE_3_17_PART, FIGURE_3_18_PART = map(_part, FIGURES)
+OTHER_MAPPINGS_PART = Part(
+    "other-mappings",
+    "Charge against distance: rectangle, and four electrodes",
+    (),
+    _other_scenes,
+    _compose_others,
 )

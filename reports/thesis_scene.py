@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 from pvdf_fem import Scene
@@ -16,6 +17,7 @@ PROBES: dict[str, dict[str, Any]] = {
 }
 
 
+@cache
 def thesis_scene(
     layout: str,
     probe: str,

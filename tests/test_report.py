@@ -7,8 +7,6 @@ import os
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -57,9 +55,8 @@ def test_every_flag_is_judged_and_the_defects_are_few() -> None:
 
 
 @pytest.fixture
-def results(tmp_path: Path) -> Iterator[Results]:
-    with closing(Results(tmp_path / "results", 1)) as found:
-        yield found
+def results(tmp_path: Path) -> Results:
+    return Results(tmp_path / "results", 1)
 
 
 def test_rotations_of_the_centred_rectangle_share_six_solves(results: Results) -> None:
@@ -71,12 +68,11 @@ def test_rotations_of_the_centred_rectangle_share_six_solves(results: Results) -
 def test_results_stay_in_the_folder(results: Results, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = thesis_scene("4", "circle1", force_N=0.1).with_(**{"numerics.tolerance": 1e-2})
     results.solve([scene])
-    again = closing(Results(results.folder, 1))
     monkeypatch.setattr(sweep, "solve", None)
-    with again as other:
-        assert other.missing([scene]) == 0
-        other.solve([scene])
-        assert other[scene] == results[scene]
+    other = Results(results.folder, 1)
+    assert other.missing([scene]) == 0
+    other.solve([scene])
+    assert other[scene] == results[scene]
 
 
 def test_the_solved_scene_is_compared_with_its_own_row(results: Results) -> None:

@@ -8,6 +8,7 @@ gives the charge of every electrode for every place of the probe: for the thesis
 
 from __future__ import annotations
 
+import os
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -151,7 +152,7 @@ def carried_field(scene: Scene, folder: Path | None = None) -> CarriedField:
     path = folder / f"field-{key(centred)[:24]}-{'-'.join(f'{n:.4g}' for n in numbers)}.npz"
     if not path.exists():
         found = _field(centred)
-        part = path.with_suffix(".part.npz")
+        part = path.with_suffix(f".{os.getpid()}.npz")
         arrays: dict[str, Any] = {"offsets_mm": found.offsets_mm, **found.stress}
         np.savez(part, **arrays)
         part.replace(path)

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pvdf_fem.outline import Outline, Polygon
-from pvdf_fem.scene import Probe, Scene
+from pvdf_fem.scene import Electrode, Probe, Scene
 from pvdf_fem.store import Record, Store
 from pvdf_fem.sweep import solve_all
 
@@ -62,17 +63,17 @@ class Image:
 
 def images(scene: Scene) -> list[Image]:
     """All equivalent scenes of a scene with a probe, the scene itself among them."""
-    outlines = [electrode.outline for electrode in scene.electrode_list]
     found = []
     for matrix in _symmetries(scene):
-        order = _permutation(outlines, matrix)
+        order = _permutation(scene.electrode_list, tuple(matrix.ravel().tolist()))
         if order is not None and scene.probe is not None:
-            swapped = bool(matrix[0, 0] == 0)
-            changes: dict[str, Any] = {"probe": _moved(scene.probe, matrix).model_dump()}
+            swapped, film = bool(matrix[0, 0] == 0), scene.film
+            changes: dict[str, Any] = {"probe": _moved(scene.probe, matrix)}
             if swapped:
-                film = scene.film
-                changes |= {"film.d31_pC_N": film.d32_pC_N, "film.d32_pC_N": film.d31_pC_N}
-            found.append(Image(scene.with_(**changes), order, swapped))
+                d = {"d31_pC_N": film.d32_pC_N, "d32_pC_N": film.d31_pC_N}
+                changes["film"] = film.model_copy(update=d)
+            # the image of a valid scene is valid
+            found.append(Image(scene.model_copy(update=changes), order, swapped))
     return found
 
 
@@ -111,8 +112,12 @@ def _symmetries(scene: Scene) -> Iterator[Array]:
                 yield symmetry
 
 
-def _permutation(outlines: Sequence[Outline], matrix: Array) -> tuple[int, ...] | None:
-    """Where a symmetry takes each outline, or None if it takes one to where there is none."""
+@lru_cache(maxsize=256)
+def _permutation(
+    electrodes: tuple[Electrode, ...], entries: tuple[float, ...]
+) -> tuple[int, ...] | None:
+    """Where a symmetry takes each electrode, or None if it takes one to where there is none."""
+    matrix, outlines = np.reshape(entries, (2, 2)), [each.outline for each in electrodes]
     places = {_signature(outline, np.eye(2)): i for i, outline in enumerate(outlines)}
     order = [places.get(_signature(outline, matrix)) for outline in outlines]
     return None if None in order else tuple(i for i in order if i is not None)

@@ -312,21 +312,26 @@ def _descended(
 
     Levenberg-Marquardt steps of all places at once.
     """
-    damping = np.full(len(places), 1e-3)
+    places = places.copy()
     residuals, slopes = _residuals(places, charges_pC, functions)
+    damping = np.full(len(places), 1e-3)
+    moving = np.arange(len(places))
     for _ in range(_MAX_STEPS):
-        normal = slopes.swapaxes(1, 2) @ slopes
+        r, J = residuals[moving], slopes[moving]
+        normal = J.swapaxes(1, 2) @ J
         size = np.maximum(np.trace(normal, axis1=1, axis2=2), 1e-30)
-        damped = normal + (damping * size)[:, None, None] * np.eye(2)
-        steps = -np.linalg.solve(damped, slopes.swapaxes(1, 2) @ residuals[..., None])[..., 0]
-        if np.linalg.norm(steps, axis=1).max() < _ARRIVED_MM:
-            break
-        moved = places + steps
+        damped = normal + (damping[moving] * size)[:, None, None] * np.eye(2)
+        steps = -np.linalg.solve(damped, J.swapaxes(1, 2) @ r[..., None])[..., 0]
+        moved = places[moving] + steps
         there, slopes_there = _residuals(moved, charges_pC, functions)
-        better = (there**2).sum(axis=1) < (residuals**2).sum(axis=1)
+        better = (there**2).sum(axis=1) < (r**2).sum(axis=1)
         better &= np.linalg.norm(moved, axis=1) <= room_mm
-        places = np.where(better[:, None], moved, places)
-        residuals = np.where(better[:, None], there, residuals)
-        slopes = np.where(better[:, None, None], slopes_there, slopes)
-        damping = np.where(better, np.maximum(0.1 * damping, 1e-12), 10.0 * damping)
+        gone = moving[better]
+        places[gone], residuals[gone] = moved[better], there[better]
+        slopes[gone] = slopes_there[better]
+        eased, stiffened = np.maximum(0.1 * damping[moving], 1e-12), 10.0 * damping[moving]
+        damping[moving] = np.where(better, eased, stiffened)
+        moving = moving[np.linalg.norm(steps, axis=1) >= _ARRIVED_MM]
+        if not moving.size:
+            break
     return places
