@@ -221,8 +221,7 @@ def _orientation(
         information = float(np.square(weighted[:, 0]).sum())
         c_error, F_error = 1 / math.sqrt(information) if information else math.inf, 0.0
     else:
-        variances = np.diag(np.linalg.pinv(weighted.T @ weighted))
-        c_error, F_error = np.sqrt(variances).tolist()
+        c_error, F_error = _standard_errors(weighted.T @ weighted)
     misses = [q - float(series.charge_at(sign_of(e) * c, F)) for e, q in charges_pC.items()]
     return Orientation(
         angle_deg=_angle_deg(c),
@@ -231,6 +230,14 @@ def _orientation(
         force_error_N=F_error,
         misfit_pC=float(np.sqrt(np.mean(np.square(misses)))),
     )
+
+
+def _standard_errors(information: Floats) -> list[float]:
+    """Of two estimates, from their information matrix; infinite where it is singular."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        determinant = np.linalg.det(information)
+        variances = np.diag(information)[::-1] / determinant
+    return [math.sqrt(v) if v > 0.0 else math.inf for v in variances.tolist()]
 
 
 def _miss(series: CosineSeries, means: _Means, c: float, F: float) -> float:
