@@ -109,6 +109,17 @@ def test_four_contours_give_the_mean_of_four_triples():
     assert found.spread_mm >= max(t.spread_mm for t in found.triangles)
 
 
+def test_contours_that_nearly_touch_meet_midway_if_that_is_asked_for():
+    """Circles of 5 mm about A and B leave a gap of 0.02 mm, which the circle about C passes."""
+    peaks = {"A": Peak(-5.01, 0.0), "B": Peak(5.01, 0.0), "C": Peak(0.0, -7.0)}
+    known = contours(peaks, {"A": 5.0, "B": 5.0, "C": 7.0})
+    assert triangulate(known, 0.01).status is Status.NO_CROSSING
+    found = triangulate(known, 0.03)
+    assert found.status is Status.LOCATED
+    # along the contours to half a sample
+    assert found.triangles[0].candidates[0].corners_mm[0] == pytest.approx([0.0, 0.0], abs=0.05)
+
+
 def test_triples_that_fail_do_not_enter_the_mean():
     """As in section 3.2.2, where two of four triples were left. C's circle is too small.
 

@@ -70,6 +70,11 @@ class Pair:
             return 0.0
         return float(np.linalg.norm(np.subtract(*self.nearest_mm)))
 
+    @property
+    def meetings_mm(self) -> Array:
+        """The crossings, or without any the middle of the nearest points, (n, 2)."""
+        return self.crossings_mm if len(self.crossings_mm) else self.nearest_mm.mean(axis=0)[None]
+
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
@@ -159,8 +164,15 @@ class Triangulation:
         return max([*spreads, *apart], default=np.nan)
 
 
-def triangulate(contours: Iterable[Contour]) -> Triangulation:
+def triangulate(contours: Iterable[Contour], touching_mm: float = 0.0) -> Triangulation:
     """The thesis's rule on the contours of three or more electrodes.
+
+    Parameters
+    ----------
+    contours : iterable of Contour
+    touching_mm : float
+        Contours that pass no farther than this from each other touch, midway. Right between two
+        electrodes the contours of both are tangent, and cross or not by the last digit.
 
     Raises
     ------
@@ -173,7 +185,7 @@ def triangulate(contours: Iterable[Contour]) -> Triangulation:
         raise ValueError(f"contours: of {names} only; give those of three electrodes")
     pairs = {names: _pair(known[names[0]], known[names[1]]) for names in combinations(known, 2)}
     triples = combinations(known, 3)
-    return Triangulation(tuple(_triangle(triple, pairs, known) for triple in triples))
+    return Triangulation(tuple(_triangle(t, pairs, known, touching_mm) for t in triples))
 
 
 def _pair(a: Contour, b: Contour) -> Pair:
@@ -187,17 +199,18 @@ def _triangle(
     names: tuple[str, ...],
     pairs: Mapping[tuple[str, str], Pair],
     contours: Mapping[str, Contour],
+    touching_mm: float,
 ) -> Triangle:
     mine = tuple(pairs[two] for two in combinations(names, 2))
     missing = [contours[name] for name in names if not contours[name].curves]
     if missing:
         nowhere = tuple(f"{c.electrode} has {c.charge_pC:.4g} pC nowhere" for c in missing)
         return Triangle(names, mine, (), Status.NO_CONTOUR, nowhere)
-    apart = [pair for pair in mine if not len(pair.crossings_mm)]
+    apart = [pair for pair in mine if pair.gap_mm > touching_mm]
     if apart:
         gaps = tuple(f"{'-'.join(p.electrodes)} pass at {p.gap_mm:.3g} mm" for p in apart)
         return Triangle(names, mine, (), Status.NO_CROSSING, gaps)
-    choices = product(*(pair.crossings_mm for pair in mine))
+    choices = product(*(pair.meetings_mm for pair in mine))
     candidates = (Candidate(np.array(corners)) for corners in choices)
     ordered = sorted(candidates, key=lambda candidate: candidate.spread_mm)
     return Triangle(names, mine, tuple(ordered), Status.LOCATED)
