@@ -23,7 +23,7 @@ from pvdf_fem.estimate import Correction, correct, indicators, prolongation
 from pvdf_fem.membrane import Array
 from pvdf_fem.mesh import PROBE, MeshError, SizeField, Sizes, mesh_scene, outlines
 from pvdf_fem.newton import Iteration, NewtonResult, Status, newton, seed
-from pvdf_fem.refine import ORDER, refined_sizes, transferred
+from pvdf_fem.refine import refined_sizes, transferred
 from pvdf_fem.scene import Scene
 
 # Sizes aim at this part of the tolerance.
@@ -35,7 +35,7 @@ MAX_MESHES = 6
 ZOOM, ROUNDS = 8, 5
 # Relative error of the worst charge that element sizes of `first_sizes` without their factor leave,
 # by order of the displacement.
-REACHED = {1: 2e-2, 2: 1e-3, 3: 1.2e-5}
+REACHED = {1: 2e-2, 2: 2e-3, 3: 1e-4}
 # The next order takes away only 0.55 to 0.8 of the error that the singular edge of a rigid probe
 # makes (measured on uniform and on refined meshes); estimates are raised by this.
 EDGE_FACTOR = 1.6
@@ -340,11 +340,11 @@ def first_sizes(scene: Scene, order: int) -> Sizes:
     its width. A rigid probe has singular tractions along its edge, a pressure only a jump.
     """
     reached = scene.numerics.tolerance / REACHED[order]
-    factor = float(np.clip(reached ** (1.0 / ORDER), 0.5, 1.7))
+    factor = float(np.clip(reached ** (1.0 / (order + 1.0)), 0.4, 2.2))
     shapes = outlines(scene)
-    share = dict.fromkeys(shapes, 3.0) | {PROBE: 0.5 if scene.load.kind == "rigid" else 2.0}
+    share = dict.fromkeys(shapes, 5.0) | {PROBE: 0.5 if scene.load.kind == "rigid" else 2.0}
     patches = {name: share[name] * shape.area / shape.perimeter for name, shape in shapes.items()}
-    return Sizes(patches, 0.4, 0.25 * scene.film.radius).scaled(factor)
+    return Sizes(patches, 0.5, 0.55 * scene.film.radius).scaled(factor)
 
 
 def _finish(attempt: Attempt, clock: Clock) -> Solution:

@@ -71,6 +71,7 @@ from reports.thesis_positions import (  # noqa: E402
 from reports.thesis_recovery import RECOVERY_PART  # noqa: E402
 from reports.thesis_summary import ALL_PART, MESH_PART, SUMMARY_PART  # noqa: E402
 from reports.thesis_surface import SURFACE_PART  # noqa: E402
+from reports.thesis_scene import TOLERANCE  # noqa: E402
 from reports.thesis_tables import SCENES_PART  # noqa: E402
 from reports.thesis_thickness import THICKNESS_PART  # noqa: E402
 
@@ -214,7 +215,7 @@ class Report:
             **{package: version(package) for package in PACKAGES},
             "Python": python_version(),
             "Cores": f"{os.cpu_count()}, {self.results.processes} processes of one thread",
-            "Tolerance": f"{Scene().numerics.tolerance:g} (relative, each charge)",
+            "Tolerance": f"{TOLERANCE:g} (relative, each charge)",
             "Solves": f"{len(records)}, {solving:.0f} s of computing, kept between runs",
             "Time": f"{time.perf_counter() - self._start:.0f} s",
         }

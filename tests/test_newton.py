@@ -157,7 +157,7 @@ def test_last_iteration_is_named(monkeypatch):
 
 def test_missed_tolerance_is_named(monkeypatch):
     monkeypatch.setattr(solution, "MAX_MESHES", 1)
-    result = solve(TRIANGLE.with_(**{"numerics.tolerance": 1e-6}))
+    result = solve(TRIANGLE.with_(**{"numerics.tolerance": 2e-8}))
     assert result.status is Status.TOLERANCE
     assert "raise numerics.tolerance" in result.reason
     refuses_results(result)

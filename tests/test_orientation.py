@@ -338,7 +338,10 @@ def test_errors_of_the_product_form(name: str, electrode: str) -> None:
 
 def test_angle_and_force_from_simulated_charges() -> None:
     """Calibrated at four angles and three forces, asked at others."""
-    scene = Scene().with_(probe={"shape": "rectangle", "width_mm": 14.0, "height_mm": 7.0})
+    scene = Scene().with_(
+        probe={"shape": "rectangle", "width_mm": 14.0, "height_mm": 7.0},
+        **{"numerics.tolerance": 1e-4},
+    )
 
     def simulate(
         angles: list[float], forces: list[float]
