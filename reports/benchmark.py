@@ -1,0 +1,140 @@
+"""Medians of the run times of the fixed scenes, and their ratios to an earlier run.
+
+    python reports/benchmark.py [--save FILE.json] [--against FILE.json] [--rounds N]
+
+Prints one line for each scene and tolerance: the median seconds of a solve on one thread (imports
+not included) in units of one factorisation of a fixed matrix, which takes the machine out, and,
+with ``--against``, the ratio to those of a file that ``--save`` wrote before a change.
+"""
+
+from __future__ import annotations
+
+import os
+
+# Before numpy is imported: one thread.
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[_variable] = "1"
+
+import argparse  # noqa: E402
+import json  # noqa: E402
+import statistics  # noqa: E402
+import sys  # noqa: E402
+import time  # noqa: E402
+from collections.abc import Callable, Sequence  # noqa: E402
+from functools import partial  # noqa: E402
+from pathlib import Path  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[1]
+if str(ROOT) not in sys.path:  # when run as a script, only its own directory is there
+    sys.path.insert(0, str(ROOT))
+
+from pvdf_fem import Solution, solve  # noqa: E402
+from pvdf_fem.equilibrium import Equilibrium  # noqa: E402
+from pvdf_fem.mesh import Sizes, mesh_scene, outlines  # noqa: E402
+from pvdf_fem.newton import Status, factorise, seed  # noqa: E402
+from reports.cases import CASES, cases_named  # noqa: E402
+
+TOLERANCES = (1e-3, 1e-5)
+# Edge lengths in m of the mesh whose order-2 tangent has about 5,500 unknowns.
+YARDSTICK_PATCH, YARDSTICK_GROWTH, YARDSTICK_FILM = 1.3e-3, 0.35, 6.0e-3
+#: Solves that take longer than this many seconds are not repeated.
+LONG = 5.0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Time, print and save; returns 1 if a solve did not converge."""
+    options = _options(arguments)
+    earlier = json.loads(options.against.read_text())["medians"] if options.against else {}
+    unknowns, unit = yardstick(options.rounds)
+    print(f"one factorisation of {unknowns} unknowns, SuperLU: {unit:.3f} s")
+    medians, failed = {}, []
+    for case in CASES:
+        if options.case and case.name not in options.case:
+            continue
+        for tolerance in TOLERANCES:
+            name = f"{case.name}, {tolerance:g}"
+            seconds, status = _timed(
+                partial(solve, case.scene.with_(**{"numerics.tolerance": tolerance})),
+                options.rounds,
+            )
+            if status is not Status.CONVERGED:
+                failed.append(name)
+                print(f"{name:<20} {status}")
+                continue
+            medians[name] = seconds / unit
+            print(_line(name, seconds, medians[name], earlier.get(name)))
+    for text in _summary(medians, earlier):
+        print(text)
+    if options.save:
+        options.save.write_text(json.dumps({"unit_seconds": unit, "medians": medians}, indent=1))
+    return 1 if failed else 0
+
+
+def yardstick(rounds: int) -> tuple[int, float]:
+    """Unknowns of the fixed tangent, and the median seconds of its factorisation."""
+    [case] = cases_named(["triangle"])
+    sizes = Sizes(
+        dict.fromkeys(outlines(case.scene), YARDSTICK_PATCH), YARDSTICK_GROWTH, YARDSTICK_FILM
+    )
+    equilibrium = Equilibrium(case.scene, mesh_scene(case.scene, sizes), 2)
+    tangent = equilibrium.tangent(equilibrium.state(seed(equilibrium)))
+    seconds = []
+    for _ in range(max(rounds, 3)):
+        start = time.perf_counter()
+        factorise(tangent)
+        seconds.append(time.perf_counter() - start)
+    return equilibrium.unknowns.count, statistics.median(seconds)
+
+
+def _timed(run: Callable[[], Solution], rounds: int) -> tuple[float, Status]:
+    found = []
+    for _ in range(rounds):
+        solution = run()
+        if solution.status is not Status.CONVERGED:
+            return 0.0, solution.status
+        found.append(solution.seconds["total"])
+        if found[-1] > LONG:
+            break
+    return statistics.median(found), Status.CONVERGED
+
+
+def _line(name: str, seconds: float, units: float, before: float | None) -> str:
+    ratio = f"  {units / before:6.2f} times the earlier" if before else ""
+    return f"{name:<20} {seconds:8.3f} s {units:8.2f} factorisations{ratio}"
+
+
+def _summary(medians: dict[str, float], earlier: dict[str, float]) -> list[str]:
+    told = []
+    for tolerance in TOLERANCES:
+        some = [name for name in medians if name.endswith(f", {tolerance:g}")]
+        if not some:
+            continue
+        middle = statistics.median(medians[name] for name in some)
+        both = [medians[name] / earlier[name] for name in some if name in earlier]
+        mean = f", {statistics.geometric_mean(both):.2f} times the earlier" if both else ""
+        told.append(f"{tolerance:g}: median {middle:.2f} factorisations{mean}")
+    return told
+
+
+def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="reports/benchmark.py", description="Median run times of a fixed set of scenes."
+    )
+    parser.add_argument("--save", type=Path, metavar="FILE", help="write the medians (JSON)")
+    parser.add_argument("--against", type=Path, metavar="FILE", help="compare with saved medians")
+    parser.add_argument("--rounds", type=_count, default=5, metavar="N", help="default: 5")
+    names = [case.name for case in CASES]
+    parser.add_argument(
+        "--case", action="append", choices=names, help="only this scene; repeatable"
+    )
+    return parser.parse_args(arguments)
+
+
+def _count(text: str) -> int:
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of rounds; give 1 or more")
+    return int(text)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,373 @@
+"""What an error costs: charges of fixed scenes, their errors and the run times, beside other codes.
+
+    python reports/error_vs_time.py [--out DIR] [--quick] [--large] [--quiet]
+
+Writes ``index.html`` with figures (SVG) and tables (CSV). Everything runs on one thread. NGSolve
+(``pip install 'pvdf-fem[peers]'``) and CalculiX (Debian's calculix-ccx) take part if they are
+there; the page tells which are not.
+"""
+
+from __future__ import annotations
+
+import os
+
+# Before numpy is imported: all codes are measured on one thread.
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[_variable] = "1"
+
+import argparse  # noqa: E402
+import platform  # noqa: E402
+import sys  # noqa: E402
+import time  # noqa: E402
+import traceback  # noqa: E402
+from collections.abc import Callable, Iterator, Sequence  # noqa: E402
+from dataclasses import dataclass, field  # noqa: E402
+from datetime import UTC, datetime  # noqa: E402
+from importlib.metadata import version  # noqa: E402
+from pathlib import Path  # noqa: E402
+
+from tqdm import tqdm  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[1]
+if str(ROOT) not in sys.path:  # when run as a script, only its own directory is there
+    sys.path.insert(0, str(ROOT))
+
+from pvdf_fem import __version__  # noqa: E402
+from pvdf_fem.page import Page, Picture, Section, Table  # noqa: E402
+from pvdf_fem.solution import order_for  # noqa: E402
+from reports import error_vs_time_figures as figures  # noqa: E402
+from reports import error_vs_time_tables as tables  # noqa: E402
+from reports.cases import Case, Reference, reference  # noqa: E402
+from reports.error_vs_time_plan import FULL, QUICK, Plan  # noqa: E402
+from reports.growth import LARGE_FACTOR, Size, measure  # noqa: E402
+from reports.peers import Peers  # noqa: E402
+from reports.runs import GOAL, OURS, Run, effectivities, our_jobs, timed  # noqa: E402
+from reports.stages import STAGES, stages  # noqa: E402
+
+PACKAGES = ("gmsh", "numpy", "scikit-fem", "scipy")
+STAGE_TOLERANCES = (1e-3, 1e-5)
+
+
+@dataclass
+class Measured:
+    """What has been measured so far."""
+
+    references: dict[str, Reference] = field(default_factory=dict)
+    runs: list[Run] = field(default_factory=list)
+    sizes: list[Size] = field(default_factory=list)
+    stages: dict[str, dict[str, float]] = field(default_factory=dict)
+    absent: dict[str, str] = field(default_factory=dict)
+    unreferenced: dict[str, str] = field(default_factory=dict)
+
+    def known(self, cases: Sequence[Case]) -> list[Case]:
+        """The cases that have a reference."""
+        return [case for case in cases if case.name in self.references]
+
+    def of(self, cases: Sequence[Case]) -> list[Run]:
+        """The runs of some cases."""
+        names = {case.name for case in cases}
+        return [run for run in self.runs if run.job.case.name in names]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure and write the page; returns 1 if one of our own runs or sections failed."""
+    options = _options(arguments)
+    options.out.mkdir(parents=True, exist_ok=True)
+    plan = QUICK if options.quick else FULL
+    start = time.perf_counter()
+    with Peers() as peers:
+        found = Measured(absent=dict(peers.absent))
+        for _ in _measured(plan, peers, found, options):
+            page = _page(plan, found, peers, options.out, time.perf_counter() - start)
+            path = page.write(options.out)
+    if not options.quiet:
+        print(path)
+    broken = any(section.error for section in page.sections)
+    lost = any(run.job.code == OURS and not run.converged for run in found.runs)
+    return 1 if broken or lost or found.unreferenced else 0
+
+
+# ----------------------------------------------------------------------------------- measuring
+
+
+def _measured(
+    plan: Plan, peers: Peers, found: Measured, options: argparse.Namespace
+) -> Iterator[None]:
+    """Measure into `found`; yields whenever there is something new for the page."""
+    quiet = options.quiet or not sys.stderr.isatty()
+    cases = (*plan.round_cases, *plan.cases)
+    for case in tqdm(cases, "references", disable=quiet):
+        try:
+            found.references[case.name] = reference(case)
+        except Exception as error:
+            found.unreferenced[case.name] = f"{type(error).__name__}: {error}"
+    jobs = {
+        case.name: [
+            *our_jobs(case, plan.factors, plan.tolerances),
+            *peers.jobs(case, plan.ngsolve, plan.calculix, close=case.name == "triangle"),
+        ]
+        for case in found.known(cases)
+    }
+    with tqdm(total=sum(map(len, jobs.values())), unit="job", disable=quiet) as bar:
+        for case in found.known(cases):
+            bar.set_description(case.name)
+            found.runs += timed(
+                jobs[case.name],
+                found.references[case.name],
+                rounds=plan.rounds,
+                budget=plan.budget,
+                tick=bar.update,
+            )
+            yield
+    sizes = (*plan.sizes, LARGE_FACTOR) if options.large else plan.sizes
+    found.sizes += [measure(factor) for factor in tqdm(sizes, "growth", disable=quiet)]
+    for case in tqdm(plan.cases, "stages", disable=quiet):
+        for tolerance in STAGE_TOLERANCES:
+            if tolerance < case.tolerances[0]:
+                continue
+            scene = case.scene.with_(**{"numerics.tolerance": tolerance})
+            if seconds := stages(scene):
+                found.stages[f"{case.name}, {tolerance:g}"] = seconds
+    yield
+
+
+# ------------------------------------------------------------------------------------ sections
+
+Content = tuple[list[str], list[Table | Picture]]
+NOTHING: Content = (["Nothing has been measured yet, or every solve failed."], [])
+
+
+def _made(
+    name: str,
+    title: str,
+    compose: Callable[[Plan, Measured, Path], Content],
+    plan: Plan,
+    found: Measured,
+    out: Path,
+) -> Section:
+    try:
+        paragraphs, blocks = compose(plan, found, out)
+        section = Section(name, title, paragraphs, blocks)
+        for table in section.tables:
+            table.write_csv(out)
+        return section
+    except Exception as error:
+        traceback.print_exc()
+        return Section(name, title, error=f"{type(error).__name__}: {error}")
+
+
+def _references(plan: Plan, found: Measured, out: Path) -> Content:
+    cases = found.known((*plan.cases, *plan.round_cases))
+    told = [
+        "A scene's reference is a solve to the finer of two tolerances; the difference from the "
+        "coarser one is the doubt about it. Errors within the doubt (grey in the figures) mean "
+        "nothing.",
+        *(f"No reference for {name}: {why}" for name, why in found.unreferenced.items()),
+    ]
+    return told, [tables.reference_table(cases, found.references, found.runs)]
+
+
+def _precision(plan: Plan, found: Measured, out: Path) -> Content:
+    cases = found.known(plan.cases)
+    runs = found.of(cases)
+    orders = sorted({*plan.factors, *plan.tolerances})
+    blocks: list[Table | Picture] = []
+    for abscissa in ("seconds", "unknowns"):
+        file = f"{abscissa}.svg"
+        figures.work_precision(
+            out / file, cases, runs, found.references, figures.our_looks(orders), abscissa
+        )
+        blocks.append(Picture(file, f"Error of the worst charge against {abscissa}."))
+    told = [
+        "Solid: the mesh follows the error until the tolerance is met; seconds include mesh and "
+        "error estimates. Dashed: one family of meshes, scaled, the same for all orders; these "
+        "seconds include an estimate too.",
+        *tables.goal_sentences(runs),
+    ]
+    return told, blocks
+
+
+def _peers(plan: Plan, found: Measured, out: Path) -> Content:
+    cases = found.known(plan.cases)
+    runs = found.of(cases)
+    looks = figures.peer_looks([(run.job.code, run.job.method) for run in runs])
+    figures.work_precision(out / "peers.svg", cases, runs, found.references, looks, "solving")
+    present = list(dict.fromkeys(run.job.code for run in runs if run.job.code != OURS))
+    told = [
+        "The same scenes in the same run, one thread, jobs of all codes in turn; imports are left "
+        "out. The peers estimate no error, so on uniform meshes this code's estimate is left out; "
+        "meshes for a tolerance follow estimates, which are in.",
+        "NGSolve: Netgen's curved meshes with this code's first sizes, order 1 as a start, inner "
+        "unknowns condensed, its own sparse Cholesky. CalculiX: this code's mesh at a multiple of "
+        "the thesis's sizes, a step that cools and one that presses; dead pressures only.",
+        *tables.peer_sentences(cases, runs, found.absent),
+    ]
+    blocks: list[Table | Picture] = [
+        Picture("peers.svg", "Error of the worst charge against seconds."),
+        tables.peer_table(cases, runs, present),
+    ]
+    return told, blocks
+
+
+def _closed_forms(plan: Plan, found: Measured, out: Path) -> Content:
+    cases = found.known(plan.round_cases)
+    runs = found.of(cases)
+    looks = figures.our_looks(sorted({*plan.factors, *plan.tolerances}))
+    peers = figures.peer_looks([(r.job.code, r.job.method) for r in runs])
+    looks |= {key: look for key, look in peers.items() if key[0] != OURS}
+    figures.work_precision(out / "round.svg", cases, runs, found.references, looks, "seconds")
+    told = [
+        "A round electrode about the centre, whose charge the tension's closed form gives: "
+        "Hencky's series at vanishing slopes, and a one-dimensional solver of the round film "
+        "(Green-Lagrange strains) for the patch.",
+        *_missed(runs),
+    ]
+    return told, [Picture("round.svg", "Error of the charge against seconds, closed forms.")]
+
+
+def _missed(runs: Sequence[Run]) -> list[str]:
+    wanted = [run for run in runs if GOAL in run.job.method and run.converged]
+    ratios = [run.error / run.job.setting for run in wanted]
+    if not ratios:
+        return []
+    met = tables.share_of([ratio <= 1.0 for ratio in ratios])
+    return [f"{met} solves to a tolerance met it; the worst error was {max(ratios):.2f} of it."]
+
+
+def _tolerance(plan: Plan, found: Measured, out: Path) -> Content:
+    cases = found.known(plan.cases)
+    if not found.of(cases):
+        return NOTHING
+    runs = [
+        run
+        for run in found.of(cases)
+        if run.job.method == f"order {order_for(run.job.case.scene)}, {GOAL}"
+    ]
+    figures.against_tolerance(out / "tolerance.svg", runs)
+    caption = "Left: cost of a tolerance. Right: the true error over it; above the line: missed."
+    told = ["The order is the one that a solve takes when none is given."]
+    return told, [Picture("tolerance.svg", caption), tables.tolerance_table(runs)]
+
+
+def _stages(plan: Plan, found: Measured, out: Path) -> Content:
+    if not found.stages:
+        return NOTHING
+    figures.stage_bars(out / "stages.svg", found.stages)
+    total = sum(seconds["total"] for seconds in found.stages.values())
+    told = ", ".join(
+        f"{name} {sum(s[name] for s in found.stages.values()) / total:.0%}" for name in STAGES
+    )
+    text = f"Of all seconds below: {told}. Assembly is that of tangents."
+    return [text], [
+        Picture("stages.svg", "Seconds by stage, by scene and tolerance."),
+        tables.stage_table(found.stages, STAGES),
+    ]
+
+
+def _growth(plan: Plan, found: Measured, out: Path) -> Content:
+    if not found.sizes:
+        return NOTHING
+    figures.growth(out / "growth.svg", found.sizes)
+    largest = max((size.unknowns for size in found.sizes), default=0)
+    told = [
+        f"Each solve has a process of its own. Seconds grow as unknowns to the power of "
+        f"{tables.exponent(found.sizes):.2f}. The largest has {largest} unknowns; a million takes "
+        "minutes and most of 20 GiB, and is only solved with --large."
+    ]
+    return told, [
+        Picture("growth.svg", "Seconds and memory against unknowns, order 2."),
+        tables.growth_table(found.sizes),
+    ]
+
+
+def _effectivity(plan: Plan, found: Measured, out: Path) -> Content:
+    ours = [run for run in found.of(found.known(plan.cases)) if run.job.code == OURS]
+    ratios = effectivities(ours, found.references)
+    if not ratios:
+        return NOTHING
+    figures.effectivity(out / "effectivity.svg", ratios)
+    told = [
+        "Estimated over true error of every charge. Left out are charges whose true error is "
+        "below ten times the doubt about the reference.",
+        *tables.effectivity_sentences(ratios),
+    ]
+    return told, [Picture("effectivity.svg", "Histograms of the effectivity; dashed: 0.3 and 3.")]
+
+
+def _all_runs(plan: Plan, found: Measured, out: Path) -> Content:
+    return ["Failed runs keep their reason."], [tables.run_table(found.runs)]
+
+
+SECTIONS: tuple[tuple[str, str, Callable[[Plan, Measured, Path], Content]], ...] = (
+    ("precision", "Error against seconds and unknowns", _precision),
+    ("peers", "Other codes", _peers),
+    ("closed", "Closed forms", _closed_forms),
+    ("tolerance", "Cost of a tolerance", _tolerance),
+    ("stages", "Where the time goes", _stages),
+    ("growth", "Growth with the unknowns", _growth),
+    ("effectivity", "Effectivity of the error estimate", _effectivity),
+    ("references", "References", _references),
+    ("runs", "All runs", _all_runs),
+)
+
+
+def _introduction(plan: Plan, found: Measured, peers: Peers) -> list[str]:
+    present = " and ".join(peers.versions) or "no other code"
+    return [
+        f"{len(plan.cases)} fixed scenes and {len(plan.round_cases)} closed forms, each solved by "
+        f"this code in every way it offers, and by {present}: {len(found.runs)} jobs, of which "
+        f"{sum(not run.converged for run in found.runs)} failed.",
+        f"Seconds are medians of up to {plan.rounds} runs on one thread, as many as fit into "
+        f"{plan.budget:g} s; mesh included, imports not. An error is that of the worst charge.",
+    ]
+
+
+def _page(plan: Plan, found: Measured, peers: Peers, out: Path, seconds: float) -> Page:
+    sections = [_made(*entry, plan, found, out) for entry in SECTIONS]
+    title = "Error against run time"
+    return Page(title, _introduction(plan, found, peers), sections, _provenance(peers, seconds))
+
+
+def _provenance(peers: Peers, seconds: float) -> dict[str, str]:
+    load = ", ".join(f"{x:.1f}" for x in os.getloadavg())
+    return {
+        "Date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "Machine": f"{_processor()}, {os.cpu_count()} cores, {platform.system()}",
+        "Load averages at the end": f"{load} (above 1: others were running, times are too long)",
+        "pvdf_fem": __version__,
+        **{package: version(package) for package in PACKAGES},
+        **peers.versions,
+        **{name: f"absent: {reason}" for name, reason in peers.absent.items()},
+        "Python": platform.python_version(),
+        "Time": f"{seconds:.0f} s",
+    }
+
+
+def _processor() -> str:
+    listed = Path("/proc/cpuinfo")
+    for line in listed.read_text().splitlines() if listed.exists() else []:
+        if line.startswith("model name"):
+            return line.split(":", 1)[1].strip()
+    return platform.processor() or platform.machine()
+
+
+def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="reports/error_vs_time.py",
+        description="Measure errors and run times of fixed scenes, beside other codes.",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=ROOT / "reports" / "out" / "error_vs_time",
+        metavar="DIR",
+        help="output directory",
+    )
+    parser.add_argument("--quick", action="store_true", help="a few runs of two scenes")
+    parser.add_argument("--large", action="store_true", help="one solve of a million unknowns too")
+    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    return parser.parse_args(arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
