@@ -101,6 +101,9 @@ def save(figure: Figure, path: str | Path) -> None:
     """
     path = Path(path)
     with matplotlib.rc_context({**_STYLE, **_REPRODUCIBLE}):
+        if layout := figure.get_layout_engine():
+            layout.execute(figure)
+            figure.set_layout_engine("none")  # or matplotlib lays out twice more
         figure.savefig(path, dpi=200, metadata=_NO_DATE.get(path.suffix.lower()))
 
 
@@ -180,7 +183,8 @@ def label_curves(ax: Axes, series: Sequence[Series], inks: Sequence[Any]) -> Non
     if not shown:
         return
     figure = _figure(ax)
-    figure.draw_without_rendering()  # settles the layout, and with it the height of the axes
+    if layout := figure.get_layout_engine():
+        layout.execute(figure)  # settles the height of the axes
     ends = np.array([_last(one) for one, _ in shown])
     pixels = ax.transData.transform(ends)[:, 1]
     line = 1.25 * LABEL_SIZE * figure.dpi / 72.0

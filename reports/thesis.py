@@ -4,7 +4,8 @@
 
 Writes ``index.html`` with its figures (SVG) and tables (CSV) into one directory. Every solved
 scene is kept in ``results/`` there as soon as it is solved: a report that was interrupted goes on,
-and a second run does not solve again. The page is written anew after each section.
+and a second run neither solves nor draws again what has not changed. The page is written anew
+every few seconds.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ if str(ROOT) not in sys.path:  # when run as a script, only its own directory is
 
 from pvdf_fem import Scene, __version__  # noqa: E402
 from pvdf_fem.page import Page, Section  # noqa: E402
+from reports.kept import kept  # noqa: E402
 from reports.part import Part  # noqa: E402
 from reports.results import Results  # noqa: E402
 from reports.thesis_angle import ANGLE_PART  # noqa: E402
@@ -69,9 +71,9 @@ from reports.thesis_positions import (  # noqa: E402
     UNIAXIAL_POSITIONS_PART,
 )
 from reports.thesis_recovery import RECOVERY_PART  # noqa: E402
+from reports.thesis_scene import TOLERANCE  # noqa: E402
 from reports.thesis_summary import ALL_PART, MESH_PART, SUMMARY_PART  # noqa: E402
 from reports.thesis_surface import SURFACE_PART  # noqa: E402
-from reports.thesis_scene import TOLERANCE  # noqa: E402
 from reports.thesis_tables import SCENES_PART  # noqa: E402
 from reports.thesis_thickness import THICKNESS_PART  # noqa: E402
 
@@ -110,6 +112,8 @@ PARTS = (
     MESH_PART,
     ALL_PART,
 )
+#: Between two versions of the page while it is made.
+PAGE_SECONDS = 5.0
 PACKAGES = ("gmsh", "matplotlib", "numpy", "scikit-fem", "scipy")
 
 
@@ -175,20 +179,25 @@ class Report:
         self.results.solve(self._all_scenes, lambda done, total: bar.update(1 if done else 0))
 
     def make(self, bar: tqdm[None]) -> None:
-        """Make all sections, and write the page after each."""
+        """Make all sections, and write the page every few seconds and at the end."""
         bar.set_description("drawing")
         self._write_page()
+        written = time.perf_counter()
         tasks = (
             delayed(_section)(part, self.scenes[part.name], self.thesis, known, self.out)
-            for part in self.parts
+            for part in sorted(self.parts, key=lambda part: -len(self.scenes[part.name]))
             for known in [self.results.of(self.scenes[part.name])]
         )
         with parallel_config("loky", inner_max_num_threads=1):
-            made = Parallel(self.results.processes, return_as="generator_unordered")(tasks)
+            pool = Parallel(self.results.processes, return_as="generator_unordered", batch_size=1)
+            made = pool(tasks)
         for section in made:
             self.sections[section.name] = section
-            self._write_page()
             bar.update()
+            if time.perf_counter() > written + PAGE_SECONDS:
+                self._write_page()
+                written = time.perf_counter()
+        self._write_page()
 
     def _write_page(self) -> None:
         sections = [
@@ -225,16 +234,20 @@ def _section(
     part: Part, scenes: Sequence[Scene], thesis: Thesis, results: Results, out: Path
 ) -> Section:
     """A section with its files written; an exception becomes its error."""
-    try:
+
+    def make() -> Section:
         content = part.compose(thesis, results, out)
         note = _failures(results, scenes)
         section = Section(part.name, part.title, content.paragraphs, content.blocks, note=note)
         for table in section.tables:
             table.write_csv(out)
+        return section
+
+    try:
+        return kept(part.name, scenes, thesis, results, out, make)
     except Exception as error:
         traceback.print_exc()
         return Section(part.name, part.title, error=f"{type(error).__name__}: {error}")
-    return section
 
 
 def _failures(results: Results, scenes: Sequence[Scene]) -> str:

@@ -14,10 +14,11 @@ import pytest
 
 from pvdf_fem import Scene, sweep
 from pvdf_fem.mesh import Sizes, electrode_patch, mesh_scene, outlines
-from pvdf_fem.page import Column, Table
+from pvdf_fem.page import Column, Section, Table
 from pvdf_fem.store import Record
 from reports import thesis
 from reports.comparison import Comparison, compare, verdict
+from reports.kept import kept
 from reports.part import Content, Part
 from reports.results import MATERIAL, THESIS_EDGE, Results
 from reports.thesis_data import DEFECTS, Thesis
@@ -151,6 +152,28 @@ def test_a_broken_part_leaves_the_others(
     assert (tmp_path / "good.csv").is_file()
     assert (tmp_path / "new.csv").is_file()
     assert "incomplete: Bad" in capsys.readouterr().out
+
+
+def test_a_section_is_made_again_only_when_it_has_to(results: Results, tmp_path: Path) -> None:
+    made = []
+
+    def make() -> Section:
+        made.append(1)
+        table = Table("t", "caption", [Column("a", "a")], [[1.0]])
+        table.write_csv(tmp_path)
+        return Section("s", "Title", blocks=[table])
+
+    def section(thesis: Thesis = DATA) -> Section:
+        return kept("s", [], thesis, results, tmp_path, make)
+
+    assert section() == section()
+    assert len(made) == 1
+    (tmp_path / "t.csv").unlink()
+    section()
+    assert len(made) == 2
+    section(DATA.quick())
+    assert len(made) == 3
+    assert len(list(results.folder.glob("section-s-*"))) == 1
 
 
 def test_only_the_wanted_figure_is_made(
