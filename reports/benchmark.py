@@ -33,6 +33,7 @@ from pvdf_fem.equilibrium import Equilibrium  # noqa: E402
 from pvdf_fem.mesh import Sizes, mesh_scene, outlines  # noqa: E402
 from pvdf_fem.newton import Status, factorise, seed  # noqa: E402
 from reports.cases import CASES, cases_named  # noqa: E402
+from reports.options import number_of  # noqa: E402
 
 TOLERANCES = (1e-3, 1e-5)
 # Edge lengths in m of the mesh whose order-2 tangent has about 5,500 unknowns.
@@ -122,18 +123,14 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--save", type=Path, metavar="FILE", help="write the medians (JSON)")
     parser.add_argument("--against", type=Path, metavar="FILE", help="compare with saved medians")
-    parser.add_argument("--rounds", type=_count, default=5, metavar="N", help="default: 5")
+    parser.add_argument(
+        "--rounds", type=number_of("rounds"), default=5, metavar="N", help="default: 5"
+    )
     names = [case.name for case in CASES]
     parser.add_argument(
         "--case", action="append", choices=names, help="only this scene; repeatable"
     )
     return parser.parse_args(arguments)
-
-
-def _count(text: str) -> int:
-    if not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of rounds; give 1 or more")
-    return int(text)
 
 
 if __name__ == "__main__":

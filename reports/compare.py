@@ -42,8 +42,10 @@ from reports.measurements import (  # noqa: E402
     MeasurementError,
     read_measurements,
 )
+from reports.options import number_of  # noqa: E402
 from reports.results import MATERIAL, THESIS_EDGE, Results  # noqa: E402
 from reports.thesis_contact import CONTACTS, pressed  # noqa: E402
+from reports.thesis_scene import TOLERANCE  # noqa: E402
 
 #: Our charges that a measured one is compared with.
 READINGS = {
@@ -134,7 +136,7 @@ def _page(file: Path, contact: str, found: Sequence[Beside], out: Path) -> Page:
 
 
 def _provenance() -> dict[str, str]:
-    return {"pvdf_fem": __version__, "Tolerance": f"{Scene().numerics.tolerance:g} (relative)"}
+    return {"pvdf_fem": __version__, "Tolerance": f"{TOLERANCE:g} (relative)"}
 
 
 def _summary(found: Sequence[Beside]) -> list[str]:
@@ -287,15 +289,13 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         "sliding on the film or stuck to it",
     )
     parser.add_argument(
-        "--processes", type=_count, default=os.cpu_count() or 1, metavar="N", help="default: cores"
+        "--processes",
+        type=number_of("processes"),
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="default: cores",
     )
     return parser.parse_args(arguments)
-
-
-def _count(text: str) -> int:
-    if not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of processes; give 1 or more")
-    return int(text)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pvdf_fem.scene import Scene, SceneError
-from reports.thesis_scene import LAYOUTS, PROBES, thesis_scene
+from reports.thesis_scene import LAYOUTS, PROBES, scene_of
 
 #: The columns of a file, in any order, with what they hold.
 COLUMNS = {
@@ -56,14 +56,7 @@ class Measurement:
     @property
     def scene(self) -> Scene:
         """The scene under the thesis's uniform pressure."""
-        return thesis_scene(
-            self.layout,
-            self.probe,
-            x_mm=self.x_mm,
-            y_mm=self.y_mm,
-            rotation_deg=self.rotation_deg,
-            force_N=self.force_N,
-        )
+        return scene_of(self)
 
 
 def read_measurements(path: Path) -> list[Measurement]:

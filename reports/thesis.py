@@ -32,6 +32,7 @@ if str(ROOT) not in sys.path:  # when run as a script, only its own directory is
 from pvdf_fem import Scene, __version__  # noqa: E402
 from pvdf_fem.page import Page, Section  # noqa: E402
 from reports.kept import kept  # noqa: E402
+from reports.options import number_of  # noqa: E402
 from reports.part import Part  # noqa: E402
 from reports.results import Results  # noqa: E402
 from reports.thesis_angle import ANGLE_PART  # noqa: E402
@@ -286,7 +287,11 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="only a few of the scenes")
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
     parser.add_argument(
-        "--processes", type=_count, default=os.cpu_count() or 1, metavar="N", help="default: cores"
+        "--processes",
+        type=number_of("processes"),
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="default: cores",
     )
     return parser.parse_args(arguments)
 
@@ -296,12 +301,6 @@ def _shown(text: str) -> str:
     if text not in known and not any(shown.split()[-1] == text for shown in known):
         raise argparse.ArgumentTypeError(f"{text!r} is not one of {', '.join(sorted(known))}")
     return text
-
-
-def _count(text: str) -> int:
-    if not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of processes; give 1 or more")
-    return int(text)
 
 
 if __name__ == "__main__":

@@ -24,13 +24,10 @@ from reports.thesis_calibration import (
     turned_from,
 )
 from reports.thesis_data import Position, Thesis, TriangulationPoint
-from reports.thesis_scene import thesis_scene
+from reports.thesis_scene import scene_of
 
 Array = NDArray[np.float64]
 
-#: Of the charges to be located. Contours of opposite electrodes may nearly touch, and then an error
-#: of a charge moves their crossing by its root.
-TOLERANCE = 3e-4
 #: The electrode of four that the thesis gives positions from. That its lines served the others too,
 #: turned, it does not say; its results do.
 REFERENCE = "D"
@@ -81,15 +78,7 @@ class Case:
 @cache
 def _scene(case: Case) -> Scene:
     # Building a scene takes milliseconds; a report asks for each a few times.
-    scene = thesis_scene(
-        case.layout,
-        case.probe,
-        x_mm=case.x_mm,
-        y_mm=case.y_mm,
-        rotation_deg=case.rotation_deg,
-        force_N=case.force_N,
-    )
-    return scene.with_(**{"numerics.observable": MATERIAL, "numerics.tolerance": TOLERANCE})
+    return scene_of(case).with_(**{"numerics.observable": MATERIAL})
 
 
 #: Contours of the better maps that pass no farther from each other than this are taken to touch:

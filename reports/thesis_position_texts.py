@@ -9,7 +9,6 @@ import numpy as np
 from reports.thesis_data import Position, Thesis, TriangulationPoint
 from reports.thesis_location import (
     REFERENCE,
-    TOLERANCE,
     Answer,
     Case,
     Way,
@@ -17,6 +16,7 @@ from reports.thesis_location import (
     place_of,
 )
 from reports.thesis_position_groups import Group
+from reports.thesis_scene import TOLERANCE
 
 #: Largest error wanted of a position from a calibration with the probe's true orientation.
 LIMIT_MM = 0.05

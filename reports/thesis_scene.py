@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
+from typing import Any, Protocol
 
 from pvdf_fem import Scene
 from reports.results import THESIS_EDGE
-from reports.thesis_data import Charge
 
 #: Of every charge, relative: turning the rectangle moves a charge by 5 % only.
 TOLERANCE = 3e-4
@@ -43,8 +42,25 @@ def thesis_scene(
     )
 
 
-def scene_of(charge: Charge) -> Scene:
-    """The scene that gives a printed charge."""
+class Pressed(Protocol):
+    """Where a probe presses, by the thesis's names: a printed charge, or a measured one."""
+
+    @property
+    def layout(self) -> str: ...
+    @property
+    def probe(self) -> str: ...
+    @property
+    def x_mm(self) -> float: ...
+    @property
+    def y_mm(self) -> float: ...
+    @property
+    def rotation_deg(self) -> float: ...
+    @property
+    def force_N(self) -> float: ...
+
+
+def scene_of(charge: Pressed) -> Scene:
+    """The scene that gives a charge, under the thesis's uniform pressure."""
     return thesis_scene(
         charge.layout,
         charge.probe,
