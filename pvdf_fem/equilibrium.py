@@ -45,7 +45,7 @@ class Equilibrium:
 
     @cached_property
     def assembly(self) -> Assembly:
-        """The sparsity pattern, found at first use."""
+        """Where element entries go, found at first use."""
         return Assembly(self.membrane.element_dofs, self.unknowns)
 
     def state(self, q: Array) -> MembraneState:
@@ -129,58 +129,23 @@ class Unknowns:
 
 
 class Assembly:
-    """Sums element vectors and matrices into those of the unknowns; the pattern is found once."""
+    """Sums element vectors and matrices into those of the unknowns."""
 
     def __init__(self, element_dofs: NDArray[np.int64], unknowns: Unknowns) -> None:
         self.count = unknowns.count
-        self.local = unknowns.of_dof[element_dofs]
-        self._element_dofs, self._of_dof = element_dofs, unknowns.of_dof
-        self._vector_slots = np.where(self.local == FIXED, self.count, self.local).ravel()
-
-    @cached_property
-    def _pattern(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int64]]:
-        """Row indices, column starts, and the place of each element matrix entry among them."""
-        place, entries = self._dof_pattern
-        columns, rows = (self._of_dof[dofs] for dofs in entries)
-        used = (rows != FIXED) & (columns != FIXED)
-        keys, inverse = columns[used] * self.count + rows[used], np.arange(used.sum())
-        if np.any(np.diff(keys) <= 0):  # dofs share an unknown
-            keys, inverse = np.unique(keys, return_inverse=True)
-        starts = np.searchsorted(keys, np.arange(self.count + 1) * self.count)
-        slots = np.full(len(used), len(keys))
-        slots[used] = inverse
-        return (keys % self.count).astype(np.int32), starts.astype(np.int32), slots[place].ravel()
-
-    @cached_property
-    def _dof_pattern(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Place of each element matrix entry among those of all dofs, and their (column, row).
-
-        Pairs of nodes are sorted, which are nine times fewer than pairs of dofs.
-        """
-        nodes = self._element_dofs[:, ::3] // 3
-        count = int(nodes.max()) + 1
-        keys, pair = np.unique(nodes[:, None, :] * count + nodes[:, :, None], return_inverse=True)
-        column, row = np.divmod(keys, count)
-        sizes = np.bincount(column, minlength=count)
-        first = (np.cumsum(sizes) - sizes)[column]
-        a, b = np.ogrid[:3, :3]
-        # of (column node, b, row node, a), in this order
-        places = (9 * first + 3 * (np.arange(len(keys)) - first))[:, None, None] + a
-        places = places + 3 * sizes[column][:, None, None] * b
-        entries = np.empty((2, 9 * len(keys)), dtype=np.int64)
-        entries[0, places] = 3 * column[:, None, None] + b
-        entries[1, places] = 3 * row[:, None, None] + a
-        elements, functions = nodes.shape
-        of_pair = places[pair.reshape(elements, functions, functions)]
-        return of_pair.transpose(0, 1, 3, 2, 4), entries
+        local = unknowns.of_dof[element_dofs]
+        # Fixed dofs go to a last place, which is dropped.
+        self._places = np.where(local == FIXED, self.count, local).astype(np.int32)
 
     def vector(self, element_vectors: Array) -> Array:
         """Sum of element vectors, (unknowns,)."""
-        total = np.bincount(self._vector_slots, element_vectors.ravel(), self.count + 1)
+        total = np.bincount(self._places.ravel(), element_vectors.ravel(), self.count + 1)
         return total[: self.count].astype(np.float64, copy=False)
 
     def matrix(self, element_matrices: Array) -> sp.csc_matrix:
         """Sum of element matrices, (unknowns, unknowns)."""
-        rows, starts, slots = self._pattern
-        data = np.bincount(slots, element_matrices.ravel(), len(rows) + 1)[: len(rows)]
-        return sp.csc_matrix((data, rows, starts), shape=(self.count, self.count))
+        rows = np.broadcast_to(self._places[:, :, None], element_matrices.shape)
+        columns = np.broadcast_to(self._places[:, None, :], element_matrices.shape)
+        entries = element_matrices.ravel(), (rows.ravel(), columns.ravel())
+        total = sp.csc_matrix(entries, shape=(self.count + 1, self.count + 1))
+        return total[: self.count, : self.count]

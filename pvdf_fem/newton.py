@@ -10,8 +10,9 @@ tangent indefinite; there the geometric stiffness takes the tensile part of the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from itertools import pairwise
 
 import numpy as np
 import scipy.sparse as sp
@@ -39,8 +40,8 @@ LOCAL = 1e-2
 # Tension, as a part of the largest stress, that keeps a slack film's convex tangent regular.
 CONVEX_FLOOR = 1e-6
 # A tangent serves on after a step below the first size, as long as steps shrink by the second.
-DEFER = 0.1
-CONTRACTION = 0.3
+DEFER = 0.3
+CONTRACTION = 0.5
 MAX_ITERATIONS = 60
 
 
@@ -140,13 +141,14 @@ def newton(
             if tangent is None or fresh:
                 tangent = _tangent(equilibrium, state, size)
             residual = equilibrium.residual(state)
-            step = -tangent.factors.solve(residual)
+            step = tangent.step(residual)
             slope = float(residual @ step)
             size = float(np.sqrt(abs(slope / _work(equilibrium, state, q))))
             length = 1.0
             if size > LOCAL:
                 length = _least(equilibrium.energy_along(state, step, slope))
             table.append(Iteration(size, length, tangent.convex, fresh))
+            tangent.remember(residual, length * step)
             q = q + length * step
             state = equilibrium.state(q)
         if tangent is None or not _ended(table, tolerance):
@@ -162,10 +164,33 @@ def newton(
 
 @dataclass(frozen=True)
 class _Tangent:
-    """A factorised tangent, and whether compressive stress was left out of it."""
+    """A factorised tangent, whether compressive stress was left out of it, and the steps made.
+
+    While the tangent serves on, its inverse follows the residuals met (L-BFGS: Nocedal, Math.
+    Comp. 35, 1980, 773-782), which takes the few modes that change most, those of the tension.
+    """
 
     factors: SuperLU
     convex: bool
+    residuals: list[Array] = field(default_factory=list)
+    steps: list[Array] = field(default_factory=list)
+
+    def step(self, residual: Array) -> Array:
+        """The quasi-Newton step."""
+        changes = [b - a for a, b in pairwise([*self.residuals, residual])]
+        right, shares = residual, []
+        for s, y in reversed(list(zip(self.steps, changes, strict=True))):
+            shares.append((s @ right) / (s @ y))
+            right = right - shares[-1] * y
+        step = self.factors.solve(right)
+        for s, y, share in zip(self.steps, changes, reversed(shares), strict=True):
+            step = step + (share - (y @ step) / (s @ y)) * s
+        return -step
+
+    def remember(self, residual: Array, step: Array) -> None:
+        """Keep the residual at which `step` was made."""
+        self.residuals.append(residual)
+        self.steps.append(step)
 
 
 def _ended(table: list[Iteration], tolerance: float) -> bool:

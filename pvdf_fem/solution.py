@@ -29,7 +29,7 @@ from pvdf_fem.scene import Scene
 # Sizes aim at this part of the tolerance.
 SAFETY = 0.5
 # Newton's last step in the orders below, whose discretisation errors are larger.
-START_TOLERANCE = 1e-2
+START_TOLERANCE = 3e-2
 MAX_MESHES = 6
 # The largest deflection is sought on this many points around the best one, on ever smaller scales.
 ZOOM, ROUNDS = 8, 5

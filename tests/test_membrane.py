@@ -145,6 +145,18 @@ def test_tangent_is_the_derivative_of_the_residual(mesh, changes, order):
     assert np.abs(derivative - difference).max() <= 1e-11 * np.abs(difference).max()
 
 
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_action_and_diagonal_are_those_of_the_tangent(mesh, order):
+    problem, q, d = loaded(mesh, {}, order)
+    state, membrane = problem.state(q), problem.membrane
+    tangent, step = membrane.tangent(state), problem.unknowns.expand(d)
+    product = np.matmul(tangent, step[membrane.element_dofs][..., None])[..., 0]
+    action = membrane.tangent_action(state, step)
+    assert np.abs(action - product).max() <= 1e-13 * np.abs(product).max()
+    diagonal = membrane.tangent_diagonal(state)
+    assert np.abs(diagonal / np.einsum("eii->ei", tangent) - 1.0).max() < 1e-10
+
+
 @pytest.mark.parametrize("changes", [LOADS["dead"], LOADS["sliding"], LOADS["stuck"]])
 def test_energy_along_a_step_has_the_residual_as_its_slope(mesh, changes):
     problem, q, d = loaded(mesh, changes)
