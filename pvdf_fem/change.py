@@ -38,7 +38,7 @@ def change(tables: dict[str, Any], changes: Mapping[str, Any]) -> list[str]:
         try:
             _put(tables, paths[key], value)
         except (AttributeError, LookupError, TypeError, ValueError):
-            problems.append(problem(key, value, "leads nowhere; use a key of this scene"))
+            problems.append(problem(key[:80], value, "leads nowhere; use a key of this scene"))
     return problems
 
 
