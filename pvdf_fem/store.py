@@ -175,10 +175,10 @@ class Store:
         """The first row that a query gives."""
         try:
             return self._rows.execute(query, values).fetchone()
-        except sqlite3.Error as error:
+        except (sqlite3.Error, UnicodeDecodeError) as error:  # the latter in a damaged complaint
             raise self._error(error) from error
 
-    def _error(self, error: sqlite3.Error) -> StoreError:
+    def _error(self, error: Exception) -> StoreError:
         return StoreError(f"{self._path}: {error}; name another file or remove this one")
 
     def close(self) -> None:
