@@ -259,9 +259,11 @@ def _solve(options: argparse.Namespace) -> int:
 
     solution = solve(scene)
     converged = solution.status is Status.CONVERGED
-    if converged:
-        _write_files(solution, options.vtu, options.plot)
-    _print(solution.to_json(), options.json, lambda: _solution_lines(solution))
+    try:
+        if converged:
+            _write_files(solution, options.vtu, options.plot)
+    finally:  # a full disk does not take the charges with it
+        _print(solution.to_json(), options.json, lambda: _solution_lines(solution))
     return CONVERGED if converged else NOT_CONVERGED
 
 

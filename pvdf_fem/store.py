@@ -179,7 +179,9 @@ class Store:
             raise self._error(error) from error
 
     def _error(self, error: Exception) -> StoreError:
-        return StoreError(f"{self._path}: {error}; name another file or remove this one")
+        damaged = not isinstance(error, sqlite3.OperationalError)
+        advice = "remove this one" if damaged else "see to its disk"
+        return StoreError(f"{self._path}: {error}; name another file or {advice}")
 
     def close(self) -> None:
         """Close the file."""

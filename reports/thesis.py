@@ -30,7 +30,7 @@ if str(ROOT) not in sys.path:  # when run as a script, only its own directory is
     sys.path.insert(0, str(ROOT))
 
 from pvdf_fem import Scene, __version__  # noqa: E402
-from pvdf_fem.files import make_directory  # noqa: E402
+from pvdf_fem.files import FileError, make_directory, printable  # noqa: E402
 from pvdf_fem.page import Page, Section  # noqa: E402
 from pvdf_fem.program import ArgumentParser, number_of, run_program  # noqa: E402
 from reports.kept import kept  # noqa: E402
@@ -252,7 +252,10 @@ def _section(
     try:
         return kept(part.name, scenes, thesis, results, out, make)
     except Exception as error:
-        traceback.print_exc()
+        if isinstance(error, FileError):
+            print(printable(str(error)), file=sys.stderr)
+        else:
+            traceback.print_exc()
         return Section(part.name, part.title, error=f"{type(error).__name__}: {error}")
 
 
