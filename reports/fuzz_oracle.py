@@ -82,13 +82,13 @@ def _of_keys(section: Mapping[str, Any], known: frozenset[str]) -> Iterator[str]
     for key, value in section.items():
         if key not in known:
             yield f"key {key}"
-        elif isinstance(value, str):
-            if key in WORDS and value not in WORDS[key]:
+        elif key in WORDS:
+            if not isinstance(value, str) or value not in WORDS[key]:
                 yield f"{key} = {value!r}"
         elif key == "youngs_modulus_GPa" and isinstance(value, list):
             if len(value) != 2 or any(_number(key, one) for one in value):
                 yield f"{key} = {value!r}"
-        elif not isinstance(value, bool) or key in WORDS:
+        else:
             yield from _number(key, value)
 
 
