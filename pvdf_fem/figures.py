@@ -7,6 +7,7 @@ gap in their curve and a cross on the lower axis.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -107,8 +108,10 @@ def save(figure: Figure, path: str | Path) -> None:
         if layout := figure.get_layout_engine():
             layout.execute(figure)
             figure.set_layout_engine("none")  # or matplotlib lays out twice more
-        with replacing(path) as part:
-            figure.savefig(part, dpi=200, metadata=_NO_DATE.get(path.suffix.lower()))
+        kind, drawn = path.suffix[1:].lower(), io.BytesIO()  # a full disk confuses some writers
+        figure.savefig(drawn, format=kind, dpi=200, metadata=_NO_DATE.get(f".{kind}"))
+    with replacing(path) as part:
+        part.write_bytes(drawn.getvalue())
 
 
 def charge_against_rotation(

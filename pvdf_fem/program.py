@@ -6,6 +6,7 @@ import argparse
 import io
 import os
 import sys
+import warnings
 from collections.abc import Callable
 from typing import NoReturn
 
@@ -60,6 +61,7 @@ def run_program(name: str, job: Callable[[], int]) -> int:
         finally:
             sys.stdout.flush()
     except KeyboardInterrupt:
+        warnings.simplefilter("ignore")  # of what was cut short
         _tell(f"{name}: interrupted")
         return INTERRUPTED
     except BrokenPipeError:
