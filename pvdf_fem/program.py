@@ -13,8 +13,8 @@ from typing import NoReturn
 from pvdf_fem.files import FileError, printable
 
 CONVERGED, BAD_INPUT, NOT_CONVERGED, INTERRUPTED, BROKEN_PIPE = 0, 2, 3, 130, 141
-#: Characters of a line of complaint.
-LONGEST_LINE = 400
+#: Characters of a line of complaint, and lines that are told.
+LONGEST_LINE, MOST_LINES = 400, 120
 
 
 class InputError(Exception):
@@ -27,19 +27,6 @@ class ArgumentParser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Tell usage and mistake; exits with 2."""
         super().error(_line(message))
-
-
-def number_of(what: str, most: int = 1000) -> Callable[[str], int]:
-    """A type for `argparse`: a whole number from 1 to `most`."""
-
-    def parse(text: str) -> int:
-        digits = text.isascii() and text.isdigit() and len(text) < 20
-        if not digits or not 1 <= int(text) <= most:
-            wrong = f"{text[:60]!r} is not a number of {what}; give 1 to {most}"
-            raise argparse.ArgumentTypeError(wrong)
-        return int(text)
-
-    return parse
 
 
 def run_program(name: str, job: Callable[[], int]) -> int:
@@ -92,8 +79,11 @@ def _drop_output() -> None:
 
 
 def _tell(*lines: str) -> None:
+    told = [_line(line) for line in lines[:MOST_LINES]]
+    if len(lines) > MOST_LINES:
+        told.append("there are more mistakes; correct these first")
     try:
-        print(*map(_line, lines), sep="\n", file=sys.stderr, flush=True)
+        print(*told, sep="\n", file=sys.stderr, flush=True)
     except OSError:  # nobody listens; the exit code still tells
         os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
 

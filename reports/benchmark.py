@@ -34,8 +34,9 @@ from pvdf_fem.equilibrium import Equilibrium  # noqa: E402
 from pvdf_fem.files import read_text, replacing, require_writable  # noqa: E402
 from pvdf_fem.mesh import Sizes, mesh_scene, outlines  # noqa: E402
 from pvdf_fem.newton import Status, factorise, seed  # noqa: E402
-from pvdf_fem.program import ArgumentParser, InputError, number_of, run_program  # noqa: E402
+from pvdf_fem.program import ArgumentParser, InputError, run_program  # noqa: E402
 from reports.cases import CASES, cases_named  # noqa: E402
+from reports.options import number_of  # noqa: E402
 
 TOLERANCES = (1e-3, 1e-5)
 # Edge lengths in m of the mesh whose order-2 tangent has about 5,500 unknowns.

@@ -37,13 +37,14 @@ from pvdf_fem.figures import (  # noqa: E402
 )
 from pvdf_fem.files import make_directory  # noqa: E402
 from pvdf_fem.page import Cell, Column, Page, Picture, Section, Table  # noqa: E402
-from pvdf_fem.program import ArgumentParser, InputError, number_of, run_program  # noqa: E402
+from pvdf_fem.program import ArgumentParser, InputError, run_program  # noqa: E402
 from reports.measurements import (  # noqa: E402
     COLUMNS,
     Measurement,
     MeasurementError,
     read_measurements,
 )
+from reports.options import number_of  # noqa: E402
 from reports.results import MATERIAL, THESIS_EDGE, Results  # noqa: E402
 from reports.thesis_contact import CONTACTS, pressed  # noqa: E402
 from reports.thesis_scene import TOLERANCE  # noqa: E402

@@ -38,12 +38,11 @@ if str(ROOT) not in sys.path:  # when run as a script, only its own directory is
     sys.path.insert(0, str(ROOT))
 
 from pvdf_fem import cli  # noqa: E402
-from pvdf_fem.mistakes import MOST_MISTAKES  # noqa: E402
 from pvdf_fem.program import (  # noqa: E402
     BAD_INPUT,
     LONGEST_LINE,
+    MOST_LINES,
     ArgumentParser,
-    number_of,
     run_program,
 )
 from pvdf_fem.scene import Scene  # noqa: E402
@@ -51,6 +50,7 @@ from pvdf_fem.store import Record, Store, StoreError  # noqa: E402
 from reports import benchmark, compare, error_vs_time, thesis  # noqa: E402
 from reports.fuzz_inputs import CORPORA, FILE, Input, decayed  # noqa: E402
 from reports.fuzz_oracle import lost_values, wrong_measurement, wrong_scene  # noqa: E402
+from reports.options import number_of  # noqa: E402
 
 #: A refusal takes less of processor time, and no input more than `HANG` before it is stopped.
 SECONDS, HANG = 1.0, 20
@@ -208,7 +208,7 @@ def _refusal_faults(given: Input, code: int, out: str, err: str) -> list[str]:
     if out:
         faults.append(f"standard output: {out[:80]!r}")
     usage = lines[0].startswith("usage: ")
-    if not err or len(lines) > MOST_MISTAKES + (40 if usage else 10):
+    if not err or len(lines) > MOST_LINES + (40 if usage else 1):
         faults.append(f"{len(lines)} lines of complaint")
     # usage may be followed by a line of the same length as others, after the program's name
     if any(not line.isprintable() or len(line) > LONGEST_LINE + 100 for line in lines):

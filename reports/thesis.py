@@ -32,8 +32,9 @@ if str(ROOT) not in sys.path:  # when run as a script, only its own directory is
 from pvdf_fem import Scene, __version__  # noqa: E402
 from pvdf_fem.files import FileError, make_directory, printable  # noqa: E402
 from pvdf_fem.page import Page, Section  # noqa: E402
-from pvdf_fem.program import ArgumentParser, number_of, run_program  # noqa: E402
+from pvdf_fem.program import ArgumentParser, run_program  # noqa: E402
 from reports.kept import kept  # noqa: E402
+from reports.options import number_of  # noqa: E402
 from reports.part import Part  # noqa: E402
 from reports.results import Results  # noqa: E402
 from reports.thesis_angle import ANGLE_PART  # noqa: E402

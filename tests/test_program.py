@@ -235,6 +235,7 @@ def test_saved_run_times_are_checked_first(
         (InputError("a = 1: bad", "b\n\x9b = 2: bad"), 2, "a = 1: bad\nb\\n\\x9b = 2: bad\n"),
         (FileError("a.vtu: full"), 2, "a.vtu: full\n"),
         (OSError(28, "No space left on device", "a.svg"), 2, "a.svg: No space left on device\n"),
+        (InputError(*"x" * 130), 2, "x\n" * 120 + "there are more mistakes; correct these first\n"),
         (InputError("x" * 10_000), 2, "x" * 397 + "...\n"),
         (KeyboardInterrupt(), 130, "test: interrupted\n"),
         (BrokenPipeError(), 141, ""),
