@@ -30,6 +30,7 @@ def change(tables: dict[str, Any], changes: Mapping[str, Any]) -> list[str]:
     list of str
         A complaint for each key that leads through a scalar or past the end of a list.
     """
+    changes = {_encodable(key): value for key, value in changes.items()}
     paths = {key: re.split(r"[.[]", key.replace("]", "")) for key in changes}
     problems = []
     # whole sections first, then the keys that decide which other keys there are
@@ -38,7 +39,7 @@ def change(tables: dict[str, Any], changes: Mapping[str, Any]) -> list[str]:
         try:
             _put(tables, paths[key], value)
         except (AttributeError, LookupError, TypeError, ValueError):
-            problems.append(problem(key, value, "leads nowhere; use a key of this scene"))
+            problems.append(problem(key[:80], value, "leads nowhere; use a key of this scene"))
     return problems
 
 
@@ -64,6 +65,11 @@ def _index(part: str) -> int:
     return int(part)
 
 
+def _encodable(key: Any) -> Any:
+    """A key without unpaired surrogates, which pydantic would not name in its complaint."""
+    return key.encode("utf-8", "backslashreplace").decode() if isinstance(key, str) else key
+
+
 def _plain(value: Any) -> Any:
     """A value as a TOML parser would give it."""
     if isinstance(value, BaseModel):
@@ -71,7 +77,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
+        return {_encodable(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
     return value

@@ -6,10 +6,8 @@ Everything slow is imported where it is used, so that help and complaints come a
 from __future__ import annotations
 
 import argparse
-import io
 import json
 import math
-import os
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -17,13 +15,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pvdf_fem import __version__
+from pvdf_fem.program import (
+    CONVERGED,
+    NOT_CONVERGED,
+    ArgumentParser,
+    InputError,
+    run_program,
+)
 
 if TYPE_CHECKING:
     from pvdf_fem.modal import Modes
     from pvdf_fem.scene import Scene
     from pvdf_fem.solution import Solution
 
-CONVERGED, BAD_INPUT, NOT_CONVERGED, INTERRUPTED, BROKEN_PIPE = 0, 2, 3, 130, 141
+#: `pvdf_fem.modal.MOST_MODES`, whose import is slow.
+MOST_MODES = 200
 
 _DESCRIPTION = """\
 A model of a membrane PVDF tactile sensor: charges of its electrodes when a
@@ -51,7 +57,8 @@ rectangle (width_mm, height_mm), circle (radius_mm), polygon (vertices_mm).
 
 `pvdf-fem COMMAND --help` tells more about a command.
 
-exit codes: 0 converged, 2 bad input, 3 not converged, 130 interrupted"""
+exit codes: 0 converged, 2 bad input or an output that cannot be written,
+3 not converged, 130 interrupted"""
 
 _SOLVE = """\
 Charges of the electrodes in pC, each with its estimated discretisation error,
@@ -95,44 +102,22 @@ exit codes: 0 converged, 2 bad input, 3 no frequencies (a film without tension,
 or no equilibrium under the load)"""
 
 
-class InputError(Exception):
-    """The input cannot be used; the arguments are the mistakes, a line each."""
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit code."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a terminal without ± must not end a run
-            stream.reconfigure(errors="backslashreplace")
-    try:
-        try:
-            return _run(arguments)
-        finally:
-            sys.stdout.flush()
-    except KeyboardInterrupt:
-        print("pvdf-fem: interrupted", file=sys.stderr)
-        return INTERRUPTED
-    except BrokenPipeError:
-        # Python flushes standard output once more at its end, which must not complain again.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return BROKEN_PIPE
+    return run_program("pvdf-fem", lambda: _run(arguments))
 
 
 def _run(arguments: Sequence[str] | None) -> int:
     options = _parser().parse_args(arguments)
     command: Callable[[argparse.Namespace], int] = options.run
-    try:
-        return command(options)
-    except InputError as error:
-        print(*error.args, sep="\n", file=sys.stderr)
-        return BAD_INPUT
+    return command(options)
 
 
 # ------------------------------------------------------------------------------------ arguments
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = ArgumentParser(
         "pvdf-fem",
         description=_DESCRIPTION,
         epilog=_EPILOG,
@@ -156,7 +141,10 @@ def _parser() -> argparse.ArgumentParser:
         commands, "modes", _modes, "frequencies of the stretched film", _MODES, _MODES_EPILOG
     )
     modes.add_argument(
-        "--count", metavar="N", type=int, default=6, help="how many frequencies (default: 6)"
+        "--count",
+        metavar="N",
+        default="6",
+        help="how many frequencies (default: 6)",
     )
     modes.add_argument(
         "--loaded", action="store_true", help="about the film under its load, not the flat film"
@@ -226,9 +214,10 @@ def _change(text: str) -> tuple[str, Any]:
     """Key and value of KEY=VALUE."""
     from pvdf_fem.scene_file import SceneError, parse_toml
 
+    shown = text if len(text) <= 80 else f"{text[:77]}..."
     key, equals, value = (part.strip() for part in text.partition("="))
     if not (key and equals and value):
-        raise InputError(f"--set {text}: is no change; write KEY=VALUE, such as load.force_N=2")
+        raise InputError(f"--set {shown}: is no change; write KEY=VALUE, such as load.force_N=2")
     try:
         table = parse_toml(f"value = {value}", "--set")
     except SceneError:
@@ -238,7 +227,7 @@ def _change(text: str) -> tuple[str, Any]:
     if re.fullmatch(r"[^\W\d][\w -]*", value):
         return key, value
     raise InputError(
-        f"--set {text}: the value is not TOML; write a number, a word, [...] or '\"...\"'"
+        f"--set {shown}: the value is not TOML; write a number, a word, [...] or '\"...\"'"
     )
 
 
@@ -246,13 +235,13 @@ def _output_mistakes(path: Path | None, extensions: Sequence[str]) -> list[str]:
     """What would keep a file from being written."""
     if path is None:
         return []
-    from pvdf_fem.export import ExportError, require_writable
+    from pvdf_fem.files import FileError, require_writable
 
     if path.suffix.lower() not in extensions:
         return [f"{path}: has no extension of a known format; choose from {' '.join(extensions)}"]
     try:
         require_writable(path)
-    except ExportError as error:
+    except FileError as error:
         return [str(error)]
     return []
 
@@ -270,14 +259,16 @@ def _solve(options: argparse.Namespace) -> int:
 
     solution = solve(scene)
     converged = solution.status is Status.CONVERGED
-    if converged:
-        _write_files(solution, options.vtu, options.plot)
-    _print(solution.to_json(), options.json, lambda: _solution_lines(solution))
+    try:
+        if converged:
+            _write_files(solution, options.vtu, options.plot)
+    finally:  # a full disk does not take the charges with it
+        _print(solution.to_json(), options.json, lambda: _solution_lines(solution))
     return CONVERGED if converged else NOT_CONVERGED
 
 
 def _mesh(options: argparse.Namespace) -> int:
-    from pvdf_fem.export import FORMATS, ExportError, write_mesh
+    from pvdf_fem.export import FORMATS, write_mesh
 
     scene = _scene(options, *_output_mistakes(options.file, list(FORMATS)))
     from pvdf_fem.mesh import MeshError, mesh_scene
@@ -289,8 +280,6 @@ def _mesh(options: argparse.Namespace) -> int:
     except MeshError as error:
         print(f"not meshed: {error}; move or resize the probe slightly", file=sys.stderr)
         return NOT_CONVERGED
-    except ExportError as error:
-        raise InputError(str(error)) from error
     patches = ", ".join(name for name in mesh.subdomains if name != "film")
     nodes = mesh.doflocs.shape[1]
     print(f"{options.file}: {mesh.nelements} triangles, {nodes} nodes, patches {patches}")
@@ -298,13 +287,14 @@ def _mesh(options: argparse.Namespace) -> int:
 
 
 def _modes(options: argparse.Namespace) -> int:
-    scene = _scene(options)
-    from pvdf_fem.modal import MOST_MODES, modes
+    text, wrong = options.count, []
+    if not re.fullmatch("[0-9]{1,9}", text) or not 1 <= int(text) <= MOST_MODES:
+        wrong = [f"--count {text[:60]}: is out of range; give 1 to {MOST_MODES}"]
+    scene = _scene(options, *wrong)
+    from pvdf_fem.modal import modes
     from pvdf_fem.newton import Status
 
-    if not 1 <= options.count <= MOST_MODES:
-        raise InputError(f"--count {options.count}: is out of range; give 1 to {MOST_MODES}")
-    found = modes(scene, options.count, options.loaded)
+    found = modes(scene, int(text), options.loaded)
     _print(found.to_json(), options.json, lambda: _mode_lines(found))
     return CONVERGED if found.status is Status.CONVERGED else NOT_CONVERGED
 
@@ -316,20 +306,15 @@ def _plot_extensions() -> list[str]:
 
 
 def _write_files(solution: Solution, vtu: Path | None, plot: Path | None) -> None:
-    from pvdf_fem.export import ExportError, replacing, write_vtu
+    if vtu:
+        solution.to_vtu(vtu)
+    if plot:
+        from pvdf_fem import figures
 
-    try:
-        if vtu:
-            write_vtu(solution, vtu)
-        if plot:
-            from pvdf_fem import figures
-
-            with figures.style(), replacing(plot) as part:
-                figure = figures.new_figure(120.0, 100.0)
-                figures.deflection_map(figure.subplots(), solution)
-                figures.save(figure, part)
-    except ExportError as error:
-        raise InputError(str(error)) from error
+        with figures.style():
+            figure = figures.new_figure(120.0, 100.0)
+            figures.deflection_map(figure.subplots(), solution)
+            figures.save(figure, plot)
 
 
 # --------------------------------------------------------------------------------------- output

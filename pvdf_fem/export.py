@@ -1,14 +1,8 @@
-"""Solutions and meshes as files for other programs, by meshio.
-
-A file appears whole or not at all: it is written beside its place and then renamed.
-"""
+"""Solutions and meshes as files for other programs, by meshio."""
 
 from __future__ import annotations
 
-import os
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -18,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from skfem import Basis, ElementTriP2, MeshTri2
 
+from pvdf_fem.files import FileError, replacing
 from pvdf_fem.membrane import Array, strain_of
 from pvdf_fem.mesh import RIM
 
@@ -27,8 +22,8 @@ if TYPE_CHECKING:
 FILM = "film"
 
 
-class ExportError(ValueError):
-    """A file cannot be written; the text names it and says what to change."""
+class ExportError(FileError):
+    """A format cannot hold a solution or a mesh; the text says what to change."""
 
 
 # ------------------------------------------------------------------------------------- solutions
@@ -57,8 +52,8 @@ def write_vtu(solution: Solution, path: str | Path) -> None:
     ------
     NotConvergedError
         When the solution has no fields.
-    ExportError
-        When the file cannot be written.
+    ExportError, FileError
+        When the path has another ending; when the file cannot be written.
     """
     path = Path(path)
     if path.suffix.lower() != ".vtu":
@@ -167,8 +162,9 @@ def write_mesh(mesh: MeshTri2, path: str | Path) -> None:
 
     Raises
     ------
-    ExportError
-        When there is no such format, meshio lacks a library for it, or the file cannot be written.
+    ExportError, FileError
+        When there is no such format or meshio lacks a library for it; when the file cannot be
+        written.
     """
     path = Path(path)
     kind = mesh_format(path)
@@ -272,49 +268,3 @@ def _write(grid: Any, path: Path, name: str, **options: Any) -> None:
 
 def _xml(text: str) -> str:
     return escape(text).encode("ascii", "xmlcharrefreplace").decode()
-
-
-@contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """A path to write to, which becomes `path` at the end, or vanishes after an exception.
-
-    Raises
-    ------
-    ExportError
-        When the file cannot be written.
-    """
-    with _as_export_error(path):
-        part = _beside(path)
-        try:
-            yield part
-            part.replace(path)
-        finally:
-            with suppress(OSError):
-                part.unlink(missing_ok=True)
-
-
-def require_writable(path: Path) -> None:
-    """Raise `ExportError` for a path that `replacing` could not write."""
-    with _as_export_error(path):
-        part = _beside(path)
-        part.touch()
-        part.unlink()
-
-
-def _beside(path: Path) -> Path:
-    """A name in the directory of a file that may be replaced."""
-    if path.exists():
-        if not path.is_file():
-            raise ExportError(f"{path}: is no regular file; name another")
-        if not os.access(path, os.W_OK):
-            raise ExportError(f"{path}: is write-protected; name another file")
-    return path.with_name(f".{path.stem}-{os.getpid()}{path.suffix}")
-
-
-@contextmanager
-def _as_export_error(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        reason = error.strerror or error
-        raise ExportError(f"{path}: cannot be written ({reason}); name another file") from error

@@ -7,6 +7,7 @@ gap in their curve and a cross on the lower axis.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
+from pvdf_fem.files import replacing
 from pvdf_fem.mesh import PROBE, electrode_patch, outlines
 from pvdf_fem.scene import Electrode
 from pvdf_fem.solution import Solution
@@ -98,13 +100,18 @@ def save(figure: Figure, path: str | Path) -> None:
     ------
     ValueError
         For an extension that matplotlib does not write; the text lists those it does.
+    FileError
+        When the file cannot be written.
     """
     path = Path(path)
     with matplotlib.rc_context({**_STYLE, **_REPRODUCIBLE}):
         if layout := figure.get_layout_engine():
             layout.execute(figure)
             figure.set_layout_engine("none")  # or matplotlib lays out twice more
-        figure.savefig(path, dpi=200, metadata=_NO_DATE.get(path.suffix.lower()))
+        kind, drawn = path.suffix[1:].lower(), io.BytesIO()  # a full disk confuses some writers
+        figure.savefig(drawn, format=kind, dpi=200, metadata=_NO_DATE.get(f".{kind}"))
+    with replacing(path) as part:
+        part.write_bytes(drawn.getvalue())
 
 
 def charge_against_rotation(

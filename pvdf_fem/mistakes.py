@@ -23,6 +23,7 @@ _REASONS = {
     "float_type": "must be a number; write digits without quotes",
     "missing": "is required; add it",
     "model_type": "must be a table; put its keys below a heading in brackets",
+    "string_unicode": "is not Unicode text; write it with other characters",
     "string_type": "must be text; put it in quotes",
     "tuple_type": "must be a list; put it in brackets",
     "union_tag_not_found": "must be a table; put its keys below a heading in brackets",
@@ -141,9 +142,13 @@ def _among_valid_parts(data: Mapping[str, Any]) -> Iterator[str]:
         film.radius_mm if film else None,
         electrodes,
         _valid(Probe, data.get("probe")),
-        sections.get("load", {}).get("kind", ""),
-        sections.get("numerics", {}).get("observable", ""),
+        _text(sections.get("load", {}).get("kind")),
+        _text(sections.get("numerics", {}).get("observable")),
     )
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else ""
 
 
 def _valid(part: Any, value: Any) -> Any:

@@ -16,6 +16,8 @@ from typing import TypeAlias
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from pvdf_fem.files import replacing
+
 # Texts longer than this are broken into lines.
 PROSE = 60
 
@@ -80,7 +82,10 @@ class Table:
 
     def write_csv(self, directory: Path) -> None:
         """Write all columns, numbers in full; empty cells for what there is not."""
-        with (directory / self.file).open("w", encoding="utf-8", newline="") as stream:
+        with (
+            replacing(directory / self.file) as part,
+            part.open("w", encoding="utf-8", newline="") as stream,
+        ):
             writer = csv.writer(stream, lineterminator="\n")
             writer.writerow([column.key for column in self.columns])
             writer.writerows([[_plain(cell) for cell in row] for row in self.rows])
@@ -143,9 +148,8 @@ class Page:
     def write(self, directory: Path) -> Path:
         """Write ``index.html`` and return its path; a reader never meets a half-written page."""
         path = directory / "index.html"
-        draft = directory / "index.html.part"
-        draft.write_text(self.html(), encoding="utf-8")
-        draft.replace(path)
+        with replacing(path) as part:
+            part.write_text(self.html(), encoding="utf-8")
         return path
 
 

@@ -21,7 +21,7 @@ from pvdf_fem.film import Film
 from pvdf_fem.mistakes import MOST_MISTAKES, mistakes
 from pvdf_fem.placement import misplacements
 from pvdf_fem.quantity import Finite, Part, refusal, within
-from pvdf_fem.scene_file import SceneError, parse_toml, read_text, write_toml
+from pvdf_fem.scene_file import SceneError, parse_toml, read_scene_text, write_toml
 from pvdf_fem.shapes import Electrode, Electrodes, Layout, Probe
 
 __all__ = ["Electrode", "Film", "Layout", "Load", "Numerics", "Probe", "Scene", "SceneError"]
@@ -122,7 +122,7 @@ class Scene(Part):
     @classmethod
     def _read(cls, path: Path | str) -> Scene:
         """Scene from a scene file; raises `SceneError` for whatever keeps it from being one."""
-        return cls.parse(read_text(Path(path)), str(path))
+        return cls.parse(read_scene_text(Path(path)), str(path))
 
     def with_(self, /, **changes: Any) -> Scene:
         """Another scene, with some values changed.

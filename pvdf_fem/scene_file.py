@@ -10,6 +10,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from pvdf_fem.files import FileError, printable, read_text
+
 #: Largest scene file in bytes.
 MOST_BYTES = 1_000_000
 
@@ -31,10 +33,7 @@ class SceneError(ValueError):
     """
 
     def __init__(self, problems: Iterable[str], source: str = "") -> None:
-        # an unpaired surrogate could not be printed
-        self.problems = tuple(
-            problem.encode("utf-8", "backslashreplace").decode() for problem in problems
-        )
+        self.problems = tuple(map(printable, problems))
         self.source = source
         super().__init__(self.problems, source)
 
@@ -43,27 +42,19 @@ class SceneError(ValueError):
         return "\n  ".join([f"{head}:", *self.problems])
 
 
-def read_text(path: Path) -> str:
+def read_scene_text(path: Path) -> str:
     """The text of a scene file; SceneError for what is no UTF-8 file of at most `MOST_BYTES`."""
     try:
-        with path.open("rb") as file:
-            raw = file.read(MOST_BYTES + 1)
-    except (OSError, ValueError) as error:  # ValueError: a null character in the path
-        reason = getattr(error, "strerror", None) or str(error)
-        text = f"{path}: cannot be read ({reason}); give the path of a scene file"
-        raise SceneError([text], str(path)) from None
-    _refuse_large(len(raw), str(path))
-    try:
-        return raw.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = raw.count(b"\n", 0, error.start) + 1
-        text = f"{path}: line {line} is not UTF-8 text; save the file as UTF-8"
-        raise SceneError([text], str(path)) from None
+        return read_text(path, MOST_BYTES, "a scene file")
+    except FileError as error:
+        raise SceneError([str(error)], str(path)) from None
 
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:
     """The table in a TOML text; SceneError naming source and line for what is not TOML."""
-    _refuse_large(len(text), source)
+    if len(text) > MOST_BYTES:
+        large = f"has {len(text)} characters, more than {MOST_BYTES}; a scene is small"
+        raise SceneError([f"{source}: {large}, give another"], source)
     deep = f"{source}: tables or lists are nested too deeply; a scene needs two levels"
     if long_key := _LONG_KEY.search(text):
         line = text.count("\n", 0, long_key.end()) + 1
@@ -78,12 +69,6 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     except ValueError:  # of int(), whose digits are limited
         text = f"{source}: has an integer of thousands of digits; give a smaller number"
         raise SceneError([text], source) from None
-
-
-def _refuse_large(size: int, source: str) -> None:
-    if size > MOST_BYTES:
-        text = f"{source}: larger than {MOST_BYTES} bytes; a scene file is small, give another"
-        raise SceneError([text], source)
 
 
 def write_toml(table: Mapping[str, Any]) -> str:

@@ -10,20 +10,22 @@ from __future__ import annotations
 import hashlib
 import json
 import sqlite3
+import zlib
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib import metadata, resources
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
+from pvdf_fem.files import FileError
 from pvdf_fem.scene import Scene
 
 # "pvdf" in ASCII; tells our files from other SQLite files.
 APPLICATION_ID = 0x70766466
-SCHEMA = 1
+SCHEMA = 2
 # What the numbers of a record depend on.
 NUMERICAL_MODULES = (
     *("film", "shapes", "outline", "mesh", "membrane", "load", "equilibrium"),
@@ -32,7 +34,7 @@ NUMERICAL_MODULES = (
 NUMERICAL_PACKAGES = ("gmsh", "numpy", "scikit-fem", "scipy")
 
 
-class StoreError(RuntimeError):
+class StoreError(FileError):
     """A file cannot serve as a store; the text names it and what to do."""
 
 
@@ -124,32 +126,39 @@ class Store:
         self._path, self._code = path, code
         try:
             self._rows = sqlite3.connect(path, timeout=60.0, isolation_level=None)
-            self._open()
         except sqlite3.Error as error:
-            raise StoreError(f"{path}: {error}; name another file or remove this one") from error
+            raise self._error(error) from error
+        try:
+            self._open()
+        except BaseException:
+            self._rows.close()
+            raise
 
     def _open(self) -> None:
-        (kind,) = self._rows.execute("PRAGMA application_id").fetchone()
-        (schema,) = self._rows.execute("PRAGMA user_version").fetchone()
-        (tables,) = self._rows.execute("SELECT count(*) FROM sqlite_master").fetchone()
+        (kind,) = self._execute("PRAGMA application_id")
+        (schema,) = self._execute("PRAGMA user_version")
+        (tables,) = self._execute("SELECT count(*) FROM sqlite_master")
         if (tables or kind or schema) and (kind, schema) != (APPLICATION_ID, SCHEMA):
             raise StoreError(
-                f"{self._path}: not a store of pvdf_fem, version {SCHEMA}; name another file"
+                f"{self._path}: not a store of pvdf_fem, version {SCHEMA}; name another file "
+                "or remove this one"
             )
-        self._rows.execute("PRAGMA journal_mode = WAL")
-        self._rows.execute("BEGIN IMMEDIATE")
-        self._rows.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-        self._rows.execute(f"PRAGMA user_version = {SCHEMA}")
-        self._rows.execute("CREATE TABLE IF NOT EXISTS records (key TEXT PRIMARY KEY, record TEXT)")
-        self._rows.execute("COMMIT")
+        self._execute("PRAGMA journal_mode = WAL")
+        self._execute("BEGIN IMMEDIATE")
+        self._execute(f"PRAGMA application_id = {APPLICATION_ID}")
+        self._execute(f"PRAGMA user_version = {SCHEMA}")
+        self._execute("CREATE TABLE IF NOT EXISTS records (key TEXT PRIMARY KEY, record TEXT)")
+        self._execute("COMMIT")
 
     def get(self, scene: Scene) -> Record | None:
-        """The record of a scene, if there is one."""
+        """The record of a scene, if there is one whose text is still what was kept."""
         query = "SELECT record FROM records WHERE key = ?"
-        row = self._rows.execute(query, (self._code + key(scene),)).fetchone()
-        if row is None:
+        name = self._code + key(scene)
+        row = self._execute(query, name)
+        text = row[0][8:] if row and isinstance(row[0], str) else ""
+        if not text or row[0] != _sum(name, text) + text:
             return None
-        fields = json.loads(row[0])
+        fields = json.loads(text)
         fields["electrodes"], fields["warnings"] = (
             tuple(fields[name]) for name in ("electrodes", "warnings")
         )
@@ -158,9 +167,21 @@ class Store:
     def put(self, scene: Scene, record: Record) -> None:
         """Keep the record of a scene."""
         text = json.dumps(asdict(record))
-        self._rows.execute(
-            "INSERT OR REPLACE INTO records VALUES (?, ?)", (self._code + key(scene), text)
-        )
+        query = "INSERT OR REPLACE INTO records VALUES (?, ?)"
+        name = self._code + key(scene)
+        self._execute(query, name, _sum(name, text) + text)
+
+    def _execute(self, query: str, *values: str) -> Any:
+        """The first row that a query gives."""
+        try:
+            return self._rows.execute(query, values).fetchone()
+        except (sqlite3.Error, UnicodeDecodeError) as error:  # the latter in a damaged complaint
+            raise self._error(error) from error
+
+    def _error(self, error: Exception) -> StoreError:
+        damaged = not isinstance(error, sqlite3.OperationalError)
+        advice = "remove this one" if damaged else "see to its disk"
+        return StoreError(f"{self._path}: {error}; name another file or {advice}")
 
     def close(self) -> None:
         """Close the file."""
@@ -176,6 +197,11 @@ class Store:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+
+def _sum(name: str, text: str) -> str:
+    """Eight characters that tell a damaged row, which SQLite would not notice."""
+    return f"{zlib.crc32((name + text).encode()):08x}"
 
 
 def key(scene: Scene) -> str:

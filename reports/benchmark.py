@@ -17,6 +17,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import argparse  # noqa: E402
 import json  # noqa: E402
+import math  # noqa: E402
 import statistics  # noqa: E402
 import sys  # noqa: E402
 import time  # noqa: E402
@@ -30,14 +31,18 @@ if str(ROOT) not in sys.path:  # when run as a script, only its own directory is
 
 from pvdf_fem import Solution, solve  # noqa: E402
 from pvdf_fem.equilibrium import Equilibrium  # noqa: E402
+from pvdf_fem.files import read_text, replacing, require_writable  # noqa: E402
 from pvdf_fem.mesh import Sizes, mesh_scene, outlines  # noqa: E402
 from pvdf_fem.newton import Status, factorise, seed  # noqa: E402
+from pvdf_fem.program import ArgumentParser, InputError, run_program  # noqa: E402
 from reports.cases import CASES, cases_named  # noqa: E402
 from reports.options import number_of  # noqa: E402
 
 TOLERANCES = (1e-3, 1e-5)
 # Edge lengths in m of the mesh whose order-2 tangent has about 5,500 unknowns.
 YARDSTICK_PATCH, YARDSTICK_GROWTH, YARDSTICK_FILM = 1.3e-3, 0.35, 6.0e-3
+#: Largest file to compare with, in bytes.
+MOST_BYTES = 1_000_000
 #: Solves that take longer than this many seconds are not repeated.
 LONG = 5.0
 
@@ -45,7 +50,13 @@ LONG = 5.0
 def main(arguments: Sequence[str] | None = None) -> int:
     """Time, print and save; returns 1 if a solve did not converge."""
     options = _options(arguments)
-    earlier = json.loads(options.against.read_text())["medians"] if options.against else {}
+    return run_program("reports/benchmark.py", lambda: _benchmark(options))
+
+
+def _benchmark(options: argparse.Namespace) -> int:
+    earlier = _medians(options.against) if options.against else {}
+    if options.save:
+        require_writable(options.save)
     unknowns, unit = yardstick(options.rounds)
     print(f"one factorisation of {unknowns} unknowns, SuperLU: {unit:.3f} s")
     medians, failed = {}, []
@@ -67,8 +78,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for text in _summary(medians, earlier):
         print(text)
     if options.save:
-        options.save.write_text(json.dumps({"unit_seconds": unit, "medians": medians}, indent=1))
+        with replacing(options.save) as part:
+            part.write_text(json.dumps({"unit_seconds": unit, "medians": medians}, indent=1))
     return 1 if failed else 0
+
+
+def _medians(path: Path) -> dict[str, float]:
+    """The medians in a saved file."""
+    text = read_text(path, MOST_BYTES, "a file that --save wrote")
+    try:
+        saved = json.loads(text)["medians"]
+        if all(isinstance(v, float) and math.isfinite(v) and v > 0 for v in saved.values()):
+            return dict(saved)
+    except (AttributeError, KeyError, RecursionError, TypeError, ValueError):
+        pass
+    raise InputError(f"{path}: has no medians; give a file that --save wrote")
 
 
 def yardstick(rounds: int) -> tuple[int, float]:
@@ -118,7 +142,7 @@ def _summary(medians: dict[str, float], earlier: dict[str, float]) -> list[str]:
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
+    parser = ArgumentParser(
         prog="reports/benchmark.py", description="Median run times of a fixed set of scenes."
     )
     parser.add_argument("--save", type=Path, metavar="FILE", help="write the medians (JSON)")

@@ -35,7 +35,9 @@ from pvdf_fem.figures import (  # noqa: E402
     save,
     style,
 )
+from pvdf_fem.files import make_directory  # noqa: E402
 from pvdf_fem.page import Cell, Column, Page, Picture, Section, Table  # noqa: E402
+from pvdf_fem.program import ArgumentParser, InputError, run_program  # noqa: E402
 from reports.measurements import (  # noqa: E402
     COLUMNS,
     Measurement,
@@ -60,12 +62,15 @@ LEAST = 3
 def main(arguments: Sequence[str] | None = None) -> int:
     """Compare; returns 0, 1 if a solve failed, 2 for a file with mistakes."""
     options = _options(arguments)
+    return run_program("reports/compare.py", lambda: _compare(options))
+
+
+def _compare(options: argparse.Namespace) -> int:
     try:
         measured = read_measurements(options.file)
     except MeasurementError as error:
-        print(*error.problems, sep="\n", file=sys.stderr)
-        return 2
-    options.out.mkdir(parents=True, exist_ok=True)
+        raise InputError(*error.problems) from None
+    make_directory(options.out, "index.html")
     results = Results(options.out / "results", options.processes)
     scenes = _scenes(measured, options.contact)
     with tqdm(total=results.missing(scenes), unit="solve", disable=None) as bar:
@@ -265,7 +270,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         textwrap.fill(text, 78, initial_indent=f"  {name:<13} ", subsequent_indent=" " * 16)
         for name, text in COLUMNS.items()
     )
-    parser = argparse.ArgumentParser(
+    parser = ArgumentParser(
         prog="reports/compare.py",
         description="Compare measured charges with computed ones of the same scenes.",
         epilog=f"columns of the file (CSV, UTF-8, decimal points, a header, any order):\n{columns}"

@@ -33,7 +33,9 @@ if str(ROOT) not in sys.path:  # when run as a script, only its own directory is
     sys.path.insert(0, str(ROOT))
 
 from pvdf_fem import __version__  # noqa: E402
+from pvdf_fem.files import make_directory  # noqa: E402
 from pvdf_fem.page import Page, Picture, Section, Table  # noqa: E402
+from pvdf_fem.program import ArgumentParser, run_program  # noqa: E402
 from pvdf_fem.solution import order_for  # noqa: E402
 from reports import error_vs_time_figures as figures  # noqa: E402
 from reports import error_vs_time_tables as tables  # noqa: E402
@@ -72,7 +74,11 @@ class Measured:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure and write the page; returns 1 if one of our own runs or sections failed."""
     options = _options(arguments)
-    options.out.mkdir(parents=True, exist_ok=True)
+    return run_program("reports/error_vs_time.py", lambda: _measure(options))
+
+
+def _measure(options: argparse.Namespace) -> int:
+    make_directory(options.out, "index.html")
     plan = QUICK if options.quick else FULL
     start = time.perf_counter()
     with Peers() as peers:
@@ -352,7 +358,7 @@ def _processor() -> str:
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
+    parser = ArgumentParser(
         prog="reports/error_vs_time.py",
         description="Measure errors and run times of fixed scenes, beside other codes.",
     )

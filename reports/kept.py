@@ -13,6 +13,7 @@ from functools import cache
 from pathlib import Path
 
 from pvdf_fem import Scene
+from pvdf_fem.files import replacing
 from pvdf_fem.page import Section
 from reports.results import Results
 from reports.thesis_data import DATA, Thesis
@@ -40,9 +41,8 @@ def kept(
     section = make()
     for old in results.folder.glob(f"section-{name}-*.pickle"):
         old.unlink(missing_ok=True)
-    draft = path.with_suffix(".part")
-    draft.write_bytes(pickle.dumps(section))
-    draft.replace(path)
+    with replacing(path) as part:
+        part.write_bytes(pickle.dumps(section))
     return section
 
 

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from pvdf_fem.files import FileError, read_text
+from pvdf_fem.mistakes import MOST_MISTAKES
 from pvdf_fem.scene import Scene, SceneError
 from reports.thesis_scene import LAYOUTS, PROBES, scene_of
 
@@ -27,6 +32,10 @@ COLUMNS = {
     "charge_pC": "its charge, pC",
 }
 NUMBERS = ("x_mm", "y_mm", "rotation_deg", "force_N", "charge_pC")
+#: Largest file in bytes.
+MOST_BYTES = 1_000_000
+# float() also takes 1_000, infinity, and digits of other scripts
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 #: Columns that must agree in the rows of a case.
 OF_A_CASE = ("layout", "probe", "x_mm", "y_mm", "rotation_deg", "force_N")
 
@@ -68,16 +77,21 @@ def read_measurements(path: Path) -> list[Measurement]:
         With all mistakes: file, line, column, value, and what to change.
     """
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except UnicodeDecodeError:
-        raise MeasurementError([f"{path}: is not UTF-8 text; save it as UTF-8"]) from None
-    except OSError as error:
-        text = f"{path}: cannot be read ({error.strerror}); give the path of a CSV file"
-        raise MeasurementError([text]) from None
-    reader = csv.reader(lines)
+        text = read_text(path, MOST_BYTES, "a CSV file")
+    except FileError as error:
+        raise MeasurementError([str(error)]) from None
+    reader = csv.reader(io.StringIO(text, newline=None), strict=True)
+    try:
+        return _measurements(path, reader)
+    except csv.Error as error:
+        line = f"{path}: line {reader.line_num}: {error}; put texts with quotes or commas in quotes"
+        raise MeasurementError([line]) from None
+
+
+def _measurements(path: Path, reader: Any) -> list[Measurement]:
     header = [name.strip() for name in next(reader, [])]
     if problems := [f"{path}: line 1: {problem}" for problem in _of_header(header)]:
-        raise MeasurementError(problems)
+        raise MeasurementError(problems[:MOST_MISTAKES])
     found: list[Measurement] = []
     first: dict[str, tuple[int, Measurement]] = {}
     for cells in reader:
@@ -90,6 +104,9 @@ def read_measurements(path: Path) -> list[Measurement]:
             mistakes += list(_against(row, other, begin))
             found.append(row)
         problems += [f"{path}: line {line}: {mistake}" for mistake in mistakes]
+        if len(problems) > MOST_MISTAKES:
+            problems[MOST_MISTAKES:] = ["there are more mistakes; correct these first"]
+            break
     if not found and not problems:
         problems = [f"{path}: has no rows below its header; add one for each charge"]
     if problems:
@@ -102,14 +119,14 @@ def _of_header(header: Sequence[str]) -> Iterator[str]:
         yield f"has no column names; begin the file with {','.join(COLUMNS)}"
         return
     if len(header) == 1 and len(COLUMNS) > 1:
-        yield f"has one column, {header[0]!r}; separate columns by commas"
+        yield f"has one column, {header[0][:60]!r}; separate columns by commas"
         return
     for name in COLUMNS:
         if name not in header:
             yield f"column {name} is missing; add it"
     for name in dict.fromkeys(header):
         if name not in COLUMNS:
-            yield f"column {name!r} is not known; remove it or use {', '.join(COLUMNS)}"
+            yield f"column {name[:60]!r} is not known; remove it or use {', '.join(COLUMNS)}"
         elif header.count(name) > 1:
             yield f"column {name} is there {header.count(name)} times; keep one"
 
@@ -138,7 +155,7 @@ def _row(header: Sequence[str], cells: Sequence[str]) -> tuple[Measurement | Non
     except SceneError as error:
         return None, [p.removeprefix("probe.").removeprefix("load.") for p in error.problems]
     if row.electrode not in names:
-        told = f"electrode = {row.electrode!r}: layout {row.layout} has {', '.join(names)}"
+        told = f"electrode = {row.electrode[:60]!r}: layout {row.layout} has {', '.join(names)}"
         return None, [f"{told}; name one of them"]
     return row, []
 
@@ -148,20 +165,17 @@ def _mistakes(texts: Mapping[str, str]) -> Iterator[str]:
         yield "case = '': is empty; name the scene"
     for name, known in (("layout", LAYOUTS), ("probe", PROBES)):
         if texts[name] not in known:
-            yield f"{name} = {texts[name]!r}: is not known; use {' or '.join(known)}"
+            yield f"{name} = {texts[name][:60]!r}: is not known; use {' or '.join(known)}"
     for name in NUMBERS:
-        try:
-            finite = math.isfinite(float(texts[name]))
-        except ValueError:
-            finite = False
-        if not finite:
-            yield f"{name} = {texts[name]!r}: is not a finite number; write digits, as in 1.25"
+        if not _NUMBER.fullmatch(texts[name]) or not math.isfinite(float(texts[name])):
+            yield f"{name} = {texts[name][:60]!r}: is not a finite number; write digits, as in 1.25"
 
 
 def _against(row: Measurement, other: Measurement, begin: int) -> Iterator[str]:
     for name in OF_A_CASE:
         if getattr(row, name) != getattr(other, name):
+            ours, theirs = getattr(row, name), getattr(other, name)
             yield (
-                f"{name} = {getattr(row, name)!r}: case {row.case!r} has {getattr(other, name)!r} "
-                f"in line {begin}; correct one of them or name another case"
+                f"{name} = {ours!r}: case {row.case[:60]!r} has {theirs!r} in line {begin}; "
+                "correct one of them or name another case"
             )

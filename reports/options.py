@@ -6,12 +6,14 @@ import argparse
 from collections.abc import Callable
 
 
-def number_of(what: str) -> Callable[[str], int]:
-    """A type for `argparse`: a whole number from 1 on."""
+def number_of(what: str, most: int = 1000) -> Callable[[str], int]:
+    """A type for `argparse`: a whole number from 1 to `most`."""
 
     def parse(text: str) -> int:
-        if not text.isdigit() or int(text) < 1:
-            raise argparse.ArgumentTypeError(f"{text!r} is not a number of {what}; give 1 or more")
+        digits = text.isascii() and text.isdigit() and len(text) < 20
+        if not digits or not 1 <= int(text) <= most:
+            wrong = f"{text[:60]!r} is not a number of {what}; give 1 to {most}"
+            raise argparse.ArgumentTypeError(wrong)
         return int(text)
 
     return parse

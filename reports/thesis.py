@@ -30,7 +30,9 @@ if str(ROOT) not in sys.path:  # when run as a script, only its own directory is
     sys.path.insert(0, str(ROOT))
 
 from pvdf_fem import Scene, __version__  # noqa: E402
+from pvdf_fem.files import FileError, make_directory, printable  # noqa: E402
 from pvdf_fem.page import Page, Section  # noqa: E402
+from pvdf_fem.program import ArgumentParser, run_program  # noqa: E402
 from reports.kept import kept  # noqa: E402
 from reports.options import number_of  # noqa: E402
 from reports.part import Part  # noqa: E402
@@ -121,7 +123,11 @@ PACKAGES = ("gmsh", "matplotlib", "numpy", "scikit-fem", "scipy")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Make the report; returns 0, or 1 if a part or a solve failed."""
     options = _options(arguments)
-    options.out.mkdir(parents=True, exist_ok=True)
+    return run_program("reports/thesis.py", lambda: _report(options))
+
+
+def _report(options: argparse.Namespace) -> int:
+    make_directory(options.out, "index.html")
     thesis = Thesis.read().quick() if options.quick else Thesis.read()
     results = Results(options.out / "results", options.processes)
     report = Report(thesis, results, options.out, _chosen(options.only))
@@ -247,7 +253,10 @@ def _section(
     try:
         return kept(part.name, scenes, thesis, results, out, make)
     except Exception as error:
-        traceback.print_exc()
+        if isinstance(error, FileError):
+            print(printable(str(error)), file=sys.stderr)
+        else:
+            traceback.print_exc()
         return Section(part.name, part.title, error=f"{type(error).__name__}: {error}")
 
 
@@ -269,7 +278,7 @@ def _progress(total: int, quiet: bool) -> Iterator[tqdm[None]]:
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
+    parser = ArgumentParser(
         prog="reports/thesis.py",
         description="Compute the thesis's sensor and compare it with the thesis's numbers.",
     )
@@ -299,7 +308,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
 def _shown(text: str) -> str:
     known = {shown for part in PARTS for shown in part.shows}
     if text not in known and not any(shown.split()[-1] == text for shown in known):
-        raise argparse.ArgumentTypeError(f"{text!r} is not one of {', '.join(sorted(known))}")
+        raise argparse.ArgumentTypeError(f"{text[:60]!r} is not one of {', '.join(sorted(known))}")
     return text
 
 

@@ -17,8 +17,9 @@ import pytest
 from pydantic import BaseModel
 
 from pvdf_fem import Scene, __version__, cli, solve
+from pvdf_fem.files import printable
 from pvdf_fem.film import Film
-from pvdf_fem.modal import modes
+from pvdf_fem.modal import MOST_MODES, modes
 from pvdf_fem.scene import Load, Numerics
 from pvdf_fem.shapes import ELECTRODES, PROBES, Layout
 
@@ -170,7 +171,7 @@ def test_changes_that_are_none(
     scene: Path, capsys: pytest.CaptureFixture[str], change: str
 ) -> None:
     run = Run(["solve", scene, "--set", change, "--set", "load.force_N=-1"], capsys)
-    assert run.err.startswith(f"--set {change}: ")
+    assert run.err.startswith(f"--set {printable(change)}: ")
     assert run.mistakes[-1].startswith("load.force_N = -1: ")
 
 
@@ -285,12 +286,12 @@ def test_modes_of_a_film_without_tension(scene: Path, capsys: pytest.CaptureFixt
 
 
 @pytest.mark.usefixtures("no_solve")
-@pytest.mark.parametrize("count", ["0", "-3", "1000"])
+@pytest.mark.parametrize("count", ["0", "-3", "1000", "2.0", "1_0", "٣", 5000 * "9"])
 def test_modes_without_a_number(
     scene: Path, capsys: pytest.CaptureFixture[str], count: str
 ) -> None:
     (mistake,) = Run(["modes", scene, "--count", count], capsys).mistakes
-    assert mistake.startswith(f"--count {count}: is out of range; give 1 to ")
+    assert mistake.startswith(f"--count {count[:60]}: is out of range; give 1 to ")
 
 
 # -------------------------------------------------------------------------- help, pipes, signals
@@ -378,3 +379,7 @@ def test_closed_pipe_is_no_error(scene: Path) -> None:
     # once gmsh was there, the signal ends the process, which a shell also shows as 141
     assert process.returncode in (141, -signal.SIGPIPE)
     assert err == ""
+
+
+def test_the_bound_of_count_is_that_of_the_frequencies() -> None:
+    assert cli.MOST_MODES == MOST_MODES

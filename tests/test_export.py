@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from pvdf_fem import Scene, Solution, solve
-from pvdf_fem.export import FORMATS, ExportError, require_writable, write_mesh, write_vtu
+from pvdf_fem.export import FORMATS, ExportError, write_mesh, write_vtu
+from pvdf_fem.files import FileError, require_writable
 from pvdf_fem.newton import Status
 from pvdf_fem.solution import NotConvergedError
 
@@ -203,7 +204,7 @@ def test_unwritable_places_are_named(solution: Solution, tmp_path: Path) -> None
     for place in ("directory.vtu", "none/a.vtu", "file/a.vtu", f"{300 * 'a'}.vtu"):
         path = tmp_path / place
         for write in (require_writable, lambda path: write_vtu(solution, path)):
-            with pytest.raises(ExportError, match="name another") as caught:
+            with pytest.raises(FileError, match="name another") as caught:
                 write(path)
             assert str(path) in str(caught.value)
     assert {file.name for file in tmp_path.iterdir()} == {"directory.vtu", "file"}
@@ -228,7 +229,7 @@ def test_failed_write_leaves_the_old_file(
     path = tmp_path / "a.vtu"
     path.write_text("old")
     monkeypatch.setattr(meshio.Mesh, "write", half)
-    with pytest.raises(ExportError, match="No space left on device"):
+    with pytest.raises(FileError, match="No space left on device"):
         write_vtu(solution, path)
     assert [file.name for file in tmp_path.iterdir()] == ["a.vtu"]
     assert path.read_text() == "old"

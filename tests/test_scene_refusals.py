@@ -207,7 +207,7 @@ def test_touching_is_allowed(text):
         (b"[film]\nradius_mm = 45\n[film]", "line 3"),
         (b"[film]\n# \xb5m", "line 2"),
         ("[film]".encode("utf-16"), "line 1"),
-        (b"#" * 1_000_001, "larger than"),
+        (b"#" * 1_000_001, "more than 1000000"),
     ],
 )
 def test_unreadable_files_are_refused_with_path_and_line(tmp_path, raw, where):
@@ -259,7 +259,7 @@ CATASTROPHES = {
 def test_catastrophic_files_are_refused_quickly_and_briefly(text):
     started = time.process_time()
     told = problems(text)
-    assert time.process_time() - started < 5.0
+    assert time.process_time() - started < 2.0
     assert len(told) <= 101
     assert max(map(len, told)) < 400
 

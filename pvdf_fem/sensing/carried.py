@@ -8,7 +8,6 @@ gives the charge of every electrode for every place of the probe: for the thesis
 
 from __future__ import annotations
 
-import os
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,6 +21,7 @@ from skfem import Basis, ElementTriP2
 
 from pvdf_fem.charge import OBSERVABLES
 from pvdf_fem.equilibrium import Equilibrium
+from pvdf_fem.files import replacing
 from pvdf_fem.mesh import PROBE, Sizes, mesh_scene, outlines
 from pvdf_fem.newton import Status, newton, seed
 from pvdf_fem.outline import Circle, Outline, Polygon
@@ -152,10 +152,9 @@ def carried_field(scene: Scene, folder: Path | None = None) -> CarriedField:
     path = folder / f"field-{key(centred)[:24]}-{'-'.join(f'{n:.4g}' for n in numbers)}.npz"
     if not path.exists():
         found = _field(centred)
-        part = path.with_suffix(f".{os.getpid()}.npz")
         arrays: dict[str, Any] = {"offsets_mm": found.offsets_mm, **found.stress}
-        np.savez(part, **arrays)
-        part.replace(path)
+        with replacing(path) as part:
+            np.savez(part, **arrays)
     with np.load(path) as file:
         stress = {name: file[name] for name in file.files}
     return CarriedField(stress.pop("offsets_mm"), stress)

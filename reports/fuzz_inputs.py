@@ -1,0 +1,359 @@
+"""Damaged inputs: scene files, changes, measurements, stores and command lines.
+
+A corpus is a function of a random generator. Its inputs are either certainly invalid, and then
+often the key and the value are known that a complaint must name, or damaged at random.
+"""
+
+from __future__ import annotations
+
+import random
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from pvdf_fem.scene import Scene
+from pvdf_fem.scene_file import write_toml
+from reports.fuzz_oracle import SIGNED, WORDS
+
+ROOT = Path(__file__).resolve().parents[1]
+MEASUREMENTS = ROOT / "reports" / "data" / "example_measurements.csv"
+#: Stands for the path of the input's file in its arguments.
+FILE = "{file}"
+
+
+@dataclass(frozen=True)
+class Input:
+    """What a program is given.
+
+    Attributes
+    ----------
+    program : str
+        Name of the program.
+    arguments : tuple of str
+        With `FILE` for the file.
+    data : bytes
+        Of the file.
+    invalid : bool
+        Whether it must be refused.
+    named : str
+        What a line of complaint must begin with, or hold when it begins with a path.
+    """
+
+    program: str
+    arguments: tuple[str, ...]
+    data: bytes
+    invalid: bool = False
+    named: str = ""
+
+
+Random = random.Random
+Corpus = Callable[[Random], Input]
+
+# TOML of values that no number can have, with how a complaint shows them
+_NO_NUMBERS = {
+    "nan": "nan",
+    "-nan": "nan",
+    "inf": "inf",
+    "-inf": "-inf",
+    "1e999": "inf",
+    "1e308": "1e+308",
+    "-1e308": "-1e+308",
+    "1000001": "1000001",
+    "9" * 400: "an integer of 1329 bits",
+    "true": "true",
+    '"45"': '"45"',
+    '""': '""',
+    '"\\u0000\\u009b31m"': '"\\u0000\\x9b31m"',
+    "2020-01-01": "2020-01-01",
+    "07:32:00": "07:32:00",
+    "{}": "a table",
+    "{a.b = 1}": "a table",
+}
+_NOT_POSITIVE = {"-1": "-1", "-0.0": "-0.0", "5e-324": "5e-324", "-1e-300": "-1e-300"}
+_NO_WORDS = {
+    "1": "1",
+    "true": "true",
+    '"nonsense"': '"nonsense"',
+    '"Four"': '"Four"',
+    '"\\u202e"': '"\\u202e"',
+    "[]": "[]",
+    "1979-05-27T07:32:00Z": "1979-05-27 07:32:00+00:00",
+}
+
+
+@cache
+def scenes() -> tuple[str, ...]:
+    """Valid scene files: those of ``geometry/``, and some with every kind of key."""
+    files = sorted((ROOT / "geometry").glob("*.toml"))
+    star = [[0.0, 2.0], [0.5, 0.5], [2.0, 0.0], [0.5, -0.5], [0.0, -2.0], [-2.0, 0.0]]
+    electrodes = [
+        {"name": "A", "x_mm": 9.0, "y_mm": 0.0, "side_mm": 2.0, "rotation_deg": 30.0},
+        {"name": "β 2", "x_mm": 0.0, "y_mm": 9.0, "shape": "circle", "radius_mm": 1.5},
+        {"name": "C", "x_mm": -9.0, "y_mm": 0.0, "shape": "polygon", "vertices_mm": star},
+    ]
+    changes: tuple[dict[str, Any], ...] = (
+        {"electrodes": electrodes, "probe": {"shape": "polygon", "vertices_mm": star}},
+        {"load.kind": "rigid", "load.contact": "stuck", "probe.shape": "circle"},
+        {"film.youngs_modulus_GPa": [2.0, 3.0], "film.shear_modulus_GPa": 1.0, "probe": {}},
+    )
+    made = [Scene().with_(**change).to_toml() for change in changes]
+    return tuple([file.read_text("utf-8") for file in files] + made)
+
+
+def _leaves(tables: Mapping[str, Any]) -> list[tuple[dict[str, Any], str, str]]:
+    """Table, key and full name of every number and word of a scene."""
+    found = []
+    for name, section in tables.items():
+        rows = [(name, section)]
+        if isinstance(section, list):
+            rows = [(f"{name}[{i}]", row) for i, row in enumerate(section)]
+        for prefix, row in rows:
+            leaves = [key for key, value in row.items() if not isinstance(value, list)]
+            found += [(row, key, f"{prefix}.{key}") for key in leaves if key != "name"]
+    return found
+
+
+def _wrong_value(rng: Random, key: str) -> tuple[str, str]:
+    """TOML of a value that a key cannot have, and how it is shown."""
+    choices = dict(_NO_WORDS if key in WORDS or key == "shape" else _NO_NUMBERS)
+    if key not in WORDS and key != "shape" and key not in SIGNED:
+        choices |= _NOT_POSITIVE
+        if key == "force_N":
+            del choices["-0.0"], choices["5e-324"]
+    return rng.choice(list(choices.items()))
+
+
+def wrong_value(rng: Random) -> Input:
+    """A scene file with one value that its key cannot have."""
+    tables = tomllib.loads(rng.choice(scenes()))
+    table, key, name = rng.choice([leaf for leaf in _leaves(tables)] or _leaves(_full()))
+    toml, shown = _wrong_value(rng, key)
+    table[key] = "@wrong@"
+    text = write_toml(tables).replace('"@wrong@"', toml)
+    if rng.random() < 0.2:
+        text = "\ufeff" + text.replace("\n", "\r\n")
+    return Input("solve", (FILE, *_json(rng)), text.encode(), True, f"{name} = {shown}: ")
+
+
+def wrong_change(rng: Random) -> Input:
+    """A valid scene, and a value given by ``--set`` that its key cannot have."""
+    tables = _full()
+    _, key, name = rng.choice(_leaves(tables))
+    toml, shown = _wrong_value(rng, key)
+    # a bare word is text, and 2020-01-01 is a date; what begins with a minus needs no blank
+    arguments = (FILE, "--set", f"{name}={toml}", *_json(rng))
+    program = rng.choice(["solve", "modes"])
+    return Input(program, arguments, write_toml(tables).encode(), True, f"{name} = {shown}: ")
+
+
+def _full() -> dict[str, Any]:
+    return Scene().with_(probe={}).model_dump(mode="json", exclude_none=True)
+
+
+def unknown_key(rng: Random) -> Input:
+    """A scene file with a key that no scene has."""
+    tables = tomllib.loads(rng.choice(scenes()))
+    section = rng.choice(list(tables) or ["film"])
+    rows = tables.setdefault(section, {})
+    prefix = section
+    if isinstance(rows, list):
+        number = rng.randrange(len(rows))
+        rows, prefix = rows[number], f"{section}[{number}]"
+    key = rng.choice(["x", "Radius_mm", "side", "self", "model_config", "__class__", "outline"])
+    rows[key] = 1
+    return Input("solve", (FILE,), write_toml(tables).encode(), True, f"{prefix}.{key} = 1: ")
+
+
+def _json(rng: Random) -> tuple[str, ...]:
+    return ("--json",) if rng.random() < 0.5 else ()
+
+
+# ----------------------------------------------------------------------------- damage at random
+
+_NASTY = [
+    *(b"\0", b"\xff", b"\xef\xbb\xbf", b"\r", b"\x1b[31m", b"\xc3", b"\xed\xa0\x80"),
+    *(b"nan", b"-inf", b"1e308", b"5e-324", b"-0.0", b"1e-300", b"true", b"1979-05-27", b"0x" * 9),
+    *(b"\xe2\x80\xae", b'"', b"'''", b'"""', b"[", b"]]", b"{", b"=", b".", b",", b"#", b"\n"),
+    *(b"9" * 5000, b"[" * 2000, b"a." * 200, b"[[electrodes]]\n", b"[probe]\n", b"\nfilm.x = 1\n"),
+    *(b"\\u0000", b"\n[film.radius_mm]\n", b"\nshape = 'circle'\n", b'\n"a\\nb" = 1\n'),
+]
+
+
+def damaged(rng: Random, data: bytes) -> bytes:
+    """Bytes after one to three accidents."""
+    for _ in range(rng.choice((1, 1, 1, 2, 3))):
+        data = rng.choice(_ACCIDENTS)(rng, data)
+    return data[:2_000_000]
+
+
+def decayed(rng: Random, data: bytes) -> bytes:
+    """Bytes with some of them flipped, or after accidents."""
+    if rng.random() < 0.3:
+        return damaged(rng, data)
+    for _ in range(rng.choice((1, 10, 100))):
+        data = _flip(rng, data)
+    return data
+
+
+def _span(rng: Random, data: bytes) -> tuple[int, int]:
+    begin = rng.randrange(len(data) + 1)
+    return begin, min(len(data), begin + int(2 ** rng.uniform(0, 8)))
+
+
+def _truncate(rng: Random, data: bytes) -> bytes:
+    return data[: rng.randrange(len(data) + 1)]
+
+
+def _delete(rng: Random, data: bytes) -> bytes:
+    i, j = _span(rng, data)
+    return data[:i] + data[j:]
+
+
+def _repeat(rng: Random, data: bytes) -> bytes:
+    i, j = _span(rng, data)
+    return data[:j] + data[i:j] * rng.choice((1, 2, 50, 1000)) + data[j:]
+
+
+def _insert(rng: Random, data: bytes) -> bytes:
+    i = rng.randrange(len(data) + 1)
+    return data[:i] + rng.choice(_NASTY) + data[i:]
+
+
+def _overwrite(rng: Random, data: bytes) -> bytes:
+    i, j = _span(rng, data)
+    return data[:i] + rng.choice(_NASTY) + data[j:]
+
+
+def _flip(rng: Random, data: bytes) -> bytes:
+    if not data:
+        return data
+    i = rng.randrange(len(data))
+    return data[:i] + bytes([data[i] ^ 1 << rng.randrange(8)]) + data[i + 1 :]
+
+
+def _shuffle_lines(rng: Random, data: bytes) -> bytes:
+    lines = data.split(b"\n")
+    i, j = rng.randrange(len(lines)), rng.randrange(len(lines))
+    lines[i], lines[j] = lines[j], lines[i]
+    return b"\n".join(lines)
+
+
+def _digits(rng: Random, data: bytes) -> bytes:
+    places = [i for i, byte in enumerate(data) if byte in b"0123456789"]
+    if not places:
+        return data
+    i = rng.choice(places)
+    return data[:i] + rng.choice((b"-", b".", b"e", b"9", b"_", b"e9", b"-1")) + data[i:]
+
+
+_ACCIDENTS = (_truncate, _delete, _repeat, _insert, _overwrite, _flip, _shuffle_lines, _digits)
+
+
+def damaged_scene(rng: Random) -> Input:
+    """A scene file after accidents."""
+    data = damaged(rng, rng.choice(scenes()).encode())
+    if rng.random() < 0.1:
+        data += damaged(rng, rng.choice(scenes()).encode())
+    program = rng.choice(["solve", "solve", "mesh", "modes"])
+    rest = ("{folder}/film.msh",) if program == "mesh" else ()
+    return Input(program, (FILE, *rest), data)
+
+
+def damaged_change(rng: Random) -> Input:
+    """A valid scene with ``--set`` of damaged texts."""
+    texts = []
+    for _ in range(rng.choice((1, 1, 2, 5))):
+        _, key, name = rng.choice(_leaves(_full()))
+        whole = f"{name}={_wrong_value(rng, key)[0]}".encode()
+        # a command line holds no null characters
+        text = damaged(rng, whole)[:100_000].replace(b"\0", b"")
+        texts += ["--set", text.decode("utf-8", "surrogateescape")]
+    return Input("solve", (FILE, *texts), rng.choice(scenes()).encode())
+
+
+# -------------------------------------------------------------------- measurements, stores, options
+
+_NO_NUMBERS_CSV = ("nan", "inf", "-inf", "1e999", "", "1,5", "1_000", "٣", "0x10", "true", "1 2")
+
+
+def wrong_cell(rng: Random) -> Input:
+    """Measurements with a cell that its column cannot have."""
+    lines = MEASUREMENTS.read_text("utf-8").splitlines()
+    header, row = lines[0].split(","), rng.randrange(1, len(lines))
+    cells, column = lines[row].split(","), rng.randrange(len(header))
+    name = header[column]
+    wrong = {
+        "case": ["", " "],
+        "layout": ["5", "four", "3.0", "nan"],
+        "probe": ["tri", "TRI7", "0"],
+        "electrode": ["E", "a", "", "A B"],
+    }.get(name, [*_NO_NUMBERS_CSV, *(["-1", "1e7"] if name == "force_N" else [])])
+    value = rng.choice(wrong)
+    cells[column] = f'"{value}"' if "," in value else value
+    lines[row] = ",".join(cells)
+    data = "\n".join(lines).encode()
+    return Input("compare", _compared(), data, True, f": line {row + 1}: {name} = ")
+
+
+def damaged_measurements(rng: Random) -> Input:
+    """A file of measurements after accidents."""
+    return Input("compare", _compared(), damaged(rng, MEASUREMENTS.read_bytes()))
+
+
+def _compared() -> tuple[str, ...]:
+    return (FILE, "--out", "{folder}/out")
+
+
+def damaged_store(rng: Random) -> Input:
+    """A store after accidents; its bytes are put in by who runs it."""
+    return Input("store", (FILE, str(rng.randrange(2**32))), b"")
+
+
+_OPTIONS = {
+    "thesis": ["--processes", "--only"],
+    "compare": ["--processes", "--contact"],
+    "benchmark": ["--rounds", "--case", "--against"],
+    "error_vs_time": ["--quick="],
+    "modes": ["--count"],
+}
+_NO_OPTIONS = (
+    *("0", "-1", "1.5", "²", "٣", "1_0", "nan", "9" * 30, "9" * 5000, "", " ", "\x1b[31m"),
+    *("\ud800", "1000000000", "{folder}/none", "a\nb", "--", "x" * 3000),
+)
+
+
+def wrong_option(rng: Random) -> Input:
+    """A command line with an option that does not exist, or a value that it cannot have."""
+    program = rng.choice(list(_OPTIONS))
+    option, value = rng.choice(_OPTIONS[program]), rng.choice(_NO_OPTIONS)
+    arguments: tuple[str, ...] = (option, value)
+    if rng.random() < 0.2:
+        arguments = (f"--{value or 'x'}x",)
+    if program in ("compare", "modes"):
+        arguments = (FILE, *arguments)
+    data = MEASUREMENTS.read_bytes() if program == "compare" else b""
+    return Input(program, arguments, data, True)
+
+
+def damaged_medians(rng: Random) -> Input:
+    """A saved file of run times after accidents."""
+    data = damaged(rng, b'{"unit_seconds": 0.5, "medians": {"triangle, 0.001": 3.5, "b": 2.0}}')
+    return Input("benchmark", ("--against", FILE), data)
+
+
+#: The corpora, each with its share of the inputs.
+CORPORA: dict[Corpus, float] = {
+    wrong_value: 4.0,
+    wrong_change: 2.0,
+    unknown_key: 1.0,
+    damaged_scene: 7.0,
+    damaged_change: 2.0,
+    wrong_cell: 1.0,
+    damaged_measurements: 1.5,
+    wrong_option: 0.5,
+    damaged_medians: 0.5,
+    damaged_store: 0.5,
+}

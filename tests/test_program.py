@@ -1,0 +1,342 @@
+"""How programs end, and that their files appear whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pvdf_fem import Scene, Solution, solve
+from pvdf_fem.export import write_mesh, write_vtu
+from pvdf_fem.figures import new_figure, save
+from pvdf_fem.files import FileError, make_directory, replacing, require_writable
+from pvdf_fem.page import Column, Page, Section, Table
+from pvdf_fem.program import InputError, run_program
+from pvdf_fem.sensing import carried
+from pvdf_fem.store import Store, StoreError
+from pvdf_fem.sweep import record_of
+from reports import benchmark, compare, error_vs_time, thesis
+from reports.kept import kept
+from reports.results import Results
+from reports.thesis_data import Thesis
+
+ROOT = Path(__file__).parents[1]
+SCENE = '[probe]\nshape = "circle"\nradius_mm = 2.0\n[numerics]\ntolerance = 0.05\n'
+NO_SPACE = "File too large"
+
+
+@pytest.fixture(scope="module")
+def solution() -> Solution:
+    return solve(Scene.parse(SCENE))
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE)
+    return path
+
+
+@pytest.fixture
+def small_disk() -> Iterator[None]:
+    """Files hold 500 bytes, whatever comes after them is refused by the system."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (500, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+# --------------------------------------------------------------------------------------- writers
+
+
+def _figure(path: Path, _: Solution) -> None:
+    figure = new_figure(50, 50)
+    figure.subplots().plot([0, 1])
+    save(figure, path)
+
+
+def _page(path: Path, _: Solution) -> None:
+    Page("Title", ["x" * 1000], []).write(path.parent)
+
+
+def _table(path: Path, _: Solution) -> None:
+    Table(path.stem, "", [Column("a", "a")], [["x" * 1000]]).write_csv(path.parent)
+
+
+def _mesh(path: Path, solution: Solution) -> None:
+    write_mesh(solution.mesh, path)
+
+
+def _section(path: Path, solution: Solution) -> None:
+    results = Results(path.parent, 1)
+    results._records = {solution.scene: record_of(solution)}
+    thesis_ = Thesis.read().quick()
+    kept("a", [], thesis_, results, path.parent, lambda: Section("a", "x" * 1000))
+
+
+WRITERS: dict[str, Callable[[Path, Solution], None]] = {
+    "a.vtu": lambda path, solution: write_vtu(solution, path),
+    "b.vtu": _mesh,
+    "a.msh": _mesh,
+    "a.inp": _mesh,
+    "a.vtk": _mesh,
+    "a.png": _figure,
+    "a.svg": _figure,
+    "a.pdf": _figure,
+    "index.html": _page,
+    "a.csv": _table,
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_full_disk_leaves_the_old_file(
+    solution: Solution, tmp_path: Path, small_disk: None, name: str
+) -> None:
+    path = tmp_path / name
+    path.write_text("old")
+    # numpy, which writes .vtk, has its own words for a full disk
+    with pytest.raises(FileError, match=f"{NO_SPACE}|problem writing") as caught:
+        WRITERS[name](path, solution)
+    assert str(caught.value).startswith(f"{path}: cannot be written")
+    assert [file.name for file in tmp_path.iterdir()] == [name]
+    assert path.read_text() == "old"
+
+
+def test_a_full_disk_leaves_no_half_section_or_field(
+    solution: Solution, tmp_path: Path, small_disk: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(FileError, match=NO_SPACE):
+        _section(tmp_path / "any", solution)
+    field = carried.CarriedField(np.zeros(500), {"material": np.zeros((500, 500, 3))})
+    monkeypatch.setattr(carried, "_field", lambda scene: field)
+    with pytest.raises(FileError, match=NO_SPACE):
+        carried.carried_field(solution.scene, tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_full_disk_loses_no_record(solution: Solution, tmp_path: Path) -> None:
+    record = record_of(solution)
+    with Store(tmp_path / "results.db") as store:
+        store.put(solution.scene, record)
+        before = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
+        try:
+            with pytest.raises(StoreError, match="see to its disk"):
+                store.put(Scene(), record)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    with Store(tmp_path / "results.db") as store:
+        assert store.get(solution.scene) == record
+        assert store.get(Scene()) is None
+
+
+def test_replacing_keeps_a_link_and_follows_it(tmp_path: Path) -> None:
+    target, link = tmp_path / "far" / "target.txt", tmp_path / "link.txt"
+    target.parent.mkdir()
+    link.symlink_to(target)
+    for text in ("new", "newer"):
+        with replacing(link) as part:
+            part.write_text(text)
+        assert link.is_symlink()
+        assert target.read_text() == text
+    assert len(list(tmp_path.rglob("*"))) == 3
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError, SystemExit])
+def test_replacing_removes_what_an_exception_leaves(
+    tmp_path: Path, error: type[BaseException]
+) -> None:
+    def write() -> None:
+        with replacing(tmp_path / "a.txt") as part:
+            part.write_text("half")
+            raise error
+
+    with pytest.raises(error):
+        write()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_long_name_can_be_written(tmp_path: Path) -> None:
+    path = tmp_path / f"{250 * 'a'}.txt"
+    require_writable(path)
+    with replacing(path) as part:
+        part.write_text("text")
+    assert path.read_text() == "text"
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_read_only_directory_is_named(tmp_path: Path) -> None:
+    tmp_path.chmod(0o555)
+    for check in (require_writable, lambda path: make_directory(path / "b", "c")):
+        with pytest.raises(FileError, match="Permission denied"):
+            check(tmp_path / "a.vtu")
+
+
+# ---------------------------------------------------------------------------------------- reports
+
+
+@pytest.mark.parametrize(
+    ("program", "arguments"),
+    [
+        (thesis, ["--only", "3.5", "--quick"]),
+        (compare, [str(ROOT / "reports" / "data" / "example_measurements.csv")]),
+        (error_vs_time, ["--quick"]),
+    ],
+)
+@pytest.mark.parametrize(
+    ("out", "told"),
+    [("file", "File exists"), ("file/below", "Not a directory"), ("page", "regular")],
+)
+def test_reports_refuse_an_impossible_directory(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    program: Any,
+    arguments: list[str],
+    out: str,
+    told: str,
+) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / "page" / "index.html").mkdir(parents=True)
+    assert program.main([*arguments, "--out", str(tmp_path / out)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert str(tmp_path / out) in line
+    assert told in line
+
+
+def test_saved_run_times_are_checked_first(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(benchmark, "yardstick", lambda rounds: pytest.fail("it began"))
+    assert benchmark.main(["--save", str(tmp_path)]) == 2
+    assert "no regular file" in capsys.readouterr().err
+    saved = tmp_path / "saved.json"
+    for medians in ({"a": -1.0}, {"a": "1"}, {"a": float("nan")}, [], 3):
+        saved.write_text(json.dumps({"medians": medians}))
+        assert benchmark.main(["--against", str(saved)]) == 2
+        assert "has no medians" in capsys.readouterr().err
+
+
+# ------------------------------------------------------------------------------------------- ends
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "told"),
+    [
+        (InputError("a = 1: bad", "b\n\x9b = 2: bad"), 2, "a = 1: bad\nb\\n\\x9b = 2: bad\n"),
+        (FileError("a.vtu: full"), 2, "a.vtu: full\n"),
+        (OSError(28, "No space left on device", "a.svg"), 2, "a.svg: No space left on device\n"),
+        (InputError(*"x" * 130), 2, "x\n" * 120 + "there are more mistakes; correct these first\n"),
+        (InputError("x" * 10_000), 2, "x" * 397 + "...\n"),
+        (KeyboardInterrupt(), 130, "test: interrupted\n"),
+        (BrokenPipeError(), 141, ""),
+    ],
+)
+def test_ends_have_a_code_and_lines(
+    capsys: pytest.CaptureFixture[str], error: BaseException, code: int, told: str
+) -> None:
+    def job() -> int:
+        raise error
+
+    assert run_program("test", job) == code
+    assert capsys.readouterr() == ("", told)
+
+
+def shell(scene: Path, rest: str) -> subprocess.CompletedProcess[str]:
+    """Run a command line of `pvdf-fem solve SCENE` in a shell."""
+    line = f"{sys.executable} -m pvdf_fem solve {scene} {rest}"
+    return subprocess.run(
+        ["sh", "-c", line], capture_output=True, text=True, cwd=ROOT, timeout=60, check=False
+    )
+
+
+@pytest.mark.parametrize(
+    ("rest", "told"),
+    [
+        ("--json >/dev/full", "standard output: No space left on device\n"),
+        (">&-", "standard output: is closed; redirect it to a file instead\n"),
+    ],
+)
+def test_a_result_that_cannot_be_told_is_no_success(scene: Path, rest: str, told: str) -> None:
+    run = shell(scene, rest)
+    assert (run.returncode, run.stdout, run.stderr) == (2, "", told)
+
+
+@pytest.mark.parametrize("where", ["2>&-", "2>/dev/full"])
+def test_complaints_that_nobody_can_read_keep_the_exit_code(scene: Path, where: str) -> None:
+    run = shell(scene, f"--json --set load.force_N=-1 {where}")
+    assert (run.returncode, run.stdout, run.stderr) == (2, "", "")
+
+
+def test_charges_are_told_though_a_file_cannot_be_written(scene: Path) -> None:
+    line = f"ulimit -f 1; exec {sys.executable} -m pvdf_fem solve {scene} --json --vtu {scene}.vtu"
+    run = subprocess.run(
+        ["sh", "-c", line], capture_output=True, text=True, cwd=ROOT, timeout=60, check=False
+    )
+    assert run.returncode == 2
+    assert json.loads(run.stdout)["status"] == "converged"
+    assert run.stderr.startswith(f"{scene}.vtu: cannot be written ({NO_SPACE})")
+    assert [file.name for file in scene.parent.iterdir()] == [scene.name]
+
+
+def _interrupted(after: Callable[[], bool], *command: object) -> tuple[int, str, str]:
+    """Run a command in a group of processes and interrupt all of them, as a terminal does."""
+
+    def heed() -> None:  # jobs that a shell starts in the background ignore the signal
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    process = subprocess.Popen(
+        [sys.executable, *map(str, command)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+        start_new_session=True,
+        preexec_fn=heed,
+    )
+    deadline = time.monotonic() + 60
+    while not after() and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    return process.returncode, out, err
+
+
+def test_an_interrupted_solve_leaves_the_old_files(scene: Path) -> None:
+    old = scene.with_name("a.vtu")
+    old.write_text("old")
+    start = time.monotonic()
+    files = ("--vtu", old, "--plot", scene.with_name("a.png"))
+    ended = _interrupted(
+        lambda: time.monotonic() > start + 2.0,
+        *("-m", "pvdf_fem", "solve", scene, "--set", "numerics.tolerance=2e-8", *files),
+    )
+    # Python ends by the signal, which a shell also shows as 130, when an import was interrupted
+    assert ended[0] in (130, -signal.SIGINT)
+    assert ended[1:] == ("", "pvdf-fem: interrupted\n")
+    assert {file.name for file in scene.parent.iterdir()} == {scene.name, old.name}
+    assert old.read_text() == "old"
+
+
+def test_an_interrupted_report_keeps_what_is_solved(tmp_path: Path) -> None:
+    store = tmp_path / "results" / "results.db"
+
+    def solved() -> bool:
+        wal = store.with_name("results.db-wal")
+        return wal.exists() and wal.stat().st_size > 16_500
+
+    csv = ROOT / "reports" / "data" / "example_measurements.csv"
+    command = ("reports/compare.py", csv, "--out", tmp_path, "--processes", 2)
+    assert _interrupted(solved, *command) == (130, "", "reports/compare.py: interrupted\n")
+    assert [path.name for path in tmp_path.iterdir()] == ["results"]
+    rows = Store(store)._rows.execute("SELECT count(*) FROM records").fetchone()
+    assert rows[0] >= 1
