@@ -2,9 +2,9 @@
 
 This is the only module that imports gmsh. The outlines are embedded with OpenCASCADE's
 ``fragment``, so every patch, and every overlap of patches, is a union of elements. Elements are
-six-node triangles: rim and circular outlines are curved to second order. Element sizes are
-smallest along the outlines and grow linearly with the distance from them (`Sizes`), or follow an
-error estimate on an earlier mesh (`SizeField`).
+six-node triangles: rim and circular outlines are curved to second order, with the circles' areas.
+Element sizes are smallest along the outlines and grow linearly with the distance from them
+(`Sizes`), or follow an error estimate on an earlier mesh (`SizeField`).
 
 gmsh works on lengths divided by a hundredth of the film's radius, so that its absolute geometric
 tolerance means the same for a film of 1 mm and of 1 m.
@@ -37,6 +37,9 @@ GROWTH = 0.5
 # smaller by the factor, and the scene is meshed again, a few times at the most. The cusp between
 # an arc and its own tangent stays distorted, which does no harm as long as nothing folds.
 DISTORTED, SMALLER, ATTEMPTS = 0.2, 0.4, 4
+
+# How near to a circle a node counts as on it, relative to the radius.
+ON_CIRCLE = 1e-8
 
 RIM = "rim"
 PROBE = "probe"
@@ -181,15 +184,20 @@ def _mesh_once(scene: Scene, sizes: Sizes | SizeField) -> MeshTri2:
             gmsh.model.mesh.setOrder(2)
         except Exception as error:
             raise MeshError(f"gmsh failed: {error}") from error
-        return _read(patches, unit)
+        return _read(patches, unit, _circles(scene))
+
+
+def _circles(scene: Scene) -> list[Circle]:
+    rim = Circle(np.zeros(2), scene.film.radius)
+    return [rim, *(shape for shape in outlines(scene).values() if isinstance(shape, Circle))]
 
 
 def _arcs(tolerance: float) -> int:
-    """Number of quadratic arcs of a circle, whose error falls with its fourth power.
+    """Least number of quadratic arcs of a circle.
 
-    Measured: charges under a disc of eight arcs are wrong by 2e-5.
+    Measured, with arcs of the right area: 16 change the charges by less than 2e-7 under a disc.
     """
-    return int(np.ceil(max(16.0, 24.0 * (1e-5 / tolerance) ** 0.25)))
+    return int(np.ceil(max(12.0, 16.0 * (1e-5 / tolerance) ** 0.25)))
 
 
 @contextmanager
@@ -275,8 +283,8 @@ def _follow(sizes: SizeField, unit: float) -> None:
     field.setAsBackgroundMesh(background)
 
 
-def _read(patches: dict[str, list[int]], unit: float) -> MeshTri2:
-    """The gmsh model as a scikit-fem mesh."""
+def _read(patches: dict[str, list[int]], unit: float, circles: list[Circle]) -> MeshTri2:
+    """The gmsh model as a scikit-fem mesh, with `circles` of the right area."""
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     row = np.empty(int(tags.max()) + 1, dtype=np.int64)
     row[tags] = np.arange(len(tags))
@@ -296,8 +304,32 @@ def _read(patches: dict[str, list[int]], unit: float) -> MeshTri2:
         found = [name for name in subdomains if name not in empty]
         raise MeshError(f"patches without elements: {empty}; patches found: {found}")
     points = coordinates.reshape(-1, 3)[:, :2].T * unit
-    mesh = MeshTri2(points, _with_sorted_vertices(np.concatenate(blocks)).T)
+    triangles = _with_sorted_vertices(np.concatenate(blocks))
+    for circle in circles:
+        _bulge(points, triangles, circle)
+    mesh = MeshTri2(points, triangles.T)
     return mesh.with_subdomains(subdomains).with_boundaries({RIM: mesh.boundary_facets()})
+
+
+def _bulge(points: NDArray[np.float64], triangles: NDArray[np.int64], circle: Circle) -> None:
+    """Move the midside nodes on a circle outwards, so that it has its area.
+
+    A quadratic arc through three points of a circle lies inside it. With the area right, what is
+    left of the error changes sign along the arc, and is not felt away from it.
+    """
+    centre = circle.centre[:, None]
+    radius = np.linalg.norm(points - centre, axis=0)
+    on = np.abs(radius / circle.radius - 1.0) < ON_CIRCLE
+    ends, middle = triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), triangles[:, 3:].ravel()
+    arcs = on[middle] & on[ends].all(axis=1)
+    (a, b), middle = ends[arcs].T, middle[arcs]
+    half = np.arcsin(0.5 * np.linalg.norm(points[:, a] - points[:, b], axis=0) / circle.radius)
+    # Between the arc and its chord: (4/3) (r - cos) sin = half - sin cos, of a unit circle.
+    sine, cosine = np.sin(half), np.cos(half)
+    bulged = cosine + 0.75 * (half - sine * cosine) / sine
+    points[:, middle] = centre + (points[:, middle] - centre) / radius[middle] * (
+        bulged * circle.radius
+    )
 
 
 def _with_sorted_vertices(triangles: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -337,12 +337,16 @@ def first_sizes(scene: Scene, order: int) -> Sizes:
     """Element sizes that meet the tolerance in most scenes.
 
     The sizes at an outline follow its area over its perimeter, which for a slender shape is half
-    its width. A rigid probe has singular tractions along its edge, a pressure only a jump.
+    its width. A rigid probe has singular tractions along its edge, a pressure only a jump. Means
+    of a stress along an electrode's edges need smaller elements than integrals over it.
     """
+    along_edges = scene.numerics.observable == "thesis-edge"
+    rigid = scene.load.kind == "rigid"
+    electrode, probe = (1.7, 1.4) if along_edges else (5.0, 2.0)
     reached = scene.numerics.tolerance / REACHED[order]
     factor = float(np.clip(reached ** (1.0 / (order + 1.0)), 0.4, 2.2))
     shapes = outlines(scene)
-    share = dict.fromkeys(shapes, 5.0) | {PROBE: 0.5 if scene.load.kind == "rigid" else 2.0}
+    share = dict.fromkeys(shapes, electrode) | {PROBE: 0.5 if rigid else probe}
     patches = {name: share[name] * shape.area / shape.perimeter for name, shape in shapes.items()}
     return Sizes(patches, 0.5, 0.55 * scene.film.radius).scaled(factor)
 
