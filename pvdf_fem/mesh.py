@@ -12,6 +12,7 @@ tolerance means the same for a film of 1 mm and of 1 m.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -37,6 +38,9 @@ GROWTH = 0.5
 # smaller by the factor, and the scene is meshed again, a few times at the most. The cusp between
 # an arc and its own tangent stays distorted, which does no harm as long as nothing folds.
 DISTORTED, SMALLER, ATTEMPTS = 0.2, 0.4, 4
+
+# gmsh has one state for all threads, of which the worker of a cluster may have several.
+_ONE_MODEL = threading.Lock()
 
 RIM = "rim"
 PROBE = "probe"
@@ -164,7 +168,7 @@ def mesh_scene(scene: Scene, sizes: Sizes | SizeField) -> MeshTri2:
 
 def _mesh_once(scene: Scene, sizes: Sizes | SizeField) -> MeshTri2:
     unit = scene.film.radius / 100.0
-    with _gmsh():
+    with _ONE_MODEL, _gmsh():
         try:
             patches = _fragment(outlines(scene), unit)
             for option in OTHER_SIZES:

@@ -1,8 +1,8 @@
 """Results that survive: each finished scene is a row of an SQLite file.
 
 A row's key is a hash of the scene, numerics included, and of the source of every module that
-numbers depend on, so that results of older code are never taken for new ones. A row is committed
-as soon as its scene is solved.
+numbers depend on, so that results of older code are never taken for new ones. Rows are committed
+as soon as their scenes are solved, those of one solve together.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ from __future__ import annotations
 import hashlib
 import json
 import sqlite3
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import cache
 from importlib import metadata, resources
 from pathlib import Path
@@ -26,8 +27,8 @@ APPLICATION_ID = 0x70766466
 SCHEMA = 1
 # What the numbers of a record depend on.
 NUMERICAL_MODULES = (
-    *("film", "shapes", "outline", "mesh", "membrane", "load", "equilibrium"),
-    *("newton", "charge", "estimate", "refine", "solution", "sweep"),
+    *("film", "shapes", "outline", "mesh", "membrane", "load", "equilibrium", "newton"),
+    *("cut", "charge", "estimate", "refine", "solution", "equivalence", "plan", "records"),
 )
 NUMERICAL_PACKAGES = ("gmsh", "numpy", "scikit-fem", "scipy")
 
@@ -155,12 +156,16 @@ class Store:
         )
         return Record(**fields)
 
-    def put(self, scene: Scene, record: Record) -> None:
-        """Keep the record of a scene."""
-        text = json.dumps(asdict(record))
-        self._rows.execute(
-            "INSERT OR REPLACE INTO records VALUES (?, ?)", (self._code + key(scene), text)
-        )
+    def __contains__(self, scene: Scene) -> bool:
+        query = "SELECT 1 FROM records WHERE key = ?"
+        return self._rows.execute(query, (self._code + key(scene),)).fetchone() is not None
+
+    def put(self, records: Iterable[tuple[Scene, Record]]) -> None:
+        """Keep the records of scenes, all or none; a scene that has one keeps it."""
+        rows = [(self._code + key(scene), json.dumps(vars(record))) for scene, record in records]
+        with self._rows:
+            self._rows.execute("BEGIN IMMEDIATE")
+            self._rows.executemany("INSERT OR IGNORE INTO records VALUES (?, ?)", rows)
 
     def close(self) -> None:
         """Close the file."""

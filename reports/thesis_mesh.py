@@ -22,7 +22,7 @@ from pvdf_fem.mesh import Sizes, electrode_patch, mesh_scene, outlines
 from pvdf_fem.scene import Scene
 from pvdf_fem.solution import Solution, solve
 from pvdf_fem.store import Record, Store
-from pvdf_fem.sweep import record_of
+from pvdf_fem.records import record_of
 
 PATCH_SIZE = 0.75e-3
 FILM_SIZE = 1.0e-3
@@ -47,7 +47,7 @@ def charges_on_thesis_mesh(scenes: Iterable[Scene], path: Path) -> dict[Scene, d
             record = store.get(scene)
             if record is None:
                 record = _record(solve_on_thesis_mesh(scene))
-                store.put(scene, record)
+                store.put([(scene, record)])
             film, observable = scene.film, scene.numerics.observable
             found[scene] = (
                 record.charges_pC(film.d31_pC_N, film.d32_pC_N, observable)

@@ -17,7 +17,7 @@ def record(status: str = "converged") -> Record:
 
 def test_a_record_comes_back_as_it_was(tmp_path):
     with Store(tmp_path / "s.db") as store:
-        store.put(SCENE, record())
+        store.put([(SCENE, record())])
     with Store(tmp_path / "s.db") as store:
         assert store.get(SCENE) == record()
         assert store.get(SCENE.with_(**{"load.force_N": 1.5})) is None
