@@ -201,9 +201,7 @@ def _samplings(goals: Sequence[Goal], membrane: Membrane) -> Iterator[tuple[Stre
                     yield stress, part
 
 
-def _area_patches(
-    goals: Sequence[Goal], those: Indices, membrane: Membrane
-) -> Iterator[Sampling]:
+def _area_patches(goals: Sequence[Goal], those: Indices, membrane: Membrane) -> Iterator[Sampling]:
     patches = [_patch(goals[i], membrane.mesh) for i in those]
     elements, owners = np.concatenate(patches), np.repeat(those, [len(patch) for patch in patches])
     gradients, weights = membrane.gradients[elements], membrane.weights[elements]
@@ -216,9 +214,7 @@ def _area_cuts(goals: Sequence[Goal], those: Indices, membrane: Membrane) -> Ite
     yield Sampling(those[cut.owners], (0, 1), cut.elements, gradients, cut.weights)
 
 
-def _edge_patches(
-    goals: Sequence[Goal], those: Indices, membrane: Membrane
-) -> Iterator[Sampling]:
+def _edge_patches(goals: Sequence[Goal], those: Indices, membrane: Membrane) -> Iterator[Sampling]:
     for index in those:
         patch = _patch(goals[index], membrane.mesh)
         area = membrane.weights[patch].sum()

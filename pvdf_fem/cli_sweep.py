@@ -121,9 +121,7 @@ def _sweep(options: argparse.Namespace) -> int:
         raise InputError(str(error)) from error
 
 
-def _run(
-    grid: Grid, plan: Plan, store: Store, output: Path, options: argparse.Namespace
-) -> int:
+def _run(grid: Grid, plan: Plan, store: Store, output: Path, options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from pvdf_fem.dataset import dataset, write_netcdf

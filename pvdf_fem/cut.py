@@ -146,7 +146,9 @@ def _local(mesh: MeshTri2, elements: NDArray[np.int64], at: Array) -> Array:
     """Local coordinates (2, n, points) of points (n, points, 2), each row in one element."""
     nodes = mesh.doflocs[:, mesh.dofs.element_dofs[:, elements]]
     J = np.stack([nodes[:, 1] - nodes[:, 0], nodes[:, 2] - nodes[:, 0]], axis=1)
-    points = np.einsum("nij,npj->inp", np.linalg.inv(J.transpose(2, 0, 1)), at - nodes[:, 0].T[:, None])
+    points = np.einsum(
+        "nij,npj->inp", np.linalg.inv(J.transpose(2, 0, 1)), at - nodes[:, 0].T[:, None]
+    )
     rows = np.flatnonzero(_curved(nodes))
     mapping, target = mesh.mapping(), at.transpose(2, 0, 1)[:, rows]
     for _ in range(STEPS if len(rows) else 0):

@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field, ValidationError
 
 from pvdf_fem.mistakes import MOST_MISTAKES
 from pvdf_fem.quantity import Finite, Length, Number, Part
 from pvdf_fem.scene import Scene
-from pvdf_fem.scene_file import SceneError, choose, parse_toml, problem, quote, read_text
+from pvdf_fem.scene_file import SceneError, choose, parse_toml, problem, read_text
 from pvdf_fem.sensing.mapping import MappingScheme
 
 #: Grids with more scenes are refused.
@@ -28,7 +28,7 @@ _SECTIONS = tuple(Scene.model_fields)
 
 
 class Range(Part):
-    """`count` numbers from `start` to `stop`, both included, equally far apart or in equal ratio."""
+    """`count` numbers from `start` to `stop`, both included, with equal steps or equal ratios."""
 
     start: Finite
     stop: Finite
@@ -193,9 +193,7 @@ class Grid:
         return found
 
 
-def _axis(
-    where: str, table: Mapping[str, Any], scene: Scene, problems: list[str]
-) -> Axis | None:
+def _axis(where: str, table: Mapping[str, Any], scene: Scene, problems: list[str]) -> Axis | None:
     """One axis of a table; None, and more problems, if there is a mistake."""
     count = len(problems)
     rest = dict(table)
@@ -250,9 +248,7 @@ def _values(where: str, value: Any, problems: list[str]) -> tuple[Any, ...]:
     return tuple(value.tolist() if isinstance(value, np.ndarray) else value)
 
 
-def _mapped(
-    where: str, value: Any, scene: Scene, name: str, problems: list[str]
-) -> Axis | None:
+def _mapped(where: str, value: Any, scene: Scene, name: str, problems: list[str]) -> Axis | None:
     try:
         lines = Lines.model_validate(value)
         scheme = MappingScheme(scene, **lines.model_dump())

@@ -13,6 +13,7 @@ from pvdf_fem.scene import Scene
 
 Array = NDArray[np.float64]
 
+
 @dataclass(frozen=True, eq=False)
 class Block:
     """Scenes that one solve serves.

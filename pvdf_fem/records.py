@@ -68,10 +68,8 @@ def _records(
     for scene, mine in zip(scenes, rows, strict=True):
         edged = all(goals[i].has_edges for i in mine)
         found = {n: forces[n][mine].tolist() for n in OBSERVABLES if edged or n == "material"}
-        errors = {scene.numerics.observable: solution.fields.force_errors[mine].tolist()}
-        records.append(
-            replace(shared, electrodes=_names(scene), forces=found, force_errors=errors)
-        )
+        errors = {str(scene.numerics.observable): solution.fields.force_errors[mine].tolist()}
+        records.append(replace(shared, electrodes=_names(scene), forces=found, force_errors=errors))
     return records
 
 
@@ -131,7 +129,7 @@ def _forces(solution: Solution, goals: Sequence[Goal], observable: str) -> Array
     own = np.array([goal.observable == observable for goal in goals])
     forces[own] = fields.forces[own]
     defined = observable == "material"
-    others = [i for i in np.flatnonzero(~own) if defined or goals[i].has_edges]
+    others = [i for i in np.flatnonzero(~own).tolist() if defined or goals[i].has_edges]
     asked = [replace(goals[i], observable=observable) for i in others]
     if asked:
         forces[others] = goal_forces(asked, fields.equilibrium.membrane, fields.displacement)

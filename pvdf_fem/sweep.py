@@ -119,8 +119,10 @@ def records(
         number: ([todo.scenes[i] for i in block.indices], block.frames)
         for number, block in enumerate(todo.blocks)
     }
-    run = partial(on_cluster, scheduler=scheduler) if scheduler else partial(
-        on_processes, processes=processes
+    run = (
+        partial(on_cluster, scheduler=scheduler)
+        if scheduler
+        else partial(on_processes, processes=processes)
     )
     done, total = 0, todo.missing
     progress(done, total)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping
-from typing import TypeVar
+from importlib import import_module
+from typing import Any, TypeVar
 
 import joblib
 from joblib.externals.loky.process_executor import TerminatedWorkerError
@@ -66,9 +67,7 @@ def _parallel(
         yield from parallel(calls)
 
 
-def _numbered(
-    function: Callable[[Task], Result], number: int, task: Task
-) -> tuple[int, Result]:
+def _numbered(function: Callable[[Task], Result], number: int, task: Task) -> tuple[int, Result]:
     return number, function(task)
 
 
@@ -92,18 +91,18 @@ def on_cluster(
         When dask is not installed or no scheduler answers.
     """
     try:
-        from distributed import Client, as_completed
+        distributed: Any = import_module("distributed")
     except ImportError as error:
         advice = "install it with: pip install 'pvdf-fem[cluster]'"
         raise ClusterError(f"--scheduler {scheduler}: dask is missing; {advice}") from error
     try:
-        client = Client(scheduler, timeout=20, set_as_default=False)
+        client = distributed.Client(scheduler, timeout=20, set_as_default=False)
     except (OSError, ValueError) as error:
         advice = "start `dask scheduler` there, or correct the address"
         raise ClusterError(f"--scheduler {scheduler}: {error}; {advice}") from error
     with client:
         futures = {client.submit(function, task, pure=False): n for n, task in tasks.items()}
-        for future in as_completed(futures):
+        for future in distributed.as_completed(futures):
             died = future.status == "error"
             yield futures[future], Died() if died else future.result()
             future.release()

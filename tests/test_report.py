@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -189,14 +190,14 @@ def test_only_the_wanted_figure_is_made(
     assert "'3.2' is not one of Fig. 3.1, Fig. 3.16" in capsys.readouterr().err
 
 
-def _failing(scene: Scene) -> object:
+def _failing(scenes: Sequence[Scene], frames: object) -> list[Record]:
     raise RuntimeError("broken")
 
 
 def test_failed_solves_are_reported_and_tried_again(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(sweep, "solve", _failing)
+    monkeypatch.setattr(sweep, "records_of", _failing)
     monkeypatch.setattr(thesis, "PARTS", (_part("good", [Scene()]),))
     arguments = ["--out", str(tmp_path), "--processes", "1", "--quiet"]
     assert thesis.main(arguments) == 1
@@ -209,8 +210,7 @@ def test_failed_solves_are_reported_and_tried_again(
 
 def test_all_parts_survive_failed_solves(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     failed = Record("unstable", "no", tuple("ABCD"), {}, {}, 0.0, 0, 0, (), 0.0)
-    monkeypatch.setattr(sweep, "record_of", lambda solution: failed)
-    monkeypatch.setattr(sweep, "solve", lambda scene: None)
+    monkeypatch.setattr(sweep, "records_of", lambda scenes, frames: [failed] * len(scenes))
     arguments = ["--out", str(tmp_path), "--processes", "1", "--quiet", "--quick"]
     assert thesis.main(arguments) == 1
     text = assert_links_work(tmp_path / "index.html").text
