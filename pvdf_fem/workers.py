@@ -102,7 +102,7 @@ def on_cluster(
         raise ClusterError(f"--scheduler {scheduler}: {error}; {advice}") from error
     with client:
         futures = {client.submit(function, task, pure=False): n for n, task in tasks.items()}
-        for future in distributed.as_completed(futures):
+        for future in distributed.as_completed(futures, loop=client.loop):
             died = future.status == "error"
             yield futures[future], Died() if died else future.result()
             future.release()
