@@ -137,6 +137,9 @@ class Store:
             raise StoreError(
                 f"{self._path}: not a store of pvdf_fem, version {SCHEMA}; name another file"
             )
+        (state,) = self._rows.execute("PRAGMA quick_check(1)").fetchone()
+        if state != "ok":
+            raise sqlite3.DatabaseError(f"damaged: {state}")
         self._rows.execute("PRAGMA journal_mode = WAL")
         self._rows.execute("BEGIN IMMEDIATE")
         self._rows.execute(f"PRAGMA application_id = {APPLICATION_ID}")

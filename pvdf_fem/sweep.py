@@ -129,7 +129,7 @@ def records(
     for number, result in run(_solved, tasks):
         indices = todo.blocks[number].indices
         if isinstance(result, Died):
-            result = _crashed(tasks[number][0], "its process died")
+            result = _crashed(tasks[number][0], result.reason)
         if store is not None:
             pairs = zip((todo.scenes[i] for i in indices), result, strict=True)
             store.put((scene, record) for scene, record in pairs if record.status != CRASHED)

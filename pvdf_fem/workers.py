@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, TypeVar
 
@@ -21,8 +22,11 @@ class ClusterError(RuntimeError):
     """A cluster cannot be used; the text says why and what to do."""
 
 
+@dataclass(frozen=True)
 class Died:
-    """Stands for the result of a task whose process died."""
+    """Stands for the result of a task that has none, and says why."""
+
+    reason: str
 
 
 def on_processes(
@@ -55,7 +59,7 @@ def on_processes(
             if alone:
                 number = next(iter(now))
                 del left[number]
-                yield number, Died()
+                yield number, Died("its process died")
 
 
 def _parallel(
@@ -103,6 +107,8 @@ def on_cluster(
     with client:
         futures = {client.submit(function, task, pure=False): n for n, task in tasks.items()}
         for future in distributed.as_completed(futures, loop=client.loop):
-            died = future.status == "error"
-            yield futures[future], Died() if died else future.result()
+            reason = future.exception()
+            died = reason is not None
+            number = futures[future]
+            yield number, Died(f"{type(reason).__name__}: {reason}") if died else future.result()
             future.release()
