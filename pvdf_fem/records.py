@@ -34,13 +34,15 @@ def records_of(scenes: Sequence[Scene], frames: Array) -> list[Record]:
     The mesh follows the electrodes of the first scene if those of the others lie on them, else
     the probe only. Scenes that do not meet the tolerance together are solved one by one.
     """
+    scene = scenes[0]
     goals, rows = _goals(scenes, frames)
-    followed = _followed(goals, scenes[0])
-    if followed is not None:
-        solution = solve_goals(scenes[0], goals := followed)
+    followed = _followed(goals, scene)
+    if followed is None:
+        # no scene that a file could give, but all that counts here are its goals
+        scene = scene.model_copy(update={"electrodes": ()})
     else:
-        # not a scene that a file could give: what it is solved for are the goals
-        solution = solve_goals(scenes[0].model_copy(update={"electrodes": ()}), goals)
+        goals = followed
+    solution = solve_goals(scene, goals)
     if len(scenes) > 1 and solution.status in (Status.TOLERANCE, Status.MESH_FAILED):
         return [records_of([scene], frames[:1])[0] for scene in scenes]
     return _records(solution, goals, scenes, rows)

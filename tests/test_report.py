@@ -70,7 +70,7 @@ def test_rotations_of_the_centred_rectangle_share_six_solves(results: Results) -
 def test_results_stay_in_the_folder(results: Results, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = thesis_scene("4", "circle1", force_N=0.1).with_(**{"numerics.tolerance": 1e-2})
     results.solve([scene])
-    monkeypatch.setattr(sweep, "solve", None)
+    monkeypatch.setattr(sweep, "records_of", None)
     other = Results(results.folder, 1)
     assert other.missing([scene]) == 0
     other.solve([scene])
