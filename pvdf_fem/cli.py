@@ -14,12 +14,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pvdf_fem import __version__
+from pvdf_fem import __version__, cli_sweep
 from pvdf_fem.program import (
     CONVERGED,
     NOT_CONVERGED,
     ArgumentParser,
     InputError,
+    output_mistakes,
     run_program,
 )
 
@@ -55,7 +56,8 @@ Any electrodes instead of a layout, each below a heading [[electrodes]]:
 Shapes: triangle (side_mm; probes only), square (side_mm; electrodes only),
 rectangle (width_mm, height_mm), circle (radius_mm), polygon (vertices_mm).
 
-`pvdf-fem COMMAND --help` tells more about a command.
+`pvdf-fem COMMAND --help` tells more about a command, that of `sweep` about sweep
+files.
 
 exit codes: 0 converged, 2 bad input or an output that cannot be written,
 3 not converged, 130 interrupted"""
@@ -150,6 +152,7 @@ def _parser() -> argparse.ArgumentParser:
         "--loaded", action="store_true", help="about the film under its load, not the flat film"
     )
     _add_json(modes)
+    cli_sweep.add_to(commands)
     return parser
 
 
@@ -231,28 +234,13 @@ def _change(text: str) -> tuple[str, Any]:
     )
 
 
-def _output_mistakes(path: Path | None, extensions: Sequence[str]) -> list[str]:
-    """What would keep a file from being written."""
-    if path is None:
-        return []
-    from pvdf_fem.files import FileError, require_writable
-
-    if path.suffix.lower() not in extensions:
-        return [f"{path}: has no extension of a known format; choose from {' '.join(extensions)}"]
-    try:
-        require_writable(path)
-    except FileError as error:
-        return [str(error)]
-    return []
-
-
 # ------------------------------------------------------------------------------------- commands
 
 
 def _solve(options: argparse.Namespace) -> int:
-    mistakes = _output_mistakes(options.vtu, [".vtu"])
+    mistakes = output_mistakes(options.vtu, [".vtu"])
     if options.plot:
-        mistakes += _output_mistakes(options.plot, _plot_extensions())
+        mistakes += output_mistakes(options.plot, _plot_extensions())
     scene = _scene(options, *mistakes)
     from pvdf_fem.newton import Status
     from pvdf_fem.solution import solve
@@ -270,7 +258,7 @@ def _solve(options: argparse.Namespace) -> int:
 def _mesh(options: argparse.Namespace) -> int:
     from pvdf_fem.export import FORMATS, write_mesh
 
-    scene = _scene(options, *_output_mistakes(options.file, list(FORMATS)))
+    scene = _scene(options, *output_mistakes(options.file, list(FORMATS)))
     from pvdf_fem.mesh import MeshError, mesh_scene
     from pvdf_fem.solution import first_sizes, order_for
 

@@ -12,6 +12,7 @@ tolerance means the same for a film of 1 mm and of 1 m.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -40,6 +41,8 @@ DISTORTED, SMALLER, ATTEMPTS = 0.2, 0.4, 4
 
 # How near to a circle a node counts as on it, relative to the radius.
 ON_CIRCLE = 1e-8
+# gmsh has one state for all threads, of which the worker of a cluster may have several.
+_ONE_MODEL = threading.Lock()
 
 RIM = "rim"
 PROBE = "probe"
@@ -167,7 +170,7 @@ def mesh_scene(scene: Scene, sizes: Sizes | SizeField) -> MeshTri2:
 
 def _mesh_once(scene: Scene, sizes: Sizes | SizeField) -> MeshTri2:
     unit = scene.film.radius / 100.0
-    with _gmsh():
+    with _ONE_MODEL, _gmsh():
         try:
             patches = _fragment(outlines(scene), unit)
             for option in OTHER_SIZES:

@@ -7,10 +7,11 @@ import io
 import os
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import NoReturn
 
-from pvdf_fem.files import FileError, printable
+from pvdf_fem.files import FileError, printable, require_writable
 
 CONVERGED, BAD_INPUT, NOT_CONVERGED, INTERRUPTED, BROKEN_PIPE = 0, 2, 3, 130, 141
 #: Characters of a line of complaint, and lines that are told.
@@ -27,6 +28,19 @@ class ArgumentParser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Tell usage and mistake; exits with 2."""
         super().error(_line(message))
+
+
+def output_mistakes(path: Path | None, extensions: Sequence[str]) -> list[str]:
+    """What would keep a file from being written."""
+    if path is None:
+        return []
+    if path.suffix.lower() not in extensions:
+        return [f"{path}: has no extension of a known format; choose from {' '.join(extensions)}"]
+    try:
+        require_writable(path)
+    except FileError as error:
+        return [str(error)]
+    return []
 
 
 def run_program(name: str, job: Callable[[], int]) -> int:

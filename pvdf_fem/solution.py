@@ -7,7 +7,7 @@ error of a charge exceeds the tolerance, the next mesh follows the indicators of
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from skfem import Basis, MeshTri2
 
-from pvdf_fem.charge import charge_gradients, electrode_forces
+from pvdf_fem.charge import Goal, goal_forces, goal_gradients, goals_of
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.estimate import Correction, correct, indicators, prolongation
 from pvdf_fem.membrane import Array
@@ -31,6 +31,8 @@ SAFETY = 0.5
 # Newton's last step in the orders below, whose discretisation errors are larger.
 START_TOLERANCE = 3e-2
 MAX_MESHES = 6
+# Charges that a refined mesh follows, those with the largest errors.
+MOST_DUALS = 32
 # The largest deflection is sought on this many points around the best one, on ever smaller scales.
 ZOOM, ROUNDS = 8, 5
 # Relative error of the worst charge that element sizes of `first_sizes` without their factor leave,
@@ -205,7 +207,12 @@ class Fields:
         return self.equilibrium.state(self.q)
 
 
-def solve(scene: Scene, *, mesh: MeshTri2 | None = None, order: int | None = None) -> Solution:
+def solve(
+    scene: Scene,
+    *,
+    mesh: MeshTri2 | None = None,
+    order: int | None = None,
+) -> Solution:
     """Charges and fields of a scene.
 
     Parameters
@@ -223,19 +230,35 @@ def solve(scene: Scene, *, mesh: MeshTri2 | None = None, order: int | None = Non
     Solution
         Its `status` tells whether there is a result.
     """
+    return solve_goals(scene, goals_of(scene), mesh=mesh, order=order)
+
+
+def solve_goals(
+    scene: Scene,
+    goals: Sequence[Goal],
+    *,
+    mesh: MeshTri2 | None = None,
+    order: int | None = None,
+) -> Solution:
+    """`solve` for other charges than those of the scene's electrodes.
+
+    The charges that meet the tolerance, and the `forces` and `force_errors` of the solution's
+    `fields`, are those of the goals; a solution's charges by electrode have no meaning here.
+    """
     clock = Clock()
     order = order or order_for(scene)
     if mesh is not None:
-        return _finish(_solve_on(scene, mesh, order, clock), clock)
+        return _finish(_solve_on(scene, goals, mesh, order, clock), clock)
     tolerance = scene.numerics.tolerance
     try:
-        attempt = _solve_on(scene, _meshed(scene, first_sizes(scene, order), clock), order, clock)
+        first = _meshed(scene, first_sizes(scene, order), clock)
+        attempt = _solve_on(scene, goals, first, order, clock)
         for _ in range(MAX_MESHES - 1):
             if attempt.result.status is not Status.CONVERGED or attempt.worst <= tolerance:
                 break
             with clock("refine"):
                 sizes = _refined(attempt, SAFETY * tolerance)
-            attempt = _solve_on(scene, _meshed(scene, sizes, clock), order, clock, attempt)
+            attempt = _solve_on(scene, goals, _meshed(scene, sizes, clock), order, clock, attempt)
     except MeshError as error:
         reason = f"{Status.MESH_FAILED.advice} ({error})"
         return Solution(scene, Status.MESH_FAILED, reason, seconds=clock.seconds())
@@ -256,46 +279,56 @@ class Attempt:
     """A solve on one mesh: Newton's result, the correction and the worst charge's error."""
 
     scene: Scene
+    goals: Sequence[Goal]
     result: NewtonResult
     fields: Fields
     correction: Correction | None
 
     @property
     def worst(self) -> float:
-        """Largest estimated error of a charge over the sizes of its two contributions."""
-        errors = np.abs(self.fields.force_errors @ self._d)
-        return float(np.max(errors / self.charge_sizes, initial=0.0))
+        """Largest of the `charge_errors`."""
+        return float(np.max(self.charge_errors, initial=0.0))
+
+    @property
+    def charge_errors(self) -> Array:
+        """Estimated error of each charge over the sizes of its two contributions, (goals,)."""
+        return np.abs((self.fields.force_errors * self._d).sum(axis=1)) / self.charge_sizes
 
     @property
     def charge_sizes(self) -> Array:
-        """|d31 X| + |d32 Y| of each electrode in C, (electrodes,)."""
-        sizes = np.abs(self.fields.forces) @ np.abs(self._d)
+        """|d31 X| + |d32 Y| of each electrode in C, (goals,)."""
+        sizes = np.abs(self.fields.forces * self._d).sum(axis=1)
         return np.where(sizes > 0.0, sizes, 1.0)
 
     @property
-    def _d(self) -> list[float]:
-        return [self.scene.film.d31, self.scene.film.d32]
+    def _d(self) -> Array:
+        return np.reshape([goal.d for goal in self.goals], (-1, 2))
 
 
 def _solve_on(
-    scene: Scene, mesh: MeshTri2, order: int, clock: Clock, coarser: Attempt | None = None
+    scene: Scene,
+    goals: Sequence[Goal],
+    mesh: MeshTri2,
+    order: int,
+    clock: Clock,
+    coarser: Attempt | None = None,
 ) -> Attempt:
     with clock("solve"):
         equilibrium = Equilibrium(scene, mesh, order)
         start = _carried_over(coarser, equilibrium) if coarser else _start(equilibrium)
         result = newton(equilibrium, start, near=order > 1 or coarser is not None)
         x = equilibrium.unknowns.expand(result.q)
-        forces = electrode_forces(scene, equilibrium.membrane, x)
+        forces = goal_forces(goals, equilibrium.membrane, x)
     correction, errors = None, np.zeros_like(forces)
     if result.status is Status.CONVERGED and result.factors is not None:
         with clock("estimate"):
             rich = Equilibrium(scene, mesh, order + 1)
             correction = correct(equilibrium, result.q, result.factors, rich)
             x = rich.unknowns.expand(correction.q)
-            errors = electrode_forces(scene, rich.membrane, x) - forces
+            errors = goal_forces(goals, rich.membrane, x) - forces
             if scene.load.kind == "rigid":
                 errors *= EDGE_FACTOR
-    return Attempt(scene, result, Fields(equilibrium, result.q, forces, errors), correction)
+    return Attempt(scene, goals, result, Fields(equilibrium, result.q, forces, errors), correction)
 
 
 def _start(equilibrium: Equilibrium) -> Array:
@@ -323,8 +356,10 @@ def _refined(attempt: Attempt, tolerance: float) -> SizeField:
         raise ValueError("only a converged attempt can be refined")
     rich = correction.rich
     x = rich.unknowns.expand(correction.start)
-    goals = charge_gradients(attempt.scene, rich.membrane, x) / attempt.charge_sizes
-    shares = indicators(correction, factors, goals)
+    worst = np.argsort(attempt.charge_errors)[-MOST_DUALS:]
+    goals = [attempt.goals[i] for i in worst]
+    gradients = goal_gradients(goals, rich.membrane, x) / attempt.charge_sizes[worst]
+    shares = indicators(correction, factors, gradients)
     return refined_sizes(rich.membrane.mesh, shares.max(axis=1), tolerance / attempt.worst)
 
 
@@ -338,7 +373,9 @@ def first_sizes(scene: Scene, order: int) -> Sizes:
 
     The sizes at an outline follow its area over its perimeter, which for a slender shape is half
     its width. A rigid probe has singular tractions along its edge, a pressure only a jump. Means
-    of a stress along an electrode's edges need smaller elements than integrals over it.
+    of a stress along an electrode's edges need smaller elements than integrals over it. The mesh
+    of a scene without electrodes is for charges anywhere on the film (`solve_goals`), which see
+    more of its error where they cut elements: it is finer at the probe, and farther away from it.
     """
     along_edges = scene.numerics.observable == "thesis-edge"
     rigid = scene.load.kind == "rigid"
@@ -346,9 +383,12 @@ def first_sizes(scene: Scene, order: int) -> Sizes:
     reached = scene.numerics.tolerance / REACHED[order]
     factor = float(np.clip(reached ** (1.0 / (order + 1.0)), 0.4, 2.2))
     shapes = outlines(scene)
-    share = dict.fromkeys(shapes, electrode) | {PROBE: 0.5 if rigid else probe}
+    followed = len(scene.electrode_list) > 0
+    at_probe = (0.5 if rigid else probe) * (1.0 if followed else 0.5)
+    share = dict.fromkeys(shapes, electrode) | {PROBE: at_probe}
     patches = {name: share[name] * shape.area / shape.perimeter for name, shape in shapes.items()}
-    return Sizes(patches, 0.5, 0.55 * scene.film.radius).scaled(factor)
+    growth, film = (0.5, 0.55) if followed else (0.2, 0.4)
+    return Sizes(patches, growth, film * scene.film.radius).scaled(factor)
 
 
 def _finish(attempt: Attempt, clock: Clock) -> Solution:

@@ -1,8 +1,8 @@
 """Results that survive: each finished scene is a row of an SQLite file.
 
 A row's key is a hash of the scene, numerics included, and of the source of every module that
-numbers depend on, so that results of older code are never taken for new ones. A row is committed
-as soon as its scene is solved.
+numbers depend on, so that results of older code are never taken for new ones. Rows are committed
+as soon as their scenes are solved, those of one solve together.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ import hashlib
 import json
 import sqlite3
 import zlib
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import cache
 from importlib import metadata, resources
 from pathlib import Path
@@ -28,8 +29,8 @@ APPLICATION_ID = 0x70766466
 SCHEMA = 2
 # What the numbers of a record depend on.
 NUMERICAL_MODULES = (
-    *("film", "shapes", "outline", "mesh", "membrane", "load", "equilibrium"),
-    *("newton", "charge", "estimate", "refine", "solution", "sweep"),
+    *("film", "shapes", "outline", "mesh", "membrane", "load", "equilibrium", "newton"),
+    *("cut", "charge", "estimate", "refine", "solution", "equivalence", "plan", "records"),
 )
 NUMERICAL_PACKAGES = ("gmsh", "numpy", "scikit-fem", "scipy")
 
@@ -143,6 +144,9 @@ class Store:
                 f"{self._path}: not a store of pvdf_fem, version {SCHEMA}; name another file "
                 "or remove this one"
             )
+        state = self._execute("PRAGMA quick_check(1)")
+        if state != ("ok",):
+            raise self._error(sqlite3.DatabaseError(f"damaged: {state[0]}"))
         self._execute("PRAGMA journal_mode = WAL")
         self._execute("BEGIN IMMEDIATE")
         self._execute(f"PRAGMA application_id = {APPLICATION_ID}")
@@ -164,12 +168,21 @@ class Store:
         )
         return Record(**fields)
 
-    def put(self, scene: Scene, record: Record) -> None:
-        """Keep the record of a scene."""
-        text = json.dumps(asdict(record))
-        query = "INSERT OR REPLACE INTO records VALUES (?, ?)"
-        name = self._code + key(scene)
-        self._execute(query, name, _sum(name, text) + text)
+    def __contains__(self, scene: Scene) -> bool:
+        return self.get(scene) is not None
+
+    def put(self, records: Iterable[tuple[Scene, Record]]) -> None:
+        """Keep the records of scenes, all or none."""
+        rows = []
+        for scene, record in records:
+            name, text = self._code + key(scene), json.dumps(vars(record))
+            rows.append((name, _sum(name, text) + text))
+        try:
+            with self._rows:
+                self._rows.execute("BEGIN IMMEDIATE")
+                self._rows.executemany("INSERT OR REPLACE INTO records VALUES (?, ?)", rows)
+        except sqlite3.Error as error:
+            raise self._error(error) from error
 
     def _execute(self, query: str, *values: str) -> Any:
         """The first row that a query gives."""

@@ -1,20 +1,68 @@
-"""Many scenes: each solved once, on all cores, and kept as soon as it is done."""
+"""Many scenes: what can be shared is solved once, on all cores or a cluster, and kept."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
-import joblib
-
-from pvdf_fem.charge import OBSERVABLES, electrode_forces
-from pvdf_fem.newton import Status
-from pvdf_fem.scene import Scene, SceneError
-from pvdf_fem.solution import Solution, solve
+from pvdf_fem.grid import Grid
+from pvdf_fem.plan import Plan, plan
+from pvdf_fem.records import records_of
+from pvdf_fem.scene import Scene
 from pvdf_fem.store import Record, Store
+from pvdf_fem.workers import Died, on_cluster, on_processes
 
-#: Status of a scene whose solve ended in an exception. It is not stored, so the next run tries it.
+if TYPE_CHECKING:
+    import xarray
+
+#: Status of a scene whose solve ended in an exception or with the death of its process. It is not
+#: stored, so the next run tries it again.
 CRASHED = "crashed"
+
+Progress = Callable[[int, int], None]
+
+
+def _silent(done: int, total: int) -> None:
+    pass
+
+
+def sweep(
+    scene: Scene,
+    axes: Sequence[Mapping[str, Any]],
+    store: Store | None = None,
+    *,
+    processes: int = -1,
+    scheduler: str | None = None,
+    progress: Progress = _silent,
+) -> xarray.Dataset:
+    """Charges of a scene over a grid.
+
+    Parameters
+    ----------
+    scene : Scene
+        The base scene.
+    axes : sequence of mapping
+        See `pvdf_fem.grid.Grid.of`: ``[{"film.thickness_um": [9, 25, 110]}, ...]``.
+    store, processes, scheduler, progress
+        As for `solve_all`.
+
+    Returns
+    -------
+    xarray.Dataset
+        See `pvdf_fem.dataset.dataset`.
+
+    Raises
+    ------
+    SceneError
+        When an axis, or a scene of the grid, has a mistake.
+    """
+    from pvdf_fem.dataset import dataset  # xarray is slow to import
+
+    grid = Grid.of(scene, axes)
+    todo = planned(grid.scenes(), store)
+    found = records(todo, store, processes=processes, scheduler=scheduler, progress=progress)
+    return dataset(grid, todo, found)
 
 
 def solve_all(
@@ -22,73 +70,81 @@ def solve_all(
     store: Store | None = None,
     *,
     processes: int = -1,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    scheduler: str | None = None,
+    progress: Progress = _silent,
 ) -> list[Record]:
     """Records of scenes, in their order.
 
     Parameters
     ----------
     scenes : sequence of Scene
-        Equal scenes are solved once.
+        One solve serves all whose films deform alike, see `pvdf_fem.equivalence`.
     store : Store, optional
-        Scenes found in it are not solved; others are added one by one, except crashed ones.
+        Scenes found in it are not solved; others are added as they are solved, except crashed ones.
     processes : int
         Number of processes, -1 for all cores; 1 solves in this one.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers solve in place of processes of this machine.
     progress : callable
         Called with the numbers of finished and of all distinct scenes to be solved.
     """
-    found: dict[str, Record] = {}
-    missing: dict[str, Scene] = {}
-    keys = [scene.model_dump_json() for scene in scenes]
-    for name, scene in zip(keys, scenes, strict=True):
-        record = store.get(scene) if store and name not in found else None
-        if record is not None:
-            found[name] = record
-        elif name not in found:
-            missing[name] = scene
-    progress(0, len(missing))
-    tasks = (joblib.delayed(_solved)(name, scene) for name, scene in missing.items())
-    with joblib.parallel_config("loky", inner_max_num_threads=1):
-        solved = joblib.Parallel(processes, return_as="generator_unordered")(tasks)
-    for done, (name, record) in enumerate(solved, start=1):
-        found[name] = record
-        if store and record.status != CRASHED:
-            store.put(missing[name], record)
-        progress(done, len(missing))
-    return [found[name] for name in keys]
+    todo = planned(scenes, store)
+    found = dict(records(todo, store, processes=processes, scheduler=scheduler, progress=progress))
+    return [found[first] for first in todo.first.tolist()]
 
 
-def _solved(name: str, scene: Scene) -> tuple[str, Record]:
-    try:
-        return name, record_of(solve(scene))
-    except Exception as error:  # whatever it is, the other scenes go on
-        names = tuple(electrode.name for electrode in scene.electrode_list)
-        reason = f"{type(error).__name__}: {error}"
-        return name, Record(CRASHED, reason, names, {}, {}, 0.0, 0, 0, (), 0.0)
+def planned(scenes: Sequence[Scene], store: Store | None = None) -> Plan:
+    """The plan for scenes, less what the store has."""
+    return plan(scenes, None if store is None else [scene in store for scene in scenes])
 
 
-def record_of(solution: Solution) -> Record:
-    """What is kept of a solution, its charges by both observables where electrodes have edges."""
-    forces: dict[str, list[list[float]]] = {}
-    errors: dict[str, list[list[float]]] = {}
-    deflection = 0.0
-    if solution.status is Status.CONVERGED:
-        fields, deflection = solution.fields, solution.deflection_max_mm
-        errors[solution.scene.numerics.observable] = fields.force_errors.tolist()
-        for observable in OBSERVABLES:
-            with suppress(SceneError):
-                scene = solution.scene.with_(**{"numerics.observable": observable})
-                values = electrode_forces(scene, fields.equilibrium.membrane, fields.displacement)
-                forces[observable] = values.tolist()
-    return Record(
-        status=str(solution.status),
-        reason=solution.reason,
-        electrodes=tuple(electrode.name for electrode in solution.scene.electrode_list),
-        forces=forces,
-        force_errors=errors,
-        deflection_max_mm=deflection,
-        unknowns=solution.unknowns,
-        newton_iterations=solution.newton_iterations,
-        warnings=solution.warnings,
-        seconds=solution.seconds["total"],
+def records(
+    todo: Plan,
+    store: Store | None = None,
+    *,
+    processes: int = -1,
+    scheduler: str | None = None,
+    progress: Progress = _silent,
+) -> Iterator[tuple[int, Record]]:
+    """The records of a plan as they come: index of the first of equal scenes, and its record.
+
+    For the parameters see `solve_all`.
+    """
+    if store is not None:
+        for index in todo.stored:
+            record = store.get(todo.scenes[index])
+            assert record is not None  # rows are never removed
+            yield index, record
+    tasks = {
+        number: ([todo.scenes[i] for i in block.indices], block.frames)
+        for number, block in enumerate(todo.blocks)
+    }
+    run = (
+        partial(on_cluster, scheduler=scheduler)
+        if scheduler
+        else partial(on_processes, processes=processes)
     )
+    done, total = 0, todo.missing
+    progress(done, total)
+    for number, result in run(_solved, tasks):
+        indices = todo.blocks[number].indices
+        if isinstance(result, Died):
+            result = _crashed(tasks[number][0], result.reason)
+        if store is not None:
+            pairs = zip((todo.scenes[i] for i in indices), result, strict=True)
+            store.put((scene, record) for scene, record in pairs if record.status != CRASHED)
+        done += len(indices)
+        progress(done, total)
+        yield from zip(indices, result, strict=True)
+
+
+def _solved(task: tuple[list[Scene], Any]) -> list[Record]:
+    try:
+        return records_of(*task)
+    except Exception as error:  # whatever it is, the other scenes go on
+        return _crashed(task[0], f"{type(error).__name__}: {error}")
+
+
+def _crashed(scenes: Sequence[Scene], reason: str) -> list[Record]:
+    names = [tuple(electrode.name for electrode in scene.electrode_list) for scene in scenes]
+    return [Record(CRASHED, reason, each, {}, {}, 0.0, 0, 0, (), 0.0) for each in names]

@@ -80,7 +80,7 @@ def _store(arguments: Sequence[str]) -> int:
             for scene, record in zip(scenes, records, strict=True):
                 if (found := store.get(scene)) not in (None, record):
                     raise Accepted(found)
-            store.put(scenes[0], records[1])
+            store.put([(scenes[0], records[1])])
             if store.get(scenes[0]) != records[1]:
                 raise StoreError(f"{path}: keeps nothing")
         raise Accepted(None)
@@ -105,7 +105,7 @@ def _kept() -> tuple[list[Scene], list[Record], bytes]:
         path = Path(folder) / "store.db"
         with Store(path) as store:
             for scene, record in zip(scenes, records, strict=True):
-                store.put(scene, record)
+                store.put([(scene, record)])
         with sqlite3.connect(path) as rows:
             rows.execute("PRAGMA journal_mode = DELETE")
         rows.close()

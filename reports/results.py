@@ -1,8 +1,6 @@
 """The records that a report rests on, solved once and kept between runs.
 
-Scenes that are mirror images or quarter turns of each other are solved once
-(`pvdf_fem.sensing.symmetry`); what is solved stays in a store, so that an interrupted report goes
-on where it was.
+What is solved stays in a store, so that an interrupted report goes on where it was.
 """
 
 from __future__ import annotations
@@ -12,9 +10,8 @@ from pathlib import Path
 
 from pvdf_fem import Scene
 from pvdf_fem.sensing.carried import CarriedField, carried_field
-from pvdf_fem.sensing.symmetry import Image, representative
 from pvdf_fem.store import Record, Store
-from pvdf_fem.sweep import solve_all
+from pvdf_fem.sweep import planned, solve_all
 
 #: The charges that the thesis's post-processor computes, and those of the electrode's material.
 THESIS_EDGE = "thesis-edge"
@@ -35,13 +32,11 @@ class Results:
     def __init__(self, folder: Path, processes: int) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder, self.processes = folder, processes
-        self._images: dict[Scene, Image] = {}
         self._records: dict[Scene, Record] = {}
 
     def __getitem__(self, scene: Scene) -> Record:
         """The record of a scene that was solved."""
-        image = self._image(scene)
-        return image.record(self._records[image.scene])
+        return self._records[scene]
 
     def solve(
         self,
@@ -49,7 +44,7 @@ class Results:
         progress: Callable[[int, int], None] = lambda done, total: None,
     ) -> None:
         """Solve those of the scenes that are neither here nor in the store."""
-        wanted = [one for one in self._distinct(scenes) if one not in self._records]
+        wanted = [one for one in dict.fromkeys(scenes) if one not in self._records]
         with self._store() as store:
             found = solve_all(wanted, store, processes=self.processes, progress=progress)
         self._records.update(zip(wanted, found, strict=True))
@@ -57,13 +52,12 @@ class Results:
     def missing(self, scenes: Iterable[Scene]) -> int:
         """How many solves these scenes still need."""
         with self._store() as store:
-            return sum(store.get(scene) is None for scene in self._distinct(scenes))
+            return len(planned(list(scenes), store).blocks)
 
     def of(self, scenes: Iterable[Scene]) -> Results:
         """The records of some solved scenes only, for another process."""
         some = Results(self.folder, 1)
-        some._images = {scene: self._image(scene) for scene in scenes}
-        some._records = {i.scene: self._records[i.scene] for i in some._images.values()}
+        some._records = {scene: self._records[scene] for scene in scenes}
         return some
 
     def field(self, scene: Scene) -> CarriedField:
@@ -77,11 +71,3 @@ class Results:
 
     def _store(self) -> Store:
         return Store(self.folder / "results.db")
-
-    def _distinct(self, scenes: Iterable[Scene]) -> list[Scene]:
-        return list(dict.fromkeys(self._image(scene).scene for scene in scenes))
-
-    def _image(self, scene: Scene) -> Image:
-        if scene not in self._images:
-            self._images[scene] = representative(scene)
-        return self._images[scene]

@@ -232,7 +232,7 @@ class Report:
             "Python": python_version(),
             "Cores": f"{os.cpu_count()}, {self.results.processes} processes of one thread",
             "Tolerance": f"{TOLERANCE:g} (relative, each charge)",
-            "Solves": f"{len(records)}, {solving:.0f} s of computing, kept between runs",
+            "Scenes": f"{len(records)}, {solving:.0f} s of computing, kept between runs",
             "Time": f"{time.perf_counter() - self._start:.0f} s",
         }
 

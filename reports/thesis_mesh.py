@@ -19,10 +19,10 @@ from skfem import MeshTri2
 
 from pvdf_fem.charge import cauchy_stress
 from pvdf_fem.mesh import Sizes, electrode_patch, mesh_scene, outlines
+from pvdf_fem.records import record_of
 from pvdf_fem.scene import Scene
 from pvdf_fem.solution import Solution, solve
 from pvdf_fem.store import Record, Store
-from pvdf_fem.sweep import record_of
 
 PATCH_SIZE = 0.75e-3
 FILM_SIZE = 1.0e-3
@@ -47,7 +47,7 @@ def charges_on_thesis_mesh(scenes: Iterable[Scene], path: Path) -> dict[Scene, d
             record = store.get(scene)
             if record is None:
                 record = _record(solve_on_thesis_mesh(scene))
-                store.put(scene, record)
+                store.put([(scene, record)])
             film, observable = scene.film, scene.numerics.observable
             found[scene] = (
                 record.charges_pC(film.d31_pC_N, film.d32_pC_N, observable)
@@ -83,7 +83,7 @@ def nodal_stress(solution: Solution) -> NDArray[np.float64]:
     """Cauchy stress xx, yy in Pa at the vertices, (vertices, 2): mean over the elements around."""
     membrane = solution.fields.equilibrium.membrane
     gradient = membrane.gradient(solution.fields.displacement)
-    of_element = cauchy_stress(membrane, gradient).mean(axis=1)
+    of_element = cauchy_stress(membrane, gradient)[..., :2].mean(axis=1)
     vertices = solution.mesh.t
     total = np.zeros((vertices.max() + 1, 2))
     for corner in vertices:

@@ -156,7 +156,7 @@ def _rotation_text(found: list[Comparison]) -> list[str]:
     charges = {(o.charge.electrode, o.charge.rotation_deg): o for o in found}
     opening = (
         "The rectangular probe of 14 mm × 7 mm presses the centre of the four-electrode sensor and "
-        "is turned about its centre. One solve gives up to eight of these charges, by symmetry."
+        "is turned about its centre. To the film this is one scene: one solve gives all angles."
     )
     mirror = [
         abs(one.charge.charge_pC - charges["A", 90.0 - angle].charge.charge_pC)

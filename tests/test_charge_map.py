@@ -10,9 +10,9 @@ from sensing_cases import Peak, record
 from pvdf_fem import NotConvergedError, Scene, solve
 from pvdf_fem.sensing.carried import CarriedField, carried_field
 from pvdf_fem.sensing.charge_map import Calibration, ChargeMap, PolyharmonicSpline
-from pvdf_fem.sensing.symmetry import solve_once
 from pvdf_fem.sensing.triangulation import locate
 from pvdf_fem.shapes import CircleShape, PolygonShape, RectangleShape, SquareShape
+from pvdf_fem.sweep import planned, solve_all
 
 TRIANGLE = Scene().with_(**{"probe.shape": "triangle", "numerics.tolerance": 2e-3})
 # A lattice of 4 mm, each place moved by up to 1 mm.
@@ -216,11 +216,8 @@ def test_the_field_gives_the_charges_of_the_centred_scene(field, observable):
 def test_a_probe_is_located_from_thirteen_solves(field):
     """End to end: calibrate on a lattice of 8 mm, then find a probe between its places."""
     calibration = Calibration(TRIANGLE, reach_mm=16.0, pitch_mm=8.0)
-    totals = []
-    records = solve_once(
-        calibration.scenes, processes=1, progress=lambda _, total: totals.append(total)
-    )
-    assert totals[0] == 13
+    assert len(planned(calibration.scenes).blocks) == 13
+    records = solve_all(calibration.scenes, processes=1)
     maps = calibration.maps(records, 8.0, 8.0, field=field)
     place = {"probe.x_mm": 5.0714, "probe.y_mm": 0.8757}
     charges = solve(TRIANGLE.with_(**place)).charges_pC

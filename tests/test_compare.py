@@ -142,10 +142,10 @@ def test_comparison_end_to_end(tmp_path: Path) -> None:
 
 
 def test_a_failed_solve_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(scene: object) -> object:
+    def broken(scenes: object, frames: object) -> object:
         raise RuntimeError("broken")
 
-    monkeypatch.setattr(sweep, "solve", broken)
+    monkeypatch.setattr(sweep, "records_of", broken)
     code, [row], text = _run(write(tmp_path / "m.csv", GOOD), tmp_path / "out")
     assert code == 1
     assert row["status"] == "crashed"

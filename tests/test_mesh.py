@@ -14,7 +14,7 @@ from skfem import Basis, ElementTriP2
 
 from pvdf_fem import Scene
 from pvdf_fem.mesh import MeshError, Sizes, mesh_scene, outlines
-from pvdf_fem.outline import Circle, Polygon
+from pvdf_fem.outline import Circle
 
 ON_A = "x_mm = 10\nwidth_mm = 3\nheight_mm = 3"
 PLACES = {

@@ -22,9 +22,9 @@ from pvdf_fem.figures import new_figure, save
 from pvdf_fem.files import FileError, make_directory, replacing, require_writable
 from pvdf_fem.page import Column, Page, Section, Table
 from pvdf_fem.program import InputError, run_program
+from pvdf_fem.records import record_of
 from pvdf_fem.sensing import carried
 from pvdf_fem.store import Store, StoreError
-from pvdf_fem.sweep import record_of
 from reports import benchmark, compare, error_vs_time, thesis
 from reports.kept import kept
 from reports.results import Results
@@ -127,12 +127,12 @@ def test_a_full_disk_leaves_no_half_section_or_field(
 def test_a_full_disk_loses_no_record(solution: Solution, tmp_path: Path) -> None:
     record = record_of(solution)
     with Store(tmp_path / "results.db") as store:
-        store.put(solution.scene, record)
+        store.put([(solution.scene, record)])
         before = resource.getrlimit(resource.RLIMIT_FSIZE)
         resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
         try:
             with pytest.raises(StoreError, match="see to its disk"):
-                store.put(Scene(), record)
+                store.put([(Scene(), record)])
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, before)
     with Store(tmp_path / "results.db") as store:

@@ -32,8 +32,7 @@ def made_up(scene: Scene) -> Record:
 def report(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Links]:
     out = tmp_path_factory.mktemp("report")
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(sweep, "solve", lambda scene: scene)
-        patched.setattr(sweep, "record_of", made_up)
+        patched.setattr(sweep, "records_of", lambda scenes, frames: list(map(made_up, scenes)))
         thesis.main(["--out", str(out), "--processes", "1", "--quiet"])
     return out, assert_links_work(out / "index.html")
 

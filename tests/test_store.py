@@ -17,7 +17,7 @@ def record(status: str = "converged") -> Record:
 
 def test_a_record_comes_back_as_it_was(tmp_path):
     with Store(tmp_path / "s.db") as store:
-        store.put(SCENE, record())
+        store.put([(SCENE, record())])
     with Store(tmp_path / "s.db") as store:
         assert store.get(SCENE) == record()
         assert store.get(SCENE.with_(**{"load.force_N": 1.5})) is None
@@ -49,6 +49,32 @@ def test_a_damaged_file_is_refused_and_left_alone(tmp_path):
     with pytest.raises(StoreError, match="not a database"):
         Store(path)
     assert path.read_bytes() == b"not a database" * 100
+
+
+def test_a_store_with_a_damaged_page_is_refused_and_left_alone(tmp_path):
+    path = tmp_path / "s.db"
+    with Store(path) as store:
+        forces = [0.01 * i for i in range(100)]
+        store.put((SCENE.with_(**{"load.force_N": force}), record()) for force in forces)
+    whole = path.read_bytes()
+    damaged = whole[:8192] + b"\x55" * 4096 + whole[12288:]
+    path.write_bytes(damaged)
+    with pytest.raises(StoreError, match="damaged"):
+        Store(path)
+    assert path.read_bytes() == damaged
+
+
+def test_records_that_come_together_are_kept_all_or_none(tmp_path):
+    def broken():
+        yield SCENE, record()
+        raise RuntimeError
+
+    with Store(tmp_path / "s.db") as store:
+        with pytest.raises(RuntimeError):
+            store.put(broken())
+        assert SCENE not in store
+        store.put([(SCENE, record()), (SCENE, record("unstable"))])
+        assert store.get(SCENE) == record("unstable")
 
 
 def test_equal_scenes_are_solved_once_and_stored_ones_not_at_all(tmp_path):

@@ -176,7 +176,7 @@ def _field(scene: Scene) -> CarriedField:
     stress = {}
     for observable, of in OBSERVABLES.items():
         # the projection removes the jumps between elements, and keeps integrals
-        nodal = [basis.project(values) for values in np.moveaxis(of(membrane, gradient), -1, 0)]
+        nodal = [basis.project(values) for values in np.moveaxis(of(membrane, gradient), -1, 0)[:2]]
         smooth = CloughTocher2DInterpolator(1e3 * basis.doflocs.T, np.stack(nodal, axis=-1))
         stress[observable] = np.moveaxis(smooth(places), -1, 0)
     return CarriedField(at, stress)

@@ -99,7 +99,7 @@ class ChargeMap:
 class Calibration:
     """Places of the probe for charge maps: a square lattice about the film's centre.
 
-    The lattice keeps all symmetries of film and electrodes, see `symmetry.solve_once`.
+    The lattice keeps all symmetries of film and electrodes, so that few places need a solve.
 
     Attributes
     ----------
