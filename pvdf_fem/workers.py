@@ -71,7 +71,7 @@ def _parallel(
         parallel = joblib.Parallel(processes, return_as="generator_unordered", batch_size=1)
         results = parallel(calls)
         try:
-            for result in results:  # "yield from" would close it itself, with its warning
+            for result in results:  # noqa: UP028, "yield from" would close it, with a warning
                 yield result
         finally:
             with warnings.catch_warnings():
