@@ -86,10 +86,10 @@ def correct(coarse: Equilibrium, q: Array, factors: SuperLU, rich: Equilibrium) 
 def _solve(
     rich: Equilibrium, tangent: Array, right: Array, prolong: sp.csr_matrix, factors: SuperLU
 ) -> Array:
-    diagonal = rich.assembly.vector(np.einsum("eii->ei", tangent))
+    diagonal = _diagonal(rich, tangent)
 
     def apply(step: Array) -> Array:
-        return rich.assembly.vector(np.matmul(tangent, local(rich, step)[..., None]))
+        return _times(rich, tangent, step)
 
     def precondition(residual: Array) -> Array:
         return prolong @ factors.solve(prolong.T @ residual) + residual / diagonal
@@ -103,6 +103,17 @@ def _solve(
         maxiter=MAX_ITERATIONS,
     )
     return step
+
+
+def _times(rich: Equilibrium, tangent: Array, step: Array) -> Array:
+    """The tangent, of which `tangent` has the membrane's elements, times a step."""
+    product = rich.assembly.vector(np.matmul(tangent, local(rich, step)[..., None]))
+    return product if rich.bending is None else product + rich.bending.matrix @ step
+
+
+def _diagonal(rich: Equilibrium, tangent: Array) -> Array:
+    diagonal = rich.assembly.vector(np.einsum("eii->ei", tangent))
+    return diagonal if rich.bending is None else diagonal + rich.bending.matrix.diagonal()
 
 
 def local(equilibrium: Equilibrium, q: Array) -> Array:
@@ -125,12 +136,18 @@ def indicators(correction: Correction, factors: SuperLU, goals: Array) -> Array:
         Derivative of the goals with respect to the dofs of ``correction.rich``.
     """
     rich, tangent, prolong = correction.rich, correction.tangent, correction.prolong
-    error = np.matmul(tangent, local(rich, correction.q - correction.start)[..., None])[..., 0]
-    diagonal = rich.assembly.vector(np.einsum("eii->ei", tangent))
+    step = correction.q - correction.start
+    error = np.matmul(tangent, local(rich, step)[..., None])[..., 0]
+    if rich.bending is not None:
+        # forces across edges belong to no element: each node's is shared among its elements
+        nodes = rich.membrane.basis.element_dofs.T
+        forces = rich.bending.forces(rich.unknowns.expand(step))
+        error[:, 2::3] += (forces / np.bincount(nodes.ravel()))[nodes]
+    diagonal = _diagonal(rich, tangent)
     shares = []
-    for goal in (_expansion(rich.unknowns).T @ goals).T:
+    for goal in (rich.unknowns.expansion.T @ goals).T:
         dual = prolong @ factors.solve(prolong.T @ goal, "T")
-        missing = goal - rich.assembly.vector(np.matmul(tangent, local(rich, dual)[..., None]))
+        missing = goal - _times(rich, tangent, dual)
         shares.append(np.abs((error * local(rich, missing / diagonal)).sum(axis=1)))
     return np.stack(shares, axis=-1)
 
@@ -149,14 +166,7 @@ def prolongation(coarse: Equilibrium, rich: Equilibrium) -> sp.csr_matrix:
     rows = np.broadcast_to(nodes[:, None], columns.shape)
     scalar = sp.csr_matrix((values[local].ravel(), (rows.ravel(), columns.ravel())))
     dofs = sp.kron(scalar, sp.eye(3), format="csr")
-    return (_pick(rich.unknowns) @ dofs @ _expansion(coarse.unknowns)).tocsr()
-
-
-def _expansion(unknowns: Unknowns) -> sp.csr_matrix:
-    """Matrix form of `Unknowns.expand`; its transpose sums forces on dofs."""
-    dofs = np.flatnonzero(unknowns.of_dof >= 0)
-    shape = (len(unknowns.of_dof), unknowns.count)
-    return sp.csr_matrix((np.ones(len(dofs)), (dofs, unknowns.of_dof[dofs])), shape=shape)
+    return (_pick(rich.unknowns) @ dofs @ coarse.unknowns.expansion).tocsr()
 
 
 def _pick(unknowns: Unknowns) -> sp.csr_matrix:

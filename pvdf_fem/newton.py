@@ -257,6 +257,8 @@ def seed(equilibrium: Equilibrium) -> Array:
     induced = 0.3 * np.cbrt(stiffness * (equilibrium.load.force / film.radius) ** 2)
     tension = induced + max(-2.0 * stiffness * film.thermal_strain, 0.0)
     laplace = equilibrium.assembly.matrix(membrane.laplace() * tension)
+    if equilibrium.bending is not None:
+        laplace = laplace + equilibrium.bending.matrix
     tangent = equilibrium.tangent(flat)
     q[deflections] = _solve_block(laplace, forces, deflections)
     residual = equilibrium.residual(equilibrium.state(q))
@@ -286,4 +288,7 @@ def _energy_of_scaled(
     stress = strain @ film.stiffness
     thermal = film.thermal_strain * film.stiffness[:, :2].sum(axis=1)
     work, released = float(forces @ w), float((weighted @ thermal).sum())
-    return np.array([0.0, -work, -released, 0.0, 0.5 * float((stress * weighted).sum())])
+    quadratic = -released
+    if equilibrium.bending is not None:
+        quadratic += equilibrium.bending.energy(w)
+    return np.array([0.0, -work, quadratic, 0.0, 0.5 * float((stress * weighted).sum())])

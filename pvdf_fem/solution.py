@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 from skfem import Basis, MeshTri2
 
+from pvdf_fem.bending import LOWEST_ORDER
+from pvdf_fem.bending_effect import bending_joins
 from pvdf_fem.charge import charge_gradients, electrode_forces
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.estimate import Correction, correct, indicators, prolongation
@@ -301,7 +303,7 @@ def _solve_on(
 def _start(equilibrium: Equilibrium) -> Array:
     """The solution of the order below, which costs less than the iterations that it saves."""
     order = equilibrium.membrane.order
-    if order == 1:
+    if order == (1 if equilibrium.bending is None else LOWEST_ORDER):
         return seed(equilibrium)
     lower = Equilibrium(equilibrium.scene, equilibrium.membrane.mesh, order - 1)
     result = newton(lower, _start(lower), START_TOLERANCE, near=order > 2)
@@ -329,8 +331,11 @@ def _refined(attempt: Attempt, tolerance: float) -> SizeField:
 
 
 def order_for(scene: Scene) -> int:
-    """The order that `solve` takes: 3, or 2 at the singular edge of a rigid probe."""
-    return 2 if scene.load.kind == "rigid" else 3
+    """The order that `solve` takes: 3, or 2 at the singular edge of a rigid probe.
+
+    Bending rounds that edge off, and quadratic deflections bend too stiffly.
+    """
+    return 2 if scene.load.kind == "rigid" and not bending_joins(scene) else 3
 
 
 def first_sizes(scene: Scene, order: int) -> Sizes:

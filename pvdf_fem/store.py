@@ -26,8 +26,8 @@ APPLICATION_ID = 0x70766466
 SCHEMA = 1
 # What the numbers of a record depend on.
 NUMERICAL_MODULES = (
-    *("film", "shapes", "outline", "mesh", "membrane", "load", "equilibrium"),
-    *("newton", "charge", "estimate", "refine", "solution", "sweep"),
+    *("film", "shapes", "outline", "mesh", "membrane", "bending", "bending_effect", "load"),
+    *("equilibrium", "newton", "charge", "estimate", "refine", "solution", "sweep"),
 )
 NUMERICAL_PACKAGES = ("gmsh", "numpy", "scikit-fem", "scipy")
 
