@@ -34,10 +34,11 @@ EDGES = (
     ((1.0, 0.0), (-1.0, 1.0), (1.0, 1.0)),
     ((0.0, 0.0), (0.0, 1.0), (-1.0, 0.0)),
 )
-# tau over D_nn times the mean of |e|/area of both sides. The form is positive definite from 3 on for
-# order 3 and from 6 on for order 4 (measured, isotropic to E1/E2 = 50; inverse inequalities bound
-# them by 9 and 18). One number for all orders, so that the energy of a function is the same in a
-# space of higher order that contains it; a larger one clamps elements larger than l too stiffly.
+# tau over D_nn times the mean of |e|/area of both sides. The form is positive definite from 3 on
+# for order 3 and from 6 on for order 4 (measured, isotropic to E1/E2 = 50; inverse inequalities
+# bound them by 9 and 18). One number for all orders, so that the energy of a function is the same
+# in a space of higher order that contains it. A larger one clamps too stiffly where an element of
+# the rim is larger than the bending length.
 PENALTY = 9.0
 LOWEST_ORDER = 2
 
@@ -132,7 +133,7 @@ def _derivatives(element: Element, points: Array) -> tuple[Array, Array]:
         moved = points + 1j * COMPLEX_STEP * direction[:, None]
         slopes = [element.lbasis(moved, i)[1] for i in range(len(element.doflocs))]
         second.append(np.imag(slopes) / COMPLEX_STEP)
-    return np.moveaxis(first, -1, 0), np.moveaxis(second, (3, 1, 2), (0, 1, 2))
+    return np.array(first).transpose(2, 0, 1), np.array(second).transpose(3, 1, 2, 0)
 
 
 @dataclass(frozen=True)

@@ -73,7 +73,7 @@ class Equilibrium:
         """Internal minus external forces of the unknowns, N."""
         residual = self.assembly.vector(self.element_residual(state))
         if self.bending is not None:
-            residual += self.bending.residual(state.dofs)
+            residual = residual + self.bending.residual(state.dofs)
         return residual
 
     def tangent(self, state: MembraneState) -> sp.csc_matrix:
@@ -97,9 +97,10 @@ class Equilibrium:
         """Force in N along z by which the rim holds the film."""
         dofs = self.membrane.element_dofs.ravel()
         forces = np.bincount(dofs, self.element_residual(state).ravel(), self.membrane.dof_count)
+        reaction = float(forces[self.rim_dofs[2::3]].sum())
         if self.bending is not None:
-            forces[2::3] += self.bending.forces(state.dofs)
-        return float(forces[self.rim_dofs[2::3]].sum())
+            reaction += float(self.bending.forces(state.dofs)[self.rim_dofs[2::3] // 3].sum())
+        return reaction
 
     def applied_force(self, state: MembraneState) -> float:
         """Force in N along z by which the probe presses."""
@@ -115,9 +116,7 @@ class Bending:
         N/m.
     """
 
-    def __init__(
-        self, scene: Scene, membrane: Membrane, load: Load, unknowns: Unknowns
-    ) -> None:
+    def __init__(self, scene: Scene, membrane: Membrane, load: Load, unknowns: Unknowns) -> None:
         rigid = load.patch if load.kind == "rigid" else load.patch[:0]
         effect = bending_effect(scene)
         tensions = effect.rim_tension, effect.probe_tension

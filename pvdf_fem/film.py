@@ -19,9 +19,10 @@ class Film(Part):
     """The film: a flat disc clamped on its rim, centred on the origin.
 
     `youngs_modulus_GPa` is a number, or a pair [E1, E2] along x and y; `poisson_ratio` is then
-    ν12 (ν21 = ν12 E2/E1). `bending` adds the film's stiffness as a plate: always, never, or
-    (``"auto"``) where it could change a charge by more than ``numerics.tolerance``. Without `shear_modulus_GPa`, Huber's estimate
+    ν12 (ν21 = ν12 E2/E1). Without `shear_modulus_GPa`, Huber's estimate
     √(E1 E2)/(2(1 + √(ν12 ν21))) is taken, which is E/(2(1 + ν)) for an isotropic film.
+    `bending` adds the film's stiffness as a plate: always, never, or (``"auto"``) where it could
+    change a charge by more than ``numerics.tolerance``.
     """
 
     radius_mm: Length = 45.0

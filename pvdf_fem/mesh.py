@@ -39,6 +39,7 @@ GROWTH = 0.5
 DISTORTED, SMALLER, ATTEMPTS = 0.2, 0.4, 4
 
 RIM = "rim"
+FILM = "film"
 PROBE = "probe"
 
 
@@ -58,7 +59,7 @@ class Sizes:
     Attributes
     ----------
     patches : dict
-        Element size along the outline of each patch, by patch name.
+        Element size along the outline of each patch, by patch name; `FILM` is the rim's.
     growth : float
         Increase of the element size per unit of distance from an outline.
     film : float
@@ -213,7 +214,7 @@ def _fragment(outlines: dict[str, Outline], unit: float) -> dict[str, list[int]]
     else:
         pieces = [[disc]]
     occ.synchronize()
-    names = ["film", *outlines]
+    names = [FILM, *outlines]
     return {name: [tag for _, tag in piece] for name, piece in zip(names, pieces, strict=True)}
 
 

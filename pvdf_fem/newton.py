@@ -222,9 +222,15 @@ def _convex_tangent(equilibrium: Equilibrium, state: MembraneState) -> sp.csc_ma
 
 
 def _unloaded(equilibrium: Equilibrium, q: Array) -> NewtonResult:
-    """The flat film: an equilibrium for any tension, a stable one unless it is compressed."""
-    compressed = equilibrium.film.thermal_strain > 0.0
-    return NewtonResult(q, Status.UNSTABLE if compressed else Status.CONVERGED, (), None)
+    """The flat film: an equilibrium for any tension, a stable one unless it is compressed.
+
+    A film that bends bears the compression below that at which it buckles.
+    """
+    unstable = equilibrium.film.thermal_strain > 0.0
+    if unstable and equilibrium.bending is not None:
+        factors = factorise(equilibrium.tangent(equilibrium.state(q)))
+        unstable = negative_pivots(factors) > 0
+    return NewtonResult(q, Status.UNSTABLE if unstable else Status.CONVERGED, (), None)
 
 
 def _work(equilibrium: Equilibrium, state: MembraneState, q: Array) -> float:

@@ -18,15 +18,16 @@ import numpy as np
 from skfem import Basis, MeshTri2
 
 from pvdf_fem.bending import LOWEST_ORDER
-from pvdf_fem.bending_effect import bending_joins
+from pvdf_fem.bending_effect import CONSIDERABLE, bending_effect, bending_joins, layer_size
 from pvdf_fem.charge import charge_gradients, electrode_forces
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.estimate import Correction, correct, indicators, prolongation
 from pvdf_fem.membrane import Array
-from pvdf_fem.mesh import PROBE, MeshError, SizeField, Sizes, mesh_scene, outlines
+from pvdf_fem.mesh import FILM, PROBE, MeshError, SizeField, Sizes, mesh_scene, outlines
 from pvdf_fem.newton import Iteration, NewtonResult, Status, newton, seed
 from pvdf_fem.refine import refined_sizes, transferred
 from pvdf_fem.scene import Scene
+from pvdf_fem.scene_file import quote
 
 # Sizes aim at this part of the tolerance.
 SAFETY = 0.5
@@ -41,6 +42,8 @@ REACHED = {1: 2e-2, 2: 2e-3, 3: 1e-4}
 # The next order takes away only 0.55 to 0.8 of the error that the singular edge of a rigid probe
 # makes (measured on uniform and on refined meshes); estimates are raised by this.
 EDGE_FACTOR = 1.6
+# The same where bending acts within less than an element of an edge: 0.65 to 1.1.
+LAYER_FACTOR = 1.5
 
 
 class NotConvergedError(RuntimeError):
@@ -58,8 +61,8 @@ class Solution:
         `Status.CONVERGED`, or why there is no result.
     iterations : tuple of Iteration
         Newton's table on the last mesh.
-    left_out, warnings : tuple of str
-        What the model neglects in this scene; what to look at.
+    left_out, included, warnings : tuple of str
+        What the model neglects in this scene; what it has beyond the membrane; what to look at.
     seconds : dict
         ``mesh``, ``solve``, ``estimate`` and ``total``.
     reason : str
@@ -71,6 +74,7 @@ class Solution:
     reason: str
     iterations: tuple[Iteration, ...] = ()
     left_out: tuple[str, ...] = ()
+    included: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
     _fields: Fields | None = None
@@ -160,6 +164,7 @@ class Solution:
             "unknowns": self.unknowns,
             "newton_iterations": self.newton_iterations,
             "left_out": list(self.left_out),
+            "included": list(self.included),
             "warnings": list(self.warnings),
             "seconds": self.seconds,
         }
@@ -295,7 +300,9 @@ def _solve_on(
             correction = correct(equilibrium, result.q, result.factors, rich)
             x = rich.unknowns.expand(correction.q)
             errors = electrode_forces(scene, rich.membrane, x) - forces
-            if scene.load.kind == "rigid":
+            if equilibrium.bending is not None:
+                errors *= LAYER_FACTOR
+            elif scene.load.kind == "rigid":
                 errors *= EDGE_FACTOR
     return Attempt(scene, result, Fields(equilibrium, result.q, forces, errors), correction)
 
@@ -349,7 +356,22 @@ def first_sizes(scene: Scene, order: int) -> Sizes:
     shapes = outlines(scene)
     share = dict.fromkeys(shapes, 5.0) | {PROBE: 0.5 if scene.load.kind == "rigid" else 2.0}
     patches = {name: share[name] * shape.area / shape.perimeter for name, shape in shapes.items()}
-    return Sizes(patches, 0.5, 0.55 * scene.film.radius).scaled(factor)
+    sizes = Sizes(patches, 0.5, 0.55 * scene.film.radius).scaled(factor)
+    return _with_layers(scene, sizes) if bending_joins(scene) else sizes
+
+
+def _with_layers(scene: Scene, sizes: Sizes) -> Sizes:
+    """Sizes that resolve the layers in which bending acts, where they matter enough."""
+    effect, tolerance = bending_effect(scene), scene.numerics.tolerance
+    layers = {FILM: layer_size(effect.rim_length, effect.rim, tolerance)}
+    if scene.load.kind == "rigid":
+        layers[PROBE] = layer_size(effect.probe_length, effect.probe, tolerance)
+    finer = {
+        name: min(sizes.patches.get(name, np.inf), size)
+        for name, size in layers.items()
+        if size < sizes.film
+    }
+    return replace(sizes, patches=sizes.patches | finer)
 
 
 def _finish(attempt: Attempt, clock: Clock) -> Solution:
@@ -359,26 +381,28 @@ def _finish(attempt: Attempt, clock: Clock) -> Solution:
         status,
         status.advice,
         attempt.result.iterations,
-        (_bending(fields),),
-        tuple(_compression(fields)),
+        *_bending(attempt.scene),
+        (*_considerable(attempt.scene), *_compression(fields)),
         clock.seconds(),
         fields,
     )
 
 
-def _bending(fields: Fields) -> str:
-    """The bending length sqrt(D/N) at rest and under load, as a remark."""
-    film, membrane = fields.equilibrium.film, fields.equilibrium.membrane
-    bending = film.stiffness[0, 0] * film.thickness**3 / 12.0
-    rest = -film.thickness * film.thermal_strain * film.stiffness[:2, :2].sum() / 2.0
-    mean = 0.5 * film.thickness * fields.state.stress[..., :2].sum(axis=-1)
-    loaded = float((mean * membrane.weights).sum() / membrane.weights.sum())
-    lengths = [
-        f"{1e3 * np.sqrt(bending / tension):.3g} mm {when}"
-        for tension, when in ((rest, "at rest"), (loaded, "under load"))
-        if tension > 0.0
-    ]
-    return f"bending: acts within a length of {' and '.join(lengths) or 'any size'}"
+def _bending(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What the model leaves out and what it includes: bending, with the reason."""
+    chosen = quote(scene.film.bending)
+    remark = f"bending (film.bending = {chosen}): {bending_effect(scene)}"
+    return ((), (remark,)) if bending_joins(scene) else ((remark,), ())
+
+
+def _considerable(scene: Scene) -> Iterator[str]:
+    """A warning where bending, left out, could change a charge considerably."""
+    change = bending_effect(scene).change
+    if not bending_joins(scene) and change > max(scene.numerics.tolerance, CONSIDERABLE):
+        yield (
+            f"bending: left out, it could change a charge by up to {change:.1e} of it;"
+            ' give film.bending = "auto" or true'
+        )
 
 
 def _compression(fields: Fields) -> Iterator[str]:
