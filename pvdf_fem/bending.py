@@ -48,10 +48,36 @@ def plate_stiffness(film: Film) -> Array:
     return film.thickness**3 / 12.0 * film.stiffness
 
 
-def bending_matrix(
+@dataclass(frozen=True)
+class BendingForm:
+    """The quadratic form G^T B G of the deflections at the scalar dofs.
+
+    Forces are computed factor by factor: K w itself would lose (radius/element size)^4 in rounding.
+
+    Attributes
+    ----------
+    strains : sparse matrix G (values, scalar dofs)
+        Curvatures at points of elements; slope jumps and mean moments at points of edges.
+    stiffness : sparse matrix B (values, values)
+    """
+
+    strains: sp.csr_matrix
+    stiffness: sp.csr_matrix
+
+    @property
+    def matrix(self) -> sp.csr_matrix:
+        """Stiffness in N/m, (scalar dofs, scalar dofs)."""
+        return (self.strains.T @ (self.stiffness @ self.strains)).tocsr()
+
+    def forces(self, w: Array) -> Array:
+        """Forces in N of the deflections `w` in m, both (scalar dofs,)."""
+        return np.asarray(self.strains.T @ (self.stiffness @ (self.strains @ w)))
+
+
+def bending_form(
     membrane: Membrane, rigid: NDArray[np.int64], tensions: tuple[float, float] = (0.0, 0.0)
-) -> sp.csr_matrix:
-    """Bending stiffness in N/m of the deflections at the scalar dofs, (dofs, dofs).
+) -> BendingForm:
+    """Bending stiffness of a film.
 
     Parameters
     ----------
@@ -71,21 +97,23 @@ def bending_matrix(
     """
     if membrane.order < LOWEST_ORDER:
         raise ValueError(f"order = {membrane.order}: cannot bend; give {LOWEST_ORDER} or 3")
-    soft = np.setdiff1d(np.arange(membrane.mesh.nelements), rigid)
-    D, dofs = plate_stiffness(membrane.film), membrane.basis.element_dofs.T
-    inner = _Shapes.of(membrane, membrane.basis.quadrature[0])
-    scaled = np.matmul(inner.curvature[soft], D * membrane.weights[soft][..., None, None])
-    matrices = np.matmul(scaled, inner.curvature[soft].swapaxes(2, 3)).sum(axis=1)
-    parts = [(dofs[soft], matrices)]
+    mesh, D = membrane.mesh, plate_stiffness(membrane.film)
+    soft, dofs = np.setdiff1d(np.arange(mesh.nelements), rigid), membrane.basis.element_dofs.T
+    curvature = _Shapes.of(membrane, membrane.basis.quadrature[0]).curvature[soft]
+    strains = [_operator(dofs[soft], curvature.swapaxes(2, 3), membrane.basis.N)]
+    stiffness = [sp.kron(sp.diags(membrane.weights[soft].ravel()), D)]
 
-    edges, count = _along_edges(membrane, D), membrane.mesh.nelements
-    single, double = _edges_by_sides(membrane.mesh, soft)
-    rim = np.isin(membrane.mesh.t2f.ravel()[single[:, 0]], membrane.mesh.boundaries[RIM])
+    edges = _along_edges(membrane, D)
+    single, double = _edges_by_sides(mesh, soft)
+    rim = np.isin(mesh.t2f.ravel()[single[:, 0]], mesh.boundaries[RIM])
     groups = ((single[rim], tensions[0]), (single[~rim], tensions[1]), (double, 0.0))
     for sides, tension in groups:
-        local = edges.matrices(sides, tension)
-        parts.append((dofs[sides % count].reshape(local.shape[:2]), local))
-    return _assembled(parts, membrane.basis.N)
+        slope, moment, penalty, weights = edges.joined(sides, tension)
+        nodes = dofs[sides % mesh.nelements].reshape(len(sides), slope.shape[-1])
+        strains += [_operator(nodes, values, membrane.basis.N) for values in (slope, moment)]
+        cross = sp.diags(-weights.ravel())
+        stiffness.append(sp.bmat([[sp.diags((penalty * weights).ravel()), cross], [cross, None]]))
+    return BendingForm(sp.vstack(strains, "csr"), sp.block_diag(stiffness, "csr"))
 
 
 @dataclass(frozen=True)
@@ -158,22 +186,18 @@ class _Edges:
     stiffness: Array
     height: Array
 
-    def matrices(self, sides: NDArray[np.int64], tension: float) -> Array:
-        """Matrices of the edges with these sides, (edges, sides of an edge): one or two.
+    def joined(self, sides: NDArray[np.int64], tension: float) -> tuple[Array, ...]:
+        """Slope jumps, mean moments, penalties and weights of edges.
 
-        `tension` is that at clamped edges.
+        `sides` (edges, 1 or 2) are the sides of each edge, `tension` that of the film at clamped
+        edges; arrays are (edges, points, functions of all sides) and (edges, points).
         """
-        count = sides.shape[1]
         slope = np.concatenate([self.slope[side] for side in sides.T], axis=-1)
-        moment = np.concatenate([self.moment[side] for side in sides.T], axis=-1) / count
-        weights = self.weights[sides[:, 0]][..., None]
+        moment = np.concatenate([self.moment[side] for side in sides.T], axis=-1)
         D = self.stiffness[sides[:, 0]]
         coercive = PENALTY * D * (1.0 / self.height[sides]).mean(axis=1)
-        penalty = np.maximum(coercive, np.sqrt(D * tension))[..., None]
-        # tau s s - m s - s m
-        right = (0.5 * penalty * slope - moment) * weights
-        half = np.matmul(slope.swapaxes(1, 2), right)
-        return half + half.swapaxes(1, 2)
+        penalty = np.maximum(coercive, np.sqrt(D * tension))
+        return slope, moment / sides.shape[1], penalty, self.weights[sides[:, 0]]
 
 
 def _along_edges(membrane: Membrane, D: Array) -> _Edges:
@@ -205,10 +229,9 @@ def _edges_by_sides(mesh: MeshTri2, elements: NDArray[np.int64]) -> list[NDArray
     return [sides[order[start]] for start in starts]
 
 
-def _assembled(parts: list[tuple[NDArray[np.int64], Array]], count: int) -> sp.csr_matrix:
-    """Sum of local matrices (n, m, m) at dofs (n, m)."""
-    rows = [np.broadcast_to(dofs[:, :, None], local.shape).ravel() for dofs, local in parts]
-    columns = [np.broadcast_to(dofs[:, None, :], local.shape).ravel() for dofs, local in parts]
-    values = np.concatenate([local.ravel() for _, local in parts])
-    entries = (values, (np.concatenate(rows), np.concatenate(columns)))
-    return sp.coo_matrix(entries, shape=(count, count)).tocsr()
+def _operator(dofs: NDArray[np.int64], values: Array, count: int) -> sp.csr_matrix:
+    """Rows (n ...,) from local ones (n, ..., m) at dofs (n, m)."""
+    places = dofs.reshape(len(dofs), *(1,) * (values.ndim - 2), dofs.shape[1])
+    columns = np.broadcast_to(places, values.shape).ravel()
+    starts = np.arange(0, values.size + 1, values.shape[-1])
+    return sp.csr_matrix((values.ravel(), columns, starts), shape=(len(starts) - 1, count))

@@ -74,7 +74,9 @@ def stretched_plate_deflection(
     logarithm = -np.array([[math.log(b), 1.0 / b, -1.0 / b**2], [0.0, 1.0, -1.0]]) / (2.0 * math.pi)
     parabola = -np.array([b**2, 2.0 * b, 2.0]) / (4.0 * math.pi * b**2)
     # unknown factors: 1 and I0 within; 1, I0 and K0 outside
-    jump = np.column_stack([-one(edge), -grown(edge, b), one(edge), grown(edge, 1.0), decayed(edge)])
+    jump = np.column_stack(
+        [-one(edge), -grown(edge, b), one(edge), grown(edge, 1.0), decayed(edge)]
+    )
     clamp = np.column_stack([0 * one(rim), 0 * one(rim), one(rim), grown(rim, 1.0), decayed(rim)])
     matrix = np.vstack([jump, clamp[:2]])
     right = np.concatenate([parabola - logarithm[0], -logarithm[1, :2]])
@@ -103,7 +105,7 @@ def von_karman_plate(
     Parameters
     ----------
     pressure : float
-        P, positive.
+        P, positive, up to 1e4; thinner boundary layers need other methods.
     poisson_ratio : float
     pretension : float
         N0 a^2/D.

@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from skfem import MeshTri2
 
-from pvdf_fem.bending import bending_matrix
+from pvdf_fem.bending import bending_form
 from pvdf_fem.bending_effect import bending_effect, bending_joins
 from pvdf_fem.load import Load
 from pvdf_fem.membrane import Array, Membrane, MembraneState
@@ -120,13 +120,13 @@ class Bending:
         rigid = load.patch if load.kind == "rigid" else load.patch[:0]
         effect = bending_effect(scene)
         tensions = effect.rim_tension, effect.probe_tension
-        self._of_deflections = bending_matrix(membrane, rigid, tensions)
+        self._form = bending_form(membrane, rigid, tensions)
         self._places = unknowns.expansion[2::3]
-        self.matrix = (self._places.T @ self._of_deflections @ self._places).tocsc()
+        self.matrix = (self._places.T @ self._form.matrix @ self._places).tocsc()
 
     def forces(self, x: Array) -> Array:
         """Forces in N on the deflections of the dofs `x`, (scalar dofs,)."""
-        return np.asarray(self._of_deflections @ x[2::3])
+        return self._form.forces(x[2::3])
 
     def residual(self, x: Array) -> Array:
         """Forces in N on the unknowns at the dofs `x`."""
@@ -134,7 +134,8 @@ class Bending:
 
     def energy(self, q: Array) -> float:
         """Energy in J of the unknowns `q`."""
-        return 0.5 * float(q @ (self.matrix @ q))
+        w = self._places @ q
+        return 0.5 * float(w @ self._form.forces(w))
 
 
 class Unknowns:

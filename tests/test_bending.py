@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from scipy.special import iv, jv, kv
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.bending import bending_matrix, plate_stiffness
+from pvdf_fem.bending import bending_form, plate_stiffness
 from pvdf_fem.circular_plate import (
     clamped_plate_deflection,
     stretched_plate_deflection,
@@ -25,10 +25,12 @@ from pvdf_fem.newton import factorise, negative_pivots
 
 NONE = np.empty(0, dtype=np.int64)
 PLATE = {"film.bending": True}
+# F a^2/(D h): the deflection is some 1e-4 h, and its square what the linear plate leaves out.
+LOAD = 1e-2
 
 
 def plate(thickness_um, patch_radius=1.0, tension=0.0, **changes):
-    """A loaded film that bends, with `tension` N0 a^2/D; F a^2/D is 1e-7 a, a linear plate."""
+    """A film that bends, with `tension` N0 a^2/D, under so small a force that it is linear."""
     scene = free_disc(
         1.0,
         poisson_ratio=0.3,
@@ -40,52 +42,57 @@ def plate(thickness_um, patch_radius=1.0, tension=0.0, **changes):
     strain = tension * D / film.radius**2 / (film.thickness * film.stiffness[:2, :2].sum() / 2)
     return scene.with_(
         **{
-            "load.force_N": 1e-7 * D / film.radius,
+            "load.force_N": LOAD * D * film.thickness / film.radius**2,
             "film.temperature_change_K": -strain / film.thermal_expansion_per_K,
             **changes,
         }
     )
 
 
-def deflection(solution, radius_ratio):
-    """Along the x axis, m."""
-    points = np.array([np.asarray(radius_ratio) * solution.scene.film.radius, [0.0] * 4])
-    return solution.basis.probes(points) @ solution.displacement[:, 2]
+def solved(scene):
+    """On a mesh of fixed sizes, as charges of a nearly flat plate are second-order small."""
+    patch_mm = min(2.0, scene.probe.radius_mm)
+    return solve(scene, mesh=graded_mesh(scene, patch_mm, 4.0), order=3)
+
+
+def profile(solution):
+    """r/a and deflection in m of all nodes."""
+    radius = np.hypot(*solution.basis.doflocs) / solution.scene.film.radius
+    return np.minimum(radius, 1.0), solution.displacement[:, 2]
 
 
 @pytest.mark.parametrize("thickness_um", [0.5, 25.0, 1000.0])
-@pytest.mark.parametrize("patch_radius", [0.02, 0.3, 0.999])
+@pytest.mark.parametrize("patch_radius", [0.02, 0.3, 1.0])
 def test_clamped_plate(thickness_um, patch_radius):
     """F a^2/(16 pi D) and p a^4/(64 D) with the correction for a disc."""
     scene = plate(thickness_um, patch_radius)
-    expected = 1e-7 * clamped_plate_deflection(patch_radius) * scene.film.radius_mm
-    assert solve(scene).deflection_max_mm == pytest.approx(expected, rel=1e-4)
+    expected = LOAD * clamped_plate_deflection(patch_radius) * 1e-3 * thickness_um
+    assert solved(scene).deflection_max_mm == pytest.approx(expected, rel=1e-4)
 
 
-@pytest.mark.parametrize("bending_length", [0.5, 0.1, 0.02])
+@pytest.mark.parametrize("bending_length", [0.5, 0.1])
 def test_stretched_plate(bending_length):
-    scene = plate(1000.0, 0.2, bending_length**-2)
-    solution = solve(scene)
-    at = [0.0, 0.2, 0.6, 0.95]
-    expected = stretched_plate_deflection(at, patch_radius=0.2, bending_length=bending_length)
-    scale = 1e-7 * scene.film.radius * bending_length**2
-    np.testing.assert_allclose(deflection(solution, at), scale * expected, atol=1e-4 * scale / 4)
-    assert solution.deflection_max_mm == pytest.approx(1e3 * scale * expected[0], rel=1e-4)
+    scene = plate(20.0, 0.2, bending_length**-2)
+    solution = solved(scene)
+    radius, w = profile(solution)
+    expected = stretched_plate_deflection(radius, patch_radius=0.2, bending_length=bending_length)
+    scale = LOAD * scene.film.thickness * bending_length**2
+    np.testing.assert_allclose(w, scale * expected, rtol=0, atol=1e-4 * scale * expected.max())
     assert solution.force_balance < 1e-6
 
 
 @pytest.mark.parametrize(("load", "tension"), [(10.0, 0.0), (100.0, 0.0), (1e3, 0.0), (1e3, 50.0)])
 def test_large_deflection(load, tension):
     """von Karman's plate under a uniform pressure P = p a^4/(D h), at slopes of 1e-3."""
-    scene = plate(20.0, 0.9999, tension)
+    scene = plate(20.0, 1.0, tension)
     film, D = scene.film, plate_stiffness(scene.film)[0, 0]
     force = np.pi * load * D * film.thickness / film.radius**2
-    solution = solve(scene.with_(**{"load.force_N": force}))
+    solution = solved(scene.with_(**{"load.force_N": force}))
     expected, centre = von_karman_plate(load, poisson_ratio=0.3, pretension=tension)
     found = 1e-3 * solution.deflection_max_mm / film.thickness
     assert found == pytest.approx(expected, rel=1e-4)
     membrane, state = solution.fields.equilibrium.membrane, solution.fields.state
-    points = membrane.basis.global_coordinates().value
+    points = membrane.basis.global_coordinates()
     nearest = np.unravel_index(np.hypot(*points).argmin(), points.shape[1:])
     stress = film.thickness * state.stress[nearest][0] * film.radius**2 / D
     assert stress == pytest.approx(centre, rel=1e-3)
@@ -100,20 +107,18 @@ def punched(radius, b, length):
     def slopes(r):
         return np.array([0.0, iv(1, r / length), -kv(1, r / length)]) / length
 
-    matrix = np.array([slopes(b), functions(1.0), slopes(1.0)])
+    matrix = np.array([slopes(b), functions(np.array(1.0)), slopes(1.0)])
     factors = np.linalg.solve(matrix, np.array([1.0 / b, 0.0, 1.0]) / (2.0 * np.pi))
-    return factors @ functions(radius) - np.log(radius) / (2.0 * np.pi)
+    return np.tensordot(factors, functions(radius), 1) - np.log(radius) / (2.0 * np.pi)
 
 
-@pytest.mark.parametrize("bending_length", [0.3, 0.03])
+@pytest.mark.parametrize("bending_length", [0.3, 0.1])
 def test_punch_keeps_the_film_horizontal_up_to_its_edge(bending_length):
-    scene = plate(1000.0, 0.2, bending_length**-2, **LOADS["sliding"])
-    at = np.array([0.2, 0.3, 0.6, 0.95])
-    scale = 1e-7 * scene.film.radius * bending_length**2
-    solution = solve(scene)
-    expected = scale * punched(at, 0.2, bending_length)
-    np.testing.assert_allclose(deflection(solution, at), expected, atol=1e-4 * expected[0])
-    assert solution.deflection_max_mm == pytest.approx(1e3 * expected[0], rel=1e-4)
+    scene = plate(20.0, 0.2, bending_length**-2, **LOADS["sliding"])
+    scale = LOAD * scene.film.thickness * bending_length**2
+    radius, w = profile(solved(scene))
+    expected = scale * punched(np.maximum(radius, 0.2), 0.2, bending_length)
+    np.testing.assert_allclose(w, expected, rtol=0, atol=1e-4 * expected.max())
 
 
 @pytest.mark.parametrize(("order", "rate"), [(2, 2.0), (3, 4.0), (4, 4.0)])
@@ -129,7 +134,7 @@ def test_deflection_converges(order, rate):
         loads = (shapes * membrane.weights[..., None]).sum(axis=1)
         np.add.at(forces, basis.element_dofs.T, loads)
         w = np.zeros(basis.N)
-        matrix = bending_matrix(membrane, NONE)[free][:, free].tocsc()
+        matrix = bending_form(membrane, NONE).matrix[free][:, free].tocsc()
         w[free] = factorise(matrix).solve(forces[free])
         a, D = scene.film.radius, plate_stiffness(scene.film)[0, 0]
         exact = (a**2 - (basis.doflocs**2).sum(axis=0)) ** 2 / (64.0 * D)
@@ -147,7 +152,7 @@ def test_clamped_film_resists_any_bending(order, material):
     """Elements from 1 to 40 mm, and as small a penalty as they bear."""
     scene = TRIANGLE.with_(**material)
     membrane = Membrane(graded_mesh(scene, 1.0, 40.0, 1.5), scene.film, order)
-    matrix = bending_matrix(membrane, NONE)
+    matrix = bending_form(membrane, NONE).matrix
     free = np.setdiff1d(np.arange(membrane.basis.N), membrane.basis.get_dofs(RIM).all())
     assert abs(matrix - matrix.T).max() <= 1e-12 * abs(matrix).max()
     assert negative_pivots(factorise(matrix[free][:, free].tocsc())) == 0
@@ -157,7 +162,7 @@ def test_clamped_film_resists_any_bending(order, material):
 def test_flat_film_and_constant_moments_need_no_forces(order):
     """At nodes of straight-sided elements; their neighbours' edges are straight too."""
     membrane = Membrane(uniform_mesh(TRIANGLE, 6.0), TRIANGLE.film, order)
-    matrix, (x, y) = bending_matrix(membrane, NONE), membrane.basis.doflocs
+    matrix, (x, y) = bending_form(membrane, NONE).matrix, membrane.basis.doflocs
     inner = np.hypot(x, y) < 0.6 * TRIANGLE.film.radius
     for w in (np.ones_like(x), x - 2.0 * y, x**2 - 3.0 * x * y + 0.5 * y**2):
         forces = matrix @ w
@@ -212,16 +217,16 @@ def test_richer_space_has_the_energy_of_the_function_written_in_it():
 def test_vanishing_thickness_gives_the_membrane(kind):
     """At the same F/h: what bending changes falls with it, as h^1 or faster."""
     changes = []
-    for thickness_um in (64.0, 16.0, 4.0):
+    for thickness_um in (100.0, 25.0, 1.0):
         scene = RECTANGLE.with_(
             **{"film.thickness_um": thickness_um, "load.force_N": thickness_um / 25.0},
             **LOADS[kind],
         )
-        bends = solve(scene.with_(**PLATE, **{"numerics.tolerance": 3e-4}))
+        bends = solve(scene.with_(**PLATE))
         charges = solve(scene, mesh=bends.mesh, order=3).charges_pC
         changes.append(max(abs(bends.charges_pC[k] / charges[k] - 1) for k in charges))
-    assert changes[0] > 3.0 * changes[1] > 9.0 * changes[2] > 0.0
-    assert changes[2] < 1e-3
+    assert changes[0] > 2.5 * changes[1] > 25.0 * changes[2] > 0.0
+    assert changes[2] < 3e-4
 
 
 HONEST = {
@@ -236,8 +241,8 @@ HONEST = {
 
 @pytest.mark.parametrize("case", HONEST)
 def test_error_estimates_are_honest(case):
-    scene = HONEST[case].with_(**PLATE)
-    solution, exact = solve(scene), solve(scene.with_(**{"numerics.tolerance": 1e-4}))
+    scene = HONEST[case].with_(**PLATE, **{"numerics.tolerance": 3e-3})
+    solution, exact = solve(scene), solve(scene.with_(**{"numerics.tolerance": 3e-4}))
     found, reference, estimate = (
         np.array(list(values.values()))
         for values in (solution.charges_pC, exact.charges_pC, solution.charge_errors_pC)
