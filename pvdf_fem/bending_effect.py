@@ -148,7 +148,7 @@ def layer_size(length: float, change: float, tolerance: float) -> float:
 def bending_joins(scene: Scene) -> bool:
     """Whether bending is part of a scene's model."""
     if scene.film.bending == "auto":
-        return bending_effect(scene).change > scene.numerics.tolerance
+        return bool(bending_effect(scene).change > scene.numerics.tolerance)
     return scene.film.bending
 
 
