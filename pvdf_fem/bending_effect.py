@@ -19,6 +19,7 @@ they exceed by 2 and more and none by so little as a third (`tests/test_bending_
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,7 +82,7 @@ class BendingEffect:
                 (self.rim_length, "at the rim"),
                 (self.probe_length, "at the probe"),
             )
-            if np.isfinite(length)
+            if math.isfinite(length)
         ]
         radii = (self.film_radius, self.probe_radius, self.electrode_radius)
         film, probe, electrode = (f"{1e3 * radius:.3g}" for radius in radii)
@@ -96,8 +97,9 @@ def bending_effect(scene: Scene) -> BendingEffect:
     """What bending changes in a scene; nothing in one without load."""
     film = scene.film
     C, h, a = film.stiffness[:2, :2], film.thickness, film.radius
-    D, modulus = h**3 / 12.0 * C.max(), float(np.linalg.det(C)) / C.max()
-    rest = -h * film.thermal_strain * C.sum() / 2.0
+    stiffness = float(C.max())
+    D, modulus = h**3 / 12.0 * stiffness, float(np.linalg.det(C)) / stiffness
+    rest = -h * film.thermal_strain * float(C.sum()) / 2.0
     force = scene.load.force if scene.probe else 0.0
     b = _radius(scene.probe.outline) if scene.probe else a
 
@@ -109,7 +111,7 @@ def bending_effect(scene: Scene) -> BendingEffect:
 
     tensions = (max(rest, 0.0), tension(a), tension(b))
     rest_length, rim_length, probe_length = (
-        float(np.sqrt(D / N)) if N > 0.0 else np.inf for N in tensions
+        math.sqrt(D / N) if N > 0.0 else math.inf for N in tensions
     )
     electrodes = [electrode.outline for electrode in scene.electrode_list]
     changes = [(0.0, 0.0)]
@@ -118,9 +120,9 @@ def bending_effect(scene: Scene) -> BendingEffect:
         gap = max(1.0 - probe.reach / a, 1e-9)
         power = 1 if scene.load.kind == "rigid" else 2
         for outline in electrodes:
-            r = max(float(np.hypot(*(outline.centroid - probe.centroid))) - _radius(outline), b)
-            at_rim = (RIM + RIM_FAR * (r / a) ** 2) * rim_length / a / np.sqrt(gap)
-            at_probe = PROBE * (probe_length / b) ** power * np.sqrt(b / r)
+            r = max(math.dist(outline.centroid, probe.centroid) - _radius(outline), b)
+            at_rim = (RIM + RIM_FAR * (r / a) ** 2) * rim_length / a / math.sqrt(gap)
+            at_probe = PROBE * (probe_length / b) ** power * math.sqrt(b / r)
             # (N - N0)/N without cancellation
             made = min(cube(r) / tension(r) ** 3, 1.0) / (1.0 + at_rim + at_probe)
             changes.append((made * at_rim, made * at_probe))
@@ -141,26 +143,31 @@ def bending_effect(scene: Scene) -> BendingEffect:
 def layer_size(length: float, change: float, tolerance: float) -> float:
     """Element size in m along an edge where bending acts within `length`; infinite if any does."""
     if change <= UNRESOLVED * tolerance:
-        return np.inf
+        return math.inf
     return LAYER * length * float((UNRESOLVED * tolerance / change) ** 0.25)
 
 
 def bending_joins(scene: Scene) -> bool:
     """Whether bending is part of a scene's model."""
     if scene.film.bending == "auto":
-        return bool(bending_effect(scene).change > scene.numerics.tolerance)
+        return bending_effect(scene).change > scene.numerics.tolerance
     return scene.film.bending
 
 
 def _tension(rest: float, cube: float) -> float:
-    """The positive root N of N^2 (N - rest) = cube, or 0."""
-    if cube == 0.0:
-        return max(rest, 0.0)
-    unit = max(abs(rest), float(np.cbrt(cube)))
-    roots = np.roots([1.0, -rest / unit, 0.0, -cube / unit**3])
-    return unit * float(roots.real.max())
+    """The positive root N of N^2 (N - rest) = cube, or 0.
+
+    Newton's method from above, where the cubic is convex, comes down monotonically.
+    """
+    N = max(rest, 0.0) + math.cbrt(cube)
+    while N > 0.0:
+        lower = N - (N * N * (N - rest) - cube) / (N * (3.0 * N - 2.0 * rest))
+        if lower >= N * (1.0 - 1e-9):
+            break
+        N = lower
+    return N
 
 
 def _radius(outline: Outline) -> float:
     """Of the disc of the same area."""
-    return float(np.sqrt(outline.area / np.pi))
+    return math.sqrt(outline.area / math.pi)

@@ -18,7 +18,13 @@ import numpy as np
 from skfem import Basis, MeshTri2
 
 from pvdf_fem.bending import LOWEST_ORDER
-from pvdf_fem.bending_effect import CONSIDERABLE, bending_effect, bending_joins, layer_size
+from pvdf_fem.bending_effect import (
+    CONSIDERABLE,
+    BendingEffect,
+    bending_effect,
+    bending_joins,
+    layer_size,
+)
 from pvdf_fem.charge import charge_gradients, electrode_forces
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.estimate import Correction, correct, indicators, prolongation
@@ -376,28 +382,28 @@ def _with_layers(scene: Scene, sizes: Sizes) -> Sizes:
 
 def _finish(attempt: Attempt, clock: Clock) -> Solution:
     status, fields = attempt.result.status, attempt.fields
+    scene, effect = attempt.scene, bending_effect(attempt.scene)
     return Solution(
-        attempt.scene,
+        scene,
         status,
         status.advice,
         attempt.result.iterations,
-        *_bending(attempt.scene),
-        (*_considerable(attempt.scene), *_compression(fields)),
+        *_bending(scene, effect),
+        (*_considerable(scene, effect), *_compression(fields)),
         clock.seconds(),
         fields,
     )
 
 
-def _bending(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _bending(scene: Scene, effect: BendingEffect) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """What the model leaves out and what it includes: bending, with the reason."""
-    chosen = quote(scene.film.bending)
-    remark = f"bending (film.bending = {chosen}): {bending_effect(scene)}"
+    remark = f"bending (film.bending = {quote(scene.film.bending)}): {effect}"
     return ((), (remark,)) if bending_joins(scene) else ((remark,), ())
 
 
-def _considerable(scene: Scene) -> Iterator[str]:
+def _considerable(scene: Scene, effect: BendingEffect) -> Iterator[str]:
     """A warning where bending, left out, could change a charge considerably."""
-    change = bending_effect(scene).change
+    change = effect.change
     if not bending_joins(scene) and change > max(scene.numerics.tolerance, CONSIDERABLE):
         yield (
             f"bending: left out, it could change a charge by up to {change:.1e} of it;"
