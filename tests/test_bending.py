@@ -215,7 +215,10 @@ def test_richer_space_has_the_energy_of_the_function_written_in_it():
 
 @pytest.mark.parametrize("kind", LOADS)
 def test_vanishing_thickness_gives_the_membrane(kind):
-    """At the same F/h: what bending changes falls with it, as h^1 or faster."""
+    """At the same F/h: what bending changes falls with it, as its length, which goes as h.
+
+    Charges are within 1e-3, a third of the middle change, so that a factor of 4 may look like 2.
+    """
     changes = []
     for thickness_um in (100.0, 25.0, 1.0):
         scene = RECTANGLE.with_(
@@ -225,7 +228,7 @@ def test_vanishing_thickness_gives_the_membrane(kind):
         bends = solve(scene.with_(**PLATE))
         charges = solve(scene, mesh=bends.mesh, order=3).charges_pC
         changes.append(max(abs(bends.charges_pC[k] / charges[k] - 1) for k in charges))
-    assert changes[0] > 2.5 * changes[1] > 25.0 * changes[2] > 0.0
+    assert changes[0] > 2.0 * changes[1] > 20.0 * changes[2] > 0.0
     assert changes[2] < 3e-4
 
 
