@@ -173,8 +173,9 @@ def _bending_text(ours: dict[float, list[Series]], bent: dict[float, list[Series
     ]
     return [
         "With bending in the model (the last table), the charges change by "
-        f"{', '.join(ranges[:-1])} and {ranges[-1]}: the thinner films are membranes to the "
-        "accuracy of this comparison, and the 1 mm film is a plate."
+        f"{', '.join(ranges[:-1])} and {ranges[-1]}: the 25 µm film is a membrane, the "
+        "110 µm film nearly, and the 1 mm film a plate, whose charges hardly leave those of its "
+        "pretension."
     ]
 
 
