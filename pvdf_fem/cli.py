@@ -45,7 +45,8 @@ scene files are TOML. Their keys, each with a default:
   [film]        radius_mm, thickness_um, youngs_modulus_GPa (or [E1, E2]),
                 poisson_ratio, shear_modulus_GPa, density_kg_m3,
                 thermal_expansion_per_K, temperature_change_K (below zero
-                stretches the film), d31_pC_N, d32_pC_N
+                stretches the film), d31_pC_N, d32_pC_N, bending (true, false,
+                "auto": where it matters)
   [electrodes]  layout (four, three), ring_radius_mm, side_mm
   [probe]       shape and its sizes, x_mm, y_mm (centroid), rotation_deg
   [load]        force_N, kind (dead, follower, rigid), and for rigid: contact
@@ -329,6 +330,7 @@ def _solution_lines(solution: Solution) -> list[str]:
         *_remarks(
             ("deflection", deflection),
             ("status", f"{solution.status}, {iterations}"),
+            *(("included", text) for text in solution.included),
             *(("left out", text) for text in solution.left_out),
             *(("warning", text) for text in solution.warnings),
             ("seconds", f"{solution.seconds['total']:.2f}"),

@@ -2,7 +2,8 @@
 
 The clamped rim fixes its dofs; a rigid punch lets all deflections of its patch share one unknown
 (and, stuck, fixes the patch in the plane). Both are a map from dofs to unknowns, so a constraint
-adds no equation and the tangent stays as sparse and as symmetric as the film's.
+adds no equation and the tangent stays as sparse and as symmetric as the film's. Bending, where the
+scene needs it, adds a constant matrix.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from skfem import MeshTri2
 
+from pvdf_fem.bending import bending_form
+from pvdf_fem.bending_effect import bending_effect, bending_joins
 from pvdf_fem.load import Load
 from pvdf_fem.membrane import Array, Membrane, MembraneState
 from pvdf_fem.mesh import RIM
@@ -42,6 +45,9 @@ class Equilibrium:
         self.rim_dofs = (3 * rim[:, None] + np.arange(3)).ravel()
         fixed = np.concatenate([self.rim_dofs, self.load.fixed_dofs()])
         self.unknowns = Unknowns(self.membrane.dof_count, fixed, self.load.shared_dofs())
+        self.bending: Bending | None = None
+        if bending_joins(scene):
+            self.bending = Bending(scene, self.membrane, self.load, self.unknowns)
 
     @cached_property
     def assembly(self) -> Assembly:
@@ -65,11 +71,15 @@ class Equilibrium:
 
     def residual(self, state: MembraneState) -> Array:
         """Internal minus external forces of the unknowns, N."""
-        return self.assembly.vector(self.element_residual(state))
+        residual = self.assembly.vector(self.element_residual(state))
+        if self.bending is not None:
+            residual = residual + self.bending.residual(state.dofs)
+        return residual
 
     def tangent(self, state: MembraneState) -> sp.csc_matrix:
         """Derivative of `residual`, N/m."""
-        return self.assembly.matrix(self.element_tangent(state))
+        tangent = self.assembly.matrix(self.element_tangent(state))
+        return tangent if self.bending is None else tangent + self.bending.matrix
 
     def energy_along(self, state: MembraneState, step: Array, slope: float) -> Array:
         """Potential energy in J at q + s step, coefficients (5,) of 1, s, ... s^4.
@@ -77,6 +87,9 @@ class Equilibrium:
         `slope` is residual . step: stored energy less the work of the forces held as they are.
         """
         energy = self.membrane.energy_along(state, self.unknowns.expand(step))
+        if self.bending is not None:
+            energy[0] += self.bending.energy(self.unknowns.restrict(state.dofs))
+            energy[2] += self.bending.energy(step)
         energy[1] = slope
         return energy
 
@@ -84,11 +97,45 @@ class Equilibrium:
         """Force in N along z by which the rim holds the film."""
         dofs = self.membrane.element_dofs.ravel()
         forces = np.bincount(dofs, self.element_residual(state).ravel(), self.membrane.dof_count)
-        return float(forces[self.rim_dofs[2::3]].sum())
+        reaction = float(forces[self.rim_dofs[2::3]].sum())
+        if self.bending is not None:
+            reaction += float(self.bending.forces(state.dofs)[self.rim_dofs[2::3] // 3].sum())
+        return reaction
 
     def applied_force(self, state: MembraneState) -> float:
         """Force in N along z by which the probe presses."""
         return float(self.load.forces(state.deformation_gradient)[:, 2::3].sum())
+
+
+class Bending:
+    """The bending stiffness of an equilibrium's film on its dofs and unknowns.
+
+    Attributes
+    ----------
+    matrix : sparse matrix (unknowns, unknowns)
+        N/m.
+    """
+
+    def __init__(self, scene: Scene, membrane: Membrane, load: Load, unknowns: Unknowns) -> None:
+        rigid = load.patch if load.kind == "rigid" else load.patch[:0]
+        effect = bending_effect(scene)
+        tensions = effect.rim_tension, effect.probe_tension
+        self._form = bending_form(membrane, rigid, tensions)
+        self._places = unknowns.expansion[2::3]
+        self.matrix = (self._places.T @ self._form.matrix @ self._places).tocsc()
+
+    def forces(self, x: Array) -> Array:
+        """Forces in N on the deflections of the dofs `x`, (scalar dofs,)."""
+        return self._form.forces(x[2::3])
+
+    def residual(self, x: Array) -> Array:
+        """Forces in N on the unknowns at the dofs `x`."""
+        return np.asarray(self._places.T @ self.forces(x))
+
+    def energy(self, q: Array) -> float:
+        """Energy in J of the unknowns `q`."""
+        w = self._places @ q
+        return 0.5 * float(w @ self._form.forces(w))
 
 
 class Unknowns:
@@ -111,6 +158,13 @@ class Unknowns:
         self.of_dof = np.full(dof_count, FIXED, dtype=np.int64)
         self.of_dof[free] = np.arange(free.sum())
         self.of_dof[shared] = self.count - 1
+
+    @cached_property
+    def expansion(self) -> sp.csr_matrix:
+        """Matrix form of `expand`; its transpose sums forces on dofs."""
+        dofs = np.flatnonzero(self.of_dof >= 0)
+        shape = (len(self.of_dof), self.count)
+        return sp.csr_matrix((np.ones(len(dofs)), (dofs, self.of_dof[dofs])), shape=shape)
 
     def expand(self, q: Array) -> Array:
         """Dofs of the unknowns `q`."""

@@ -17,6 +17,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from pvdf_fem.bending_effect import bending_joins
 from pvdf_fem.film import Film
 from pvdf_fem.outline import Polygon
 from pvdf_fem.scene import Scene
@@ -53,6 +54,8 @@ class Mechanics:
 def mechanics(scene: Scene) -> Mechanics:
     """See `Mechanics`; scenes with different tolerances are different."""
     film, thickness = _film(scene.film)
+    if scene.film.bending == "auto":  # what is decided depends on the electrodes
+        film = f"{film} {bending_joins(scene)}"
     tolerance = scene.numerics.tolerance
     if scene.probe is None:
         key = f"{film} {thickness} {tolerance}"
@@ -74,7 +77,7 @@ def force_alone(film: Film) -> bool:
 
     A bending stiffness grows with the cube of the thickness.
     """
-    return not getattr(film, "bending", False)
+    return film.bending is False
 
 
 @lru_cache(maxsize=1024)

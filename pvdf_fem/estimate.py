@@ -26,8 +26,8 @@ from pvdf_fem.equilibrium import Equilibrium, Unknowns
 from pvdf_fem.membrane import ELEMENTS, Array, MembraneState
 
 # Conjugate gradients end when an iteration lowers the energy by less than this part of what all
-# have done.
-ENERGY_PART = 0.02
+# have done; bending, whose rough part the diagonal meets less well, needs more of them.
+ENERGY_PART, ENERGY_PART_BENDING = 0.02, 1e-3
 MAX_ITERATIONS = 40
 SMOOTH_STEPS = 2
 
@@ -85,15 +85,16 @@ def _solve(
     def precondition(residual: Array) -> Array:
         return prolong @ factors.solve(prolong.T @ residual) + residual / diagonal
 
+    enough = ENERGY_PART if rich.bending is None else ENERGY_PART_BENDING
     x, residual, energy = np.zeros_like(right), right.copy(), 0.0
     direction = precondition(residual)
     product = residual @ direction
     for _ in range(MAX_ITERATIONS):
-        force = rich.assembly.vector(_action(rich, state, direction))
+        force = _times(rich, state, direction)
         length = product / (direction @ force)
         x, residual = x + length * direction, residual - length * force
         energy += float(length * product)
-        if length * product <= ENERGY_PART * energy:
+        if length * product <= enough * energy:
             break
         preconditioned = precondition(residual)
         product, last = residual @ preconditioned, product
@@ -102,12 +103,19 @@ def _solve(
 
 
 def _action(rich: Equilibrium, state: MembraneState, q: Array) -> Array:
-    """Element forces of a step `q`, without the follower load's, small and not symmetric."""
+    """The membrane's element forces of a step, without the follower load's, not symmetric."""
     return rich.membrane.tangent_action(state, rich.unknowns.expand(q))
 
 
+def _times(rich: Equilibrium, state: MembraneState, step: Array) -> Array:
+    """The tangent times a step."""
+    product = rich.assembly.vector(_action(rich, state, step))
+    return product if rich.bending is None else product + rich.bending.matrix @ step
+
+
 def _diagonal(rich: Equilibrium, state: MembraneState) -> Array:
-    return rich.assembly.vector(rich.membrane.tangent_diagonal(state))
+    diagonal = rich.assembly.vector(rich.membrane.tangent_diagonal(state))
+    return diagonal if rich.bending is None else diagonal + rich.bending.matrix.diagonal()
 
 
 def _local(equilibrium: Equilibrium, q: Array) -> Array:
@@ -130,12 +138,18 @@ def indicators(correction: Correction, factors: SuperLU, goals: Array) -> Array:
         Derivative of the goals with respect to the dofs of ``correction.rich``.
     """
     rich, state, prolong = correction.rich, correction.state, correction.prolong
-    error = _action(rich, state, correction.q - correction.start)
+    step = correction.q - correction.start
+    error = _action(rich, state, step)
+    if rich.bending is not None:
+        # forces across edges belong to no element: each node's is shared among its elements
+        nodes = rich.membrane.basis.element_dofs.T
+        forces = rich.bending.forces(rich.unknowns.expand(step))
+        error[:, 2::3] += (forces / np.bincount(nodes.ravel()))[nodes]
     diagonal = _diagonal(rich, state)
     shares = []
-    for goal in (_expansion(rich.unknowns).T @ goals).T:
+    for goal in (rich.unknowns.expansion.T @ goals).T:
         dual = prolong @ factors.solve(prolong.T @ goal, "T")
-        missing = goal - rich.assembly.vector(_action(rich, state, dual))
+        missing = goal - _times(rich, state, dual)
         shares.append(np.abs((error * _local(rich, missing / diagonal)).sum(axis=1)))
     return np.stack(shares, axis=-1)
 
@@ -154,14 +168,7 @@ def prolongation(coarse: Equilibrium, rich: Equilibrium) -> sp.csr_matrix:
     rows = np.broadcast_to(nodes[:, None], columns.shape)
     scalar = sp.csr_matrix((values[local].ravel(), (rows.ravel(), columns.ravel())))
     dofs = sp.kron(scalar, sp.eye(3), format="csr")
-    return (_pick(rich.unknowns) @ dofs @ _expansion(coarse.unknowns)).tocsr()
-
-
-def _expansion(unknowns: Unknowns) -> sp.csr_matrix:
-    """Matrix form of `Unknowns.expand`; its transpose sums forces on dofs."""
-    dofs = np.flatnonzero(unknowns.of_dof >= 0)
-    shape = (len(unknowns.of_dof), unknowns.count)
-    return sp.csr_matrix((np.ones(len(dofs)), (dofs, unknowns.of_dof[dofs])), shape=shape)
+    return (_pick(rich.unknowns) @ dofs @ coarse.unknowns.expansion).tocsr()
 
 
 def _pick(unknowns: Unknowns) -> sp.csr_matrix:

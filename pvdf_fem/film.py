@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,8 @@ class Film(Part):
     `youngs_modulus_GPa` is a number, or a pair [E1, E2] along x and y; `poisson_ratio` is then
     ν12 (ν21 = ν12 E2/E1). Without `shear_modulus_GPa`, Huber's estimate
     √(E1 E2)/(2(1 + √(ν12 ν21))) is taken, which is E/(2(1 + ν)) for an isotropic film.
+    `bending` adds the film's stiffness as a plate: always, never, or (``"auto"``) where it could
+    change a charge by more than ``numerics.tolerance``.
     """
 
     radius_mm: Length = 45.0
@@ -37,6 +39,7 @@ class Film(Part):
     density_kg_m3: Annotated[Finite, within(1e-3, 1e6, "kg/m³")] = 1760.0
     thermal_expansion_per_K: Annotated[Finite, within(-1.0, 1.0, "1/K")] = 110e-6
     temperature_change_K: Annotated[Finite, within(-1e4, 1e4, "K")] = -1.0
+    bending: bool | Literal["auto"] = False
     d31_pC_N: Number = 8.0
     d32_pC_N: Number = 8.0
 
@@ -54,6 +57,13 @@ class Film(Part):
         elif not 0 <= value < 0.5:
             raise refusal("is outside of [0, 0.5); give Poisson's ratio of a real isotropic film")
         return value
+
+    @field_validator("bending", mode="before")
+    @classmethod
+    def _is_a_choice(cls, value: Any) -> Any:
+        if isinstance(value, bool) or value == "auto":
+            return value
+        raise refusal('is not known; give true, false or "auto"')
 
     @property
     def radius(self) -> float:

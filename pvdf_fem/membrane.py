@@ -69,11 +69,14 @@ class MembraneState:
         Green-Lagrange strain, Voigt with engineering shear.
     stress : (elements, points, 3)
         Second Piola-Kirchhoff stress in Pa, Voigt.
+    dofs : (dofs,)
+        The displacement in m.
     """
 
     deformation_gradient: Array
     strain: Array
     stress: Array
+    dofs: Array
 
 
 class Membrane:
@@ -118,7 +121,7 @@ class Membrane:
         """Fields of the dofs `x` (metres), on all elements or on some."""
         gradient = self.gradient(x, elements)
         strain = strain_of(gradient)
-        return MembraneState(gradient + IDENTITY, strain, self.stress(strain))
+        return MembraneState(gradient + IDENTITY, strain, self.stress(strain), x)
 
     def stress(self, strain: Array) -> Array:
         """Second Piola-Kirchhoff stress in Pa of a Green-Lagrange strain."""

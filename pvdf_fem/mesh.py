@@ -45,6 +45,7 @@ ON_CIRCLE = 1e-8
 _ONE_MODEL = threading.Lock()
 
 RIM = "rim"
+FILM = "film"
 PROBE = "probe"
 
 
@@ -64,7 +65,7 @@ class Sizes:
     Attributes
     ----------
     patches : dict
-        Element size along the outline of each patch, by patch name.
+        Element size along the outline of each patch, by patch name; `FILM` is the rim's.
     growth : float
         Increase of the element size per unit of distance from an outline.
     film : float
@@ -224,7 +225,7 @@ def _fragment(outlines: dict[str, Outline], unit: float) -> dict[str, list[int]]
     else:
         pieces = [[disc]]
     occ.synchronize()
-    names = ["film", *outlines]
+    names = [FILM, *outlines]
     return {name: [tag for _, tag in piece] for name, piece in zip(names, pieces, strict=True)}
 
 

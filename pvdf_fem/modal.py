@@ -1,7 +1,9 @@
 """Vibration of the stretched film: frequencies and shapes of its lowest modes.
 
 Small oscillations about an equilibrium: K phi = omega^2 M phi, K the tangent stiffness there and M
-the mass rho h of all three displacement components. The unknowns are the scene's, so the film under
+the mass rho h of all three displacement components. Bending is part of K where the scene says so,
+which with ``film.bending = "auto"`` here is where it could change a frequency by more than the
+tolerance. The unknowns are the scene's, so the film under
 a rigid punch moves as one; the punch itself has no mass.
 
 Frequencies converge from above, with the fourth power of the element size for quadratic elements.
@@ -19,10 +21,11 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator, SuperLU, eigs, eigsh
 from skfem import Basis, MeshTri2
 
+from pvdf_fem.bending_effect import bending_effect, layer_size
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.estimate import correct
 from pvdf_fem.membrane import Array, Membrane
-from pvdf_fem.mesh import PROBE, MeshError, Sizes, mesh_scene, outlines
+from pvdf_fem.mesh import FILM, PROBE, MeshError, Sizes, mesh_scene, outlines
 from pvdf_fem.newton import Status, factorise, newton, seed
 from pvdf_fem.scene import Scene
 from pvdf_fem.solution import Clock, NotConvergedError
@@ -165,7 +168,10 @@ def modes(scene: Scene, count: int = 6, loaded: bool = False) -> Modes:
     clock, tolerance = Clock(), scene.numerics.tolerance
     # On the flat film only a rigid probe matters, by the unknowns that it binds together.
     bare = scene if loaded or scene.load.kind == "rigid" else scene.with_(probe=None)
-    sizes, worst = _first_sizes(bare, count), np.inf
+    share = _bending_share(bare, count, loaded)
+    joins = share > tolerance if scene.film.bending == "auto" else scene.film.bending
+    bare = bare.with_(**{"film.bending": joins})
+    sizes, worst = _first_sizes(bare, count, share), np.inf
     for _ in range(MAX_MESHES):
         if _elements(sizes, scene) > MAX_ELEMENTS:
             break
@@ -180,7 +186,7 @@ def modes(scene: Scene, count: int = 6, loaded: bool = False) -> Modes:
             return Modes(scene, loaded, found, found.advice, (), clock.seconds())
         worst = float(np.max(found.errors / found.frequencies))
         if worst <= tolerance:
-            status, neglected = Status.CONVERGED, _left_out(found)
+            status, neglected = Status.CONVERGED, _left_out(scene, share, joins)
             return Modes(scene, loaded, status, status.advice, neglected, clock.seconds(), found)
         factor = (SAFETY * tolerance / worst) ** (1.0 / ORDER)
         sizes = sizes.scaled(float(np.clip(factor, 0.25, 0.8)))
@@ -189,16 +195,19 @@ def modes(scene: Scene, count: int = 6, loaded: bool = False) -> Modes:
     return Modes(scene, loaded, Status.TOLERANCE, reason, (), clock.seconds())
 
 
-def _first_sizes(scene: Scene, count: int) -> Sizes:
-    """Sizes that meet the tolerance for the flat film."""
-    # Weyl: n = k^2/4 - k/2 for the n-th wavenumber k/a of the disc
-    wavenumber = 1.0 + np.sqrt(1.0 + 4.0 * count)
+def _first_sizes(scene: Scene, count: int, bending: float) -> Sizes:
+    """Sizes that meet the tolerance for the flat film; `bending` is the share of its effect."""
     share = (SAFETY * scene.numerics.tolerance / FLAT_ERROR) ** (1.0 / ORDER)
-    size = scene.film.radius * min(share / wavenumber, 0.3)
+    size = scene.film.radius * min(share / _wavenumber(count), 0.3)
     shapes = outlines(scene)
     patches = {}
     if scene.probe is not None:
         patches[PROBE] = min(size, shapes[PROBE].area / shapes[PROBE].perimeter)
+    if scene.film.bending:
+        length = bending_effect(scene).rim_length
+        layer = layer_size(length, bending, scene.numerics.tolerance)
+        if layer < size:
+            patches[FILM] = layer
     return Sizes(patches, 0.4, size)
 
 
@@ -211,7 +220,8 @@ def _modes_on(
     scene: Scene, mesh: MeshTri2, count: int, loaded: bool, clock: Clock
 ) -> Spectrum | Status:
     """Modes with their errors, or why there are none."""
-    coarse, rich = Equilibrium(scene, mesh, 2), Equilibrium(scene, mesh, 3)
+    order = 3 if scene.film.bending else 2
+    coarse, rich = Equilibrium(scene, mesh, order), Equilibrium(scene, mesh, order + 1)
     q, q_rich = np.zeros(coarse.unknowns.count), np.zeros(rich.unknowns.count)
     if loaded and coarse.load.force > 0.0:
         with clock("solve"):
@@ -268,23 +278,34 @@ def element_mass(membrane: Membrane) -> Array:
     return blocks.reshape(membrane.element_dofs.shape + membrane.element_dofs.shape[1:])
 
 
-def _left_out(found: Spectrum) -> tuple[str, ...]:
-    """Bending and air, with their sizes.
+def _bending_share(scene: Scene, count: int, loaded: bool) -> float:
+    """What bending adds to the highest of `count` frequencies, roughly, in parts of it.
 
-    A clamped edge at which bending acts within the length l = sqrt(D/N) makes the membrane smaller
-    by l all round. The air that moves along weighs about its density times the radius per area.
+    Within the length l = sqrt(D/N) of the rim, which makes the membrane smaller by l all round, and
+    by the stiffness D k^4 beside N k^2 for waves of number k.
     """
-    film, membrane = found.equilibrium.film, found.equilibrium.membrane
-    stress = found.equilibrium.state(found.q).stress[..., :2].mean(axis=-1)
-    tension = film.thickness * float((stress * membrane.weights).sum() / membrane.weights.sum())
-    length = np.sqrt(film.stiffness[0, 0] * film.thickness**3 / 12.0 / tension)
-    share = length / film.radius
-    bending = f"bending: raises the frequencies by about {share:.1%}"
-    if share > 0.1:
-        bending = f"bending: acts within {1e3 * length:.3g} mm; the film vibrates as a plate"
-    air = AIR_DENSITY * film.radius / (film.density * film.thickness)
-    return (
-        bending,
-        f"air: lowers the lowest frequencies; what moves along weighs about {air:.2g} times as much"
-        " as the film",
+    effect = bending_effect(scene)
+    length = (effect.rim_length if loaded else effect.rest_length) / scene.film.radius
+    return float(length + 0.5 * (_wavenumber(count) * length) ** 2)
+
+
+def _wavenumber(count: int) -> float:
+    """k a of the `count`-th mode of the disc, by Weyl's law n = (k a)^2/4 - k a/2."""
+    return 1.0 + float(np.sqrt(1.0 + 4.0 * count))
+
+
+def _left_out(scene: Scene, share: float, joins: bool) -> tuple[str, ...]:
+    """Bending, unless it is part of the model, and air, with their sizes.
+
+    The air that moves along weighs about its density times the radius per area.
+    """
+    film = scene.film
+    bending = f"bending: raises the highest of these frequencies by about {share:.1%}"
+    if share > 0.3:
+        bending = 'bending: the film vibrates as a plate; give film.bending = "auto" or true'
+    weight = AIR_DENSITY * film.radius / (film.density * film.thickness)
+    air = (
+        f"air: lowers the lowest frequencies; what moves along weighs about {weight:.2g} times as"
+        " much as the film"
     )
+    return (air,) if joins else (bending, air)

@@ -247,9 +247,15 @@ def _convex_tangent(equilibrium: Equilibrium, state: MembraneState) -> sp.csc_ma
 
 
 def _unloaded(equilibrium: Equilibrium, q: Array) -> NewtonResult:
-    """The flat film: an equilibrium for any tension, a stable one unless it is compressed."""
-    compressed = equilibrium.film.thermal_strain > 0.0
-    return NewtonResult(q, Status.UNSTABLE if compressed else Status.CONVERGED, (), None)
+    """The flat film: an equilibrium for any tension, a stable one unless it is compressed.
+
+    A film that bends bears the compression below that at which it buckles.
+    """
+    unstable = equilibrium.film.thermal_strain > 0.0
+    if unstable and equilibrium.bending is not None:
+        factors = factorise(equilibrium.tangent(equilibrium.state(q)))
+        unstable = negative_pivots(factors) > 0
+    return NewtonResult(q, Status.UNSTABLE if unstable else Status.CONVERGED, (), None)
 
 
 def _work(equilibrium: Equilibrium, state: MembraneState, q: Array) -> float:
@@ -282,6 +288,8 @@ def seed(equilibrium: Equilibrium) -> Array:
     induced = 0.3 * np.cbrt(stiffness * (equilibrium.load.force / film.radius) ** 2)
     tension = induced + max(-2.0 * stiffness * film.thermal_strain, 0.0)
     laplace = equilibrium.assembly.matrix(membrane.laplace() * tension)
+    if equilibrium.bending is not None:
+        laplace = laplace + equilibrium.bending.matrix
     tangent = equilibrium.tangent(flat)
     q[deflections] = _solve_block(laplace, forces, deflections)
     residual = equilibrium.residual(equilibrium.state(q))
@@ -311,4 +319,7 @@ def _energy_of_scaled(
     stress = strain @ film.stiffness
     thermal = film.thermal_strain * film.stiffness[:, :2].sum(axis=1)
     work, released = float(forces @ w), float((weighted @ thermal).sum())
-    return np.array([0.0, -work, -released, 0.0, 0.5 * float((stress * weighted).sum())])
+    quadratic = -released
+    if equilibrium.bending is not None:
+        quadratic += equilibrium.bending.energy(w)
+    return np.array([0.0, -work, quadratic, 0.0, 0.5 * float((stress * weighted).sum())])

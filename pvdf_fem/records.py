@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pvdf_fem.bending_effect import bending_joins
 from pvdf_fem.charge import OBSERVABLES, Goal, goal_forces, goals_of
 from pvdf_fem.membrane import Array
 from pvdf_fem.mesh import electrode_patch
@@ -39,7 +40,8 @@ def records_of(scenes: Sequence[Scene], frames: Array) -> list[Record]:
     followed = _followed(goals, scene)
     if followed is None:
         # no scene that a file could give, but all that counts here are its goals
-        scene = scene.model_copy(update={"electrodes": ()})
+        film = scene.film.model_copy(update={"bending": bending_joins(scene)})
+        scene = scene.model_copy(update={"electrodes": (), "film": film})
     else:
         goals = followed
     solution = solve_goals(scene, goals)

@@ -88,6 +88,8 @@ def _toml(value: Any) -> str:
     if isinstance(value, str):
         # the escapes of JSON are TOML's, and other printable characters stand for themselves
         return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, bool):
+        return str(value).lower()
     if isinstance(value, list):
         return f"[{', '.join(map(_toml, value))}]"
     return repr(value)

@@ -17,14 +17,23 @@ from typing import Any
 import numpy as np
 from skfem import Basis, MeshTri2
 
+from pvdf_fem.bending import LOWEST_ORDER
+from pvdf_fem.bending_effect import (
+    CONSIDERABLE,
+    BendingEffect,
+    bending_effect,
+    bending_joins,
+    layer_size,
+)
 from pvdf_fem.charge import Goal, goal_forces, goal_gradients, goals_of
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.estimate import Correction, correct, indicators, prolongation
 from pvdf_fem.membrane import Array
-from pvdf_fem.mesh import PROBE, MeshError, SizeField, Sizes, mesh_scene, outlines
+from pvdf_fem.mesh import FILM, PROBE, MeshError, SizeField, Sizes, mesh_scene, outlines
 from pvdf_fem.newton import Iteration, NewtonResult, Status, newton, seed
 from pvdf_fem.refine import refined_sizes, transferred
 from pvdf_fem.scene import Scene
+from pvdf_fem.scene_file import quote
 
 # Sizes aim at this part of the tolerance.
 SAFETY = 0.5
@@ -41,6 +50,8 @@ REACHED = {1: 2e-2, 2: 2e-3, 3: 1e-4}
 # The next order takes away only 0.55 to 0.8 of the error that the singular edge of a rigid probe
 # makes (measured on uniform and on refined meshes); estimates are raised by this.
 EDGE_FACTOR = 1.6
+# The same where bending acts within less than an element of an edge: 0.65 to 1.1.
+LAYER_FACTOR = 1.5
 
 
 class NotConvergedError(RuntimeError):
@@ -58,8 +69,8 @@ class Solution:
         `Status.CONVERGED`, or why there is no result.
     iterations : tuple of Iteration
         Newton's table on the last mesh.
-    left_out, warnings : tuple of str
-        What the model neglects in this scene; what to look at.
+    left_out, included, warnings : tuple of str
+        What the model neglects in this scene; what it has beyond the membrane; what to look at.
     seconds : dict
         ``mesh``, ``solve``, ``estimate`` and ``total``.
     reason : str
@@ -71,6 +82,7 @@ class Solution:
     reason: str
     iterations: tuple[Iteration, ...] = ()
     left_out: tuple[str, ...] = ()
+    included: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
     _fields: Fields | None = None
@@ -160,6 +172,7 @@ class Solution:
             "unknowns": self.unknowns,
             "newton_iterations": self.newton_iterations,
             "left_out": list(self.left_out),
+            "included": list(self.included),
             "warnings": list(self.warnings),
             "seconds": self.seconds,
         }
@@ -326,7 +339,9 @@ def _solve_on(
             correction = correct(equilibrium, result.q, result.factors, rich)
             x = rich.unknowns.expand(correction.q)
             errors = goal_forces(goals, rich.membrane, x) - forces
-            if scene.load.kind == "rigid":
+            if equilibrium.bending is not None:
+                errors *= LAYER_FACTOR
+            elif scene.load.kind == "rigid":
                 errors *= EDGE_FACTOR
     return Attempt(scene, goals, result, Fields(equilibrium, result.q, forces, errors), correction)
 
@@ -334,7 +349,7 @@ def _solve_on(
 def _start(equilibrium: Equilibrium) -> Array:
     """The solution of the order below, which costs less than the iterations that it saves."""
     order = equilibrium.membrane.order
-    if order == 1:
+    if order == (1 if equilibrium.bending is None else LOWEST_ORDER):
         return seed(equilibrium)
     lower = Equilibrium(equilibrium.scene, equilibrium.membrane.mesh, order - 1)
     result = newton(lower, _start(lower), START_TOLERANCE, near=order > 2)
@@ -364,8 +379,11 @@ def _refined(attempt: Attempt, tolerance: float) -> SizeField:
 
 
 def order_for(scene: Scene) -> int:
-    """The order that `solve` takes: 3, or 2 at the singular edge of a rigid probe."""
-    return 2 if scene.load.kind == "rigid" else 3
+    """The order that `solve` takes: 3, or 2 at the singular edge of a rigid probe.
+
+    Bending rounds that edge off, and quadratic deflections bend too stiffly.
+    """
+    return 2 if scene.load.kind == "rigid" and not bending_joins(scene) else 3
 
 
 def first_sizes(scene: Scene, order: int) -> Sizes:
@@ -388,36 +406,53 @@ def first_sizes(scene: Scene, order: int) -> Sizes:
     share = dict.fromkeys(shapes, electrode) | {PROBE: at_probe}
     patches = {name: share[name] * shape.area / shape.perimeter for name, shape in shapes.items()}
     growth, film = (0.5, 0.55) if followed else (0.2, 0.4)
-    return Sizes(patches, growth, film * scene.film.radius).scaled(factor)
+    sizes = Sizes(patches, growth, film * scene.film.radius).scaled(factor)
+    return _with_layers(scene, sizes) if bending_joins(scene) else sizes
+
+
+def _with_layers(scene: Scene, sizes: Sizes) -> Sizes:
+    """Sizes that resolve the layers in which bending acts, where they matter enough."""
+    effect, tolerance = bending_effect(scene), scene.numerics.tolerance
+    layers = {FILM: layer_size(effect.rim_length, effect.rim, tolerance)}
+    if scene.load.kind == "rigid":
+        layers[PROBE] = layer_size(effect.probe_length, effect.probe, tolerance)
+    finer = {
+        name: min(sizes.patches.get(name, np.inf), size)
+        for name, size in layers.items()
+        if size < sizes.film
+    }
+    return replace(sizes, patches=sizes.patches | finer)
 
 
 def _finish(attempt: Attempt, clock: Clock) -> Solution:
     status, fields = attempt.result.status, attempt.fields
+    scene, effect = attempt.scene, bending_effect(attempt.scene)
     return Solution(
-        attempt.scene,
+        scene,
         status,
         status.advice,
         attempt.result.iterations,
-        (_bending(fields),),
-        tuple(_compression(fields)),
+        *_bending(scene, effect),
+        (*_considerable(scene, effect), *_compression(fields)),
         clock.seconds(),
         fields,
     )
 
 
-def _bending(fields: Fields) -> str:
-    """The bending length sqrt(D/N) at rest and under load, as a remark."""
-    film, membrane = fields.equilibrium.film, fields.equilibrium.membrane
-    bending = film.stiffness[0, 0] * film.thickness**3 / 12.0
-    rest = -film.thickness * film.thermal_strain * film.stiffness[:2, :2].sum() / 2.0
-    mean = 0.5 * film.thickness * fields.state.stress[..., :2].sum(axis=-1)
-    loaded = float((mean * membrane.weights).sum() / membrane.weights.sum())
-    lengths = [
-        f"{1e3 * np.sqrt(bending / tension):.3g} mm {when}"
-        for tension, when in ((rest, "at rest"), (loaded, "under load"))
-        if tension > 0.0
-    ]
-    return f"bending: acts within a length of {' and '.join(lengths) or 'any size'}"
+def _bending(scene: Scene, effect: BendingEffect) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What the model leaves out and what it includes: bending, with the reason."""
+    remark = f"bending (film.bending = {quote(scene.film.bending)}): {effect}"
+    return ((), (remark,)) if bending_joins(scene) else ((remark,), ())
+
+
+def _considerable(scene: Scene, effect: BendingEffect) -> Iterator[str]:
+    """A warning where bending, left out, could change a charge considerably."""
+    change = effect.change
+    if not bending_joins(scene) and change > max(scene.numerics.tolerance, CONSIDERABLE):
+        yield (
+            f"bending: left out, it could change a charge by up to {change:.1e} of it;"
+            ' give film.bending = "auto" or true'
+        )
 
 
 def _compression(fields: Fields) -> Iterator[str]:

@@ -29,8 +29,9 @@ APPLICATION_ID = 0x70766466
 SCHEMA = 2
 # What the numbers of a record depend on.
 NUMERICAL_MODULES = (
-    *("film", "shapes", "outline", "mesh", "membrane", "load", "equilibrium", "newton"),
-    *("cut", "charge", "estimate", "refine", "solution", "equivalence", "plan", "records"),
+    *("film", "shapes", "outline", "mesh", "membrane", "bending", "bending_effect", "load"),
+    *("equilibrium", "newton", "cut", "charge", "estimate", "refine", "solution"),
+    *("equivalence", "plan", "records"),
 )
 NUMERICAL_PACKAGES = ("gmsh", "numpy", "scikit-fem", "scipy")
 

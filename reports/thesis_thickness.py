@@ -39,7 +39,12 @@ def _film(thickness_um: float, force_N: float) -> Scene:
 
 def _thickness_scenes(thesis: Thesis) -> list[Scene]:
     forces = _thickness_forces(thesis)
-    return [_film(h, F) for h in THICKNESSES_UM.values() for F in forces]
+    films = [_film(h, F) for h in THICKNESSES_UM.values() for F in forces]
+    return films + [_bending(film) for film in films]
+
+
+def _bending(scene: Scene) -> Scene:
+    return scene.with_(**{"film.bending": True})
 
 
 def _thickness(thesis: Thesis, results: Results, out: Path) -> Content:
@@ -51,8 +56,12 @@ def _thickness(thesis: Thesis, results: Results, out: Path) -> Content:
     printed = [Series(e, forces, thesis.polynomials[f"3.4.3_{e}"](forces)) for e in "ABC"]
     _thickness_picture(ours, printed, out / "figure_3_23.svg")
     table = _thickness_table(ours, printed)
+    bent = {
+        h: [Series(e, forces, _charges(results, h, forces, e, bending=True)) for e in "ABC"]
+        for h in THICKNESSES_UM.values()
+    }
     return Content(
-        _thickness_text(ours, printed),
+        [*_thickness_text(ours, printed), *_bending_text(ours, bent)],
         [
             Picture(
                 "figure_3_23.svg",
@@ -63,12 +72,16 @@ def _thickness(thesis: Thesis, results: Results, out: Path) -> Content:
                 "depends.",
             ),
             table,
+            _bending_table(ours, bent),
         ],
     )
 
 
-def _charges(results: Results, thickness_um: float, forces: Array, electrode: str) -> Array:
-    records = [results[_film(thickness_um, float(F))] for F in forces]
+def _charges(
+    results: Results, thickness_um: float, forces: Array, electrode: str, *, bending: bool = False
+) -> Array:
+    scenes = [_film(thickness_um, float(F)) for F in forces]
+    records = [results[_bending(scene) if bending else scene] for scene in scenes]
     return np.array([record.charge_pC(electrode, THESIS_EDGE) for record in records])
 
 
@@ -127,6 +140,45 @@ def _thickness_table(ours: dict[float, list[Series]], printed: list[Series]) -> 
     )
 
 
+def _bending_table(ours: dict[float, list[Series]], bent: dict[float, list[Series]]) -> Table:
+    forces = next(iter(ours.values()))[0].x
+    columns = [Column("thickness_um", "film (µm)", 0), Column("electrode", "electrode")]
+    columns += [Column(f"bent_{F:g}_N_pC", f"{F:g} N", 1, "with bending (pC)") for F in forces]
+    columns += [
+        Column(f"change_{F:g}_N_percent", f"{F:g} N", 2, "change by bending (%)") for F in forces
+    ]
+    rows: list[list[Cell]] = [
+        [h, one.label, *stiff.y.tolist(), *(100.0 * (stiff.y / one.y - 1.0)).tolist()]
+        for h in ours
+        for one, stiff in zip(ours[h], bent[h], strict=True)
+    ]
+    return Table(
+        "bending_by_thickness",
+        "The same films as von Kármán plates: charges, and how much bending changes them.",
+        columns,
+        rows,
+    )
+
+
+def _bending_text(ours: dict[float, list[Series]], bent: dict[float, list[Series]]) -> list[str]:
+    changes = {
+        h: np.concatenate([b.y / o.y - 1.0 for b, o in zip(bent[h], ours[h], strict=True)])
+        for h in ours
+    }
+    if not all(np.isfinite(change).all() and change.size for change in changes.values()):
+        return []
+    ranges = [
+        f"between {100.0 * change.min():.2g} and {100.0 * change.max():.2g} % for {h:g} µm"
+        for h, change in changes.items()
+    ]
+    return [
+        "With bending in the model (the last table), the charges change by "
+        f"{', '.join(ranges[:-1])} and {ranges[-1]}: the 25 µm film is a membrane, the "
+        "110 µm film nearly, and the 1 mm film a plate, whose charges hardly leave those of its "
+        "pretension."
+    ]
+
+
 def _straightness(one: Series) -> list[Cell]:
     F, Q = finite(one)
     if len(F) < 3:
@@ -151,9 +203,8 @@ def _thickness_text(ours: dict[float, list[Series]], printed: list[Series]) -> l
         "Section 3.4.3 prints three cubics for the 1 mm film and takes them as evidence that "
         "thickness makes the sensor more linear. They are those of the 25 µm film: they give "
         f"{thin.min():.3f} to {thin.max():.3f} times our charges of that film, and "
-        f"{thick.min():.1f} to {thick.max():.1f} times those of the 1 mm film. Bending, which is "
-        "left out here, would carry part of the load and lower the charges of the 1 mm film "
-        "further.",
+        f"{thick.min():.1f} to {thick.max():.1f} times those of the 1 mm film, which are a "
+        "membrane's here.",
         "A thicker film does give a straighter curve, but only because the pretension's constant "
         "charge takes over: the largest charge is "
         f"{signal[1]:.0f} pC instead of {signal[0]:.0f} pC, and the local exponents move away "
