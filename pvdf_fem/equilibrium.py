@@ -18,6 +18,7 @@ from pvdf_fem.load import Load
 from pvdf_fem.membrane import Array, Membrane, MembraneState
 from pvdf_fem.mesh import RIM
 from pvdf_fem.scene import Scene
+from pvdf_fem.tension_field import WrinklingMembrane
 
 FIXED = -1
 
@@ -36,7 +37,8 @@ class Equilibrium:
 
     def __init__(self, scene: Scene, mesh: MeshTri2, order: int = 2) -> None:
         self.scene, self.film = scene, scene.film
-        self.membrane = Membrane(mesh, scene.film, order)
+        wrinkles = scene.film.compression == "tension-field"
+        self.membrane = (WrinklingMembrane if wrinkles else Membrane)(mesh, scene.film, order)
         self.load = Load.of(scene, self.membrane)
         rim = self.membrane.basis.get_dofs(RIM).all()
         self.rim_dofs = (3 * rim[:, None] + np.arange(3)).ravel()
@@ -79,6 +81,10 @@ class Equilibrium:
         energy = self.membrane.energy_along(state, self.unknowns.expand(step))
         energy[1] = slope
         return energy
+
+    def work(self, state: MembraneState, q: Array) -> float:
+        """Work in J of the external forces, held as they are at `state`, along `q`."""
+        return float(self.assembly.vector(self.load.forces(state.deformation_gradient)) @ q)
 
     def rim_reaction(self, state: MembraneState) -> float:
         """Force in N along z by which the rim holds the film."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,9 @@ class Film(Part):
     `youngs_modulus_GPa` is a number, or a pair [E1, E2] along x and y; `poisson_ratio` is then
     ν12 (ν21 = ν12 E2/E1). Without `shear_modulus_GPa`, Huber's estimate
     √(E1 E2)/(2(1 + √(ν12 ν21))) is taken, which is E/(2(1 + ν)) for an isotropic film.
+
+    `compression` is what becomes of compressive stress: ``refuse`` warns of it, and an equilibrium
+    that is not a minimum of the energy is no result; ``tension-field`` lets the film wrinkle.
     """
 
     radius_mm: Length = 45.0
@@ -36,6 +39,7 @@ class Film(Part):
     temperature_change_K: Annotated[Finite, within(-1e4, 1e4, "K")] = -1.0
     d31_pC_N: Number = 8.0
     d32_pC_N: Number = 8.0
+    compression: Literal["refuse", "tension-field"] = "refuse"
 
     @field_validator("poisson_ratio")
     @classmethod

@@ -117,8 +117,15 @@ class Membrane:
 
     def stress(self, strain: Array) -> Array:
         """Second Piola-Kirchhoff stress in Pa of a Green-Lagrange strain."""
-        elastic = strain - self.film.thermal_strain * np.array([1.0, 1.0, 0.0])
-        return elastic @ self.stiffness
+        return self.elastic(strain) @ self.stiffness
+
+    def elastic(self, strain: Array) -> Array:
+        """Strain without the free thermal one."""
+        return strain - self.film.thermal_strain * np.array([1.0, 1.0, 0.0])
+
+    def root(self, state: MembraneState) -> Array:
+        """R with dS/dE = R^T R, (..., 3, 3)."""
+        return np.linalg.cholesky(self.stiffness).T
 
     def residual(self, state: MembraneState) -> Array:
         """Internal forces in N, (elements, dofs of an element)."""
@@ -131,9 +138,8 @@ class Membrane:
         """Tangent stiffness in N/m, (elements, dofs of an element, dofs of an element)."""
         elements, points, functions, _ = self.gradients.shape
         strains = self._strain_operator(state.deformation_gradient)
-        root = np.linalg.cholesky(self.stiffness).T
         thickness = np.sqrt(self.film.thickness * self.weights)[..., None, None]
-        scaled = (thickness * np.matmul(root, strains)).reshape(elements, 3 * points, 3 * functions)
+        scaled = (thickness * np.matmul(self.root(state), strains)).reshape(elements, 3 * points, 3 * functions)
         stiffness = np.matmul(scaled.swapaxes(1, 2), scaled)
 
         resultant = self._resultant(state.stress)
@@ -154,8 +160,7 @@ class Membrane:
 
     def energy(self, state: MembraneState) -> float:
         """Stored energy in J."""
-        elastic = state.strain - self.film.thermal_strain * np.array([1.0, 1.0, 0.0])
-        density = (elastic * state.stress).sum(axis=-1)
+        density = (self.elastic(state.strain) * state.stress).sum(axis=-1)
         return 0.5 * self.film.thickness * float((density * self.weights).sum())
 
     def energy_along(self, state: MembraneState, direction: Array) -> Array:

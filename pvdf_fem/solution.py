@@ -22,9 +22,10 @@ from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.estimate import Correction, correct, indicators, prolongation
 from pvdf_fem.membrane import Array
 from pvdf_fem.mesh import PROBE, MeshError, SizeField, Sizes, mesh_scene, outlines
-from pvdf_fem.newton import Iteration, NewtonResult, Status, newton, seed
+from pvdf_fem.newton import Iteration, NewtonResult, Status
 from pvdf_fem.refine import refined_sizes, transferred
 from pvdf_fem.scene import Scene
+from pvdf_fem.tension_newton import equilibrate
 
 # Sizes aim at this part of the tolerance.
 SAFETY = 0.5
@@ -283,7 +284,7 @@ def _solve_on(
     with clock("solve"):
         equilibrium = Equilibrium(scene, mesh, order)
         start = _carried_over(coarser, equilibrium) if coarser else _start(equilibrium)
-        result = newton(equilibrium, start, near=order > 1 or coarser is not None)
+        result = equilibrate(equilibrium, start, near=start is not None)
         x = equilibrium.unknowns.expand(result.q)
         forces = electrode_forces(scene, equilibrium.membrane, x)
     correction, errors = None, np.zeros_like(forces)
@@ -298,15 +299,16 @@ def _solve_on(
     return Attempt(scene, result, Fields(equilibrium, result.q, forces, errors), correction)
 
 
-def _start(equilibrium: Equilibrium) -> Array:
+def _start(equilibrium: Equilibrium) -> Array | None:
     """The solution of the order below, which costs less than the iterations that it saves."""
     order = equilibrium.membrane.order
     if order == 1:
-        return seed(equilibrium)
+        return None
     lower = Equilibrium(equilibrium.scene, equilibrium.membrane.mesh, order - 1)
-    result = newton(lower, _start(lower), START_TOLERANCE, near=order > 2)
+    start = _start(lower)
+    result = equilibrate(lower, start, START_TOLERANCE, near=start is not None)
     if result.status is not Status.CONVERGED:
-        return seed(equilibrium)
+        return None
     return prolongation(lower, equilibrium) @ result.q
 
 
