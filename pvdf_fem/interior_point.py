@@ -28,10 +28,11 @@ from pvdf_fem.tension_field import GivenModuli, WrinklingMembrane
 
 # Of the longest step that leaves s and p in their cones.
 SHORTER = 0.95
-# A predictor shorter than this tells nothing about the second order.
-SHORT = 0.1
-CENTRING = 0.5
+# A predictor shorter than this asks for more centring than Mehrotra's (1 - length)^3.
+SHORT = 0.5
 LEAST_CENTRING = 1e-6
+# The start is so many times larger than mean values, since under a small probe they say little.
+LARGER = 100.0
 
 _ROOT = np.sqrt(2.0)
 # s = STRESS S and p = STRAIN P, Voigt with engineering shear; STRESS^-1 = STRAIN^T.
@@ -98,7 +99,7 @@ class _InteriorPoint:
         tension = density / max(abs(film.thermal_strain), elastic)
         widest = np.abs(self.membrane.elastic(state.strain)).max()
         strain = max(widest, tension * self.compliance[0, 0])
-        ones = np.broadcast_to(UNIT, state.strain.shape)
+        ones = np.broadcast_to(LARGER * UNIT, state.strain.shape)
         return Iterate(q, tension * ones, strain * ones, np.inf, 1.0)
 
     def next(self, at: Iterate) -> Iterate:
@@ -106,12 +107,11 @@ class _InteriorPoint:
         step = _Linearised(self, at)
         predicted = step.solve(-step.scaled)
         length = _longest(at, predicted)
-        far = length > SHORT
-        centring = max((1.0 - length) ** 3, LEAST_CENTRING) if far else CENTRING
-        wanted = centring * step.mu * UNIT
-        if far:
-            ds, dp = predicted[1:]
-            wanted = wanted - _jordan(_times(step.inverse, ds), _times(step.scaling, dp))
+        missing = 1.0 - length
+        centring = missing**3 if length > SHORT else 0.5 * missing
+        ds, dp = predicted[1:]
+        second = _jordan(_times(step.inverse, ds), _times(step.scaling, dp))
+        wanted = max(centring, LEAST_CENTRING) * step.mu * UNIT - second
         dq, ds, dp = step.solve(_jordan_inverse(step.scaled, wanted) - step.scaled)
         length = min(1.0, SHORTER * _longest(at, (dq, ds, dp)))
         q, s, p = at.q + length * dq, at.s + length * ds, at.p + length * dp
@@ -159,7 +159,10 @@ class _Linearised:
 
 def _nesterov_todd(s: Array, p: Array) -> tuple[Array, Array]:
     """W and W^-1, symmetric (..., 3, 3), with W p = W^-1 s."""
-    size_s, size_p = np.sqrt(_determinant(s)), np.sqrt(_determinant(p))
+    size_s, size_p = _determinant(s), _determinant(p)
+    if min(size_s.min(), size_p.min()) <= 0.0:
+        raise np.linalg.LinAlgError("rounding has left the cone")
+    size_s, size_p = np.sqrt(size_s), np.sqrt(size_p)
     s, p = s / size_s[..., None], p / size_p[..., None]
     w = s + p * [1.0, -1.0, -1.0]
     w /= np.sqrt(2.0 * (1.0 + (s * p).sum(axis=-1)))[..., None]

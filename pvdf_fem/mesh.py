@@ -112,6 +112,12 @@ def element_sizes(mesh: MeshTri2) -> NDArray[np.float64]:
     return np.sqrt(4.0 / np.sqrt(3.0) * area)
 
 
+def element_count(field: SizeField) -> float:
+    """About how many elements of the field's sizes there will be."""
+    mean = field.sizes[field.mesh.t].mean(axis=0)
+    return float(((element_sizes(field.mesh) / mean) ** 2).sum())
+
+
 def compression(mesh: MeshTri2) -> NDArray[np.float64]:
     """Least Jacobian over the mean one of each element, (elements,); below 0 where it folds."""
     points, _ = get_quadrature(mesh.elem.refdom, 8)

@@ -42,6 +42,8 @@ CONVEX_FLOOR = 1e-6
 DEFER = 0.1
 CONTRACTION = 0.3
 MAX_ITERATIONS = 60
+# A film that is still in compression after so many finds no equilibrium that is a minimum.
+PATIENCE = 25
 
 
 class Status(StrEnum):
@@ -68,8 +70,9 @@ ADVICE = {
     " (film.temperature_change_K below zero)",
     Status.TOLERANCE: "the finest mesh allowed misses the tolerance; raise numerics.tolerance",
     Status.MESH_FAILED: "gmsh could not mesh the scene; move or resize the probe slightly",
-    Status.UNSTABLE: "the equilibrium found is not a minimum of the energy: the film is in"
-    " compression, which it cannot carry; cool it (film.temperature_change_K below zero)",
+    Status.UNSTABLE: "no equilibrium found is a minimum of the energy: the film is in compression,"
+    ' which it cannot carry; let it wrinkle (film.compression = "tension-field") or cool it'
+    " (film.temperature_change_K below zero)",
 }
 
 
@@ -149,6 +152,8 @@ def newton(
             table.append(Iteration(size, length, tangent.convex, fresh))
             q = q + length * step
             state = equilibrium.state(q)
+            if len(table) >= PATIENCE and table[-1].step > NEAR and _compressed(state):
+                return NewtonResult(q, Status.UNSTABLE, tuple(table), None)
         if tangent is None or not _ended(table, tolerance):
             return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
         if tangent.convex or _compressed(state):

@@ -21,7 +21,7 @@ from pvdf_fem.charge import charge_gradients, electrode_forces
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.estimate import Correction, correct, indicators, prolongation
 from pvdf_fem.membrane import Array
-from pvdf_fem.mesh import PROBE, MeshError, SizeField, Sizes, mesh_scene, outlines
+from pvdf_fem.mesh import PROBE, MeshError, SizeField, Sizes, element_count, mesh_scene, outlines
 from pvdf_fem.newton import Iteration, NewtonResult, Status
 from pvdf_fem.refine import refined_sizes, transferred
 from pvdf_fem.scene import Scene
@@ -32,8 +32,14 @@ SAFETY = 0.5
 # Newton's last step in the orders below, whose discretisation errors are larger.
 START_TOLERANCE = 1e-2
 MAX_MESHES = 6
+# A next mesh of more unknowns is not made; 20 s on one core.
+MAX_UNKNOWNS = 60_000
 # The largest deflection is sought on this many points around the best one, on ever smaller scales.
 ZOOM, ROUNDS = 8, 5
+# Elements along a needle's outline may be this part of it, however thin the needle is.
+SLENDER = 1.0 / 200.0
+# Unknowns of an element, by order of the displacement.
+UNKNOWNS = {1: 1.5, 2: 6.0, 3: 13.5}
 # Relative error of the worst charge that element sizes of `first_sizes` without their factor leave,
 # by order of the displacement.
 REACHED = {1: 2e-2, 2: 2e-3, 3: 1e-4}
@@ -236,6 +242,8 @@ def solve(scene: Scene, *, mesh: MeshTri2 | None = None, order: int | None = Non
                 break
             with clock("refine"):
                 sizes = _refined(attempt, SAFETY * tolerance)
+            if element_count(sizes) * UNKNOWNS[order] > MAX_UNKNOWNS:
+                break
             attempt = _solve_on(scene, _meshed(scene, sizes, clock), order, clock, attempt)
     except MeshError as error:
         reason = f"{Status.MESH_FAILED.advice} ({error})"
@@ -345,7 +353,10 @@ def first_sizes(scene: Scene, order: int) -> Sizes:
     factor = float(np.clip(reached ** (1.0 / (order + 1.0)), 0.4, 2.2))
     shapes = outlines(scene)
     share = dict.fromkeys(shapes, 5.0) | {PROBE: 0.5 if scene.load.kind == "rigid" else 2.0}
-    patches = {name: share[name] * shape.area / shape.perimeter for name, shape in shapes.items()}
+    patches = {
+        name: shape.perimeter * max(share[name] * shape.area / shape.perimeter**2, SLENDER)
+        for name, shape in shapes.items()
+    }
     return Sizes(patches, 0.5, 0.55 * scene.film.radius).scaled(factor)
 
 

@@ -9,6 +9,7 @@ comes from `pvdf_fem.interior_point` unless it is known to be near.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +18,6 @@ from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.interior_point import interior_points
 from pvdf_fem.membrane import Array, strain_rate
 from pvdf_fem.newton import (
-    MAX_ITERATIONS,
     STEP_TOLERANCE,
     Iteration,
     NewtonResult,
@@ -28,8 +28,9 @@ from pvdf_fem.newton import (
 )
 from pvdf_fem.tension_field import GivenModuli, WrinklingMembrane
 
+MAX_ITERATIONS = 100
 # Integral of S : P over the work, at which Newton's method for the exact law is tried.
-GAPS = (1e-6, 1e-9)
+GAPS = (1e-6, 1e-9, 1e-12)
 # Damping of Newton's steps, as a part of the mean tension and of the size of the last step.
 DAMPING = 1e-2
 # Newton's method is given up after this many steps, or when a step is larger than that.
@@ -60,7 +61,7 @@ def equilibrate(
             return result
         return _from_afar(equilibrium, q, tolerance, table)
     except (RuntimeError, np.linalg.LinAlgError):  # SuperLU, Cholesky: what rounding leaves
-        return NewtonResult(q, Status.SINGULAR, tuple(table), None)
+        return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
 
 
 def deflected(equilibrium: Equilibrium) -> Array:
@@ -85,15 +86,24 @@ def _from_afar(
     equilibrium: Equilibrium, q: Array, tolerance: float, table: list[Iteration]
 ) -> NewtonResult:
     gaps = list(GAPS)
-    points = interior_points(equilibrium, q)
-    while len(table) < MAX_ITERATIONS:
+    points = interior_points(_dead(equilibrium), q)
+    while len(table) < MAX_ITERATIONS and gaps:
         point = next(points)
         table.append(Iteration(point.gap, point.length, True, True))
         if point.gap < gaps[0]:
             if result := _newton(equilibrium, point.q, point.stress, tolerance, table):
                 return result
-            gaps = gaps[1:] or [0.0]
+            gaps = gaps[1:]
     return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
+
+
+def _dead(equilibrium: Equilibrium) -> Equilibrium:
+    """The same with a load that does not follow the film: near enough, and convex."""
+    if equilibrium.load.conservative:
+        return equilibrium
+    dead = copy(equilibrium)
+    dead.load = replace(equilibrium.load, kind="dead")
+    return dead
 
 
 def _newton(
