@@ -104,18 +104,18 @@ class SizeField:
                 return cls(mesh, at_vertices)
             at_vertices = lowered
 
+    def coarsened(self, most: float) -> SizeField:
+        """The same field, or a coarser one of about `most` elements."""
+        mean = self.sizes[self.mesh.t].mean(axis=0)
+        count = float(((element_sizes(self.mesh) / mean) ** 2).sum())
+        return SizeField(self.mesh, self.sizes * np.sqrt(max(count / most, 1.0)))
+
 
 def element_sizes(mesh: MeshTri2) -> NDArray[np.float64]:
     """Edge of the equilateral triangle of each element's area, m."""
     (x0, x1, x2), (y0, y1, y2) = mesh.p[:, mesh.t]
     area = 0.5 * np.abs((x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0))
     return np.sqrt(4.0 / np.sqrt(3.0) * area)
-
-
-def element_count(field: SizeField) -> float:
-    """About how many elements of the field's sizes there will be."""
-    mean = field.sizes[field.mesh.t].mean(axis=0)
-    return float(((element_sizes(field.mesh) / mean) ** 2).sum())
 
 
 def compression(mesh: MeshTri2) -> NDArray[np.float64]:

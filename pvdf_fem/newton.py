@@ -43,7 +43,7 @@ DEFER = 0.1
 CONTRACTION = 0.3
 MAX_ITERATIONS = 60
 # A film that is still in compression after so many finds no equilibrium that is a minimum.
-PATIENCE = 25
+PATIENCE = 20
 
 
 class Status(StrEnum):
@@ -53,6 +53,7 @@ class Status(StrEnum):
     MAX_ITERATIONS = "max_iterations"
     SINGULAR = "singular_tangent"
     UNSTABLE = "unstable"
+    UNBALANCED = "unbalanced"
     TOLERANCE = "tolerance_not_reached"
     MESH_FAILED = "mesh_failed"
 
@@ -68,6 +69,8 @@ ADVICE = {
     " load.force_N, or give the film more tension (film.temperature_change_K below zero)",
     Status.SINGULAR: "the tangent is singular: the film has no tension; cool it"
     " (film.temperature_change_K below zero)",
+    Status.UNBALANCED: "the forces on the film found do not balance to 1e-6 of the load, which"
+    " rounding does to a film of extreme proportions; make the probe larger",
     Status.TOLERANCE: "the finest mesh allowed misses the tolerance; raise numerics.tolerance",
     Status.MESH_FAILED: "gmsh could not mesh the scene; move or resize the probe slightly",
     Status.UNSTABLE: "no equilibrium found is a minimum of the energy: the film is in compression,"
@@ -152,7 +155,7 @@ def newton(
             table.append(Iteration(size, length, tangent.convex, fresh))
             q = q + length * step
             state = equilibrium.state(q)
-            if len(table) >= PATIENCE and table[-1].step > NEAR and _compressed(state):
+            if len(table) >= PATIENCE and size > LOCAL**2 and _compressed(state):
                 return NewtonResult(q, Status.UNSTABLE, tuple(table), None)
         if tangent is None or not _ended(table, tolerance):
             return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)

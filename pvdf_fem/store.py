@@ -27,7 +27,8 @@ SCHEMA = 1
 # What the numbers of a record depend on.
 NUMERICAL_MODULES = (
     *("film", "shapes", "outline", "mesh", "membrane", "load", "equilibrium"),
-    *("newton", "charge", "estimate", "refine", "solution", "sweep"),
+    *("newton", "tension_field", "interior_point", "tension_newton", "admissible"),
+    *("charge", "estimate", "refine", "solution", "sweep"),
 )
 NUMERICAL_PACKAGES = ("gmsh", "numpy", "scikit-fem", "scipy")
 

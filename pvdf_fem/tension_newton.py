@@ -13,8 +13,10 @@ from copy import copy
 from dataclasses import replace
 
 import numpy as np
+from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.equilibrium import Equilibrium
+from pvdf_fem.estimate import Correction, correct
 from pvdf_fem.interior_point import interior_points
 from pvdf_fem.membrane import Array, strain_rate
 from pvdf_fem.newton import (
@@ -33,6 +35,10 @@ MAX_ITERATIONS = 100
 GAPS = (1e-6, 1e-9, 1e-12)
 # Damping of Newton's steps, as a part of the mean tension and of the size of the last step.
 DAMPING = 1e-2
+# Of the richer space's residual, after which a correction is taken for its solution.
+REMAINDER = 0.2
+# Of Newton's last step in the richer space of an error estimate.
+RICH_TOLERANCE = 1e-3
 # Newton's method is given up after this many steps, or when a step is larger than that.
 MOST_STEPS, LARGEST_STEP = 20, 3.0
 
@@ -62,6 +68,30 @@ def equilibrate(
         return _from_afar(equilibrium, q, tolerance, table)
     except (RuntimeError, np.linalg.LinAlgError):  # SuperLU, Cholesky: what rounding leaves
         return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
+
+
+def corrected(
+    coarse: Equilibrium, q: Array, factors: SuperLU, rich: Equilibrium
+) -> Correction | None:
+    """The solution `q` of `coarse` in the space of `rich`; None if there is none to be found.
+
+    That is what a few steps of conjugate gradients leave (`estimate.correct`). Where a film that
+    wrinkles is too stiff for them, it is a solution of its own.
+    """
+    correction = correct(coarse, q, factors, rich)
+    if not isinstance(rich.membrane, WrinklingMembrane):
+        return correction
+    left, was = (
+        np.linalg.norm(rich.residual(rich.state(x))) for x in (correction.q, correction.start)
+    )
+    if left <= REMAINDER * was:
+        return correction
+    prolong, start = correction.prolong, correction.start
+    result = equilibrate(rich, start, RICH_TOLERANCE, near=True)
+    if result.status is not Status.CONVERGED:
+        return None
+    tangent = rich.membrane.tangent(rich.state(result.q))
+    return Correction(rich, start, result.q, tangent, prolong)
 
 
 def deflected(equilibrium: Equilibrium) -> Array:
