@@ -55,8 +55,11 @@ class Equilibrium:
         return self.membrane.state(self.unknowns.expand(q))
 
     def element_residual(self, state: MembraneState) -> Array:
-        """Internal minus external forces in N, (elements, dofs of an element)."""
-        return self.membrane.residual(state) - self.load.forces(state.deformation_gradient)
+        """Internal minus external forces in N, (elements, dofs of an element).
+
+        Without the flat film's pretension, whose forces cancel but for those on the rim.
+        """
+        return self.membrane.added_residual(state) - self.load.forces(state.deformation_gradient)
 
     def element_tangent(self, state: MembraneState) -> Array:
         """Derivative of `element_residual`, (elements, dofs, dofs of an element)."""

@@ -174,6 +174,13 @@ class WrinklingMembrane(Membrane):
             return state.root
         return self.law.root(self.elastic(state.strain), state.stress)
 
+    def residual(self, state: MembraneState) -> Array:
+        """Internal forces in N, (elements, dofs of an element)."""
+        resultant = self._resultant(state.stress)
+        return self._forces(np.matmul(state.deformation_gradient, resultant))
+
+    added_residual = residual
+
     def tangent(self, state: MembraneState) -> Array:
         """Tangent stiffness in N/m, which `FLOOR` keeps regular where the film is slack.
 
