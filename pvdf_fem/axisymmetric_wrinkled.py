@@ -1,4 +1,4 @@
-"""Axisymmetric membrane that wrinkles instead of carrying compression: a reference for the 2-D code.
+"""Axisymmetric membrane that wrinkles: a reference for the 2-D code.
 
 As in `pvdf_fem.axisymmetric` lengths are counted in a, forces in E h a, tensions in E h. With the
 displacements u along the radius r and w along the load, and the force P(r) within the radius r,
@@ -97,7 +97,7 @@ class _Problem:
 
     def rim(self, centre_strain: float) -> float:
         """u at the rim of a film that starts with u/r = `centre_strain`."""
-        return float(self.integrate(centre_strain)(1.0)[0])
+        return float(self.integrate(centre_strain)(np.array(1.0))[0])
 
     def integrate(self, centre_strain: float) -> Callable[[Floats], Floats]:
         """u, r N_r (1 + u') and w - w(0) by radius."""
@@ -109,7 +109,7 @@ class _Problem:
         inner = self._piece(start, ends[:2])
         if self.patch_radius == 1.0:
             return inner
-        outer = self._piece(inner(self.patch_radius), ends[1:])
+        outer = self._piece(inner(np.array(self.patch_radius)), ends[1:])
         return lambda r: np.where(np.less_equal(r, self.patch_radius), inner(r), outer(r))
 
     def _piece(self, start: Floats, ends: tuple[float, ...]) -> Callable[[Floats], Floats]:

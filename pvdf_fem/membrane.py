@@ -125,7 +125,7 @@ class Membrane:
 
     def root(self, state: MembraneState) -> Array:
         """R with dS/dE = R^T R, (..., 3, 3)."""
-        return np.linalg.cholesky(self.stiffness).T
+        return np.asarray(np.linalg.cholesky(self.stiffness).T)
 
     def residual(self, state: MembraneState) -> Array:
         """Internal forces in N, (elements, dofs of an element)."""
@@ -155,7 +155,9 @@ class Membrane:
         elements, points, functions, _ = self.gradients.shape
         strains = self._strain_operator(state.deformation_gradient)
         thickness = np.sqrt(self.film.thickness * self.weights)[..., None, None]
-        scaled = (thickness * np.matmul(self.root(state), strains)).reshape(elements, 3 * points, 3 * functions)
+        scaled = (thickness * np.matmul(self.root(state), strains)).reshape(
+            elements, 3 * points, 3 * functions
+        )
         stiffness = np.matmul(scaled.swapaxes(1, 2), scaled)
 
         resultant = self._resultant(state.stress)

@@ -45,7 +45,8 @@ UNKNOWNS = {1: 1.5, 2: 6.0, 3: 13.5}
 # by order of the displacement.
 REACHED = {1: 2e-2, 2: 2e-3, 3: 1e-4}
 # The next order takes away only 0.55 to 0.8 of the error that the singular edge of a rigid probe
-# makes, and the kinks of a film that wrinkles (measured on uniform and on refined meshes); estimates are raised by this.
+# makes, and the kinks of a film that wrinkles (measured on uniform and on refined meshes);
+# estimates are raised by this.
 EDGE_FACTOR = 1.6
 
 

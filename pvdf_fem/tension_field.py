@@ -51,7 +51,8 @@ class TensionField:
     """
 
     def __init__(self, stiffness: Array) -> None:
-        self.stiffness, self.compliance = stiffness, np.linalg.inv(stiffness)
+        self.stiffness: Array = stiffness
+        self.compliance: Array = np.asarray(np.linalg.inv(stiffness))
         # V^T C^-1 V = I, V^T A V = diag(-, -, +): S = V y, and S >= 0 is a cone about the last y.
         self._values, self._vectors = eigh(ADJUGATE, self.compliance)
 
@@ -107,9 +108,9 @@ class TensionField:
         # y by its first two components, and the third from the cone
         y1 = f[:, 0] * (1.0 - x)
         y2 = f[:, 1] * (1.0 - x) / (1.0 + stiffer * x)
-        y3 = np.hypot(
-            y1 * np.sqrt(-self._values[0]), y2 * np.sqrt(-self._values[1])
-        ) / np.sqrt(self._values[2])
+        y3 = np.hypot(y1 * np.sqrt(-self._values[0]), y2 * np.sqrt(-self._values[1])) / np.sqrt(
+            self._values[2]
+        )
         return np.stack([y1, y2, y3], axis=-1) @ self._vectors.T
 
     def root(self, strain: Array, stress: Array) -> Array:

@@ -60,14 +60,13 @@ def equilibrate(
         flat = np.zeros(equilibrium.unknowns.count)
         return NewtonResult(flat, Status.CONVERGED, (), None)
     table: list[Iteration] = []
+    start = deflected(equilibrium) if q is None else q
     try:
-        if q is None:
-            q = deflected(equilibrium)
-        elif near and (result := _newton(equilibrium, q, None, tolerance, table)):
+        if q is not None and near and (result := _newton(equilibrium, q, None, tolerance, table)):
             return result
-        return _from_afar(equilibrium, q, tolerance, table)
+        return _from_afar(equilibrium, start, tolerance, table)
     except (RuntimeError, np.linalg.LinAlgError):  # SuperLU, Cholesky: what rounding leaves
-        return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
+        return NewtonResult(start, Status.MAX_ITERATIONS, tuple(table), None)
 
 
 def corrected(
@@ -145,6 +144,7 @@ def _newton(
 ) -> NewtonResult | None:
     """Newton's method for the exact law with predicted stresses; None if it leads nowhere."""
     membrane = equilibrium.membrane
+    assert isinstance(membrane, WrinklingMembrane)
     state, size = equilibrium.state(q), DAMPING
     if predicted is None:
         predicted = state.stress

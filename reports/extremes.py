@@ -16,6 +16,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +26,7 @@ if str(ROOT) not in sys.path:  # when run as a script, only its own directory is
 
 from pvdf_fem import Scene  # noqa: E402
 from pvdf_fem.newton import Status  # noqa: E402
-from pvdf_fem.page import Column, Page, Picture, Section, Table  # noqa: E402
+from pvdf_fem.page import Cell, Column, Page, Picture, Section, Table  # noqa: E402
 from reports.extremes_figures import draw_scenes, draw_times  # noqa: E402
 from reports.extremes_laws import laws  # noqa: E402
 from reports.extremes_runs import TIME_LIMIT, Row, rows  # noqa: E402
@@ -35,8 +36,6 @@ from reports.options import number_of  # noqa: E402
 FINER = 0.1
 #: Results may differ from finer ones by so many times their estimated error.
 TRUST = 10.0
-#: Charges that are this part of the largest one or less are not compared by themselves.
-SMALL = 1e-3
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -100,8 +99,12 @@ def _counts(given: list[Scene], first: list[Row], best: list[Row]) -> Section:
         Column("status", "finally"),
         Column("scenes", "scenes", 0),
     ]
-    table = Table("extremes-counts", "What became of them.", columns,
-                  [[*key, count] for key, count in sorted(found.items())])
+    table = Table(
+        "extremes-counts",
+        "What became of them.",
+        columns,
+        [[*key, count] for key, count in sorted(found.items())],
+    )
     done = [row for row in best if row.converged]
     if not done:
         return Section("counts", "Endings", ["None converged."], [table])
@@ -138,7 +141,7 @@ def _unfinished(given: list[Scene], best: list[Row]) -> Section:
         Column("reason", "reason"),
         Column("seconds", "seconds"),
     ]
-    cells = [
+    cells: list[list[Cell]] = [
         [n, _group(scene), row.status, row.reason.splitlines()[-1], row.seconds]
         for n, (scene, row) in enumerate(zip(given, best, strict=True))
         if not row.converged
@@ -165,9 +168,9 @@ def _kept(name: str, wanted: list[Scene], options: argparse.Namespace) -> list[R
     known: dict[str, Row] = {}
     for line in path.read_text().splitlines() if path.exists() else []:
         entry = json.loads(line)
-        known[entry["scene"]] = Row(
-            **{k: tuple(v) if isinstance(v, list) else v for k, v in entry["row"].items()}
-        )
+        row: dict[str, Any] = entry["row"]
+        row |= {name: tuple(value) for name, value in row.items() if isinstance(value, list)}
+        known[entry["scene"]] = Row(**row)
     keys = [scene.model_dump_json() for scene in wanted]
     missing = [n for n, key in enumerate(keys) if key not in known]
     with path.open("a", encoding="utf-8") as stream:
@@ -177,7 +180,9 @@ def _kept(name: str, wanted: list[Scene], options: argparse.Namespace) -> list[R
             known[key] = row
             stream.write(json.dumps({"scene": key, "row": asdict(row)}) + "\n")
             stream.flush()
-            print(f"{name} {number + 1}/{len(missing)} {row.status} {row.seconds:.1f} s", flush=True)
+            print(
+                f"{name} {number + 1}/{len(missing)} {row.status} {row.seconds:.1f} s", flush=True
+            )
 
         rows([wanted[n] for n in missing], keep, options.seconds)
     return [known[key] for key in keys]

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
 from pvdf_fem import Scene
 from pvdf_fem.figures import colours, new_figure, save, style
@@ -50,7 +52,7 @@ def _load(scene: Scene) -> float:
     return float((scene.load.force / stiffness) ** (2 / 3))
 
 
-def _by_status(ax: object, x: np.ndarray, y: np.ndarray, found: list[Row]) -> None:
+def _by_status(ax: Axes, x: NDArray[np.float64], y: NDArray[np.float64], found: list[Row]) -> None:
     kinds = sorted({row.status for row in found}, key=lambda kind: kind != "converged")
     for kind, mark, ink in zip(kinds, MARKS, colours(len(kinds)), strict=False):
         these = np.array([row.status == kind for row in found])

@@ -8,7 +8,7 @@ import numpy as np
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.mesh import mesh_scene
-from pvdf_fem.page import Column, Section, Table
+from pvdf_fem.page import Cell, Column, Section, Table
 from pvdf_fem.solution import Solution, first_sizes
 
 BASE = Scene.parse('[probe]\nshape = "rectangle"\nx_mm = 3.0\ny_mm = 2.0')
@@ -23,7 +23,9 @@ def laws() -> Section:
         Column("difference", "relative difference", None),
     ]
     found = [cube_root(), charge_power(), linear(), similarity(), rounding()]
-    cells = [[name, value, wanted, abs(value / wanted - 1)] for name, value, wanted in found]
+    cells: list[list[Cell]] = [
+        [name, value, wanted, abs(value / wanted - 1)] for name, value, wanted in found
+    ]
     return Section("laws", "Scaling laws", (), [Table("extremes-laws", "Laws.", columns, cells)])
 
 

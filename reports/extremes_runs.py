@@ -9,6 +9,7 @@ import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
+from typing import Any
 
 import numpy as np
 
@@ -59,7 +60,7 @@ def row_of(scene: Scene) -> Row:
     try:
         solution = solve(scene)
         seconds = time.process_time() - start
-        row = {
+        row: dict[str, Any] = {
             "status": str(solution.status),
             "reason": solution.reason,
             "iterations": solution.newton_iterations,

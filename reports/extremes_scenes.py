@@ -101,7 +101,7 @@ def _probe(random: np.random.Generator, radius: float) -> Tables:
         return {"shape": "circle", "radius_mm": radius, "x_mm": 0.0, "y_mm": 0.0}
     size = _log(random, SMALLEST_PROBE_MM, 0.9 * radius)
     turn = float(random.choice([0.0, 30.0, 90.0, random.uniform(0.0, 360.0)]))
-    sizes: Tables = {
+    choices: dict[str, Tables] = {
         "circle": {"shape": "circle", "radius_mm": size / 2},
         "rectangle": {
             "shape": "rectangle",
@@ -115,7 +115,8 @@ def _probe(random: np.random.Generator, radius: float) -> Tables:
             "width_mm": size,
             "height_mm": max(size / _log(random, 10.0, ASPECT), 1e-4),
         },
-    }[shape]
+    }
+    sizes = choices[shape]
     reach = 0.5 * size if shape in ("circle", "polygon") else 0.6 * size
     if shape == "rectangle":
         reach = 0.5 * float(np.hypot(sizes["width_mm"], sizes["height_mm"]))
@@ -152,8 +153,13 @@ def _electrodes(random: np.random.Generator, radius: float, probe: Tables) -> li
         return [_square("A", side / 2, side / 2, side), _square("B", -side / 2, -side / 2, side)]
     if kind == "disc":
         return [
-            {"name": "A", "shape": "circle", "radius_mm": side / 2, "x_mm": radius - side / 2 - d,
-             "y_mm": 0.0}
+            {
+                "name": "A",
+                "shape": "circle",
+                "radius_mm": side / 2,
+                "x_mm": radius - side / 2 - d,
+                "y_mm": 0.0,
+            }
             for d in (_log(random, *GAP_MM) if random.random() < 0.5 else radius / 2,)
         ]
     if kind == "edge":  # an edge within a hair's breadth of the probe's

@@ -36,9 +36,7 @@ def test_forces_must_balance(solved):
 
 def test_a_solution_must_be_a_minimum(solved):
     problem, result = solved
-    hot = Equilibrium(
-        TRIANGLE.with_(**{"film.temperature_change_K": 10.0}), problem.membrane.mesh
-    )
+    hot = Equilibrium(TRIANGLE.with_(**{"film.temperature_change_K": 10.0}), problem.membrane.mesh)
     flat = factorise(hot.tangent(hot.state(0.0 * result.q)))
     state = problem.state(result.q)
     assert admissible.refusal(problem, state, flat) is Status.UNSTABLE

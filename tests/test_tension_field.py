@@ -160,8 +160,9 @@ def test_slack_film_has_a_result_under_any_load(force_N, kind):
 
 
 def test_unloaded_slack_film_lies_flat():
-    result = solve(RECTANGLE.with_(**WRINKLING, **{"film.temperature_change_K": 10.0,
-                                                   "load.force_N": 0.0}))
+    result = solve(
+        RECTANGLE.with_(**WRINKLING, **{"film.temperature_change_K": 10.0, "load.force_N": 0.0})
+    )
     assert result.status is Status.CONVERGED
     assert result.charges_pC == dict.fromkeys("ABCD", 0.0)
 
