@@ -33,7 +33,9 @@ SAFETY = 0.5
 # Newton's last step in the orders below, whose discretisation errors are larger.
 START_TOLERANCE = 1e-2
 MAX_MESHES = 6
-# Meshes of more unknowns are not made, so that a solve takes less than 20 s on one core.
+# Meshes of more unknowns are not made, so that a solve takes less than 20 s on one core at the
+# usual tolerance; a finer one may take longer.
+USUAL = 1e-3
 MAX_UNKNOWNS = {"refuse": 60_000, "tension-field": 15_000}
 # The largest deflection is sought on this many points around the best one, on ever smaller scales.
 ZOOM, ROUNDS = 8, 5
@@ -244,7 +246,7 @@ def solve(scene: Scene, *, mesh: MeshTri2 | None = None, order: int | None = Non
                 break
             with clock("refine"):
                 sizes = _refined(attempt, SAFETY * tolerance)
-            most = MAX_UNKNOWNS[scene.film.compression]
+            most = MAX_UNKNOWNS[scene.film.compression] * max(1.0, USUAL / tolerance) ** 0.5
             if attempt.fields.equilibrium.unknowns.count > 0.5 * most:
                 break
             sizes = sizes.coarsened(most / UNKNOWNS[order])
