@@ -39,6 +39,9 @@ USUAL = 1e-3
 MAX_UNKNOWNS = {"refuse": 60_000, "tension-field": 15_000}
 # The largest deflection is sought on this many points around the best one, on ever smaller scales.
 ZOOM, ROUNDS = 8, 5
+# Nor is another one after so many iterations: tension that concentrates in lines, as in a film that
+# a load is far too small to pull taut, needs ever more of them.
+HARD = 40
 # Elements along a needle's outline may be this part of it, however thin the needle is.
 SLENDER = 1.0 / 200.0
 # Unknowns of an element, by order of the displacement.
@@ -247,7 +250,8 @@ def solve(scene: Scene, *, mesh: MeshTri2 | None = None, order: int | None = Non
             with clock("refine"):
                 sizes = _refined(attempt, SAFETY * tolerance)
             most = MAX_UNKNOWNS[scene.film.compression] * max(1.0, USUAL / tolerance) ** 0.5
-            if attempt.fields.equilibrium.unknowns.count > 0.5 * most:
+            large = attempt.fields.equilibrium.unknowns.count > 0.5 * most
+            if large or len(attempt.result.iterations) > HARD:
                 break
             sizes = sizes.coarsened(most / UNKNOWNS[order])
             attempt = _solve_on(scene, _meshed(scene, sizes, clock), order, clock, attempt)

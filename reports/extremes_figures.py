@@ -25,6 +25,7 @@ def draw_scenes(given: list[Scene], found: list[Row], path: Path) -> None:
         _by_status(ax, load, np.where(np.abs(strain) < 1e-9, 0.0, strain), found)
         ax.set_xscale("log")
         ax.set_yscale("symlog", linthresh=1e-8)
+        ax.set_ylim(-0.05, 0.05)
         ax.set_xlabel("load number (F/(E h a))$^{2/3}$, the strain that the load makes")
         ax.set_ylabel("thermal strain αΔT")
         ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=8)
@@ -32,11 +33,12 @@ def draw_scenes(given: list[Scene], found: list[Row], path: Path) -> None:
 
 
 def draw_times(found: list[Row], path: Path) -> None:
-    """Seconds against unknowns."""
+    """Seconds against unknowns, of those that came to an end."""
+    found = [row for row in found if row.unknowns]
     with style():
         figure = new_figure(160.0, 95.0)
         ax = figure.subplots()
-        unknowns = np.array([max(row.unknowns, 1) for row in found])
+        unknowns = np.array([row.unknowns for row in found])
         _by_status(ax, unknowns, np.array([max(row.seconds, 1e-3) for row in found]), found)
         ax.set_xscale("log")
         ax.set_yscale("log")
