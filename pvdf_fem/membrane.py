@@ -129,8 +129,8 @@ class Membrane:
 
     def residual(self, state: MembraneState) -> Array:
         """Internal forces in N, (elements, dofs of an element)."""
-        pretension = self._resultant(self._pretension(state))
-        return self.added_residual(state) + self._forces(np.matmul(IDENTITY, pretension))
+        flat = self._forces(np.matmul(IDENTITY, self._pretension))
+        return self.added_residual(state) + flat
 
     def added_residual(self, state: MembraneState) -> Array:
         """The same less those of the flat film's pretension, which is in balance inside of the rim.
@@ -138,13 +138,14 @@ class Membrane:
         Added up, it would leave rounding that drowns a small load.
         """
         added = self._resultant(state.strain @ self.stiffness)
-        turned = np.matmul(
-            state.deformation_gradient - IDENTITY, self._resultant(self._pretension(state))
-        )
+        turned = np.matmul(state.deformation_gradient - IDENTITY, self._pretension)
         return self._forces(np.matmul(state.deformation_gradient, added) + turned)
 
-    def _pretension(self, state: MembraneState) -> Array:
-        return np.broadcast_to(self.elastic(np.zeros(3)) @ self.stiffness, state.strain.shape)
+    @cached_property
+    def _pretension(self) -> Array:
+        """Weighted resultant of the flat film."""
+        stress = self.elastic(np.zeros(3)) @ self.stiffness
+        return self._resultant(np.broadcast_to(stress, (*self.weights.shape, 3)))
 
     def _forces(self, first_piola: Array) -> Array:
         forces = np.matmul(self.gradients, first_piola.swapaxes(2, 3)).sum(axis=1)
