@@ -21,6 +21,7 @@ from pvdf_fem.load import Load
 from pvdf_fem.membrane import Array, Membrane, MembraneState
 from pvdf_fem.mesh import RIM
 from pvdf_fem.scene import Scene
+from pvdf_fem.tension_field import WrinklingMembrane
 
 FIXED = -1
 
@@ -39,7 +40,8 @@ class Equilibrium:
 
     def __init__(self, scene: Scene, mesh: MeshTri2, order: int = 2) -> None:
         self.scene, self.film = scene, scene.film
-        self.membrane = Membrane(mesh, scene.film, order)
+        wrinkles = scene.film.compression == "tension-field"
+        self.membrane = (WrinklingMembrane if wrinkles else Membrane)(mesh, scene.film, order)
         self.load = Load.of(scene, self.membrane)
         rim = self.membrane.basis.get_dofs(RIM).all()
         self.rim_dofs = (3 * rim[:, None] + np.arange(3)).ravel()
@@ -59,8 +61,11 @@ class Equilibrium:
         return self.membrane.state(self.unknowns.expand(q))
 
     def element_residual(self, state: MembraneState) -> Array:
-        """Internal minus external forces in N, (elements, dofs of an element)."""
-        return self.membrane.residual(state) - self.load.forces(state.deformation_gradient)
+        """Internal minus external forces in N, (elements, dofs of an element).
+
+        Without the flat film's pretension, whose forces cancel but for those on the rim.
+        """
+        return self.membrane.added_residual(state) - self.load.forces(state.deformation_gradient)
 
     def element_tangent(self, state: MembraneState) -> Array:
         """Derivative of `element_residual`, (elements, dofs, dofs of an element)."""
@@ -92,6 +97,10 @@ class Equilibrium:
             energy[2] += self.bending.energy(step)
         energy[1] = slope
         return energy
+
+    def work(self, state: MembraneState, q: Array) -> float:
+        """Work in J of the external forces, held as they are at `state`, along `q`."""
+        return float(self.assembly.vector(self.load.forces(state.deformation_gradient)) @ q)
 
     def rim_reaction(self, state: MembraneState) -> float:
         """Force in N along z by which the rim holds the film."""

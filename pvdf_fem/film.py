@@ -26,6 +26,9 @@ class Film(Part):
     √(E1 E2)/(2(1 + √(ν12 ν21))) is taken, which is E/(2(1 + ν)) for an isotropic film.
     `bending` adds the film's stiffness as a plate: always, never, or (``"auto"``) where it could
     change a charge by more than ``numerics.tolerance``.
+
+    `compression` is what becomes of compressive stress: ``refuse`` warns of it, and an equilibrium
+    that is not a minimum of the energy is no result; ``tension-field`` lets the film wrinkle.
     """
 
     radius_mm: Length = 45.0
@@ -42,6 +45,7 @@ class Film(Part):
     bending: bool | Literal["auto"] = False
     d31_pC_N: Number = 8.0
     d32_pC_N: Number = 8.0
+    compression: Literal["refuse", "tension-field"] = "refuse"
 
     @field_validator("poisson_ratio")
     @classmethod
@@ -64,6 +68,13 @@ class Film(Part):
         if isinstance(value, bool) or value == "auto":
             return value
         raise refusal('is not known; give true, false or "auto"')
+
+    @field_validator("compression")
+    @classmethod
+    def _wrinkles_have_no_bending(cls, value: str, info: ValidationInfo) -> str:
+        if value == "tension-field" and info.data.get("bending"):
+            raise refusal("is of a film without bending; give film.bending = false")
+        return value
 
     @property
     def radius(self) -> float:

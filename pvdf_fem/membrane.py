@@ -125,24 +125,41 @@ class Membrane:
 
     def stress(self, strain: Array) -> Array:
         """Second Piola-Kirchhoff stress in Pa of a Green-Lagrange strain."""
-        elastic = strain - self.film.thermal_strain * np.array([1.0, 1.0, 0.0])
-        return elastic @ self.stiffness
+        return self.elastic(strain) @ self.stiffness
+
+    def elastic(self, strain: Array) -> Array:
+        """Strain without the free thermal one."""
+        return strain - self.film.thermal_strain * np.array([1.0, 1.0, 0.0])
 
     def residual(self, state: MembraneState) -> Array:
         """Internal forces in N, (elements, dofs of an element)."""
         return self._forces(self._first_piola(state.deformation_gradient, state.stress))
 
+    def added_residual(self, state: MembraneState) -> Array:
+        """The same less those of the flat film's pretension, which is in balance inside of the rim.
+
+        Added up, it would leave rounding that drowns a small load.
+        """
+        F, flat = state.deformation_gradient, self.elastic(np.zeros(3)) @ self.stiffness
+        added = self._first_piola(F, state.strain @ self.stiffness)
+        turned = self._first_piola(F - IDENTITY, np.broadcast_to(flat, state.strain.shape))
+        return self._forces(added + turned)
+
+    def moduli(self, state: MembraneState) -> Array:
+        """dS/dE in Pa, (3, 3), or (elements, points, 3, 3) where it is not the same everywhere."""
+        return self.stiffness
+
     def tangent_action(self, state: MembraneState, x: Array) -> Array:
         """Change of `residual` with the dofs by `x`, without the tangent's matrices."""
         F, step = state.deformation_gradient, self.gradient(x)
-        stress = strain_rate(F, step) @ self.stiffness
+        stress = _times(self.moduli(state), strain_rate(F, step))
         return self._forces(self._first_piola(step, state.stress) + self._first_piola(F, stress))
 
     def tangent_diagonal(self, state: MembraneState) -> Array:
         """Diagonal of each element's `tangent`, (elements, dofs of an element)."""
-        factors = np.empty((*self.weights.shape, 3, 3))
+        factors, moduli = np.empty((*self.weights.shape, 3, 3)), self.moduli(state)
         for i in range(3):
-            m11, m12, _, m22 = self._moduli(state, i, i)
+            m11, m12, _, m22 = self._derivatives(state, moduli, i, i)
             factors[..., i] = np.concatenate([m11, 2.0 * m12, m22], axis=-1)
         g1, g2 = self._rows[:, 0::2], self._rows[:, 1::2]
         squares = np.stack([g1**2, g1 * g2, g2**2], axis=2)
@@ -154,46 +171,53 @@ class Membrane:
     def tangent(self, state: MembraneState) -> Array:
         """Tangent stiffness in N/m, (elements, dofs of an element, dofs of an element)."""
         count, functions = len(self._rows), self._rows.shape[-1]
-        blocks = np.empty((count, functions, 3, functions, 3))
+        blocks, moduli = np.empty((count, functions, 3, functions, 3)), self.moduli(state)
         for first in range(0, count, CHUNK):
             chunk = slice(first, first + CHUNK)
-            products = self._tangent_products(state, chunk)
+            products = self._tangent_products(state, moduli, chunk)
             for k, (i, j) in enumerate(PAIRS):
                 blocks[chunk, :, i, :, j] = products[:, :, k]
                 blocks[chunk, :, j, :, i] = products[:, :, k].swapaxes(1, 2)
         return blocks.reshape(count, 3 * functions, 3 * functions)
 
-    def _tangent_products(self, state: MembraneState, chunk: slice) -> Array:
+    def _tangent_products(self, state: MembraneState, moduli: Array, chunk: slice) -> Array:
         """Blocks of the tangent, (elements, functions, pairs of components, functions)."""
         rows = self._rows[chunk]
         elements, lines, functions = rows.shape
         g1, g2 = rows[:, 0::2], rows[:, 1::2]
         fluxes = np.empty((elements, lines // 2, 2, len(PAIRS), functions))
         for k, pair in enumerate(PAIRS):
-            m11, m12, m21, m22 = self._moduli(state, *pair, chunk)
+            m11, m12, m21, m22 = self._derivatives(state, moduli, *pair, chunk)
             fluxes[:, :, 0, k] = m11 * g1 + m12 * g2
             fluxes[:, :, 1, k] = m21 * g1 + m22 * g2
         products = np.matmul(rows.swapaxes(1, 2), fluxes.reshape(elements, lines, -1))
         return products.reshape(elements, functions, len(PAIRS), functions)
 
-    def _moduli(
-        self, state: MembraneState, i: int, j: int, chunk: slice = ALL
+    def _derivatives(
+        self, state: MembraneState, moduli: Array, i: int, j: int, chunk: slice = ALL
     ) -> tuple[Array, Array, Array, Array]:
         """Weighted derivatives of (F S)_ia with respect to F_jb, each (elements, points, 1).
 
-        In the order ab = 11, 12, 21, 22. Film axes are material axes, so that the stiffness does
-        not couple shear with normal strain.
+        In the order ab = 11, 12, 21, 22. Moduli that are the same everywhere are those of the
+        film's axes and do not couple shear with normal strain.
         """
-        C, weight = self.stiffness, self.film.thickness * self.weights[chunk, :, None]
+        weight = self.film.thickness * self.weights[chunk, :, None]
         F, stress = state.deformation_gradient[chunk], state.stress[chunk]
         a1, a2, b1, b2 = (F[..., k, c, None] for k in (i, j) for c in (0, 1))
         s11, s22, s12 = (stress[..., k, None] * float(i == j) for k in range(3))
-        return (
-            weight * (C[0, 0] * a1 * b1 + C[2, 2] * a2 * b2 + s11),
-            weight * (C[0, 1] * a1 * b2 + C[2, 2] * a2 * b1 + s12),
-            weight * (C[0, 1] * a2 * b1 + C[2, 2] * a1 * b2 + s12),
-            weight * (C[1, 1] * a2 * b2 + C[2, 2] * a1 * b1 + s22),
-        )
+        C = moduli if moduli.ndim == 2 else moduli[chunk]
+        c11, c12, c22, c33 = (C[..., k, m, None] for k, m in ((0, 0), (0, 1), (1, 1), (2, 2)))
+        d11 = c11 * a1 * b1 + c33 * a2 * b2 + s11
+        d12 = c12 * a1 * b2 + c33 * a2 * b1 + s12
+        d21 = c12 * a2 * b1 + c33 * a1 * b2 + s12
+        d22 = c22 * a2 * b2 + c33 * a1 * b1 + s22
+        if moduli.ndim > 2:
+            c13, c23 = C[..., 0, 2, None], C[..., 1, 2, None]
+            d11 = d11 + c13 * (a1 * b2 + a2 * b1)
+            d12 = d12 + c13 * a1 * b1 + c23 * a2 * b2
+            d21 = d21 + c13 * a1 * b1 + c23 * a2 * b2
+            d22 = d22 + c23 * (a1 * b2 + a2 * b1)
+        return weight * d11, weight * d12, weight * d21, weight * d22
 
     def laplace(self) -> Array:
         """Integrals of grad v . grad u, (elements, dofs of an element, dofs of an element)."""
@@ -205,8 +229,7 @@ class Membrane:
 
     def energy(self, state: MembraneState) -> float:
         """Stored energy in J."""
-        elastic = state.strain - self.film.thermal_strain * np.array([1.0, 1.0, 0.0])
-        density = (elastic * state.stress).sum(axis=-1)
+        density = (self.elastic(state.strain) * state.stress).sum(axis=-1)
         return 0.5 * self.film.thickness * float((density * self.weights).sum())
 
     def energy_along(self, state: MembraneState, direction: Array) -> Array:
@@ -256,6 +279,11 @@ PAIRS = [(i, j) for i in range(3) for j in range(i + 1)]
 def shape_gradients(basis: AbstractBasis) -> Array:
     """Gradients of a scalar basis' functions, (elements, points, functions, 2)."""
     return np.stack([shape[0].grad for shape in basis.basis], -1).transpose(1, 2, 3, 0)
+
+
+def _times(moduli: Array, strain: Array) -> Array:
+    """Stress (..., 3) of a strain, with moduli (3, 3) or (..., 3, 3)."""
+    return strain @ moduli if moduli.ndim == 2 else np.matmul(moduli, strain[..., None])[..., 0]
 
 
 def strain_of(gradient: Array) -> Array:

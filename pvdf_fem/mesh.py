@@ -111,6 +111,12 @@ class SizeField:
                 return cls(mesh, at_vertices)
             at_vertices = lowered
 
+    def coarsened(self, most: float) -> SizeField:
+        """The same field, or a coarser one of about `most` elements."""
+        mean = self.sizes[self.mesh.t].mean(axis=0)
+        count = float(((element_sizes(self.mesh) / mean) ** 2).sum())
+        return SizeField(self.mesh, self.sizes * np.sqrt(max(count / most, 1.0)))
+
 
 def element_sizes(mesh: MeshTri2) -> NDArray[np.float64]:
     """Edge of the equilateral triangle of each element's area, m."""

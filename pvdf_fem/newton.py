@@ -43,6 +43,8 @@ CONVEX_FLOOR = 1e-6
 DEFER = 0.3
 CONTRACTION = 0.5
 MAX_ITERATIONS = 60
+# A film that is still in compression after so many finds no equilibrium that is a minimum.
+PATIENCE = 20
 
 
 class Status(StrEnum):
@@ -52,6 +54,7 @@ class Status(StrEnum):
     MAX_ITERATIONS = "max_iterations"
     SINGULAR = "singular_tangent"
     UNSTABLE = "unstable"
+    UNBALANCED = "unbalanced"
     TOLERANCE = "tolerance_not_reached"
     MESH_FAILED = "mesh_failed"
 
@@ -67,10 +70,13 @@ ADVICE = {
     " load.force_N, or give the film more tension (film.temperature_change_K below zero)",
     Status.SINGULAR: "the tangent is singular: the film has no tension; cool it"
     " (film.temperature_change_K below zero)",
+    Status.UNBALANCED: "the forces on the film found do not balance to 1e-6 of the load, which"
+    " rounding does to a film of extreme proportions; make the probe larger",
     Status.TOLERANCE: "the finest mesh allowed misses the tolerance; raise numerics.tolerance",
     Status.MESH_FAILED: "gmsh could not mesh the scene; move or resize the probe slightly",
-    Status.UNSTABLE: "the equilibrium found is not a minimum of the energy: the film is in"
-    " compression, which it cannot carry; cool it (film.temperature_change_K below zero)",
+    Status.UNSTABLE: "no equilibrium found is a minimum of the energy: the film is in compression,"
+    ' which it cannot carry; let it wrinkle (film.compression = "tension-field") or cool it'
+    " (film.temperature_change_K below zero)",
 }
 
 
@@ -151,13 +157,15 @@ def newton(
             tangent.remember(residual, length * step)
             q = q + length * step
             state = equilibrium.state(q)
+            if len(table) >= PATIENCE and size > LOCAL**2 and compressed(state):
+                return NewtonResult(q, Status.UNSTABLE, tuple(table), None)
         if tangent is None or not _ended(table, tolerance):
             return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
-        if tangent.convex or _compressed(state):
+        if tangent.convex or compressed(state):
             tangent = _Tangent(factorise(equilibrium.tangent(state)), False)
     except RuntimeError:  # SuperLU: exactly singular
         return NewtonResult(q, Status.SINGULAR, tuple(table), None)
-    stable = not _compressed(state) or _stable(equilibrium, tangent.factors)
+    stable = not compressed(state) or _stable(equilibrium, tangent.factors)
     status = Status.CONVERGED if stable else Status.UNSTABLE
     return NewtonResult(q, status, tuple(table), tangent.factors)
 
@@ -216,15 +224,15 @@ def _tangent(equilibrium: Equilibrium, state: MembraneState, size: float) -> _Ta
 
     Where no stress is compressive they are the same, and positive definite.
     """
-    compressed = _compressed(state)
-    if size <= NEAR or not compressed:
+    under_compression = compressed(state)
+    if size <= NEAR or not under_compression:
         factors = factorise(equilibrium.tangent(state))
-        if not compressed or _stable(equilibrium, factors):
+        if not under_compression or _stable(equilibrium, factors):
             return _Tangent(factors, False)
     return _Tangent(factorise(_convex_tangent(equilibrium, state)), True)
 
 
-def _compressed(state: MembraneState) -> bool:
+def compressed(state: MembraneState) -> bool:
     """Whether a principal stress is compressive anywhere."""
     s11, s22, s12 = np.moveaxis(state.stress, -1, 0)
     return bool(np.any((s11 + s22 < 0.0) | (s11 * s22 < s12**2)))

@@ -30,8 +30,8 @@ SCHEMA = 2
 # What the numbers of a record depend on.
 NUMERICAL_MODULES = (
     *("film", "shapes", "outline", "mesh", "membrane", "bending", "bending_effect", "load"),
-    *("equilibrium", "newton", "cut", "charge", "estimate", "refine", "solution"),
-    *("equivalence", "plan", "records"),
+    *("equilibrium", "newton", "tension_field", "interior_point", "tension_newton", "admissible"),
+    *("cut", "charge", "estimate", "refine", "solution", "equivalence", "plan", "records"),
 )
 NUMERICAL_PACKAGES = ("gmsh", "numpy", "scikit-fem", "scipy")
 

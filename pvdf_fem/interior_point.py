@@ -1,0 +1,219 @@
+"""Equilibrium of a film that wrinkles, from any start, by a primal-dual interior-point method.
+
+The tension field (`pvdf_fem.tension_field`) is the convex programme: minimise the elastic energy
+less the work of the load, over displacements and elastic strains C^-1 S with e(u) + P = C^-1 S and
+P >= 0. Its multiplier is the stress S >= 0, and S : P = 0. Newton's method takes S and P at every
+quadrature point as unknowns of their own, strictly inside of their cones, with S P = mu I, mu -> 0.
+So the film may be as stiff as it likes against the load: where the stress of a strain would be
+useless far from the solution, the stress is known from the balance of forces.
+
+S and P are vectors s = (S11 + S22, S11 - S22, 2 S12)/sqrt 2, likewise p, of the cone x0 >= |x1, x2|
+with s . p = S : P. Nesterov and Todd's scaling, Mehrotra's predictor and corrector: Andersen, Roos,
+Terlaky, Math. Program. B 95 (2003) 249-277. The unknowns s and p are eliminated point by point;
+what is left is a membrane's tangent with moduli (C^-1 + W^-2)^-1 and the stress S.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse.linalg import SuperLU
+
+from pvdf_fem.equilibrium import Equilibrium
+from pvdf_fem.membrane import Array, MembraneState, strain_rate
+from pvdf_fem.newton import factorise
+from pvdf_fem.tension_field import GivenModuli, WrinklingMembrane
+
+# Of the longest step that leaves s and p in their cones.
+SHORTER = 0.95
+# A predictor shorter than this asks for more centring than Mehrotra's (1 - length)^3.
+SHORT = 0.5
+LEAST_CENTRING = 1e-6
+# The start is so many times larger than mean values, since under a small probe they say little.
+LARGER = 100.0
+
+_ROOT = np.sqrt(2.0)
+# s = STRESS S and p = STRAIN P, Voigt with engineering shear; STRESS^-1 = STRAIN^T.
+STRESS: Array = np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 0.0, 2.0]]) / _ROOT
+STRAIN: Array = np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 0.0, 1.0]]) / _ROOT
+UNIT: Array = np.array([1.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """Displacement, stress and wrinkling strain on the way.
+
+    Attributes
+    ----------
+    q : (unknowns,)
+    s, p : (elements, points, 3)
+        Stress in Pa and wrinkling strain as vectors of the cone.
+    gap : float
+        Integral of S : P over the work of the load.
+    length : float
+        Part of Newton's step that was taken.
+    """
+
+    q: Array
+    s: Array
+    p: Array
+    gap: float
+    length: float
+
+    @property
+    def stress(self) -> Array:
+        """S in Pa, (elements, points, 3)."""
+        return self.s @ STRAIN
+
+
+def interior_points(equilibrium: Equilibrium, q: Array) -> Iterator[Iterate]:
+    """Iterates from the unknowns `q`, without end; `q` must not be the flat film.
+
+    Raises
+    ------
+    RuntimeError, LinAlgError
+        When rounding allows no further step.
+    """
+    points = _InteriorPoint(equilibrium)
+    iterate = points.start(q)
+    while True:
+        iterate = points.next(iterate)
+        yield iterate
+
+
+class _InteriorPoint:
+    def __init__(self, equilibrium: Equilibrium) -> None:
+        if not isinstance(equilibrium.membrane, WrinklingMembrane):
+            raise TypeError("the film of this equilibrium does not wrinkle")
+        self.equilibrium, self.membrane = equilibrium, equilibrium.membrane
+        self.compliance = STRAIN @ self.membrane.law.compliance @ STRAIN.T
+        self.weights = self.membrane.film.thickness * self.membrane.weights
+
+    def start(self, q: Array) -> Iterate:
+        """Stress and wrinkling strain of about the right size, equal in all directions."""
+        state, film = self.equilibrium.state(q), self.membrane.film
+        density = self.equilibrium.work(state, q) / self.weights.sum()
+        elastic = np.sqrt(density * self.compliance[0, 0])
+        tension = density / max(abs(film.thermal_strain), elastic)
+        widest = np.abs(self.membrane.elastic(state.strain)).max()
+        strain = max(widest, tension * self.compliance[0, 0])
+        ones = np.broadcast_to(LARGER * UNIT, state.strain.shape)
+        return Iterate(q, tension * ones, strain * ones, np.inf, 1.0)
+
+    def next(self, at: Iterate) -> Iterate:
+        """Mehrotra's step: the predictor's length says how far to go, the corrector goes."""
+        step = _Linearised(self, at)
+        predicted = step.solve(-step.scaled)
+        length = _longest(at, predicted)
+        missing = 1.0 - length
+        centring = missing**3 if length > SHORT else 0.5 * missing
+        ds, dp = predicted[1:]
+        second = _jordan(_times(step.inverse, ds), _times(step.scaling, dp))
+        wanted = max(centring, LEAST_CENTRING) * step.mu * UNIT - second
+        dq, ds, dp = step.solve(_jordan_inverse(step.scaled, wanted) - step.scaled)
+        length = min(1.0, SHORTER * _longest(at, (dq, ds, dp)))
+        q, s, p = at.q + length * dq, at.s + length * ds, at.p + length * dp
+        state = self.equilibrium.state(q)
+        gap = float(((s * p).sum(axis=-1) * self.weights).sum())
+        return Iterate(q, s, p, gap / self.equilibrium.work(state, q), length)
+
+
+class _Linearised:
+    """The equations of one step, with s and p eliminated and the tangent factorised."""
+
+    def __init__(self, points: _InteriorPoint, at: Iterate) -> None:
+        self.points, self.at = points, at
+        weights = points.weights
+        self.mu = float(((at.s * at.p).sum(axis=-1) * weights).sum() / weights.sum())
+        self.scaling, self.inverse = _nesterov_todd(at.s, at.p)
+        self.scaled = _times(self.inverse, at.s)
+        compliance = self.scaling @ points.compliance @ self.scaling + np.eye(3)
+        self.root = np.linalg.solve(np.linalg.cholesky(compliance), self.scaling)
+        self.state = points.equilibrium.state(at.q)
+        strain = points.membrane.elastic(self.state.strain) @ STRAIN.T
+        self.mismatch = strain + at.p - at.s @ points.compliance
+        self.factors = self._factors()
+
+    def _factors(self) -> SuperLU:
+        now = self.state
+        root = self.root @ STRAIN
+        state = GivenModuli(now.deformation_gradient, now.strain, self.at.stress, now.dofs, root)
+        return factorise(self.points.equilibrium.tangent(state))
+
+    def solve(self, right: Array) -> tuple[Array, Array, Array]:
+        """dq, ds, dp with W^-1 ds + W dp = `right`."""
+        equilibrium, state = self.points.equilibrium, self.state
+        known = self._moduli(self.mismatch + _times(self.inverse, right))
+        stress: MembraneState = replace(state, stress=(self.at.s + known) @ STRAIN)
+        dq = -self.factors.solve(equilibrium.residual(stress))
+        gradient = equilibrium.membrane.gradient(equilibrium.unknowns.expand(dq))
+        strain = strain_rate(state.deformation_gradient, gradient) @ STRAIN.T
+        ds = self._moduli(strain) + known
+        return dq, ds, ds @ self.points.compliance - strain - self.mismatch
+
+    def _moduli(self, strain: Array) -> Array:
+        return _times(self.root.swapaxes(-1, -2), _times(self.root, strain))
+
+
+def _nesterov_todd(s: Array, p: Array) -> tuple[Array, Array]:
+    """W and W^-1, symmetric (..., 3, 3), with W p = W^-1 s."""
+    size_s, size_p = _determinant(s), _determinant(p)
+    if min(size_s.min(), size_p.min()) <= 0.0:
+        raise np.linalg.LinAlgError("rounding has left the cone")
+    size_s, size_p = np.sqrt(size_s), np.sqrt(size_p)
+    s, p = s / size_s[..., None], p / size_p[..., None]
+    w = s + p * [1.0, -1.0, -1.0]
+    w /= np.sqrt(2.0 * (1.0 + (s * p).sum(axis=-1)))[..., None]
+    scaling = np.empty((*s.shape, 3))
+    scaling[..., 0, :] = scaling[..., :, 0] = w
+    outer = w[..., 1:, None] * w[..., None, 1:] / (1.0 + w[..., :1, None])
+    scaling[..., 1:, 1:] = np.eye(2) + outer
+    mirror = np.array([[1.0, -1.0, -1.0], [-1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]])
+    ratio = np.sqrt(size_s / size_p)[..., None, None]
+    return scaling * ratio, scaling * mirror / ratio
+
+
+def _determinant(x: Array) -> Array:
+    """x0^2 - |x1, x2|^2; twice the determinant of the tensor."""
+    radius = np.hypot(x[..., 1], x[..., 2])
+    return np.asarray((x[..., 0] - radius) * (x[..., 0] + radius))
+
+
+def _longest(at: Iterate, step: tuple[Array, Array, Array]) -> float:
+    """Longest step, up to 1, that leaves s and p in their cones."""
+    return min(1.0, _to_boundary(at.s, step[1]), _to_boundary(at.p, step[2]))
+
+
+def _to_boundary(x: Array, d: Array) -> float:
+    """Least positive root of the determinant of x + t d, a t^2 + 2 b t + c."""
+    a, c = _determinant(d), _determinant(x)
+    b = x[..., 0] * d[..., 0] - x[..., 1] * d[..., 1] - x[..., 2] * d[..., 2]
+    root = np.sqrt(np.maximum(b * b - a * c, 0.0))
+    leaves = (a < 0.0) | ((b < 0.0) & (b * b >= a * c))
+    # c/(root - b) and -(root + b)/a are the same; take the one without cancellation
+    numerator, denominator = np.where(b <= 0.0, c, -(root + b)), np.where(b <= 0.0, root - b, a)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        lengths = np.where(leaves, numerator / denominator, np.inf)
+    return float(lengths.min())
+
+
+def _jordan(a: Array, b: Array) -> Array:
+    """The product of the cone's algebra: (a . b, a0 b1 + b0 a1, ...)."""
+    product = a[..., :1] * b + b[..., :1] * a
+    product[..., 0] = (a * b).sum(axis=-1)
+    return np.asarray(product)
+
+
+def _jordan_inverse(a: Array, b: Array) -> Array:
+    """The x whose product with `a` is `b`."""
+    x = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    dot = (a[..., 1:] * b[..., 1:]).sum(axis=-1)
+    x[..., 0] = (a[..., 0] * b[..., 0] - dot) / _determinant(a)
+    x[..., 1:] = (b[..., 1:] - a[..., 1:] * x[..., :1]) / a[..., :1]
+    return x
+
+
+def _times(matrix: Array, vector: Array) -> Array:
+    return np.asarray(np.matmul(matrix, vector[..., None])[..., 0])

@@ -1,0 +1,172 @@
+"""Newton's method for a film that wrinkles: interior points from afar, the exact law near by.
+
+The energy of the tension field is convex, but its second derivative jumps where the film begins to
+wrinkle, and against a small load the film is so stiff that stresses of trial strains mean little.
+So the geometric stiffness takes the stress that the last step predicted, not that of the strain
+(Magisano, Leonetti, Garcea, Comput. Methods Appl. Mech. Eng. 313 (2017) 496-514), and the start
+comes from `pvdf_fem.interior_point` unless it is known to be near.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+from scipy.sparse.linalg import SuperLU
+
+from pvdf_fem.equilibrium import Equilibrium
+from pvdf_fem.estimate import Correction, correct
+from pvdf_fem.interior_point import interior_points
+from pvdf_fem.membrane import Array, strain_rate
+from pvdf_fem.newton import (
+    STEP_TOLERANCE,
+    Iteration,
+    NewtonResult,
+    Status,
+    factorise,
+    newton,
+    seed,
+)
+from pvdf_fem.tension_field import GivenModuli, WrinklingMembrane
+
+MAX_ITERATIONS = 100
+# Integral of S : P over the work, at which Newton's method for the exact law is tried.
+GAPS = (1e-6, 1e-9, 1e-12)
+# Damping of Newton's steps, as a part of the mean tension and of the size of the last step.
+DAMPING = 1e-2
+# Of the richer space's residual, after which a correction is taken for its solution.
+REMAINDER = 0.2
+# Of Newton's last step in the richer space of an error estimate.
+RICH_TOLERANCE = 1e-3
+# Newton's method is given up after this many steps, or when a step is larger than that.
+MOST_STEPS, LARGEST_STEP = 20, 3.0
+
+
+def equilibrate(
+    equilibrium: Equilibrium,
+    q: Array | None,
+    tolerance: float = STEP_TOLERANCE,
+    *,
+    near: bool = False,
+) -> NewtonResult:
+    """The equilibrium of a scene from the unknowns `q`, or from its seed, whatever the film does.
+
+    Parameters and result are those of `newton.newton`.
+    """
+    if not isinstance(equilibrium.membrane, WrinklingMembrane):
+        return newton(equilibrium, seed(equilibrium) if q is None else q, tolerance, near=near)
+    if equilibrium.load.force == 0.0:
+        flat = np.zeros(equilibrium.unknowns.count)
+        return NewtonResult(flat, Status.CONVERGED, (), None)
+    table: list[Iteration] = []
+    start = deflected(equilibrium) if q is None else q
+    try:
+        if q is not None and near and (result := _newton(equilibrium, q, None, tolerance, table)):
+            return result
+        return _from_afar(equilibrium, start, tolerance, table)
+    except (RuntimeError, np.linalg.LinAlgError):  # SuperLU, Cholesky: what rounding leaves
+        return NewtonResult(start, Status.MAX_ITERATIONS, tuple(table), None)
+
+
+def corrected(
+    coarse: Equilibrium, q: Array, factors: SuperLU, rich: Equilibrium
+) -> Correction | None:
+    """The solution `q` of `coarse` in the space of `rich`; None if there is none to be found.
+
+    That is what a few steps of conjugate gradients leave (`estimate.correct`). Where a film that
+    wrinkles is too stiff for them, it is a solution of its own.
+    """
+    correction = correct(coarse, q, factors, rich)
+    if not isinstance(rich.membrane, WrinklingMembrane):
+        return correction
+    left, was = (
+        np.linalg.norm(rich.residual(rich.state(x))) for x in (correction.q, correction.start)
+    )
+    if left <= REMAINDER * was:
+        return correction
+    prolong, start = correction.prolong, correction.start
+    result = equilibrate(rich, start, RICH_TOLERANCE, near=True)
+    if result.status is not Status.CONVERGED:
+        return None
+    return Correction(rich, start, result.q, rich.state(result.q), prolong)
+
+
+def deflected(equilibrium: Equilibrium) -> Array:
+    """The linear membrane's deflection, scaled to the least energy."""
+    deflections = np.flatnonzero(equilibrium.unknowns.deflections())
+    flat = equilibrium.membrane.state(np.zeros(equilibrium.membrane.dof_count))
+    forces = equilibrium.assembly.vector(equilibrium.load.forces(flat.deformation_gradient))
+    laplace = equilibrium.assembly.matrix(equilibrium.membrane.laplace())
+    block = laplace[deflections][:, deflections].tocsc()
+    q = np.zeros(equilibrium.unknowns.count)
+    q[deflections] = factorise(block).solve(forces[deflections])
+    q *= equilibrium.film.radius / np.abs(q).max()
+    low, high = 1e-12, 1.0
+    while high > 1.1 * low:
+        middle = np.sqrt(low * high)
+        rises = equilibrium.residual(equilibrium.state(middle * q)) @ q > 0.0
+        low, high = (low, middle) if rises else (middle, high)
+    return low * q
+
+
+def _from_afar(
+    equilibrium: Equilibrium, q: Array, tolerance: float, table: list[Iteration]
+) -> NewtonResult:
+    gaps = list(GAPS)
+    points = interior_points(_dead(equilibrium), q)
+    while len(table) < MAX_ITERATIONS and gaps:
+        point = next(points)
+        table.append(Iteration(point.gap, point.length, True, True))
+        if point.gap < gaps[0]:
+            if result := _newton(equilibrium, point.q, point.stress, tolerance, table):
+                return result
+            gaps = gaps[1:]
+    return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
+
+
+def _dead(equilibrium: Equilibrium) -> Equilibrium:
+    """The same with a load that does not follow the film: near enough, and convex."""
+    if equilibrium.load.conservative:
+        return equilibrium
+    dead = copy(equilibrium)
+    dead.load = replace(equilibrium.load, kind="dead")
+    return dead
+
+
+def _newton(
+    equilibrium: Equilibrium,
+    q: Array,
+    predicted: Array | None,
+    tolerance: float,
+    table: list[Iteration],
+) -> NewtonResult | None:
+    """Newton's method for the exact law with predicted stresses; None if it leads nowhere."""
+    membrane = equilibrium.membrane
+    assert isinstance(membrane, WrinklingMembrane)
+    state, size = equilibrium.state(q), DAMPING
+    if predicted is None:
+        predicted = state.stress
+    for _ in range(MOST_STEPS):
+        strain = membrane.elastic(state.strain)
+        root = membrane.law.root(strain, state.stress)
+        mixed = GivenModuli(state.deformation_gradient, state.strain, predicted, state.dofs, root)
+        tangent = equilibrium.element_tangent(mixed)
+        tangent += membrane.damping(mixed, DAMPING * min(size, 1.0))
+        factors = factorise(equilibrium.assembly.matrix(tangent))
+        residual = equilibrium.residual(state)
+        step = -factors.solve(residual)
+        work = equilibrium.work(state, q)
+        size = float(np.sqrt(abs(residual @ step / work)))
+        table.append(Iteration(size, 1.0, False, True))
+        if not size < LARGEST_STEP:
+            return None
+        gradient = membrane.gradient(equilibrium.unknowns.expand(step))
+        strain = strain + strain_rate(state.deformation_gradient, gradient)
+        predicted = membrane.law.stress(strain)
+        q = q + step
+        state = equilibrium.state(q)
+        if size < tolerance:
+            tangent = equilibrium.tangent(state)
+            return NewtonResult(q, Status.CONVERGED, tuple(table), factorise(tangent))
+    return None

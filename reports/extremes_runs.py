@@ -1,0 +1,138 @@
+"""Each scene solved once in a process that may be ended: whatever happens is a row."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Any
+
+import numpy as np
+
+from pvdf_fem import Scene, solve
+
+#: A solve that takes longer is ended.
+TIME_LIMIT = 120.0
+HUNG, DIED, CRASHED = "hung", "died", "crashed"
+
+
+@dataclass(frozen=True)
+class Row:
+    """What became of one scene.
+
+    Attributes
+    ----------
+    status, reason : str
+        Of the solution, or ``hung``, ``died``, ``crashed`` with the traceback.
+    iterations, unknowns : int
+    seconds : float
+        Of this process's own time.
+    charges_pC, errors_pC : tuple of float
+    deflection_mm, force_balance, residual : float
+    warnings : tuple of str
+    """
+
+    status: str
+    reason: str = ""
+    iterations: int = 0
+    unknowns: int = 0
+    seconds: float = 0.0
+    charges_pC: tuple[float, ...] = ()
+    errors_pC: tuple[float, ...] = ()
+    deflection_mm: float = np.nan
+    force_balance: float = np.nan
+    residual: float = np.nan
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def converged(self) -> bool:
+        """Whether there are charges."""
+        return self.status == "converged"
+
+
+def row_of(scene: Scene) -> Row:
+    """Solve; an exception is a row too."""
+    start = time.process_time()
+    try:
+        solution = solve(scene)
+        seconds = time.process_time() - start
+        row: dict[str, Any] = {
+            "status": str(solution.status),
+            "reason": solution.reason,
+            "iterations": solution.newton_iterations,
+            "unknowns": solution.unknowns,
+            "seconds": seconds,
+            "warnings": solution.warnings,
+        }
+        if row["status"] != "converged":
+            return Row(**row)
+        fields = solution.fields
+        residual = fields.equilibrium.residual(fields.state)
+        return Row(
+            **row,
+            charges_pC=tuple(solution.charges_pC.values()),
+            errors_pC=tuple(solution.charge_errors_pC.values()),
+            deflection_mm=solution.deflection_max_mm,
+            force_balance=solution.force_balance,
+            residual=float(np.linalg.norm(residual)) / scene.load.force,
+        )
+    except Exception:
+        return Row(CRASHED, traceback.format_exc(), seconds=time.process_time() - start)
+
+
+def rows(
+    scenes: Sequence[Scene],
+    progress: Callable[[int, Row], None] = lambda number, row: None,
+    time_limit: float = TIME_LIMIT,
+) -> list[Row]:
+    """Rows of scenes, in their order, solved one after the other."""
+    found: list[Row] = []
+    worker: _Worker | None = None
+    for number, scene in enumerate(scenes):
+        worker = worker or _Worker()
+        row = worker.solve(scene, time_limit)
+        if row.status in (HUNG, DIED):
+            worker = None
+        found.append(row)
+        progress(number, row)
+    if worker:
+        worker.end()
+    return found
+
+
+class _Worker:
+    """A process that solves scenes until it is ended."""
+
+    def __init__(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._here, there = context.Pipe()
+        self._process = context.Process(target=_serve, args=(there,), daemon=True)
+        self._process.start()
+        there.close()
+
+    def solve(self, scene: Scene, time_limit: float) -> Row:
+        self._here.send((scene, time_limit))
+        try:
+            row: Row = self._here.recv()
+        except EOFError:
+            self._process.join()
+            if self._process.exitcode == -signal.SIGPROF:
+                return Row(HUNG, f"longer than {time_limit:g} s", seconds=time_limit)
+            return Row(DIED, f"exit code {self._process.exitcode}")
+        return row
+
+    def end(self) -> None:
+        self._process.terminate()
+        self._process.join()
+
+
+def _serve(connection: Connection) -> None:
+    while True:
+        scene, time_limit = connection.recv()
+        # the processor's time, since other processes may be busy; the signal ends this one
+        signal.setitimer(signal.ITIMER_PROF, time_limit)
+        connection.send(row_of(scene))

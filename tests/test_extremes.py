@@ -1,0 +1,53 @@
+"""The report of extreme scenes: reproducible draws, rows for whatever happens, laws to rounding."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from pvdf_fem import Scene
+from reports import extremes_runs
+from reports.extremes_laws import charge_power, cube_root, linear, rounding, similarity
+from reports.extremes_runs import row_of
+from reports.extremes_scenes import FORCE_N, MODULUS_GPA, RADIUS_MM, THICKNESS_UM, scenes
+
+
+def test_scenes_are_drawn_again_and_fill_their_ranges():
+    drawn = scenes(300)
+    assert scenes(20) == drawn[:20]
+    for values, (low, high) in (
+        ([s.film.thickness_um for s in drawn], THICKNESS_UM),
+        ([s.film.radius_mm for s in drawn], RADIUS_MM),
+        ([s.load.force_N for s in drawn], FORCE_N),
+        ([np.min(s.film.youngs_modulus_GPa) for s in drawn], MODULUS_GPA),
+    ):
+        assert low <= min(values) < low * (high / low) ** 0.05
+        assert high * (low / high) ** 0.05 < max(values) <= high
+    heated = [s.film.temperature_change_K > 0 for s in drawn]
+    assert heated == [s.film.compression == "tension-field" for s in drawn]
+
+
+def test_an_exception_is_a_row(monkeypatch):
+    def fail(_):
+        raise ZeroDivisionError("of all things")
+
+    monkeypatch.setattr(extremes_runs, "solve", fail)
+    row = row_of(Scene())
+    assert row.status == "crashed"
+    assert "of all things" in row.reason
+
+
+def test_a_solve_that_takes_too_long_is_ended():
+    scene = Scene.parse('[probe]\nshape = "rectangle"\n[numerics]\ntolerance = 1e-7')
+    start = time.perf_counter()
+    [row] = extremes_runs.rows([scene], time_limit=0.05)
+    assert row.status == "hung"
+    assert time.perf_counter() - start < 60.0
+
+
+@pytest.mark.parametrize("law", [cube_root, charge_power, linear, similarity, rounding])
+def test_laws_hold_to_rounding(law):
+    _, found, wanted = law()
+    assert found == pytest.approx(wanted, rel=3e-8)
