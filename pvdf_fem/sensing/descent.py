@@ -1,14 +1,16 @@
 """Least squares of the differences of charges, each over its standard deviation, from many starts.
 
 Touches are searched for in the coordinates x, y in mm, rotation in degrees and the logarithm of the
-force, in which charges are close to linear: they grow with a power of the force. A little beyond the
-model's domain charges are continued linearly from its edge, so that errors of the charges may move
-a touch near the edge across it.
+force, in which charges are close to linear: they grow with a power of the force. A little beyond
+the model's domain charges are continued linearly from its edge, so that errors of the charges may
+move a touch near the edge across it.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +21,9 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 # A search ends where the next step would lower chi-square by less than this: a step of 0.01
-# standard deviations. It is taken, and what is left after it is of the order of its square.
-_ARRIVED = 1e-4
+# standard deviations. It is taken, and what is left after it is of the order of its square; so it
+# must be below this share of the longest steps, too, where charges hardly change along it.
+_ARRIVED, _SHORT = 1e-4, 1e-2
 _MAX_STEPS = 40
 # How far searches may leave the domain: this share of the reach, and this factor of the force.
 _ROOM_REACH, _ROOM_FORCE = 1.05, 1.1
@@ -61,11 +64,11 @@ class Problem:
         """
         edge = self.inside(at)
         touches = edge.copy()
-        np.exp(edge[:, FORCE], out=touches[:, FORCE])
+        touches[:, FORCE] = np.exp(edge[:, FORCE])
         charges, slopes = self.model.evaluate(touches)
         charges, slopes = charges[:, self.electrodes], slopes[:, self.electrodes]
         slopes[:, :, FORCE] *= touches[:, FORCE, None]
-        if (edge != at).any():
+        if edge is not at:
             charges = charges + (slopes @ (at - edge)[:, :, None])[:, :, 0]
         deviations = self.deviations_pC[touch]
         scaled = slopes[:, :, self.unknown] / deviations[:, :, None]
@@ -74,18 +77,25 @@ class Problem:
     def inside(self, at: Array, room_reach: float = 1.0, room_force: float = 1.0) -> Array:
         """Coordinates (n, 4) moved to the nearest point of the model's domain, or of a larger one.
 
-        The rooms are factors of the reach and of the ends of the force's range.
+        Without any to be moved, `at` itself. The rooms are factors of the reach and of the ends of
+        the force's range.
         """
-        domain, moved = self.model.domain, at.copy()
-        lowest, highest = np.log(domain.force_N)
-        margin = np.log(room_force)
-        np.clip(at[:, FORCE], lowest - margin, highest + margin, out=moved[:, FORCE])
-        square = np.einsum("ni,ni->n", at[:, :ROTATION], at[:, :ROTATION])
-        reach = room_reach * domain.reach_mm
-        far = np.flatnonzero(square > reach**2)
-        if far.size:
-            moved[far] = self._drawn_in(moved[far], reach)
+        lowest, highest = self._log_forces
+        lowest, highest = lowest - math.log(room_force), highest + math.log(room_force)
+        reach = room_reach * self.model.domain.reach_mm
+        force, distance = at[:, FORCE], np.hypot(at[:, X], at[:, Y])
+        if distance.max() <= reach and lowest <= force.min() and force.max() <= highest:
+            return at
+        moved = at.copy()
+        moved[:, FORCE] = np.clip(force, lowest, highest)
+        far = distance > reach
+        moved[far] = self._drawn_in(at[far], reach)
         return moved
+
+    @cached_property
+    def _log_forces(self) -> tuple[float, float]:
+        lowest, highest = self.model.domain.force_N
+        return math.log(lowest), math.log(highest)
 
     def _drawn_in(self, at: Array, reach_mm: float) -> Array:
         """Places (n, 4) beyond the reach moved to it, along the unknown coordinates only."""
@@ -119,9 +129,7 @@ class Descent:
     arrived: NDArray[np.bool_]
 
 
-def descend(
-    problem: Problem, starts: Array, touch: Indices, hopeless: float = np.inf
-) -> Descent:
+def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = np.inf) -> Descent:
     """Levenberg-Marquardt searches from all starts at once.
 
     Parameters
@@ -135,7 +143,7 @@ def descend(
         Searches that cannot come as close as this to the least chi-square of their touch are
         given up.
     """
-    at = _held_back(problem, starts)
+    at = _held_back(problem, starts).copy()
     residuals, slopes = problem.residuals(at, touch)
     chi_square = np.einsum("ne,ne->n", residuals, residuals)
     arrived = np.zeros(len(at), dtype=bool)
@@ -145,17 +153,20 @@ def descend(
     longest = _LONGEST * [reach_mm, reach_mm, 1.0, 1.0]
     moving = np.arange(len(at))
     for _ in range(_MAX_STEPS):
+        if not moving.size:
+            break
         r, J = residuals[moving], slopes[moving]
         step, expected = _step(r, J, damping[moving])
         shift = np.zeros((len(moving), 4))
         shift[:, problem.unknown] = step
-        shift /= np.maximum((np.abs(shift) / longest).max(axis=1), 1.0)[:, None]
+        length = (np.abs(shift) / longest).max(axis=1)
+        shift /= np.maximum(length, 1.0)[:, None]
         aim = at[moving] + shift
         there = _held_back(problem, aim)
-        held = (there != aim).any(axis=1)
+        held = (there != aim).any(axis=1) if there is not aim else np.zeros(len(aim), dtype=bool)
         change = np.einsum("neu,nu->ne", J, (there - at[moving])[:, problem.unknown])
         last = np.einsum("ne,ne->n", change, change) < _ARRIVED
-        last &= damping[moving] <= _FREE
+        last &= (damping[moving] <= _FREE) & (length < _SHORT)
         if last.any():
             done = moving[last]
             at[done], arrived[done] = there[last], True
@@ -195,5 +206,6 @@ def _step(residuals: Array, slopes: Array, damping: Array) -> tuple[Array, Array
     diagonal = np.einsum("nuu->nu", normal)  # a view
     floor = 1e-12 * diagonal.max(axis=1) + 1e-300
     diagonal += damping[:, None] * diagonal + floor[:, None]
-    step = -np.linalg.solve(normal, gradient[:, :, None])[:, :, 0]
-    return step, -np.einsum("nu,nu->n", gradient, step)
+    step = np.negative(np.linalg.solve(normal, gradient[:, :, None])[:, :, 0])
+    expected: Array = -np.einsum("nu,nu->n", gradient, step)
+    return step, expected

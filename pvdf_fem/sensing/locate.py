@@ -1,9 +1,9 @@
 """From charges to the touch: position, force and rotation with their uncertainty.
 
-`locate` finds every touch that may have given some charges, `locate_many` the likeliest one of each
-of many; both maximise the likelihood of the charges under independent normal errors. Whatever keeps
-the result from being an answer is in it: other touches as likely, directions that the charges do
-not determine, charges that no touch explains, the edge of the model's domain.
+`locate` finds every touch that may have given some charges (`pvdf_fem.sensing.locate_many` the
+likeliest one of each of many): it maximises the likelihood of the charges under independent normal
+errors. Whatever keeps the result from being an answer is in it: other touches as likely, directions
+that the charges do not determine, charges that no touch explains, the edge of the model's domain.
 """
 
 from __future__ import annotations
@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 from scipy.special import gammaincc
 
 from pvdf_fem.sensing.descent import Descent, Problem, descend
-from pvdf_fem.sensing.starts import nearest_of, starts
+from pvdf_fem.sensing.starts import starts
 from pvdf_fem.sensing.touch import (
     FORCE,
     QUANTITIES,
     ROTATION,
-    SIGNIFICANCE,
     Location,
     Model,
     Touch,
@@ -91,20 +90,20 @@ def locate(
     electrodes = np.array([model.names.index(name) for name in charges_pC])
     charges = np.array(list(charges_pC.values()), dtype=float)
     relative = np.array([sigma[n] for n in charges_pC] if isinstance(sigma, Mapping) else sigma)
-    deviations = _deviations(model, charges, relative, noise_pC)
+    spread = deviations(model, charges, relative, noise_pC)
     sought, values = _split(model, unknown, known or {})
-    problem = Problem(model, electrodes, charges[None], deviations[None], sought)
-    return location(problem, _search(problem, 0, values))
+    problem = Problem(model, electrodes, charges[None], spread[None], sought)
+    return location(problem, search(problem, 0, values))
 
 
-def _search(problem: Problem, touch: int, known: dict[int, float]) -> Descent:
-    """Searches for one touch from everywhere.
+def search(problem: Problem, touch: int, known: dict[int, float]) -> Descent:
+    """Searches from everywhere for one of a problem's touches.
 
     A sought rotation is held at first, at many values: a few degrees change charges by less than
     the table's pitch of places does.
     """
-    charges, deviations = problem.charges_pC[touch], problem.deviations_pC[touch]
-    at = starts(problem.model, charges, deviations, problem.electrodes, known)
+    charges, spread = problem.charges_pC[touch], problem.deviations_pC[touch]
+    at = starts(problem.model, charges, spread, problem.electrodes, known)
     others = problem.unknown[problem.unknown != ROTATION]
     rows = np.full(len(at), touch)
     if 0 < len(others) < len(problem.unknown):
@@ -112,7 +111,8 @@ def _search(problem: Problem, touch: int, known: dict[int, float]) -> Descent:
     return descend(problem, at, rows, _LISTED)
 
 
-def _deviations(model: Model, charges: Array, relative: Array, noise_pC: float) -> Array:
+def deviations(model: Model, charges: Array, relative: Array, noise_pC: float) -> Array:
+    """Standard deviations in pC of charges: measured, the amplifier's, and the model's own."""
     own = model.error_bound / np.sqrt(3.0)
     return np.sqrt((relative**2 + own**2) * charges**2 + noise_pC**2)
 
@@ -189,8 +189,8 @@ def known_mistakes(
         yield f"known {place}: beyond the {reach:g} mm that the model reaches; build a larger one"
     if not lowest <= fixed.get("force_N", lowest) <= highest:
         yield (
-            f"known force_N = {fixed['force_N']:g}: out of the model's {lowest:g} to {highest:g} N; "
-            "build one for it"
+            f"known force_N = {fixed['force_N']:g}: out of the model's {lowest:g} to {highest:g} "
+            "N; build one for it"
         )
 
 
@@ -212,7 +212,7 @@ def location(problem: Problem, ends: Descent) -> Location:
     weights = np.exp(logs - total)
     touches = tuple(
         _touch(problem, ends, k, weight, freedom, unknown)
-        for k, weight in zip(keep, weights.tolist(), strict=True)
+        for k, weight in zip(keep.tolist(), weights.tolist(), strict=True)
     )
     spread = np.log(np.sqrt(2.0 * np.pi) * problem.deviations_pC[0]).sum()
     return Location(touches, unknown, freedom, total - float(spread))
@@ -273,16 +273,16 @@ def _touch(
         chi_square,
         float(gammaincc(0.5 * freedom, 0.5 * chi_square)) if freedom > 0 else np.nan,
         weight,
-        _edges(problem, ends.at[k : k + 1])[0],
+        edges(problem, ends.at[k : k + 1])[0],
     )
 
 
-def _edges(problem: Problem, at: Array) -> list[tuple[str, ...]]:
+def edges(problem: Problem, at: Array) -> list[tuple[str, ...]]:
     """Which limits of the domain touches (n, 4) are at, or beyond."""
     domain = problem.model.domain
     lowest, highest = np.log(domain.force_N)
     far = np.hypot(at[:, X], at[:, Y]) >= domain.reach_mm
-    far &= bool(np.isin([X, Y], problem.unknown).any())
+    far &= X in problem.unknown or Y in problem.unknown
     force = (at[:, FORCE] <= lowest) | (at[:, FORCE] >= highest)
     force &= FORCE in problem.unknown
     return [
@@ -291,149 +291,62 @@ def _edges(problem: Problem, at: Array) -> list[tuple[str, ...]]:
     ]
 
 
-# ------------------------------------------------------------------------------------------ many
+# ---------------------------------------------------------------------------------------- shapes
 
 
 @dataclass(frozen=True, eq=False)
-class Touches:
-    """The likeliest touch found for each row of charges; other touches may be as likely.
+class Choice:
+    """A model of one probe among several, and what it makes of the charges.
 
     Attributes
     ----------
-    values : ndarray, shape (n, 4)
-        x and y in mm, rotation in degrees, force in N; NaN where no search ended.
-    unknown : tuple of str
-        What was sought; the order of the covariances.
-    covariances : ndarray, shape (n, unknown, unknown)
-        Infinite where the charges do not determine every unknown.
-    chi_square, p_value : ndarray, shape (n,)
-        As for `Touch`.
-    at_edge : ndarray of bool, shape (n,)
-        Whether the touch is held by a limit of the model's domain.
+    name : str
+    weight : float
+        Probability that the charges are of this probe, if each was as likely before.
+    location : Location
     """
 
-    values: Array
-    unknown: tuple[str, ...]
-    covariances: Array
-    chi_square: Array
-    p_value: Array
-    at_edge: NDArray[np.bool_]
-
-    @property
-    def explained(self) -> NDArray[np.bool_]:
-        """Which charges a touch explains, (n,)."""
-        return ~(self.p_value < SIGNIFICANCE) & np.isfinite(self.chi_square)
+    name: str
+    weight: float
+    location: Location
 
 
-def locate_many(
-    model: Model,
-    charges_pC: Array,
-    sigma: float = 0.01,
+def weigh(
+    models: Mapping[str, Model],
+    charges_pC: Mapping[str, float],
+    sigma: float | Mapping[str, float] = 0.01,
     *,
-    rotations_deg: Array | None = None,
-    electrodes: Sequence[str] | None = None,
+    unknown: Sequence[str] = QUANTITIES,
+    known: Mapping[str, float] | None = None,
     noise_pC: float = 0.0,
-) -> Touches:
-    """The likeliest place and force, and rotation if it is not known, for rows of charges.
+) -> tuple[Choice, ...]:
+    """Which probe touched: models by the probability that they gave the charges.
 
-    Each search starts from the touch of a table with the nearest ratios of charges. Where its end
-    does not explain the charges, a search from everywhere, as in `locate`, follows.
+    Bayes' rule with each model's probability of the charges over all its touches: a probe that can
+    give many charges must explain these better than one that can give few.
 
     Parameters
     ----------
-    model : Model
-    charges_pC : ndarray, shape (n, electrodes)
-    sigma : float
-        Relative standard deviation of all charges.
-    rotations_deg : ndarray, shape (n,), optional
-        Known rotations; sought if not given.
-    electrodes : sequence of str, optional
-        The columns of `charges_pC`; by default the model's.
-    noise_pC : float
+    models : mapping
+        Models of different probes on the same sensor, by name.
+    charges_pC, sigma, unknown, known, noise_pC
         As for `locate`.
 
     Raises
     ------
     ValueError
-        For shapes that do not match, and as `locate` for the first row.
+        Without models, and as `locate`.
     """
-    names = tuple(electrodes or model.names)
-    charges = np.asarray(charges_pC, dtype=float)
-    _require_rows(model, names, charges, sigma, noise_pC, rotations_deg)
-    columns = np.array([model.names.index(name) for name in names])
-    unknown = tuple(n for n in QUANTITIES if n != "rotation_deg" or rotations_deg is None)
-    sought = np.array([QUANTITIES.index(name) for name in unknown])
-    deviations = _deviations(model, charges, np.array(sigma), noise_pC)
-    problem = Problem(model, columns, charges, deviations, sought)
-    at = nearest_of(model, tuple(columns.tolist()), rotations_deg is not None).starts(
-        charges, rotations_deg
-    )
-    if rotations_deg is not None:
-        at[:, ROTATION] = rotations_deg
-    ends = descend(problem, at, np.arange(len(at)))
-    freedom = len(names) - len(unknown)
-    for row in np.flatnonzero(~ends.arrived | (_p_values(ends.chi_square, freedom) < SIGNIFICANCE)):
-        _search_everywhere(problem, ends, int(row))
-    return _touches(problem, ends, unknown)
-
-
-def _require_rows(
-    model: Model,
-    names: tuple[str, ...],
-    charges: Array,
-    sigma: float,
-    noise_pC: float,
-    rotations_deg: Array | None,
-) -> None:
-    if charges.ndim != 2 or charges.shape[1] != len(names):
-        raise ValueError(f"charges_pC of shape {charges.shape}: give (n, {len(names)})")
-    if rotations_deg is not None and np.shape(rotations_deg) != charges.shape[:1]:
-        raise ValueError(f"rotations_deg of shape {np.shape(rotations_deg)}: give one per row")
-    if not np.isfinite(charges).all() or not np.all(charges.any(axis=1)):
-        raise ValueError("charges_pC: a row is not finite or all zero; leave it out")
-    first = dict(zip(names, charges[0].tolist(), strict=True)) if len(charges) else {}
-    mistakes = [*charge_mistakes(model, first, sigma, noise_pC)]
-    if mistakes:
-        raise ValueError("\n".join(mistakes))
-
-
-def _search_everywhere(problem: Problem, ends: Descent, row: int) -> None:
-    """Replace the end of a row by the best that a search from everywhere finds."""
-    known = {} if ROTATION in problem.unknown else {ROTATION: float(ends.at[row, ROTATION])}
-    found = _search(problem, row, known)
-    values = np.where(found.arrived, found.chi_square, np.inf)
-    k = int(values.argmin())
-    if values[k] < ends.chi_square[row] or not ends.arrived[row]:
-        ends.at[row], ends.slopes[row] = found.at[k], found.slopes[k]
-        ends.chi_square[row], ends.arrived[row] = found.chi_square[k], found.arrived[k]
-
-
-def _p_values(chi_square: Array, freedom: int) -> Array:
-    if freedom <= 0:
-        return np.full(len(chi_square), np.nan)
-    return gammaincc(0.5 * freedom, 0.5 * chi_square)
-
-
-def _touches(problem: Problem, ends: Descent, unknown: tuple[str, ...]) -> Touches:
-    values = ends.at.copy()
-    if ROTATION in problem.unknown:
-        values[:, ROTATION] %= period_deg(problem.model)
-    values[:, FORCE] = np.exp(values[:, FORCE])
-    scale = np.where(problem.unknown == FORCE, values[:, FORCE:], 1.0)
-    covariances = _covariances(ends.slopes, extents(problem)) * scale[:, :, None] * scale[:, None]
-    values[~ends.arrived] = np.nan
-    chi_square = np.where(ends.arrived, ends.chi_square, np.nan)
-    edges = np.array([bool(held) for held in _edges(problem, ends.at)], dtype=bool)
-    p = _p_values(chi_square, len(problem.electrodes) - len(unknown))
-    return Touches(values, unknown, covariances, chi_square, p, edges)
-
-
-def _covariances(slopes: Array, extent: Array) -> Array:
-    """Inverse normal matrices (n, unknown, unknown); infinite where they are singular."""
-    J = slopes * extent
-    normal = J.swapaxes(1, 2) @ J
-    determined = np.linalg.eigvalsh(normal)[:, 0] >= 9.0
-    normal[~determined] = np.eye(len(extent))
-    found = np.linalg.inv(normal) * np.outer(extent, extent)
-    found[~determined] = np.inf
-    return found
+    if not models:
+        raise ValueError("models: none given; give one for each probe in question")
+    found = {
+        name: locate(model, charges_pC, sigma, unknown=unknown, known=known, noise_pC=noise_pC)
+        for name, model in models.items()
+    }
+    logs = np.array([one.log_evidence for one in found.values()])
+    if np.isfinite(logs).any():
+        shares = np.exp(logs - np.logaddexp.reduce(logs)).tolist()
+    else:
+        shares = [0.0] * len(logs)
+    choices = (Choice(n, w, one) for (n, one), w in zip(found.items(), shares, strict=True))
+    return tuple(sorted(choices, key=lambda choice: -choice.weight))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
@@ -33,7 +34,7 @@ class Domain(Protocol):
     def force_N(self) -> tuple[float, float]: ...
 
 
-class Model(Protocol):
+class Model(Hashable, Protocol):
     """Charges of the electrodes as a smooth function of a touch (`pvdf_fem.sensing.response`)."""
 
     @property
@@ -226,7 +227,9 @@ class Location:
             likely = sum(touch.weight > SHARE for touch in self.touches)
             texts.append(f"ambiguous: {likely} touches are likely")
         if not best.determined:
-            short = "" if self.degrees_of_freedom >= 0 else "fewer charges than unknown quantities; "
+            short = (
+                "" if self.degrees_of_freedom >= 0 else "fewer charges than unknown quantities; "
+            )
             free = " and ".join(_direction(best.unknown, row) for row in best.null_directions)
             texts.append(f"undetermined: {short}free along {free}")
         if best.at_edge:
@@ -247,6 +250,8 @@ class Location:
 
 def _direction(unknown: tuple[str, ...], row: Array) -> str:
     parts = [
-        f"{value:+.3g} {name}" for name, value in zip(unknown, row, strict=True) if abs(value) > 1e-6
+        f"{value:+.3g} {name}"
+        for name, value in zip(unknown, row, strict=True)
+        if abs(value) > 1e-6
     ]
     return "(" + ", ".join(parts) + ")"

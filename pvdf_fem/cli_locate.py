@@ -1,0 +1,210 @@
+"""The command ``pvdf-fem locate``: from charges to the touch."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pvdf_fem.scene import Scene
+    from pvdf_fem.sensing.locate import Choice
+    from pvdf_fem.sensing.response import Response
+    from pvdf_fem.sensing.touch import Location, Touch
+
+DESCRIPTION = """\
+The touch that gave some charges: position, force and rotation of the scene's
+probe with their standard deviations, and all other touches that may have given
+them. What is not sought is known: probe.x_mm, probe.y_mm, probe.rotation_deg
+and load.force_N of the scene.
+
+A model of the charges is needed, over all places within --reach and forces in
+--force-range. It is built on the first call, which takes minutes and is shown
+on standard error, and kept beside the scene file; later calls take a moment."""
+
+EPILOG = """\
+examples:
+  pvdf-fem locate scene.toml --charges A=905.1,B=731.4,C=600.2,D=640.9
+  pvdf-fem locate scene.toml --charges A=905.1,B=731.4,C=600.2,D=640.9 \\
+      --unknown x,y,force,rotation --sigma 0.005 --polish --json
+  pvdf-fem locate triangle.toml --or rectangle.toml --charges A=905,B=731,C=600,D=641
+
+exit codes: 0 located (look at the remarks), 2 bad input, 3 no touch found, or a
+solve failed"""
+
+#: What may be sought, as on the command line.
+NAMES = {"x": "x_mm", "y": "y_mm", "force": "force_N", "rotation": "rotation_deg"}
+_UNITS = {"x": "mm", "y": "mm", "force": "N", "rotation": "°"}
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """The options of the command."""
+    parser.add_argument(
+        "--charges",
+        metavar="A=PC,B=PC,...",
+        required=True,
+        help="measured charges in pC, of some or all electrodes",
+    )
+    parser.add_argument(
+        "--sigma",
+        metavar="SHARE",
+        default="0.01",
+        help="standard deviation of each charge, relative to it (default: 0.01)",
+    )
+    parser.add_argument(
+        "--noise",
+        metavar="PC",
+        default="0",
+        help="standard deviation in pC that every charge has besides (default: 0)",
+    )
+    parser.add_argument(
+        "--unknown",
+        metavar="NAMES",
+        default="x,y,force",
+        help="what is sought, of x, y, force, rotation (default: x,y,force)",
+    )
+    parser.add_argument(
+        "--or",
+        metavar="SCENE.toml",
+        action="append",
+        default=[],
+        dest="others",
+        help="another scene, with another probe, that may have given the charges; all are "
+        "weighed by likelihood; may be given several times",
+    )
+    parser.add_argument(
+        "--model",
+        metavar="FILE",
+        type=Path,
+        help="the scene's model, built and written there if the file does not exist (default: "
+        "SCENE-HASH.response beside the scene file, the hash being of scene and code)",
+    )
+    parser.add_argument(
+        "--reach",
+        metavar="MM",
+        default="12",
+        help="a new model's largest distance of the centroid from the centre (default: 12)",
+    )
+    parser.add_argument(
+        "--force-range",
+        metavar="LEAST,LARGEST",
+        default="0.1,5",
+        help="a new model's forces in N (default: 0.1,5)",
+    )
+    parser.add_argument(
+        "--polish",
+        action="store_true",
+        help="improve the touches with finite-element solves, which takes seconds",
+    )
+
+
+def charges_of(text: str) -> tuple[dict[str, float], list[str]]:
+    """Charges from ``A=905.1,B=731.4``, and what is wrong with the text."""
+    charges: dict[str, float] = {}
+    mistakes = []
+    for item in text.split(","):
+        name, equals, value = (part.strip() for part in item.partition("="))
+        number = _number(value)
+        if not (name and equals) or number is None:
+            mistakes.append(f"--charges {item.strip()}: write NAME=CHARGE, such as A=905.1")
+        elif name in charges:
+            mistakes.append(f"--charges {name}: given twice; remove one")
+        else:
+            charges[name] = number
+    return charges, mistakes
+
+
+def unknown_of(text: str) -> tuple[tuple[str, ...], list[str]]:
+    """Quantities from ``x,y,force``, and what is wrong with the text."""
+    items = [item.strip() for item in text.split(",")]
+    wrong = [f"--unknown {i}: choose from {', '.join(NAMES)}" for i in items if i not in NAMES]
+    return tuple(NAMES[item] for item in dict.fromkeys(items) if item in NAMES), wrong
+
+
+def range_of(text: str) -> tuple[tuple[float, float], list[str]]:
+    """Least and largest force from ``0.1,5``, and what is wrong with the text."""
+    values = [_number(part) for part in text.split(",")]
+    if len(values) == 2 and values[0] and values[1] and 0.0 < values[0] < values[1]:
+        return (values[0], values[1]), []
+    return (0.0, 0.0), [f"--force-range {text}: give two forces in N, such as 0.1,5"]
+
+
+def positive(option: str, text: str, zero: bool = False) -> tuple[float, list[str]]:
+    """A positive number, or zero if that is allowed, and what is wrong with the text."""
+    value = _number(text)
+    if value is None or value < 0.0 or (value == 0.0 and not zero):
+        wanted = "give a number that is not negative" if zero else "give a positive number"
+        return 0.0, [f"{option} {text}: {wanted}"]
+    return value, []
+
+
+def _number(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def model_path(scene: Scene, file: str) -> Path:
+    """Where the model of a scene is kept: its name has a hash of the scene and of the code."""
+    from pvdf_fem.store import key
+
+    return Path(file).with_name(f"{Path(file).stem}-{key(scene)[:16]}.response")
+
+
+def bare(scene: Scene) -> Scene:
+    """The scene with the probe unturned at the centre under 1 N: what its model depends on."""
+    place = {"probe.x_mm": 0.0, "probe.y_mm": 0.0, "probe.rotation_deg": 0.0}
+    return scene.with_(**place, **{"load.force_N": 1.0})
+
+
+def known_of(scene: Scene, unknown: Sequence[str]) -> dict[str, float]:
+    """The scene's values of what is not sought."""
+    assert scene.probe is not None
+    place = {n: float(getattr(scene.probe, n)) for n in ("x_mm", "y_mm", "rotation_deg")}
+    values = {**place, "force_N": scene.load.force_N}
+    return {name: value for name, value in values.items() if name not in unknown}
+
+
+def print_choices(choices: Sequence[Choice], as_json: bool) -> None:
+    """Locations by probe, the likeliest first."""
+    if as_json:
+        several = [{"scene": c.name, "weight": c.weight, **c.location.to_json()} for c in choices]
+        result = several[0] if len(several) == 1 else {"scenes": several}
+        print(json.dumps(result, allow_nan=False))
+        return
+    for choice in choices:
+        if len(choices) > 1:
+            print(f"{choice.name}: probability {choice.weight:.3g}")
+        print(*location_lines(choice.location), sep="\n")
+
+
+def location_lines(found: Location) -> list[str]:
+    """A location as lines."""
+    lines = []
+    for number, touch in enumerate(found.touches, start=1):
+        several = f" {number} of {len(found.touches)}" if len(found.touches) > 1 else ""
+        lines += [f"touch{several}", *_touch_lines(touch, found.degrees_of_freedom)]
+    return lines + [f"remark      {text}" for text in found.remarks]
+
+
+def _touch_lines(touch: Touch, freedom: int) -> list[str]:
+    lines = []
+    for short, name in NAMES.items():
+        value = getattr(touch, name)
+        if name in touch.unknown:
+            deviation = touch.deviations[name]
+            said = f"± {deviation:.2g}" if math.isfinite(deviation) else "undetermined"
+            digits = max(0, 1 - math.floor(math.log10(deviation))) if 0 < deviation < 1e9 else 3
+            lines.append(f"  {short:<8}  {value:>12.{min(digits, 9)}f} {said} {_UNITS[short]}")
+        else:
+            lines.append(f"  {short:<8}  {value:>12.6g} (known) {_UNITS[short]}")
+    fit = f"chi-square {touch.chi_square:.3g}"
+    if freedom > 0:
+        fit += f" with {freedom} degrees of freedom, p-value {touch.p_value:.2g}"
+    return [*lines, f"  {'fit':<8}  {fit}, share of likelihood {touch.weight:.3g}"]

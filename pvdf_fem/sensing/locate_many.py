@@ -1,0 +1,162 @@
+"""The likeliest touch for each of many charges, tens of thousands a second."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaincc
+
+from pvdf_fem.sensing.descent import Descent, Problem, descend
+from pvdf_fem.sensing.locate import charge_mistakes, deviations, edges, extents, search
+from pvdf_fem.sensing.starts import nearest_of
+from pvdf_fem.sensing.touch import FORCE, QUANTITIES, ROTATION, SIGNIFICANCE, Model, period_deg
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Touches:
+    """The likeliest touch found for each row of charges; other touches may be as likely.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n, 4)
+        x and y in mm, rotation in degrees, force in N; NaN where no search ended.
+    unknown : tuple of str
+        What was sought; the order of the covariances.
+    covariances : ndarray, shape (n, unknown, unknown)
+        Infinite where the charges do not determine every unknown.
+    chi_square, p_value : ndarray, shape (n,)
+        As for `Touch`.
+    at_edge : ndarray of bool, shape (n,)
+        Whether the touch is held by a limit of the model's domain.
+    """
+
+    values: Array
+    unknown: tuple[str, ...]
+    covariances: Array
+    chi_square: Array
+    p_value: Array
+    at_edge: NDArray[np.bool_]
+
+    @property
+    def explained(self) -> NDArray[np.bool_]:
+        """Which charges a touch explains, (n,)."""
+        return ~(self.p_value < SIGNIFICANCE) & np.isfinite(self.chi_square)
+
+
+def locate_many(
+    model: Model,
+    charges_pC: Array,
+    sigma: float = 0.01,
+    *,
+    rotations_deg: Array | None = None,
+    electrodes: Sequence[str] | None = None,
+    noise_pC: float = 0.0,
+) -> Touches:
+    """The likeliest place and force, and rotation if it is not known, for rows of charges.
+
+    Each search starts from the touch of a table with the nearest ratios of charges. Where its end
+    does not explain the charges, a search from everywhere, as in `locate`, follows.
+
+    Parameters
+    ----------
+    model : Model
+    charges_pC : ndarray, shape (n, electrodes)
+    sigma : float
+        Relative standard deviation of all charges.
+    rotations_deg : ndarray, shape (n,), optional
+        Known rotations; sought if not given.
+    electrodes : sequence of str, optional
+        The columns of `charges_pC`; by default the model's.
+    noise_pC : float
+        As for `locate`.
+
+    Raises
+    ------
+    ValueError
+        For shapes that do not match, and as `locate` for the first row.
+    """
+    names = tuple(electrodes or model.names)
+    charges = np.asarray(charges_pC, dtype=float)
+    _require_rows(model, names, charges, sigma, noise_pC, rotations_deg)
+    columns = np.array([model.names.index(name) for name in names])
+    unknown = tuple(n for n in QUANTITIES if n != "rotation_deg" or rotations_deg is None)
+    sought = np.array([QUANTITIES.index(name) for name in unknown])
+    spread = deviations(model, charges, np.array(sigma), noise_pC)
+    problem = Problem(model, columns, charges, spread, sought)
+    at = nearest_of(model, tuple(columns.tolist()), rotations_deg is not None).starts(
+        charges, rotations_deg
+    )
+    if rotations_deg is not None:
+        at[:, ROTATION] = rotations_deg
+    ends = descend(problem, at, np.arange(len(at)))
+    freedom = len(names) - len(unknown)
+    for row in np.flatnonzero(~ends.arrived | (_p_values(ends.chi_square, freedom) < SIGNIFICANCE)):
+        _search_everywhere(problem, ends, int(row))
+    return _touches(problem, ends, unknown)
+
+
+def _require_rows(
+    model: Model,
+    names: tuple[str, ...],
+    charges: Array,
+    sigma: float,
+    noise_pC: float,
+    rotations_deg: Array | None,
+) -> None:
+    if charges.ndim != 2 or charges.shape[1] != len(names):
+        raise ValueError(f"charges_pC of shape {charges.shape}: give (n, {len(names)})")
+    if rotations_deg is not None and np.shape(rotations_deg) != charges.shape[:1]:
+        raise ValueError(f"rotations_deg of shape {np.shape(rotations_deg)}: give one per row")
+    if not np.isfinite(charges).all() or not np.all(charges.any(axis=1)):
+        raise ValueError("charges_pC: a row is not finite or all zero; leave it out")
+    first = dict(zip(names, charges[0].tolist(), strict=True)) if len(charges) else {}
+    mistakes = [*charge_mistakes(model, first, sigma, noise_pC)]
+    if mistakes:
+        raise ValueError("\n".join(mistakes))
+
+
+def _search_everywhere(problem: Problem, ends: Descent, row: int) -> None:
+    """Replace the end of a row by the best that a search from everywhere finds."""
+    known = {} if ROTATION in problem.unknown else {ROTATION: float(ends.at[row, ROTATION])}
+    found = search(problem, row, known)
+    values = np.where(found.arrived, found.chi_square, np.inf)
+    k = int(values.argmin())
+    if values[k] < ends.chi_square[row] or not ends.arrived[row]:
+        ends.at[row], ends.slopes[row] = found.at[k], found.slopes[k]
+        ends.chi_square[row], ends.arrived[row] = found.chi_square[k], found.arrived[k]
+
+
+def _p_values(chi_square: Array, freedom: int) -> Array:
+    if freedom <= 0:
+        return np.full(len(chi_square), np.nan)
+    return gammaincc(0.5 * freedom, 0.5 * chi_square)
+
+
+def _touches(problem: Problem, ends: Descent, unknown: tuple[str, ...]) -> Touches:
+    values = ends.at.copy()
+    if ROTATION in problem.unknown:
+        values[:, ROTATION] %= period_deg(problem.model)
+    values[:, FORCE] = np.exp(values[:, FORCE])
+    scale = np.where(problem.unknown == FORCE, values[:, FORCE:], 1.0)
+    covariances = _covariances(ends.slopes, extents(problem)) * scale[:, :, None] * scale[:, None]
+    values[~ends.arrived] = np.nan
+    chi_square = np.where(ends.arrived, ends.chi_square, np.nan)
+    held = np.array([bool(limits) for limits in edges(problem, ends.at)], dtype=bool)
+    p = _p_values(chi_square, len(problem.electrodes) - len(unknown))
+    return Touches(values, unknown, covariances, chi_square, p, held)
+
+
+def _covariances(slopes: Array, extent: Array) -> Array:
+    """Inverse normal matrices (n, unknown, unknown); infinite where they are singular."""
+    J = slopes * extent
+    normal = J.swapaxes(1, 2) @ J
+    determined = np.linalg.eigvalsh(normal)[:, 0] >= 9.0
+    normal[~determined] = np.eye(len(extent))
+    found = np.linalg.inv(normal) * np.outer(extent, extent)
+    found[~determined] = np.inf
+    return found
