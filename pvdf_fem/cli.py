@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pvdf_fem import __version__
+from pvdf_fem import __version__, cli_locate
 
 if TYPE_CHECKING:
     from pvdf_fem.modal import Modes
@@ -162,6 +162,16 @@ def _parser() -> argparse.ArgumentParser:
         "--loaded", action="store_true", help="about the film under its load, not the flat film"
     )
     _add_json(modes)
+    locate = _command(
+        commands,
+        "locate",
+        _locate,
+        "the touch that gave some charges",
+        cli_locate.DESCRIPTION,
+        cli_locate.EPILOG,
+    )
+    cli_locate.add_options(locate)
+    _add_json(locate)
     return parser
 
 
@@ -307,6 +317,30 @@ def _modes(options: argparse.Namespace) -> int:
     found = modes(scene, options.count, options.loaded)
     _print(found.to_json(), options.json, lambda: _mode_lines(found))
     return CONVERGED if found.status is Status.CONVERGED else NOT_CONVERGED
+
+
+def _locate(options: argparse.Namespace) -> int:
+    request, files = cli_locate.Request.of(options), [options.scene, *options.others]
+    mistakes, scenes = list(request.mistakes), {}
+    for file in dict.fromkeys(files):
+        try:
+            scenes[file] = _scene(argparse.Namespace(scene=file, changes=options.changes))
+        except InputError as error:
+            mistakes += error.args
+    mistakes += [f"{f}: has no [probe]; add one" for f, s in scenes.items() if s.probe is None]
+    if mistakes:
+        raise InputError(*mistakes)
+    from pvdf_fem.sensing.polish import PolishError
+
+    try:
+        choices = cli_locate.located(scenes, options.model, request, options.polish)
+    except ValueError as error:
+        raise InputError(str(error)) from error
+    except PolishError as error:
+        print(error, file=sys.stderr)
+        return NOT_CONVERGED
+    cli_locate.print_choices(choices, options.json)
+    return CONVERGED if choices[0].location.touches else NOT_CONVERGED
 
 
 def _plot_extensions() -> list[str]:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import math
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from pvdf_fem.scene import Scene
@@ -81,7 +83,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         type=Path,
         help="the scene's model, built and written there if the file does not exist (default: "
-        "SCENE-HASH.response beside the scene file, the hash being of scene and code)",
+        "SCENE-HASH.response beside the scene file, the hash being of scene, domain and code)",
     )
     parser.add_argument(
         "--reach",
@@ -102,8 +104,46 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def charges_of(text: str) -> tuple[dict[str, float], list[str]]:
-    """Charges from ``A=905.1,B=731.4``, and what is wrong with the text."""
+@dataclass(frozen=True)
+class Request:
+    """What was asked for, read from the options.
+
+    Attributes
+    ----------
+    charges_pC : dict
+    sigma, noise_pC : float
+    unknown : tuple of str
+        Of the quantities of a touch.
+    reach_mm : float
+    force_N : tuple of float
+        The domain of a model that is to be built.
+    mistakes : tuple of str
+        What is wrong with the options; the other values count only if nothing is.
+    """
+
+    charges_pC: dict[str, float]
+    sigma: float
+    noise_pC: float
+    unknown: tuple[str, ...]
+    reach_mm: float
+    force_N: tuple[float, float]
+    mistakes: tuple[str, ...]
+
+    @classmethod
+    def of(cls, options: argparse.Namespace) -> Request:
+        """The request of a command line."""
+        charges, wrong = _charges(options.charges)
+        sigma = _positive("--sigma", options.sigma, wrong, zero=True)
+        noise = _positive("--noise", options.noise, wrong, zero=True)
+        unknown = _unknown(options.unknown, wrong)
+        reach = _positive("--reach", options.reach, wrong)
+        forces = _range(options.force_range, wrong)
+        if options.model and options.others:
+            wrong.append("--model: is of one scene; leave it out with --or")
+        return cls(charges, sigma, noise, unknown, reach, forces, tuple(wrong))
+
+
+def _charges(text: str) -> tuple[dict[str, float], list[str]]:
     charges: dict[str, float] = {}
     mistakes = []
     for item in text.split(","):
@@ -118,28 +158,27 @@ def charges_of(text: str) -> tuple[dict[str, float], list[str]]:
     return charges, mistakes
 
 
-def unknown_of(text: str) -> tuple[tuple[str, ...], list[str]]:
-    """Quantities from ``x,y,force``, and what is wrong with the text."""
+def _unknown(text: str, mistakes: list[str]) -> tuple[str, ...]:
     items = [item.strip() for item in text.split(",")]
-    wrong = [f"--unknown {i}: choose from {', '.join(NAMES)}" for i in items if i not in NAMES]
-    return tuple(NAMES[item] for item in dict.fromkeys(items) if item in NAMES), wrong
+    mistakes += [f"--unknown {i}: choose from {', '.join(NAMES)}" for i in items if i not in NAMES]
+    return tuple(NAMES[item] for item in dict.fromkeys(items) if item in NAMES)
 
 
-def range_of(text: str) -> tuple[tuple[float, float], list[str]]:
-    """Least and largest force from ``0.1,5``, and what is wrong with the text."""
+def _range(text: str, mistakes: list[str]) -> tuple[float, float]:
     values = [_number(part) for part in text.split(",")]
     if len(values) == 2 and values[0] and values[1] and 0.0 < values[0] < values[1]:
-        return (values[0], values[1]), []
-    return (0.0, 0.0), [f"--force-range {text}: give two forces in N, such as 0.1,5"]
+        return values[0], values[1]
+    mistakes.append(f"--force-range {text}: give two forces in N, such as 0.1,5")
+    return 0.0, 0.0
 
 
-def positive(option: str, text: str, zero: bool = False) -> tuple[float, list[str]]:
-    """A positive number, or zero if that is allowed, and what is wrong with the text."""
+def _positive(option: str, text: str, mistakes: list[str], zero: bool = False) -> float:
     value = _number(text)
     if value is None or value < 0.0 or (value == 0.0 and not zero):
-        wanted = "give a number that is not negative" if zero else "give a positive number"
-        return 0.0, [f"{option} {text}: {wanted}"]
-    return value, []
+        wanted = "a number that is not negative" if zero else "a positive number"
+        mistakes.append(f"{option} {text}: give {wanted}")
+        return 0.0
+    return value
 
 
 def _number(text: str) -> float | None:
@@ -150,25 +189,115 @@ def _number(text: str) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def model_path(scene: Scene, file: str) -> Path:
-    """Where the model of a scene is kept: its name has a hash of the scene and of the code."""
-    from pvdf_fem.store import key
-
-    return Path(file).with_name(f"{Path(file).stem}-{key(scene)[:16]}.response")
+# ----------------------------------------------------------------------------------------- models
 
 
-def bare(scene: Scene) -> Scene:
+def model_of(scene: Scene, scene_file: str, file: Path | None, request: Request) -> Response:
+    """The model of a scene, from its file or built and written there.
+
+    Raises
+    ------
+    ValueError
+        For a file that is none, or is of another scene.
+    """
+    from pvdf_fem.sensing.response import Response, build
+
+    alone = _alone(scene)
+    path = file or _default_path(alone, scene_file, request)
+    if path.exists():
+        model = Response.load(path)
+        if _alone(model.scene) != alone:
+            raise ValueError(
+                f"--model {path}: is of another film, probe or electrodes than {scene_file}; "
+                "name another file"
+            )
+        return model
+    print(f"building the model of {scene_file}, to be kept as {path}", file=sys.stderr)
+    model = build(alone, reach_mm=request.reach_mm, force_N=request.force_N)
+    model.save(path)
+    return model
+
+
+def _alone(scene: Scene) -> Scene:
     """The scene with the probe unturned at the centre under 1 N: what its model depends on."""
     place = {"probe.x_mm": 0.0, "probe.y_mm": 0.0, "probe.rotation_deg": 0.0}
     return scene.with_(**place, **{"load.force_N": 1.0})
 
 
-def known_of(scene: Scene, unknown: Sequence[str]) -> dict[str, float]:
-    """The scene's values of what is not sought."""
+def _default_path(scene: Scene, scene_file: str, request: Request) -> Path:
+    from pvdf_fem.store import key
+
+    domain = f"{request.reach_mm} {request.force_N}"
+    name = hashlib.sha256(f"{key(scene)} {domain}".encode()).hexdigest()[:16]
+    return Path(scene_file).with_name(f"{Path(scene_file).stem}-{name}.response")
+
+
+def located(
+    scenes: Mapping[str, Scene], file: Path | None, request: Request, polishing: bool
+) -> tuple[Choice, ...]:
+    """Locations with the probe of each scene, the likeliest first.
+
+    What is not sought is known from the first scene.
+
+    Raises
+    ------
+    ValueError
+        With all mistakes in what was asked for.
+    """
+    from pvdf_fem.sensing.locate import choose, weigh
+    from pvdf_fem.sensing.polish import polish
+
+    first = next(iter(scenes.values()))
+    known = _known(first, request.unknown)
+    _require(scenes, request, known, file)
+    models = {name: model_of(scene, name, file, request) for name, scene in scenes.items()}
+    choices = weigh(
+        models,
+        request.charges_pC,
+        request.sigma,
+        unknown=request.unknown,
+        known=known,
+        noise_pC=request.noise_pC,
+    )
+    if not polishing:
+        return choices
+    better = {
+        one.name: polish(
+            models[one.name],
+            one.location,
+            request.charges_pC,
+            request.sigma,
+            noise_pC=request.noise_pC,
+        )
+        for one in choices
+    }
+    return choose(better)
+
+
+def _require(
+    scenes: Mapping[str, Scene], request: Request, known: Mapping[str, float], file: Path | None
+) -> None:
+    """Refuse before anything is built what cannot be located with the scenes."""
+    from pvdf_fem.sensing.locate import charge_mistakes, known_mistakes
+
+    mistakes: list[str] = []
+    for scene in scenes.values():
+        names = [electrode.name for electrode in scene.electrode_list]
+        mistakes += charge_mistakes(names, request.charges_pC, request.sigma, request.noise_pC)
+    if not (file and file.exists()):  # else the domain is the file's
+        mistakes += known_mistakes(request, request.unknown, {}, known)
+    if mistakes:
+        raise ValueError("\n".join(dict.fromkeys(mistakes)))
+
+
+def _known(scene: Scene, unknown: Sequence[str]) -> dict[str, float]:
     assert scene.probe is not None
     place = {n: float(getattr(scene.probe, n)) for n in ("x_mm", "y_mm", "rotation_deg")}
     values = {**place, "force_N": scene.load.force_N}
     return {name: value for name, value in values.items() if name not in unknown}
+
+
+# ----------------------------------------------------------------------------------------- output
 
 
 def print_choices(choices: Sequence[Choice], as_json: bool) -> None:

@@ -21,6 +21,7 @@ from pvdf_fem.sensing.touch import (
     FORCE,
     QUANTITIES,
     ROTATION,
+    Domain,
     Location,
     Model,
     Touch,
@@ -83,14 +84,15 @@ def locate(
     The model's own error, evenly distributed within `model.error_bound`, is added to the standard
     deviations. It is taken as independent between electrodes.
     """
-    mistakes = [*charge_mistakes(model, charges_pC, sigma, noise_pC)]
-    mistakes += known_mistakes(model, unknown, known or {})
+    mistakes = [*charge_mistakes(model.names, charges_pC, sigma, noise_pC)]
+    mistakes += known_mistakes(model.domain, unknown, known or {}, _of_scene(model))
+    if not (mistakes or model.error_bound or noise_pC or np.min(_relative(sigma, charges_pC))):
+        mistakes.append("sigma = 0: the model has no error of its own; give a positive one")
     if mistakes:
         raise ValueError("\n".join(mistakes))
     electrodes = np.array([model.names.index(name) for name in charges_pC])
     charges = np.array(list(charges_pC.values()), dtype=float)
-    relative = np.array([sigma[n] for n in charges_pC] if isinstance(sigma, Mapping) else sigma)
-    spread = deviations(model, charges, relative, noise_pC)
+    spread = deviations(model, charges, _relative(sigma, charges_pC), noise_pC)
     sought, values = _split(model, unknown, known or {})
     problem = Problem(model, electrodes, charges[None], spread[None], sought)
     return location(problem, search(problem, 0, values))
@@ -109,6 +111,10 @@ def search(problem: Problem, touch: int, known: dict[int, float]) -> Descent:
     if 0 < len(others) < len(problem.unknown):
         at = descend(replace(problem, unknown=others), at, rows).at
     return descend(problem, at, rows, _LISTED)
+
+
+def _relative(sigma: float | Mapping[str, float], charges_pC: Mapping[str, float]) -> Array:
+    return np.array([sigma[n] for n in charges_pC] if isinstance(sigma, Mapping) else sigma)
 
 
 def deviations(model: Model, charges: Array, relative: Array, noise_pC: float) -> Array:
@@ -139,17 +145,17 @@ def _of_scene(model: Model) -> dict[str, float]:
 
 
 def charge_mistakes(
-    model: Model,
+    names: Sequence[str],
     charges_pC: Mapping[str, float],
     sigma: float | Mapping[str, float],
     noise_pC: float,
 ) -> Iterator[str]:
     """What is wrong with measured charges and their deviations."""
     if not charges_pC:
-        yield f"charges: none given; give some of {', '.join(model.names)}"
+        yield f"charges: none given; give some of {', '.join(names)}"
     for name, charge in charges_pC.items():
-        if name not in model.names:
-            yield f"charges.{name}: no such electrode; choose from {', '.join(model.names)}"
+        if name not in names:
+            yield f"charges.{name}: no such electrode; choose from {', '.join(names)}"
         elif not np.isfinite(charge) or abs(charge) > 1e12:
             yield f"charges.{name} = {charge}: give a charge in pC"
     each = sigma if isinstance(sigma, Mapping) else {"": sigma}
@@ -163,14 +169,15 @@ def charge_mistakes(
         yield f"noise_pC = {noise_pC}: give a standard deviation in pC, not negative"
     elif not noise_pC and any(charge == 0.0 for charge in charges_pC.values()):
         yield "noise_pC = 0: a charge of 0 has no deviation then; give that of the amplifier"
-    elif not (noise_pC or model.error_bound or min(each.values(), default=0.0)):
-        yield "sigma = 0: the model has no error of its own; give a positive one"
 
 
 def known_mistakes(
-    model: Model, unknown: Sequence[str], known: Mapping[str, float]
+    domain: Domain,
+    unknown: Sequence[str],
+    known: Mapping[str, float],
+    default: Mapping[str, float],
 ) -> Iterator[str]:
-    """What is wrong with the quantities sought and known."""
+    """What is wrong with the quantities sought and known; `default` has those of the scene."""
     names = ", ".join(QUANTITIES)
     if not unknown:
         yield f"unknown: nothing is sought; choose from {names}"
@@ -181,8 +188,8 @@ def known_mistakes(
             yield f"{name}: both sought and known; remove one"
         elif name in known and not np.isfinite(known[name]):
             yield f"known.{name} = {known[name]}: give a finite number"
-    fixed = {n: v for n, v in {**_of_scene(model), **known}.items() if n not in unknown}
-    reach, (lowest, highest) = model.domain.reach_mm, model.domain.force_N
+    fixed = {n: v for n, v in {**default, **known}.items() if n not in unknown}
+    reach, (lowest, highest) = domain.reach_mm, domain.force_N
     distance = np.hypot(fixed.get("x_mm", 0.0), fixed.get("y_mm", 0.0))
     if distance > reach:
         place = ", ".join(f"{n} = {fixed[n]:g}" for n in ("x_mm", "y_mm") if n in fixed)
@@ -343,10 +350,15 @@ def weigh(
         name: locate(model, charges_pC, sigma, unknown=unknown, known=known, noise_pC=noise_pC)
         for name, model in models.items()
     }
+    return choose(found)
+
+
+def choose(found: Mapping[str, Location]) -> tuple[Choice, ...]:
+    """Locations of the same charges with different probes, by their probability."""
     logs = np.array([one.log_evidence for one in found.values()])
+    shares = np.zeros(len(logs))
     if np.isfinite(logs).any():
-        shares = np.exp(logs - np.logaddexp.reduce(logs)).tolist()
-    else:
-        shares = [0.0] * len(logs)
-    choices = (Choice(n, w, one) for (n, one), w in zip(found.items(), shares, strict=True))
+        shares = np.exp(logs - np.logaddexp.reduce(logs))
+    weighed = zip(found.items(), shares.tolist(), strict=True)
+    choices = [Choice(name, weight, location) for (name, location), weight in weighed]
     return tuple(sorted(choices, key=lambda choice: -choice.weight))

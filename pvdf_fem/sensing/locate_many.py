@@ -115,7 +115,7 @@ def _require_rows(
     if not np.isfinite(charges).all() or not np.all(charges.any(axis=1)):
         raise ValueError("charges_pC: a row is not finite or all zero; leave it out")
     first = dict(zip(names, charges[0].tolist(), strict=True)) if len(charges) else {}
-    mistakes = [*charge_mistakes(model, first, sigma, noise_pC)]
+    mistakes = [*charge_mistakes(model.names, first, sigma, noise_pC)]
     if mistakes:
         raise ValueError("\n".join(mistakes))
 
