@@ -328,9 +328,10 @@ def _touch_lines(touch: Touch, freedom: int) -> list[str]:
         value = getattr(touch, name)
         if name in touch.unknown:
             deviation = touch.deviations[name]
-            said = f"± {deviation:.2g}" if math.isfinite(deviation) else "undetermined"
-            digits = max(0, 1 - math.floor(math.log10(deviation))) if 0 < deviation < 1e9 else 3
-            lines.append(f"  {short:<8}  {value:>12.{min(digits, 9)}f} {said} {_UNITS[short]}")
+            digits = max(0, 1 - math.floor(math.log10(deviation))) if deviation > 0 else 9
+            lines.append(
+                f"  {short:<8}  {value:>12.{min(digits, 9)}f} ± {deviation:.2g} {_UNITS[short]}"
+            )
         else:
             lines.append(f"  {short:<8}  {value:>12.6g} (known) {_UNITS[short]}")
     fit = f"chi-square {touch.chi_square:.3g}"

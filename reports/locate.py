@@ -203,7 +203,7 @@ def _thesis_row(thesis: Thesis, row: Position, model: Response, results: Results
         _distance(best.values, touch),
         100.0 * (best.force_N / row.force_N - 1.0),
         sure.deviation_mm,
-        sum(one.weight > 0.01 for one in free.touches),
+        sum(one.weight > 0.01 for one in free.touches) if len(names) > 3 else "a curve",
         min(_distance(one.values, touch) for one in free.touches),
     ]
 
@@ -341,7 +341,7 @@ def _map_sentence(shape: str, each: Sequence[dict[bool, Place]]) -> str:
     known, sought = (np.array([one[k].deviation_mm for one in each]) for k in (False, True))
     several = np.array([one[True].likely > 1 for one in each])
     far = np.array([one[True].farthest_mm for one in each])
-    lost = ~np.isfinite(sought)
+    lost = np.array([not one[True].determined for one in each])
     return (
         f"{shape}: the median standard deviation of the place is {np.median(known):.3f} mm with "
         f"the rotation known and {np.median(sought):.3f} mm with it sought. With it sought, "

@@ -32,7 +32,9 @@ class Place:
     Attributes
     ----------
     deviation_mm : float
-        Standard deviation of the place in its worst direction; infinite if it is not determined.
+        Standard deviation of the place in its worst direction.
+    determined : bool
+        Whether the charges determine everything sought.
     condition : float
         Of the Jacobian with columns of length 1.
     likely : int
@@ -42,19 +44,24 @@ class Place:
     """
 
     deviation_mm: float
+    determined: bool
     condition: float
     likely: int
     farthest_mm: float
 
 
 def lattice(reach_mm: float, across: int) -> Array:
-    """Places (n, 2) of a triangular lattice over the disc."""
+    """Places (n, 2) of a triangular lattice over the disc, and on its edge."""
     step = 2.0 * reach_mm / across
     rows = np.arange(-across, across + 1)
     y, x = np.meshgrid(rows * step * np.sqrt(0.75), rows * step, indexing="ij")
     x = x + 0.5 * step * (rows[:, None] % 2)
     places = np.stack([x.ravel(), y.ravel()], axis=1)
-    return places[np.linalg.norm(places, axis=1) <= reach_mm * (1.0 - 1e-6)]
+    edge = reach_mm * (1.0 - 1e-6)
+    angles = np.linspace(0.0, 2.0 * np.pi, 2 * across, endpoint=False)
+    ring = edge * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    inner = places[np.linalg.norm(places, axis=1) <= edge - 0.4 * step]
+    return np.concatenate([inner, ring])
 
 
 def judged(
@@ -73,9 +80,8 @@ def judged(
         likely = [one for one in result.touches if one.weight > 0.01]
         true = min(result.touches, key=lambda one: np.hypot(*(one.values - touch)[:2]))
         apart = [float(np.hypot(*(one.values - touch)[:2])) for one in likely]
-        place = true.covariance[:2, :2]
-        worst = np.linalg.eigvalsh(place)[-1] if np.isfinite(place).all() else np.inf
-        found[sought] = Place(float(np.sqrt(worst)), true.condition, len(likely), max(apart))
+        worst = float(np.sqrt(np.linalg.eigvalsh(true.covariance[:2, :2])[-1]))
+        found[sought] = Place(worst, true.determined, true.condition, len(likely), max(apart))
     return found
 
 

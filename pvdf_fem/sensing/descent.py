@@ -24,7 +24,7 @@ Indices = NDArray[np.intp]
 # standard deviations. It is taken, and what is left after it is of the order of its square; so it
 # must be below this share of the longest steps, too, where charges hardly change along it.
 _ARRIVED, _SHORT = 1e-4, 1e-2
-_MAX_STEPS = 40
+_MAX_STEPS = 60
 # How far searches may leave the domain: this share of the reach, and this factor of the force.
 _ROOM_REACH, _ROOM_FORCE = 1.05, 1.1
 # Held there, a search ends when a step lowers chi-square by less than this share, or raises it.
@@ -32,8 +32,8 @@ _HELD = 1e-2
 # Steps are no longer than this share of the reach, so many degrees, and this factor of the force.
 _LONGEST = np.array([0.25, 0.25, 25.0, 1.0])
 # Marquardt's damping: where it begins after a step uphill, and where a search gives up. A step
-# counts as the last one only if it was hardly damped.
-_LEAST_DAMPING, _DAMPED, _GIVEN_UP, _FREE = 1e-10, 1e-3, 1e8, 1e-2
+# counts as the last one only if it was damped no more than to about half.
+_LEAST_DAMPING, _DAMPED, _GIVEN_UP, _FREE = 1e-10, 1e-3, 1e8, 1.0
 
 
 @dataclass(frozen=True, eq=False)

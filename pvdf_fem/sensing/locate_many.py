@@ -12,7 +12,15 @@ from scipy.special import gammaincc
 from pvdf_fem.sensing.descent import Descent, Problem, descend
 from pvdf_fem.sensing.locate import charge_mistakes, deviations, edges, extents, search
 from pvdf_fem.sensing.starts import nearest_of
-from pvdf_fem.sensing.touch import FORCE, QUANTITIES, ROTATION, SIGNIFICANCE, Model, period_deg
+from pvdf_fem.sensing.touch import (
+    DETERMINED,
+    FORCE,
+    QUANTITIES,
+    ROTATION,
+    SIGNIFICANCE,
+    Model,
+    period_deg,
+)
 
 Array = NDArray[np.float64]
 
@@ -28,7 +36,9 @@ class Touches:
     unknown : tuple of str
         What was sought; the order of the covariances.
     covariances : ndarray, shape (n, unknown, unknown)
-        Infinite where the charges do not determine every unknown.
+        As for `Touch`.
+    determined : ndarray of bool, shape (n,)
+        Whether the charges determine every unknown.
     chi_square, p_value : ndarray, shape (n,)
         As for `Touch`.
     at_edge : ndarray of bool, shape (n,)
@@ -38,6 +48,7 @@ class Touches:
     values: Array
     unknown: tuple[str, ...]
     covariances: Array
+    determined: NDArray[np.bool_]
     chi_square: Array
     p_value: Array
     at_edge: NDArray[np.bool_]
@@ -143,20 +154,19 @@ def _touches(problem: Problem, ends: Descent, unknown: tuple[str, ...]) -> Touch
         values[:, ROTATION] %= period_deg(problem.model)
     values[:, FORCE] = np.exp(values[:, FORCE])
     scale = np.where(problem.unknown == FORCE, values[:, FORCE:], 1.0)
-    covariances = _covariances(ends.slopes, extents(problem)) * scale[:, :, None] * scale[:, None]
+    covariances, determined = _covariances(ends.slopes, extents(problem))
+    covariances *= scale[:, :, None] * scale[:, None]
     values[~ends.arrived] = np.nan
     chi_square = np.where(ends.arrived, ends.chi_square, np.nan)
     held = np.array([bool(limits) for limits in edges(problem, ends.at)], dtype=bool)
     p = _p_values(chi_square, len(problem.electrodes) - len(unknown))
-    return Touches(values, unknown, covariances, chi_square, p, held)
+    return Touches(values, unknown, covariances, determined, chi_square, p, held)
 
 
-def _covariances(slopes: Array, extent: Array) -> Array:
-    """Inverse normal matrices (n, unknown, unknown); infinite where they are singular."""
+def _covariances(slopes: Array, extent: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Covariances (n, unknown, unknown) as a `Touch` has them, and which are determined."""
     J = slopes * extent
-    normal = J.swapaxes(1, 2) @ J
-    determined = np.linalg.eigvalsh(normal)[:, 0] >= 9.0
-    normal[~determined] = np.eye(len(extent))
-    found = np.linalg.inv(normal) * np.outer(extent, extent)
-    found[~determined] = np.inf
-    return found
+    values, vectors = np.linalg.eigh(J.swapaxes(1, 2) @ J)
+    free = values < DETERMINED**2
+    found = (vectors / (np.maximum(values, 0.0) + free)[:, None]) @ vectors.swapaxes(1, 2)
+    return found * np.outer(extent, extent), ~free.any(axis=1)

@@ -21,6 +21,8 @@ X, Y, ROTATION, FORCE = range(4)
 
 #: Charges that a right model would give less often than this are called unexplained.
 SIGNIFICANCE = 1e-3
+#: A direction is determined if the domain is so many standard deviations wide along it.
+DETERMINED = 3.0
 #: A second touch with at least this share of the likelihood makes a location ambiguous.
 SHARE = 0.01
 
@@ -114,7 +116,7 @@ class Touch:
         being positive.
         """
         values, vectors = self._singular
-        free = vectors[values < 3.0]
+        free = vectors[values < DETERMINED]
         largest = np.abs(free).argmax(axis=1)
         signs = np.sign(free[np.arange(len(free)), largest])
         return free * self.extent * signs[:, None]
@@ -122,18 +124,18 @@ class Touch:
     @property
     def determined(self) -> bool:
         """Whether the charges determine every unknown."""
-        return bool(self._singular[0][-1] >= 3.0)
+        return bool(self._singular[0][-1] >= DETERMINED)
 
     @cached_property
     def covariance(self) -> Array:
-        """Covariance (unknown, unknown); infinite in the rows of what is not determined."""
+        """Covariance (unknown, unknown).
+
+        Along a direction that the charges do not determine, that of the domain is added: its
+        extent is a standard deviation.
+        """
         values, vectors = self._singular
-        sure = values >= 3.0
-        scaled = (vectors[sure].T / values[sure] ** 2) @ vectors[sure]
-        found = scaled * np.outer(self.extent, self.extent)
-        lost = (np.abs(vectors[~sure]) > 1e-3).any(axis=0)
-        found[lost], found[:, lost] = np.inf, np.inf
-        return found
+        precision = values**2 + (values < DETERMINED)
+        return (vectors.T / precision) @ vectors * np.outer(self.extent, self.extent)
 
     @property
     def deviations(self) -> dict[str, float]:
