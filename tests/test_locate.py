@@ -192,6 +192,18 @@ def test_one_and_many_agree(noisy):
         assert one.chi_square == pytest.approx(found.chi_square[k], abs=1e-3)
 
 
+def test_many_with_known_forces_find_the_place(noisy):
+    model, touches, *_ = noisy
+    some = touches[:200]
+    found = locate_many(
+        model, model.evaluate(some)[0], 1e-3, rotations_deg=some[:, 2], forces_N=some[:, 3]
+    )
+    assert found.unknown == ("x_mm", "y_mm")
+    assert found.values == pytest.approx(some, abs=1e-4)
+    with pytest.raises(ValueError, match="forces_N: one is out of the model"):
+        locate_many(model, np.ones((1, 4)), forces_N=np.array([7.0]))
+
+
 def test_many_with_an_unknown_rotation_explain_the_charges():
     model, touches = bumps("rectangle", 6), random_touches(200, seed=6)
     charges = model.evaluate(touches)[0]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,10 +65,11 @@ def locate_many(
     sigma: float = 0.01,
     *,
     rotations_deg: Array | None = None,
+    forces_N: Array | None = None,
     electrodes: Sequence[str] | None = None,
     noise_pC: float = 0.0,
 ) -> Touches:
-    """The likeliest place and force, and rotation if it is not known, for rows of charges.
+    """The likeliest place, and force and rotation if they are not known, for rows of charges.
 
     Each search starts from the touch of a table with the nearest ratios of charges. Where its end
     does not explain the charges, a search from everywhere, as in `locate`, follows.
@@ -79,8 +80,8 @@ def locate_many(
     charges_pC : ndarray, shape (n, electrodes)
     sigma : float
         Relative standard deviation of all charges.
-    rotations_deg : ndarray, shape (n,), optional
-        Known rotations; sought if not given.
+    rotations_deg, forces_N : ndarray, shape (n,), optional
+        Known rotations and forces; sought if not given.
     electrodes : sequence of str, optional
         The columns of `charges_pC`; by default the model's.
     noise_pC : float
@@ -93,22 +94,23 @@ def locate_many(
     """
     names = tuple(electrodes or model.names)
     charges = np.asarray(charges_pC, dtype=float)
-    _require_rows(model, names, charges, sigma, noise_pC, rotations_deg)
+    known = {"rotations_deg": rotations_deg, "forces_N": forces_N}
+    _require_rows(model, names, charges, sigma, noise_pC, known)
     columns = np.array([model.names.index(name) for name in names])
-    unknown = tuple(n for n in QUANTITIES if n != "rotation_deg" or rotations_deg is None)
-    sought = np.array([QUANTITIES.index(name) for name in unknown])
+    held = {ROTATION: rotations_deg, FORCE: None if forces_N is None else np.log(forces_N)}
+    sought = np.array([i for i in range(len(QUANTITIES)) if held.get(i) is None])
     spread = deviations(model, charges, np.array(sigma), noise_pC)
     problem = Problem(model, columns, charges, spread, sought)
-    at = nearest_of(model, tuple(columns.tolist()), rotations_deg is not None).starts(
-        charges, rotations_deg
-    )
-    if rotations_deg is not None:
-        at[:, ROTATION] = rotations_deg
+    table = nearest_of(model, tuple(columns.tolist()), rotations_deg is not None)
+    at = table.starts(charges, rotations_deg)
+    for quantity, values in held.items():
+        if values is not None:
+            at[:, quantity] = values
     ends = descend(problem, at, np.arange(len(at)))
-    freedom = len(names) - len(unknown)
+    freedom = len(names) - len(sought)
     for row in np.flatnonzero(~ends.arrived | (_p_values(ends.chi_square, freedom) < SIGNIFICANCE)):
         _search_everywhere(problem, ends, int(row))
-    return _touches(problem, ends, unknown)
+    return _touches(problem, ends, tuple(QUANTITIES[i] for i in sought))
 
 
 def _require_rows(
@@ -117,12 +119,17 @@ def _require_rows(
     charges: Array,
     sigma: float,
     noise_pC: float,
-    rotations_deg: Array | None,
+    known: Mapping[str, Array | None],
 ) -> None:
     if charges.ndim != 2 or charges.shape[1] != len(names):
         raise ValueError(f"charges_pC of shape {charges.shape}: give (n, {len(names)})")
-    if rotations_deg is not None and np.shape(rotations_deg) != charges.shape[:1]:
-        raise ValueError(f"rotations_deg of shape {np.shape(rotations_deg)}: give one per row")
+    for name, values in known.items():
+        if values is not None and np.shape(values) != charges.shape[:1]:
+            raise ValueError(f"{name} of shape {np.shape(values)}: give one per row")
+    lowest, highest = model.domain.force_N
+    forces = known["forces_N"]
+    if forces is not None and not np.all((lowest <= forces) & (forces <= highest)):
+        raise ValueError(f"forces_N: one is out of the model's {lowest:g} to {highest:g} N")
     if not np.isfinite(charges).all() or not np.all(charges.any(axis=1)):
         raise ValueError("charges_pC: a row is not finite or all zero; leave it out")
     first = dict(zip(names, charges[0].tolist(), strict=True)) if len(charges) else {}
@@ -134,6 +141,8 @@ def _require_rows(
 def _search_everywhere(problem: Problem, ends: Descent, row: int) -> None:
     """Replace the end of a row by the best that a search from everywhere finds."""
     known = {} if ROTATION in problem.unknown else {ROTATION: float(ends.at[row, ROTATION])}
+    if FORCE not in problem.unknown:
+        known[FORCE] = float(np.exp(ends.at[row, FORCE]))
     found = search(problem, row, known)
     values = np.where(found.arrived, found.chi_square, np.inf)
     k = int(values.argmin())
