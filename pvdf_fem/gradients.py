@@ -33,7 +33,6 @@ from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.estimate import expansion
 from pvdf_fem.film import Film, plane_stress
 from pvdf_fem.membrane import IDENTITY, Array, Membrane, shape_gradients
-from pvdf_fem.mesh import PROBE
 from pvdf_fem.newton import factorise
 from pvdf_fem.scene import Probe, Scene
 from pvdf_fem.solution import Solution
@@ -76,9 +75,7 @@ def gradients(
             raise ValueError(f"parameters: {key!r} {_refusal(scene, key)}; take some of {known}")
     rates = _rates(_Adjoint.of(solution))
     names = [electrode.name for electrode in scene.electrode_list]
-    return {
-        key: dict(zip(names, (1e12 * rates[key]()).tolist(), strict=True)) for key in wanted
-    }
+    return {key: dict(zip(names, (1e12 * rates[key]()).tolist(), strict=True)) for key in wanted}
 
 
 def parameters_of(scene: Scene) -> tuple[str, ...]:
@@ -202,7 +199,7 @@ def _stiffness_rate(film: Film, key: str) -> Array:
         nu12 += 1j * COMPLEX_STEP
     else:
         E[{"0": [0], "1": [1]}.get(key[-1], [0, 1])] += 1j * COMPLEX_STEP
-    return 1e9 * plane_stress(*E, nu12, film.shear_modulus_GPa).imag / COMPLEX_STEP
+    return 1e9 * plane_stress(E[0], E[1], nu12, film.shear_modulus_GPa).imag / COMPLEX_STEP
 
 
 def _swept(adjoint: _Adjoint, key: str) -> Array:
