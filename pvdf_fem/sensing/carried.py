@@ -215,7 +215,7 @@ def _samples(electrode: Outline, observable: str) -> Iterator[tuple[int, Array, 
     As in `pvdf_fem.charge`; on edges, those of a rectangle along the axes.
     """
     if observable == "material":
-        points, weights = _area_rule(electrode)
+        points, weights = area_rule(electrode)
         yield 0, points, weights
         yield 1, points, weights
         return
@@ -230,15 +230,18 @@ def _samples(electrode: Outline, observable: str) -> Iterator[tuple[int, Array, 
         yield (0 if upright else 1), points, electrode.area * w / 4.0
 
 
-def _area_rule(outline: Outline) -> tuple[Array, Array]:
-    """Points (n, 2) in m and weights (n,) in m² of an integral over an outline."""
-    s, w = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+def area_rule(outline: Outline, count: int = GAUSS_POINTS) -> tuple[Array, Array]:
+    """Points (n, 2) in m and weights (n,) in m² of an integral over an outline.
+
+    With `count` Gauss points along each side of a triangle, or along a radius.
+    """
+    s, w = np.polynomial.legendre.leggauss(count)
     s, w = (s + 1.0) / 2.0, w / 2.0
     if isinstance(outline, Circle):
-        angles = 2.0 * np.pi * np.arange(2 * GAUSS_POINTS) / (2 * GAUSS_POINTS)
+        angles = 2.0 * np.pi * np.arange(2 * count) / (2 * count)
         unit = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         points = outline.centre + outline.radius * s[:, None, None] * unit
-        weights = np.repeat(outline.area * w * s / GAUSS_POINTS, len(angles))
+        weights = np.repeat(outline.area * w * s / count, len(angles))
         return points.reshape(-1, 2), weights
     pieces = shapely.constrained_delaunay_triangles(outline.shape).geoms
     corners = np.array([shapely.get_coordinates(piece)[:3] for piece in pieces])

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 # Rotations in degrees that bring a shape onto itself, 0 for any; these shapes are their own
 # mirror images too.
-_PERIOD_DEG = {"triangle": 120.0, "rectangle": 180.0, "circle": 0.0}
+PERIOD_DEG = {"triangle": 120.0, "rectangle": 180.0, "circle": 0.0}
 # Lengths in mm and angles in degrees are compared to so many digits.
 _DIGITS = 7
 
@@ -102,7 +102,7 @@ def solve_once(
 def _symmetries(scene: Scene) -> Iterator[Array]:
     """Orthogonal matrices with entries 0, 1, -1 that the film, and the kind of probe, allow."""
     C = scene.film.stiffness
-    mirrors = scene.probe is not None and scene.probe.shape in _PERIOD_DEG
+    mirrors = scene.probe is not None and scene.probe.shape in PERIOD_DEG
     for matrix in (np.eye(2), np.array([[0.0, 1.0], [1.0, 0.0]])):
         for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
             symmetry = np.diag(signs) @ matrix
@@ -140,7 +140,7 @@ def _moved(probe: Probe, matrix: Array) -> Probe:
     if np.linalg.det(matrix) < 0:
         angle, matrix = -angle, matrix @ np.diag((-1.0, 1.0))
     angle += np.degrees(np.arctan2(matrix[1, 0], matrix[0, 0]))
-    period = _PERIOD_DEG.get(probe.shape, 360.0)
+    period = PERIOD_DEG.get(probe.shape, 360.0)
     angle = round(angle % period, _DIGITS) % period if period else 0.0
     return probe.model_copy(
         update={"x_mm": float(x), "y_mm": float(y), "rotation_deg": float(angle)}
