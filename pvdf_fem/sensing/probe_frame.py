@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 ORDER = 3
 # Elements have this share of the probe's size (the root of its area) along its edge, and grow by
 # this share of the distance to this share of the film's radius.
-PROBE_SIZE, GROWTH, FILM_SIZE = 1 / 7, 0.25, 1 / 9
+PROBE_SIZE, GROWTH, FILM_SIZE = 1 / 9, 0.25, 1 / 9
 # Stress beyond this share of the radius is taken from there; the mesh ends at chords of the rim.
 INSIDE = 0.98
 # Triangles in which a point is sought.

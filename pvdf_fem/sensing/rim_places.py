@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 # Modes of the stress that are less than this part of the largest are left out.
 LEAST_MODE = 1e-6
 # Of an electrode's integral, along each side of a triangle of it.
-GAUSS_POINTS = 4
+GAUSS_POINTS = 8
 
 
 @dataclass(frozen=True)
@@ -92,6 +92,12 @@ class RimPlaces:
         angle = 2.0 * np.pi * np.arange(self.angles) / self.angles
         unit = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         return self.reach_mm * self._diameter[: self.radii, None, None] * unit
+
+    @property
+    def unique_centres_mm(self) -> Array:
+        """Those that are not copies, (n, 2): by radius, then by angle."""
+        unique = sorted({copy.angle for copy in self.copies})
+        return self.centres_mm[:, unique].reshape(-1, 2)
 
     @cached_property
     def copies(self) -> tuple[Copy, ...]:
@@ -167,8 +173,8 @@ class ProbeCharges:
         places : RimPlaces
         raster : PolarRaster
             Its angles are a multiple of the places'.
-        fields : sequence of ndarray, each (forces, 3, ρ, θ)
-            By radius, and by the angles that copies refer to in ascending order.
+        fields : sequence of ndarray, each of shape (forces, 3, ρ, θ)
+            In the order of `RimPlaces.unique_centres_mm`.
         uniaxial : bool
             Whether d31 differs from d32, so that the deviator counts.
         """
