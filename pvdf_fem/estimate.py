@@ -128,7 +128,7 @@ def indicators(correction: Correction, factors: SuperLU, goals: Array) -> Array:
     error = np.matmul(tangent, local(rich, correction.q - correction.start)[..., None])[..., 0]
     diagonal = rich.assembly.vector(np.einsum("eii->ei", tangent))
     shares = []
-    for goal in (_expansion(rich.unknowns).T @ goals).T:
+    for goal in (expansion(rich.unknowns).T @ goals).T:
         dual = prolong @ factors.solve(prolong.T @ goal, "T")
         missing = goal - rich.assembly.vector(np.matmul(tangent, local(rich, dual)[..., None]))
         shares.append(np.abs((error * local(rich, missing / diagonal)).sum(axis=1)))
@@ -149,10 +149,10 @@ def prolongation(coarse: Equilibrium, rich: Equilibrium) -> sp.csr_matrix:
     rows = np.broadcast_to(nodes[:, None], columns.shape)
     scalar = sp.csr_matrix((values[local].ravel(), (rows.ravel(), columns.ravel())))
     dofs = sp.kron(scalar, sp.eye(3), format="csr")
-    return (_pick(rich.unknowns) @ dofs @ _expansion(coarse.unknowns)).tocsr()
+    return (_pick(rich.unknowns) @ dofs @ expansion(coarse.unknowns)).tocsr()
 
 
-def _expansion(unknowns: Unknowns) -> sp.csr_matrix:
+def expansion(unknowns: Unknowns) -> sp.csr_matrix:
     """Matrix form of `Unknowns.expand`; its transpose sums forces on dofs."""
     dofs = np.flatnonzero(unknowns.of_dof >= 0)
     shape = (len(unknowns.of_dof), unknowns.count)
