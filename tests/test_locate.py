@@ -238,6 +238,23 @@ def test_a_touch_beyond_the_domain_is_at_its_edge():
     assert inner.best.at_edge == ()
 
 
+def test_the_model_is_never_asked_beyond_its_domain():
+    asked = []
+
+    class Watched(type(bumps())):
+        def evaluate(self, touches):
+            asked.append(touches.copy())
+            return super().evaluate(touches)
+
+    model = Watched(**vars(bumps()))
+    for touch in ([11.0, 9.0, 0.0, 20.0], [-15.0, 3.0, 50.0, 0.02], [0.0, 0.0, 0.0, 30.0]):
+        locate(model, charges_of(bumps(), np.array(touch)), unknown=ALL)
+    x, y, _, force = np.concatenate(asked).T
+    assert np.hypot(x, y).max() <= 12.0 * (1.0 + 1e-9)
+    assert force.min() >= 0.1 * (1.0 - 1e-9)
+    assert force.max() <= 5.0 * (1.0 + 1e-9)
+
+
 def test_the_right_probe_is_chosen():
     """Six charges, unknown rotation: the fit of the wrong probe costs two degrees of freedom."""
     models = {shape: bumps(shape, 6) for shape in ("triangle", "rectangle", "circle")}

@@ -89,7 +89,7 @@ class Problem:
         moved = at.copy()
         moved[:, FORCE] = np.clip(force, lowest, highest)
         far = distance > reach
-        moved[far] = self._drawn_in(at[far], reach)
+        moved[far] = self._drawn_in(moved[far], reach)
         return moved
 
     @cached_property
