@@ -229,7 +229,10 @@ def _random_section(probe: str, trial: Trial, out: Path, processes: int) -> Sect
     count = min(200, len(trial.touches))
     told = listed(trial, count)
     texts = [_sentence(found, trial), _listed_sentence(shape, told)]
-    blocks = [Picture(f"{name}.svg", caption), _table(name, shape, found, trial)]
+    blocks: list[Table | Picture] = [
+        Picture(f"{name}.svg", caption),
+        _table(name, shape, found, trial),
+    ]
     return Section(name, f"Random touches of the {shape}", texts, blocks)
 
 

@@ -20,13 +20,15 @@ from pvdf_fem.sensing.touch import FORCE, ROTATION, Model, X, Y
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# A search ends where the next step would lower chi-square by less than this: a step of 0.01
+# A search ends where the next step would lower chi-square by less than this: a step of 0.03
 # standard deviations. It is taken, and what is left after it is of the order of its square; so it
 # must be below this share of the longest steps, too, where charges hardly change along it.
-_ARRIVED, _SHORT = 1e-4, 1e-2
+_ARRIVED, _SHORT = 1e-3, 1e-2
 _MAX_STEPS = 60
 # How far searches may leave the domain: this share of the reach, and this factor of the force.
 _ROOM_REACH, _ROOM_FORCE = 1.05, 1.1
+# A step uphill that promised less than this is the rounding of the model's charges.
+_ROUNDING = 1e-2
 # Held there, a search ends when a step lowers chi-square by less than this share, or raises it.
 _HELD = 1e-2
 # Steps are no longer than this share of the reach, so many degrees, and this factor of the force.
@@ -173,7 +175,7 @@ def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = n
             chi_square[done] = np.square(r[last] + change[last]).sum(axis=1)
             np.minimum.at(least, touch[done], chi_square[done])
         stay = ~last & (chi_square[moving] - 4.0 * expected <= least[touch[moving]] + hopeless)
-        moving, there, held = moving[stay], there[stay], held[stay]
+        moving, there, held, expected = moving[stay], there[stay], held[stay], expected[stay]
         if not moving.size:
             break
         r, J = problem.residuals(there, touch[moving])
@@ -184,6 +186,7 @@ def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = n
         at[gone], residuals[gone], slopes[gone] = there[better], r[better], J[better]
         chi_square[gone] = value[better]
         stuck = held & (value > (1.0 - _HELD) * before)
+        stuck |= ~better & (expected < _ROUNDING)
         arrived[moving[stuck]] = True
         damping[moving] = np.where(
             better,

@@ -178,4 +178,5 @@ def _covariances(slopes: Array, extent: Array) -> tuple[Array, NDArray[np.bool_]
     values, vectors = np.linalg.eigh(J.swapaxes(1, 2) @ J)
     free = values < DETERMINED**2
     found = (vectors / (np.maximum(values, 0.0) + free)[:, None]) @ vectors.swapaxes(1, 2)
-    return found * np.outer(extent, extent), ~free.any(axis=1)
+    determined: NDArray[np.bool_] = np.logical_not(free.any(axis=1))
+    return found * np.outer(extent, extent), determined

@@ -104,9 +104,7 @@ def random_touches(domain: Domain, count: int, seed: int = 0) -> Array:
     return np.stack([away * np.cos(angle), away * np.sin(angle), 360.0 * u[:, 2], force], axis=-1)
 
 
-def solved(
-    scene: Scene, touches: Array, tolerance: float, processes: int
-) -> tuple[Array, Array]:
+def solved(scene: Scene, touches: Array, tolerance: float, processes: int) -> tuple[Array, Array]:
     """Charges in pC of full solves, (n, electrodes), and |d31 X| + |d32 Y| of these.
 
     Raises
@@ -172,7 +170,9 @@ class Plan:
         raster = PolarRaster(reach, 0.5 * cell, places.angles * int(about))
         low, high = domain.force_N
         count = max(4, 1 + int(np.ceil(FORCES_PER_E * np.log(high / low))))
-        return cls(scene, domain, places, raster, domain.force_nodes_N(count), cls._axes(scene, domain))
+        return cls(
+            scene, domain, places, raster, domain.force_nodes_N(count), cls._axes(scene, domain)
+        )
 
     @staticmethod
     def _axes(scene: Scene, domain: Domain) -> tuple[Axis, Axis, Axis]:

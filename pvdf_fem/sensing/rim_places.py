@@ -105,7 +105,9 @@ class RimPlaces:
         found = []
         half, turn = self.angles // 2, self.angles // self._fold
         for angle in range(self.angles):
-            turns = [Copy((angle - k * turn) % self.angles, False, k * turn) for k in range(self._fold)]
+            turns = [
+                Copy((angle - k * turn) % self.angles, False, k * turn) for k in range(self._fold)
+            ]
             if self.probe.shape in PERIOD_DEG:  # these are their own mirror images in the y axis
                 turns += [
                     Copy((half + each.steps - angle) % self.angles, True, half + each.steps)

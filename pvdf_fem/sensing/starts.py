@@ -22,6 +22,9 @@ Indices = NDArray[np.intp]
 
 # The lattice: places across the reach, rotations in the probe's period, forces in the domain's.
 _ACROSS, _ROTATIONS, _FORCES = 25, 12, 5
+# At each rotation the search starts from local minima with at most so many times the least
+# chi-square, and from so many places with the lowest: long valleys have several bottoms.
+_PROMISING, _LOWEST = 1e3, 8
 # Rows that the model is asked for at once.
 _CHUNK = 20_000
 
@@ -78,7 +81,11 @@ class Table:
         lattice = np.full((*self.inside.shape, len(self.rotations_deg)), np.inf)
         lattice[self.inside] = chi_square
         least = minimum_filter(lattice, (3, 3, 1), mode="nearest")
-        place, turn = np.nonzero((lattice == least)[self.inside])
+        chosen = (lattice == least)[self.inside]
+        chosen &= chi_square < _PROMISING * chi_square.min(axis=0)
+        lowest = np.argsort(chi_square, axis=0)[:_LOWEST]
+        np.put_along_axis(chosen, lowest, True, axis=0)
+        place, turn = np.nonzero(chosen)
         at = np.empty((len(place), 4))
         at[:, :ROTATION] = self.places[place]
         at[:, ROTATION] = self.rotations_deg[turn]
