@@ -94,6 +94,17 @@ def test_the_jacobian_is_the_derivative(made):
         assert jacobian[..., i] == pytest.approx(slope, rel=1e-4, abs=1e-5)
 
 
+def test_a_film_of_twice_the_thickness_needs_twice_the_force(made):
+    touches = random_touches(made.domain, 5)
+    thick = made.with_thickness(2.0 * made.scene.film.thickness_um)
+    assert thick.scene.film.thickness_um == 50.0
+    assert thick.domain.force_N == (0.2, 10.0)
+    found, slopes = thick.evaluate(touches * [1.0, 1.0, 1.0, 2.0])
+    expected, jacobian = made.evaluate(touches)
+    assert found == pytest.approx(expected, rel=1e-9)
+    assert slopes[..., 3] == pytest.approx(jacobian[..., 3] / 2.0, rel=1e-9)
+
+
 def test_a_response_survives_a_file(made, tmp_path):
     made.save(tmp_path / "triangle.response")
     again = Response.load(tmp_path / "triangle.response")
