@@ -233,7 +233,7 @@ def _samples(electrode: Outline, observable: str) -> Iterator[tuple[int, Array, 
 def area_rule(outline: Outline, count: int = GAUSS_POINTS) -> tuple[Array, Array]:
     """Points (n, 2) in m and weights (n,) in m² of an integral over an outline.
 
-    With `count` Gauss points along each side of a parallelogram or of a triangle, or along a radius.
+    With `count` Gauss points along a side of a parallelogram or of a triangle, or along a radius.
     """
     s, w = np.polynomial.legendre.leggauss(count)
     s, w = (s + 1.0) / 2.0, w / 2.0

@@ -41,7 +41,7 @@ class Axis:
     @property
     def values(self) -> Array:
         """The grid's values."""
-        return self.start + self.step * np.arange(self.count)
+        return self.start + self.step * np.arange(self.count, dtype=float)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ the probe's edge. A response model interpolates these fields between few places.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,6 +33,8 @@ PROBE_SIZE, GROWTH, FILM_SIZE = 1 / 9, 0.25, 1 / 9
 INSIDE = 0.98
 # Triangles in which a point is sought.
 CANDIDATES = 10
+# Cells of a raster below zero, beyond the memory of a spline.
+BELOW = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,14 +57,11 @@ class PolarRaster:
     step_mm: float
     angles: int
 
-    # Cells below zero, as many as a spline's memory.
-    BELOW = 6
-
     @property
     def rho_mm(self) -> Array:
         """Values of ρ."""
-        count = int(np.ceil(self.reach_mm / self.step_mm)) + self.BELOW + 1
-        return self.step_mm * (np.arange(count) - self.BELOW)
+        count = int(np.ceil(self.reach_mm / self.step_mm)) + BELOW + 1
+        return self.step_mm * np.arange(-BELOW, count - BELOW, dtype=float)
 
     @property
     def theta(self) -> Array:
@@ -76,12 +75,17 @@ class PolarRaster:
         return self.rho_mm[:, None, None] * unit
 
 
-def stress_about_probe(scene: Scene, forces: Sequence[float], raster: PolarRaster) -> Array:
-    """Stress about the probe of a scene under several forces.
+def stress_about_probe(
+    scene: Scene, place_mm: Array, forces: Sequence[float], raster: PolarRaster
+) -> Array:
+    """Stress about a probe under several forces.
 
     Parameters
     ----------
     scene : Scene
+        With a probe, whose rotation stays. Its electrodes only make the mesh finer.
+    place_mm : ndarray, shape (2,)
+        Where the probe is put.
     forces : sequence of float
         In N, in the order in which each solution starts from the one before.
     raster : PolarRaster
@@ -97,12 +101,16 @@ def stress_about_probe(scene: Scene, forces: Sequence[float], raster: PolarRaste
     NotConvergedError
         When there is no solution.
     """
-    equilibrium = _equilibrium(scene)
+    x, y = map(float, place_mm)
+    equilibrium = _equilibrium(scene.with_(**{"probe.x_mm": x, "probe.y_mm": y}))
     membrane = equilibrium.membrane
-    points = 1e-3 * (raster.points_mm + [scene.probe.x_mm, scene.probe.y_mm])
+    points = 1e-3 * (raster.points_mm + place_mm)
     sample = _sampling(membrane.basis, _inside(points, scene.film.radius).reshape(-1, 2))
     project = _Projection(membrane.basis)
-    fields = [sample @ project(stress) for stress in _stresses(equilibrium, forces)]
+    try:
+        fields = [sample @ project(stress) for stress in _stresses(equilibrium, forces)]
+    except NotConvergedError as error:
+        raise NotConvergedError(f"probe at ({x:g}, {y:g}) mm with {error}") from None
     return np.stack(fields).reshape(len(forces), *points.shape[:2], 3).transpose(0, 3, 1, 2)
 
 
@@ -112,7 +120,7 @@ def _equilibrium(scene: Scene) -> Equilibrium:
     return Equilibrium(scene, mesh_scene(scene, sizes), ORDER)
 
 
-def _stresses(equilibrium: Equilibrium, forces: Sequence[float]):
+def _stresses(equilibrium: Equilibrium, forces: Sequence[float]) -> Iterator[Array]:
     """The stress (elements, points, 3) of each force; solutions start from those before."""
     known: list[tuple[float, Array]] = []
     for force in forces:
@@ -120,16 +128,12 @@ def _stresses(equilibrium: Equilibrium, forces: Sequence[float]):
         start = _extrapolated(known, force) if known else seed(equilibrium)
         result = newton(equilibrium, start, near=bool(known))
         if result.status is not Status.CONVERGED:
-            probe = equilibrium.scene.probe
-            raise NotConvergedError(
-                f"probe at ({probe.x_mm:g}, {probe.y_mm:g}) mm with {force:g} N: {result.status};"
-                f" {result.status.advice}"
-            )
+            raise NotConvergedError(f"{force:g} N: {result.status}; {result.status.advice}")
         known.append((force, result.q))
         yield equilibrium.state(result.q).stress
 
 
-def _extrapolated(known, force: float) -> Array:
+def _extrapolated(known: list[tuple[float, Array]], force: float) -> Array:
     """Polynomial in log F through the last three solutions."""
     last = known[-3:]
     t = np.log([f for f, _ in last])

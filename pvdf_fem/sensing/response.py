@@ -9,7 +9,7 @@ they are from those of full solves is measured on random touches, and stored wit
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -132,6 +132,14 @@ class Response:
         by_force = np.matmul(slopes[:, None], place[:, 0])
         jacobian = np.concatenate([by_place[:, 1:], by_force], axis=1)
         return by_place[:, 0], jacobian.transpose(0, 2, 1)
+
+    def with_thickness(self, thickness_um: float) -> Response:
+        """The response of a film of another thickness: without bending, F/h alone counts."""
+        scene = self.scene.with_(**{"film.thickness_um": thickness_um})
+        ratio = scene.film.thickness_um / self.scene.film.thickness_um
+        low, high = self.domain.force_N
+        domain = Domain(self.domain.reach_mm, (ratio * low, ratio * high))
+        return replace(self, scene=scene, domain=domain)
 
     @cached_property
     def _count(self) -> int:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
+from pvdf_fem.gradients import PLACE
 from pvdf_fem.scene import Scene
 from pvdf_fem.sensing.cubic_spline import Axis, CubicSpline
 from pvdf_fem.sensing.probe_frame import PolarRaster, stress_about_probe
@@ -24,10 +25,11 @@ Array = NDArray[np.float64]
 # Distances of the rim's places: the first try, and the last.
 RADII = (4, 7)
 # Polynomials of the force where it varies by e; their coefficients fall by 4 from one to the next.
-FORCES_PER_E = 1.8
-# Cells of the table, and of the raster of stress, over the root of the probe's area, at most so
-# many mm: what varies over less is the probe's edge.
-CELL, LARGEST_CELL_MM = 1 / 6, 0.75
+FORCES_PER_E = 1.5
+# Cell of the table over the root of the probe's area, and the largest.
+CELL, LARGEST_CELL_MM = 1 / 9, 0.5
+# Step of the raster of stress over the table's cell.
+RASTER = 0.7
 # Cells by which the table goes beyond the domain.
 BEYOND = 3
 # Touches for the error, and the tolerance of their solves over that of the response.
@@ -126,8 +128,7 @@ def solved(scene: Scene, touches: Array, tolerance: float, processes: int) -> tu
 
 def touched(scene: Scene, touch: Array, tolerance: float) -> Scene:
     """The scene of one touch."""
-    keys = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg", "load.force_N")
-    changes = dict(zip(keys, map(float, touch), strict=True))
+    changes = dict(zip((*PLACE, "load.force_N"), map(float, touch), strict=True))
     return scene.with_(**changes, **{"numerics.tolerance": tolerance})
 
 
@@ -166,8 +167,8 @@ class Plan:
         places = RimPlaces(probe, domain.reach_mm + cell, radii)
         electrodes = max(electrode.outline.reach for electrode in scene.electrode_list)
         reach = domain.reach_mm + BEYOND * cell + 1e3 * electrodes
-        about = np.ceil(np.pi * reach / (0.5 * cell) / places.angles)
-        raster = PolarRaster(reach, 0.5 * cell, places.angles * int(about))
+        about = np.ceil(np.pi * reach / (RASTER * cell) / places.angles)
+        raster = PolarRaster(reach, RASTER * cell, places.angles * int(about))
         low, high = domain.force_N
         count = max(4, 1 + int(np.ceil(FORCES_PER_E * np.log(high / low))))
         return cls(
@@ -194,11 +195,11 @@ class Plan:
         # the field does not depend on the electrodes; a scene has at least one
         whole = 0.9 * scene.film.radius_mm
         anywhere = {"name": "A", "shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": whole}
-        upright = scene.with_(**{"electrodes": [anywhere], "probe.rotation_deg": 0.0})
-        tasks = []
-        for x, y in -self.places.unique_centres_mm:
-            there = upright.with_(**{"probe.x_mm": float(x), "probe.y_mm": float(y)})
-            tasks.append(joblib.delayed(stress_about_probe)(there, self.forces_N, self.raster))
+        upright = scene.with_(**{"electrodes": [anywhere], **dict.fromkeys(PLACE, 0.0)})
+        tasks = [
+            joblib.delayed(stress_about_probe)(upright, place, self.forces_N, self.raster)
+            for place in -self.places.unique_centres_mm
+        ]
         fields = []
         with joblib.parallel_config("loky", inner_max_num_threads=1):
             for field in joblib.Parallel(processes, return_as="generator")(tasks):

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,7 +78,7 @@ class RimPlaces:
     def _fold(self) -> int:
         """Number of rotations in steps of the grid that bring the probe onto itself."""
         period = PERIOD_DEG.get(self.probe.shape, 360.0)
-        return int(round(360.0 / period)) if period else self.angles
+        return round(360.0 / period) if period else self.angles
 
     @cached_property
     def _diameter(self) -> Array:
@@ -207,7 +208,7 @@ class ProbeCharges:
         )
         # (ρ, θ, components and modes)
         values = modes.transpose(2, 3, 1, 0).reshape(*shape[4:], -1)
-        return cls(places, CubicSpline.through(axes, values), shares)
+        return cls(places, CubicSpline.through(axes, values, np.float32), shares)
 
     def charges_pC(
         self,
@@ -249,7 +250,7 @@ def _matrix(angle: float) -> Array:
     return np.array([[c, -s], [s, c]])
 
 
-def _image(field: Array, copy: Copy, angles: int) -> Array:
+def _image(field: NDArray[Any], copy: Copy, angles: int) -> NDArray[Any]:
     """A field (..., θ) of a scalar or of a deviator, mirrored and turned."""
     count = field.shape[-1]
     index = np.arange(count) - copy.steps * (count // angles)
