@@ -331,12 +331,13 @@ def _locate(options: argparse.Namespace) -> int:
     if mistakes:
         raise InputError(*mistakes)
     from pvdf_fem.sensing.polish import PolishError
+    from pvdf_fem.solution import NotConvergedError
 
     try:
         choices = cli_locate.located(scenes, options.model, request, options.polish)
     except ValueError as error:
         raise InputError(str(error)) from error
-    except PolishError as error:
+    except (PolishError, NotConvergedError) as error:
         print(error, file=sys.stderr)
         return NOT_CONVERGED
     cli_locate.print_choices(choices, options.json)

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pvdf_fem.scene import Scene
@@ -200,6 +200,8 @@ def model_of(scene: Scene, scene_file: str, file: Path | None, request: Request)
     ValueError
         For a file that is none, or is of another scene.
     """
+    from tqdm import tqdm
+
     from pvdf_fem.sensing.response import Response, build
 
     alone = _alone(scene)
@@ -213,7 +215,14 @@ def model_of(scene: Scene, scene_file: str, file: Path | None, request: Request)
             )
         return model
     print(f"building the model of {scene_file}, to be kept as {path}", file=sys.stderr)
-    model = build(alone, reach_mm=request.reach_mm, force_N=request.force_N)
+    with tqdm(unit="solve", file=sys.stderr, disable=None) as bar:
+
+        def progress(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        domain: dict[str, Any] = {"reach_mm": request.reach_mm, "force_N": request.force_N}
+        model = build(alone, **domain, progress=progress)
     model.save(path)
     return model
 

@@ -11,6 +11,7 @@ from touch_models import Reach, bumps
 
 from pvdf_fem import Scene
 from pvdf_fem.cli import main
+from pvdf_fem.solution import NotConvergedError
 
 TOUCH = np.array([3.0, -4.0, 25.0, 0.7])
 
@@ -28,7 +29,8 @@ def built(monkeypatch):
     """What was built: scene, reach and forces; the module of responses is replaced."""
     calls = []
 
-    def build(scene, *, reach_mm, force_N):
+    def build(scene, *, reach_mm, force_N, progress):
+        progress(1, 2)
         calls.append((scene, reach_mm, force_N))
         model = bumps(scene.probe.shape, domain=Reach(reach_mm, force_N))
         object.__setattr__(model, "scene", scene)
@@ -71,6 +73,15 @@ def test_a_touch_is_located_and_the_model_kept(built, file, capsys):
     assert len(built) == 1
     assert main([*arguments, "--set", "film.thickness_um=30"]) == 0
     assert len(built) == 2
+
+
+def test_a_model_that_cannot_be_built_has_its_exit_code(built, file, monkeypatch, capsys):
+    def build(scene, **domain):
+        raise NotConvergedError("tolerance: 0.001 is missed by the response")
+
+    monkeypatch.setattr(sys.modules["pvdf_fem.sensing.response"], "build", build)
+    assert main(["locate", str(file), "--charges", given()]) == 3
+    assert "is missed" in capsys.readouterr().err
 
 
 def test_the_text_tells_values_and_remarks(built, file, capsys):
