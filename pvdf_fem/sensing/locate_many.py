@@ -11,7 +11,7 @@ from scipy.special import gammaincc
 
 from pvdf_fem.sensing.descent import Descent, Problem, descend
 from pvdf_fem.sensing.locate import charge_mistakes, deviations, edges, extents, search
-from pvdf_fem.sensing.starts import nearest_of
+from pvdf_fem.sensing.starts import Nearest, nearest_of
 from pvdf_fem.sensing.touch import (
     DETERMINED,
     FORCE,
@@ -23,6 +23,9 @@ from pvdf_fem.sensing.touch import (
 )
 
 Array = NDArray[np.float64]
+
+# Starts of the second search, where the end of the first does not explain the charges.
+_MORE = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +75,8 @@ def locate_many(
     """The likeliest place, and force and rotation if they are not known, for rows of charges.
 
     Each search starts from the touch of a table with the nearest ratios of charges. Where its end
-    does not explain the charges, a search from everywhere, as in `locate`, follows.
+    does not explain the charges, searches from more of them follow, and at last from everywhere, as
+    in `locate`.
 
     Parameters
     ----------
@@ -102,13 +106,12 @@ def locate_many(
     spread = deviations(model, charges, np.array(sigma), noise_pC)
     problem = Problem(model, columns, charges, spread, sought)
     table = nearest_of(model, tuple(columns.tolist()), rotations_deg is not None)
-    at = table.starts(charges, rotations_deg)
-    for quantity, values in held.items():
-        if values is not None:
-            at[:, quantity] = values
-    ends = descend(problem, at, np.arange(len(at)))
+    rows = np.arange(len(charges))
+    ends = _nearest_end(problem, table, rows, held, 1)
     freedom = len(names) - len(sought)
-    for row in np.flatnonzero(~ends.arrived | (_p_values(ends.chi_square, freedom) < SIGNIFICANCE)):
+    if (rows := _unexplained(ends, freedom)).size:
+        _improve(ends, rows, _nearest_end(problem, table, rows, held, _MORE))
+    for row in _unexplained(ends, freedom):
         _search_everywhere(problem, ends, int(row))
     return _touches(problem, ends, tuple(QUANTITIES[i] for i in sought))
 
@@ -138,17 +141,48 @@ def _require_rows(
         raise ValueError("\n".join(mistakes))
 
 
+def _nearest_end(
+    problem: Problem,
+    table: Nearest,
+    rows: NDArray[np.intp],
+    held: Mapping[int, Array | None],
+    count: int,
+) -> Descent:
+    """The best end of searches from so many starts, for some rows of the charges."""
+    turns = held[ROTATION]
+    known = None if turns is None else turns[rows]
+    at = table.starts(problem.charges_pC[rows], known, count)
+    for quantity, values in held.items():
+        if values is not None:
+            at[..., quantity] = values[rows, None]
+    ends = descend(problem, at.reshape(-1, 4), np.repeat(rows, count), 0.0)
+    values = np.where(ends.arrived, ends.chi_square, np.inf).reshape(-1, count)
+    best = count * np.arange(len(rows)) + values.argmin(axis=1)
+    return Descent(ends.at[best], ends.slopes[best], ends.chi_square[best], ends.arrived[best])
+
+
+def _unexplained(ends: Descent, freedom: int) -> NDArray[np.intp]:
+    """Rows whose search did not end, or not where their charges are explained."""
+    return np.flatnonzero(~ends.arrived | (_p_values(ends.chi_square, freedom) < SIGNIFICANCE))
+
+
+def _improve(ends: Descent, rows: NDArray[np.intp], found: Descent) -> None:
+    """Replace ends of some rows by others that are better."""
+    better = found.arrived & (~ends.arrived[rows] | (found.chi_square < ends.chi_square[rows]))
+    taken = rows[better]
+    ends.at[taken], ends.slopes[taken] = found.at[better], found.slopes[better]
+    ends.chi_square[taken], ends.arrived[taken] = found.chi_square[better], True
+
+
 def _search_everywhere(problem: Problem, ends: Descent, row: int) -> None:
     """Replace the end of a row by the best that a search from everywhere finds."""
     known = {} if ROTATION in problem.unknown else {ROTATION: float(ends.at[row, ROTATION])}
     if FORCE not in problem.unknown:
         known[FORCE] = float(np.exp(ends.at[row, FORCE]))
     found = search(problem, row, known)
-    values = np.where(found.arrived, found.chi_square, np.inf)
-    k = int(values.argmin())
-    if values[k] < ends.chi_square[row] or not ends.arrived[row]:
-        ends.at[row], ends.slopes[row] = found.at[k], found.slopes[k]
-        ends.chi_square[row], ends.arrived[row] = found.chi_square[k], found.arrived[k]
+    k = np.array([np.where(found.arrived, found.chi_square, np.inf).argmin()])
+    best = Descent(found.at[k], found.slopes[k], found.chi_square[k], found.arrived[k])
+    _improve(ends, np.array([row]), best)
 
 
 def _p_values(chi_square: Array, freedom: int) -> Array:

@@ -194,15 +194,15 @@ class Nearest:
     exponents: Array
     period_deg: float
 
-    def starts(self, charges_pC: Array, rotations_deg: Array | None) -> Array:
-        """Coordinates (n, 4) of touches with about the ratios of charges (n, electrodes)."""
+    def starts(self, charges_pC: Array, rotations_deg: Array | None, count: int) -> Array:
+        """Coordinates (n, count, 4) of touches with about the ratios of charges (n, electrodes)."""
         sizes = np.linalg.norm(charges_pC, axis=1)
         ratios = charges_pC / sizes[:, None]
         if rotations_deg is not None:
             ratios = np.concatenate([ratios, _circle(rotations_deg, self.period_deg)], axis=1)
-        _, row = self.tree.query(ratios)
-        at = self.at[row].copy()
-        at[:, FORCE] += np.log(sizes / self.sizes_pC[row]) / self.exponents[row]
+        _, row = self.tree.query(ratios, np.arange(1, count + 1))
+        at = self.at[row]
+        at[..., FORCE] += np.log(sizes[:, None] / self.sizes_pC[row]) / self.exponents[row]
         return at
 
 
