@@ -71,6 +71,7 @@ def locate_many(
     forces_N: Array | None = None,
     electrodes: Sequence[str] | None = None,
     noise_pC: float = 0.0,
+    significance: float = SIGNIFICANCE,
 ) -> Touches:
     """The likeliest place, and force and rotation if they are not known, for rows of charges.
 
@@ -90,6 +91,9 @@ def locate_many(
         The columns of `charges_pC`; by default the model's.
     noise_pC : float
         As for `locate`.
+    significance : float
+        Charges count as explained if a right model gives such ones more often than this; 0 keeps
+        the first search's touches, however far their charges are.
 
     Raises
     ------
@@ -109,9 +113,9 @@ def locate_many(
     rows = np.arange(len(charges))
     ends = _nearest_end(problem, table, rows, held, 1)
     freedom = len(names) - len(sought)
-    if (rows := _unexplained(ends, freedom)).size:
+    if (rows := _unexplained(ends, freedom, significance)).size:
         _improve(ends, rows, _nearest_end(problem, table, rows, held, _MORE))
-    for row in _unexplained(ends, freedom):
+    for row in _unexplained(ends, freedom, significance):
         _search_everywhere(problem, ends, int(row))
     return _touches(problem, ends, tuple(QUANTITIES[i] for i in sought))
 
@@ -161,9 +165,9 @@ def _nearest_end(
     return Descent(ends.at[best], ends.slopes[best], ends.chi_square[best], ends.arrived[best])
 
 
-def _unexplained(ends: Descent, freedom: int) -> NDArray[np.intp]:
+def _unexplained(ends: Descent, freedom: int, significance: float) -> NDArray[np.intp]:
     """Rows whose search did not end, or not where their charges are explained."""
-    return np.flatnonzero(~ends.arrived | (_p_values(ends.chi_square, freedom) < SIGNIFICANCE))
+    return np.flatnonzero(~ends.arrived | (_p_values(ends.chi_square, freedom) < significance))
 
 
 def _improve(ends: Descent, rows: NDArray[np.intp], found: Descent) -> None:
