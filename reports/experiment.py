@@ -293,7 +293,8 @@ def _source_section(found: Sequence[Predicted], out: Path) -> Section:
     picture = Picture(
         "shares.svg",
         "Root mean square error of each scene from each source alone; least squares "
-        "with the charges as they are (bars) and after one factor (rings); line: root mean square of the measured errors.",
+        "with the charges as they are (bars) and after one factor (rings); line: root mean square "
+        "of the measured errors.",
     )
     table = Table("sources", caption, columns, rows)
     return Section("sources", "The share of each source", [], [picture, table])
