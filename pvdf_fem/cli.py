@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pvdf_fem import __version__, cli_sweep
+from pvdf_fem import __version__, cli_locate, cli_sweep
 from pvdf_fem.program import (
     CONVERGED,
     NOT_CONVERGED,
@@ -46,7 +46,8 @@ scene files are TOML. Their keys, each with a default:
                 poisson_ratio, shear_modulus_GPa, density_kg_m3,
                 thermal_expansion_per_K, temperature_change_K (below zero
                 stretches the film), d31_pC_N, d32_pC_N, bending (true, false,
-                "auto": where it matters)
+                "auto": where it matters), compression (refuse, tension-field:
+                the film wrinkles)
   [electrodes]  layout (four, three), ring_radius_mm, side_mm
   [probe]       shape and its sizes, x_mm, y_mm (centroid), rotation_deg
   [load]        force_N, kind (dead, follower, rigid), and for rigid: contact
@@ -154,6 +155,16 @@ def _parser() -> argparse.ArgumentParser:
     )
     _add_json(modes)
     cli_sweep.add_to(commands)
+    locate = _command(
+        commands,
+        "locate",
+        _locate,
+        "the touch that gave some charges",
+        cli_locate.DESCRIPTION,
+        cli_locate.EPILOG,
+    )
+    cli_locate.add_options(locate)
+    _add_json(locate)
     return parser
 
 
@@ -286,6 +297,31 @@ def _modes(options: argparse.Namespace) -> int:
     found = modes(scene, int(text), options.loaded)
     _print(found.to_json(), options.json, lambda: _mode_lines(found))
     return CONVERGED if found.status is Status.CONVERGED else NOT_CONVERGED
+
+
+def _locate(options: argparse.Namespace) -> int:
+    request, files = cli_locate.Request.of(options), [options.scene, *options.others]
+    mistakes, scenes = list(request.mistakes), {}
+    for file in dict.fromkeys(files):
+        try:
+            scenes[file] = _scene(argparse.Namespace(scene=file, changes=options.changes))
+        except InputError as error:
+            mistakes += error.args
+    mistakes += [f"{f}: has no [probe]; add one" for f, s in scenes.items() if s.probe is None]
+    if mistakes:
+        raise InputError(*mistakes)
+    from pvdf_fem.sensing.polish import PolishError
+    from pvdf_fem.solution import NotConvergedError
+
+    try:
+        choices = cli_locate.located(scenes, options.model, request, options.polish)
+    except ValueError as error:
+        raise InputError(*str(error).splitlines()) from error
+    except (PolishError, NotConvergedError) as error:
+        print(error, file=sys.stderr)
+        return NOT_CONVERGED
+    cli_locate.print_choices(choices, options.json)
+    return CONVERGED if choices[0].location.touches else NOT_CONVERGED
 
 
 def _plot_extensions() -> list[str]:

@@ -111,11 +111,17 @@ class Film(Part):
         """Plane-stress stiffness in Pa, shape (3, 3): components 11, 22, 12, engineering shear."""
         modulus = self.youngs_modulus_GPa
         E1, E2 = modulus if isinstance(modulus, tuple) else (modulus, modulus)
-        nu12 = self.poisson_ratio
-        nu21 = nu12 * E2 / E1
-        G = self.shear_modulus_GPa
-        if G is None:
-            # Huber's estimate; ν12 √(E2/E1) is √(ν12 ν21) with the sign of ν12
-            G = np.sqrt(E1 * E2) / (2 * (1 + nu12 * np.sqrt(E2 / E1)))
-        m = 1 - nu12 * nu21
-        return 1e9 * np.array([[E1 / m, nu12 * E2 / m, 0], [nu12 * E2 / m, E2 / m, 0], [0, 0, G]])
+        return 1e9 * plane_stress(E1, E2, self.poisson_ratio, self.shear_modulus_GPa)
+
+
+def plane_stress(E1: Any, E2: Any, nu12: Any, G: Any = None) -> NDArray[Any]:
+    """Stiffness (3, 3) of an orthotropic sheet, Voigt, in the unit of its moduli.
+
+    Numbers may be complex, for derivatives. Without `G`, Huber's estimate is taken.
+    """
+    nu21 = nu12 * E2 / E1
+    if G is None:
+        # ν12 √(E2/E1) is √(ν12 ν21) with the sign of ν12
+        G = np.sqrt(E1 * E2) / (2 * (1 + nu12 * np.sqrt(E2 / E1)))
+    m = 1 - nu12 * nu21
+    return np.array([[E1 / m, nu12 * E2 / m, 0], [nu12 * E2 / m, E2 / m, 0], [0, 0, G]])

@@ -85,14 +85,16 @@ class Load:
     def forces(self, deformation_gradient: Array) -> Array:
         """External forces in N, (elements, dofs of an element)."""
         forces = np.zeros((*self.membrane.basis.element_dofs.T.shape, 3))
-        if self.kind == "follower":
-            F = deformation_gradient[self.patch]
-            normal = np.cross(F[..., 0], F[..., 1])
-        else:
-            normal = np.broadcast_to([0.0, 0.0, 1.0], (*self.weights.shape, 3))
-        traction = self.pressure * self.weights[..., None] * normal
+        direction = self.direction(deformation_gradient[self.patch])
+        traction = self.pressure * self.weights[..., None] * direction
         forces[self.patch] = np.matmul(self.shapes.swapaxes(1, 2), traction)
         return forces.reshape(len(forces), -1)
+
+    def direction(self, deformation_gradient: Array) -> Array:
+        """Traction over pressure, (..., 3), per reference area."""
+        if self.kind == "follower":
+            return np.cross(deformation_gradient[..., 0], deformation_gradient[..., 1])
+        return np.broadcast_to([0.0, 0.0, 1.0], deformation_gradient.shape[:-1])
 
     def stiffness(self, deformation_gradient: Array) -> Array:
         """Derivative of `forces` on the patch, (patch elements, dofs, dofs of an element)."""

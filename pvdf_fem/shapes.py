@@ -16,6 +16,9 @@ from pvdf_fem.quantity import Coordinate, Length, Number, Part, refusal
 #: Polygons with more vertices, and sensors with more electrodes, are refused.
 MOST_VERTICES = 1000
 MOST_ELECTRODES = 100
+#: Rotations in degrees that bring a shape onto itself, 0 for any; these shapes are their own
+#: mirror images too.
+PERIOD_DEG = {"triangle": 120.0, "rectangle": 180.0, "circle": 0.0}
 
 
 class _Placed(Part):

@@ -27,8 +27,8 @@ Array = NDArray[np.float64]
 #: Maps are to hold within this distance of the film's centre. The thesis's positions lie within
 #: 7 mm, its electrodes at 10 mm.
 REACH_MM = 16.0
-# Directions of the electrodes from the film's centre in degrees, by layout and name.
-_DIRECTIONS_DEG = {
+#: Directions of the electrodes from the film's centre in degrees, by layout and name.
+DIRECTIONS_DEG = {
     "3": {"A": 270, "B": 30, "C": 150},
     "4": {"A": 0, "B": 90, "C": 180, "D": 270},
 }
@@ -125,7 +125,7 @@ def charge_functions(
     maps = _maps(results, setting.solved, thesis.step_mm, d31, d32)
     return {
         name: Turned(maps[f"{(direction - 90 * setting.quarters) % 360}"], setting.quarters)
-        for name, direction in _DIRECTIONS_DEG[layout].items()
+        for name, direction in DIRECTIONS_DEG[layout].items()
     }
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pvdf_fem import Scene
 from pvdf_fem.sensing.charge_map import ChargeFunction
 from pvdf_fem.sensing.isocharge import Contour, contour, polynomial_contour
-from pvdf_fem.sensing.triangulation import Location, Triangulation, locate, triangulate
+from pvdf_fem.sensing.triangulation import PlaceFit, Triangulation, fit_place, triangulate
 from reports.results import MATERIAL, Results
 from reports.thesis_calibration import (
     Setting,
@@ -121,7 +121,7 @@ class Answer:
         Contours of charge maps of the unturned probe.
     true : Way
         Contours of charge maps of the probe's true orientation.
-    fit : Location
+    fit : PlaceFit
         Least squares with those maps.
     miss_pC : float
         Largest error of these maps at the target.
@@ -136,7 +136,7 @@ class Answer:
     turned_lines: dict[str, Way]
     unturned: Way
     true: Way
-    fit: Location
+    fit: PlaceFit
     miss_pC: float
     margins_percent: dict[str, float]
 
@@ -198,7 +198,7 @@ def answer(thesis: Thesis, results: Results, case: Case) -> Answer | None:
         turned,
         plain,
         exact,
-        locate(charges, true),
+        fit_place(charges, true),
         float(np.abs(misses).max()),
         margins_percent(plain.contours, unturned),
     )

@@ -10,7 +10,7 @@ from sensing_cases import Peak, record
 from pvdf_fem import NotConvergedError, Scene, solve
 from pvdf_fem.sensing.carried import CarriedField, carried_field
 from pvdf_fem.sensing.charge_map import Calibration, ChargeMap, PolyharmonicSpline
-from pvdf_fem.sensing.triangulation import locate
+from pvdf_fem.sensing.triangulation import fit_place
 from pvdf_fem.shapes import CircleShape, PolygonShape, RectangleShape, SquareShape
 from pvdf_fem.sweep import planned, solve_all
 
@@ -221,7 +221,7 @@ def test_a_probe_is_located_from_thirteen_solves(field):
     maps = calibration.maps(records, 8.0, 8.0, field=field)
     place = {"probe.x_mm": 5.0714, "probe.y_mm": 0.8757}
     charges = solve(TRIANGLE.with_(**place)).charges_pC
-    found = locate(charges, maps)
+    found = fit_place(charges, maps)
     assert found.position_mm == pytest.approx([5.0714, 0.8757], abs=0.05)
     without = calibration.maps(records, 8.0, 8.0)
     assert maps["A"].error_pC < 0.1 * without["A"].error_pC

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sensing_cases import Peak
 
-from pvdf_fem.sensing.triangulation import locate
+from pvdf_fem.sensing.triangulation import fit_place
 from reports import thesis_calibration
 from reports.part import Content
 from reports.thesis_calibration import (
@@ -201,7 +201,7 @@ def passing(thesis):
     wrong = way({"A": 9.5, "B": 9.5, "C": 9.5, "D": 11.0}, here)
     margins = margins_percent(wrong.contours, ROUND)
     case = replace(Case.of(row), x_mm=0.4, y_mm=0.5)
-    fit = locate(charges, ROUND)
+    fit = fit_place(charges, ROUND)
     return row, Answer(case, charges, wrong, {"D": wrong}, wrong, right, fit, 0.0, margins)
 
 

@@ -5,7 +5,7 @@ import pytest
 from sensing_cases import Peak
 
 from pvdf_fem.sensing.isocharge import contour
-from pvdf_fem.sensing.triangulation import Status, locate, triangulate
+from pvdf_fem.sensing.triangulation import Status, fit_place, triangulate
 
 THREE = {"A": Peak(0.0, -10.0), "B": Peak(8.66, 5.0), "C": Peak(-8.66, 5.0)}
 FOUR = {"A": Peak(10.0, 0.0), "B": Peak(0.0, 10.0), "C": Peak(-10.0, 0.0), "D": Peak(0.0, -10.0)}
@@ -143,7 +143,7 @@ def test_two_contours_are_too_few():
 
 @pytest.mark.parametrize("peaks", [THREE, FOUR])
 def test_least_squares_find_the_place(peaks):
-    found = locate(charges(peaks), peaks)
+    found = fit_place(charges(peaks), peaks)
     assert found.status is Status.LOCATED
     assert found.position_mm == pytest.approx(PLACE, abs=1e-6)
     assert found.fixes[0].misfit_pC < 1e-6
@@ -151,7 +151,7 @@ def test_least_squares_find_the_place(peaks):
 
 
 def test_least_squares_list_both_places_of_electrodes_on_a_line():
-    first, second, *others = locate(charges(ON_A_LINE), ON_A_LINE).fixes
+    first, second, *others = fit_place(charges(ON_A_LINE), ON_A_LINE).fixes
     assert max(first.misfit_pC, second.misfit_pC) < 1e-6
     assert sorted([first.position_mm[1], second.position_mm[1]]) == pytest.approx([-1.5, 1.5])
     assert all(fix.misfit_pC > 1.0 for fix in others)
@@ -160,7 +160,7 @@ def test_least_squares_list_both_places_of_electrodes_on_a_line():
 def test_least_squares_give_a_place_where_contours_do_not_cross():
     """The charges of every second electrode 10 % too large."""
     wrong = {n: q * (1.1 if n in "AC" else 1.0) for n, q in charges(FOUR).items()}
-    found = locate(wrong, FOUR)
+    found = fit_place(wrong, FOUR)
     assert np.linalg.norm(found.position_mm - PLACE) < 2.0
     assert found.fixes[0].misfit_pC > 10.0
 
@@ -168,7 +168,7 @@ def test_least_squares_give_a_place_where_contours_do_not_cross():
 def test_the_deviation_of_a_place_follows_the_slopes():
     """At (0, 0) two peaks at right angles: slopes 60.65 pC/mm along x and along y."""
     two = {"A": Peak(10.0, 0.0), "B": Peak(0.0, 10.0)}
-    places = locate(charges(two, np.zeros(2)), two).fixes
+    places = fit_place(charges(two, np.zeros(2)), two).fixes
     fix = min(places, key=lambda fix: np.linalg.norm(fix.position_mm))
     slope = 1000.0 * np.exp(-0.5) / 10.0
     assert fix.deviation_mm(1.0) == pytest.approx(1.0 / slope, rel=1e-4)
@@ -185,7 +185,7 @@ def test_contours_that_nearly_touch_need_least_squares():
     wrong = charges(peaks, place)
     wrong["A"] -= 3.0
     by_mean = triangulate([contour(name, peak, wrong[name]) for name, peak in peaks.items()])
-    by_squares = locate(wrong, peaks)
+    by_squares = fit_place(wrong, peaks)
     assert np.linalg.norm(by_mean.position_mm - place) > 0.2
     assert by_mean.spread_mm > 0.6
     assert np.linalg.norm(by_squares.position_mm - place) < 0.03
@@ -193,7 +193,7 @@ def test_contours_that_nearly_touch_need_least_squares():
 
 def test_charges_of_a_place_beyond_the_reach_are_outside():
     small = {name: Peak(p.x_mm, p.y_mm, reach_mm=6.0) for name, p in THREE.items()}
-    found = locate(charges(THREE, np.array([14.0, 9.0])), small)
+    found = fit_place(charges(THREE, np.array([14.0, 9.0])), small)
     assert found.status is Status.OUTSIDE
     assert np.isnan(found.position_mm).all()
 
@@ -203,4 +203,4 @@ def test_charges_of_a_place_beyond_the_reach_are_outside():
 )
 def test_charges_that_cannot_be_used_are_refused(given, message):
     with pytest.raises(ValueError, match=message):
-        locate(given, THREE)
+        fit_place(given, THREE)

@@ -214,7 +214,7 @@ def _samples(electrode: Outline, observable: str) -> Iterator[tuple[int, Array, 
     As in `pvdf_fem.charge`; on edges, those of a rectangle along the axes.
     """
     if observable == "material":
-        points, weights = _area_rule(electrode)
+        points, weights = area_rule(electrode)
         yield 0, points, weights
         yield 1, points, weights
         return
@@ -229,16 +229,22 @@ def _samples(electrode: Outline, observable: str) -> Iterator[tuple[int, Array, 
         yield (0 if upright else 1), points, electrode.area * w / 4.0
 
 
-def _area_rule(outline: Outline) -> tuple[Array, Array]:
-    """Points (n, 2) in m and weights (n,) in m² of an integral over an outline."""
-    s, w = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+def area_rule(outline: Outline, count: int = GAUSS_POINTS) -> tuple[Array, Array]:
+    """Points (n, 2) in m and weights (n,) in m² of an integral over an outline.
+
+    With `count` Gauss points along a side of a parallelogram or of a triangle, or along a radius.
+    """
+    s, w = np.polynomial.legendre.leggauss(count)
     s, w = (s + 1.0) / 2.0, w / 2.0
     if isinstance(outline, Circle):
-        angles = 2.0 * np.pi * np.arange(2 * GAUSS_POINTS) / (2 * GAUSS_POINTS)
+        angles = 2.0 * np.pi * np.arange(2 * count) / (2 * count)
         unit = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         points = outline.centre + outline.radius * s[:, None, None] * unit
-        weights = np.repeat(outline.area * w * s / GAUSS_POINTS, len(angles))
+        weights = np.repeat(outline.area * w * s / count, len(angles))
         return points.reshape(-1, 2), weights
+    if (sides := _parallelogram(outline.vertices)) is not None:
+        places = np.stack(np.meshgrid(s, s), axis=-1).reshape(-1, 2)
+        return outline.vertices[0] + places @ sides, outline.area * np.outer(w, w).ravel()
     pieces = shapely.constrained_delaunay_triangles(outline.shape).geoms
     corners = np.array([shapely.get_coordinates(piece)[:3] for piece in pieces])
     # Duffy: the square (s, t) to the triangle, weight s
@@ -248,3 +254,12 @@ def _area_rule(outline: Outline) -> tuple[Array, Array]:
     edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=-1)
     weights = np.abs(np.linalg.det(edges))[:, None, None] * (w * s)[:, None] * w
     return points.reshape(-1, 2), weights.ravel()
+
+
+def _parallelogram(corners: Array) -> Array | None:
+    """The sides (2, 2) from the first corner of a parallelogram, None of other polygons."""
+    if len(corners) != 4:
+        return None
+    sides = corners[[1, 3]] - corners[0]
+    closed = np.allclose(sides.sum(axis=0), corners[2] - corners[0], rtol=1e-9, atol=1e-15)
+    return sides if closed else None

@@ -2,15 +2,16 @@
 
 Two ways. `triangulate` is the thesis's (section 3.1): for each three electrodes the three points at
 which two of their isocharge contours cross, the mean of those points, and for four electrodes the
-mean over the triples that have one. `locate` seeks the place whose charges are closest to those
+mean over the triples that have one. `fit_place` seeks the place whose charges are closest to those
 measured. Two contours may cross more than once, and three charges may fit more than one place: both
 ways list all they find.
 
 Where two contours nearly touch, a small error of a charge moves their crossing far, and the mean of
 the three with it: in the first scene of the thesis's Table 3.3, 0.3 pC move it by 1.1 mm, which the
 spread of the three, 3.3 mm, tells. Least squares lean on the other charges there, and err by less
-than 0.02 mm. So `locate` is the better answer, and `triangulate` is the one to compare the thesis's
-with.
+than 0.02 mm. So `fit_place` is the better answer, and `triangulate` is the one to compare the
+thesis's with. Both know the force and the orientation and read maps of the charges at that force;
+`pvdf_fem.sensing.locate` finds those too.
 """
 
 from __future__ import annotations
@@ -244,7 +245,7 @@ class Fix:
 
 
 @dataclass(frozen=True, eq=False)
-class Location:
+class PlaceFit:
     """The place by least squares.
 
     Attributes
@@ -265,7 +266,7 @@ class Location:
         return self.fixes[0].position_mm if self.fixes else np.full(2, np.nan)
 
 
-def locate(charges_pC: Mapping[str, float], functions: Mapping[str, ChargeFunction]) -> Location:
+def fit_place(charges_pC: Mapping[str, float], functions: Mapping[str, ChargeFunction]) -> PlaceFit:
     """The places that least squares of the charges' differences find.
 
     The search goes downhill from every place of a raster over the reach, so that it finds all
@@ -296,7 +297,7 @@ def locate(charges_pC: Mapping[str, float], functions: Mapping[str, ChargeFuncti
         for place, r, J in zip(places, residuals, slopes, strict=True)
     ]
     fixes.sort(key=lambda fix: fix.misfit_pC)
-    return Location(tuple(fixes), Status.LOCATED if fixes else Status.OUTSIDE)
+    return PlaceFit(tuple(fixes), Status.LOCATED if fixes else Status.OUTSIDE)
 
 
 def _raster(reach_mm: float) -> Array:

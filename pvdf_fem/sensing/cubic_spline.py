@@ -1,0 +1,165 @@
+"""Cubic splines on uniform grids of any dimension, with gradients, for many points at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import spline_filter1d
+
+Array = NDArray[np.float64]
+
+# Powers 1, u, u^2, u^3 of the place in a cell times this are the four B-splines that live there.
+_CUBIC = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6.0
+# The same for their derivatives.
+_SLOPE = np.array([[-3, 0, 3, 0], [6, -12, 6, 0], [-3, 9, -9, 3], [0, 0, 0, 0]]) / 6.0
+_POWERS = np.arange(4)
+# Points at a time, so that what they gather stays in the cache.
+CHUNK = 512
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A uniform grid along one coordinate.
+
+    Attributes
+    ----------
+    start, step : float
+    count : int
+    periodic : bool
+        Whether the value after the last is the first.
+    """
+
+    start: float
+    step: float
+    count: int
+    periodic: bool = False
+
+    @property
+    def values(self) -> Array:
+        """The grid's values."""
+        return self.start + self.step * np.arange(self.count, dtype=float)
+
+
+@dataclass(frozen=True, eq=False)
+class CubicSpline:
+    """The tensor product of cubic splines through values on a grid.
+
+    At the ends of an axis that is not periodic the spline's slope is zero: the grid should begin
+    some cells before what is wanted, as the influence of the end falls by 0.27 per cell. Beyond
+    the grid the outermost cells go on.
+
+    Attributes
+    ----------
+    axes : tuple of Axis
+        Each with four values at least.
+    coefficients : ndarray, shape (axes..., values)
+        Of the B-splines, continued by one, and at the end of periodic axes by two.
+    """
+
+    axes: tuple[Axis, ...]
+    coefficients: NDArray[np.floating]
+
+    @classmethod
+    def through(
+        cls, axes: Sequence[Axis], values: ArrayLike, dtype: type[np.floating] = np.float64
+    ) -> CubicSpline:
+        """The spline through `values`, (axes..., values), with its coefficients kept as `dtype`."""
+        coefficients = np.asarray(values, dtype=float)
+        for i, axis in enumerate(axes):
+            mode = "grid-wrap" if axis.periodic else "mirror"
+            coefficients = spline_filter1d(coefficients, 3, axis=i, mode=mode)
+            before = [(0, 0)] * coefficients.ndim
+            before[i] = (1, 2) if axis.periodic else (1, 1)
+            coefficients = np.pad(coefficients, before, "wrap" if axis.periodic else "reflect")
+        return cls(tuple(axes), coefficients.astype(dtype))
+
+    def __call__(self, points: Array) -> Array:
+        """Values at points (n, axes), (n, values)."""
+        return self._in_chunks(points, _rows(len(self.axes))[:1])[:, 0]
+
+    def with_gradient(self, points: Array) -> Array:
+        """Values and derivatives by each coordinate at points (n, axes), (n, 1 + axes, values)."""
+        return self._in_chunks(points, _rows(len(self.axes)))
+
+    def _in_chunks(self, points: Array, slopes: NDArray[np.bool_]) -> Array:
+        if len(points) <= CHUNK:
+            return self._evaluate(points, slopes)
+        parts = range(0, len(points), CHUNK)
+        return np.concatenate([self._evaluate(points[i : i + CHUNK], slopes) for i in parts])
+
+    def _evaluate(self, points: Array, slopes: NDArray[np.bool_]) -> Array:
+        """`slopes` (rows, axes, 1): in which rows of the result an axis has its derivative."""
+        grid = self._grid
+        place = (points - grid.start) / grid.step
+        place = np.where(grid.period > 0.0, place % grid.modulus, place)
+        cell = np.clip(place.astype(np.int64), 0, grid.last)
+        powers = (place - cell)[..., None] ** _POWERS
+        values, derivatives = powers @ _CUBIC, powers @ _SLOPE / grid.step[:, None]
+        factors = np.where(slopes, derivatives[:, None], values[:, None])
+        weights = factors[:, :, 0]
+        for i in range(1, len(self.axes)):
+            weights = weights[..., None] * factors[:, :, i, None]
+            weights = weights.reshape(len(points), len(slopes), -1)
+        index = (cell @ grid.stride)[:, None] + grid.stencil
+        return np.matmul(weights.astype(grid.table.dtype, copy=False), grid.table[index])
+
+    @cached_property
+    def _grid(self) -> _Grid:
+        return _Grid.of(self.axes, self.coefficients)
+
+
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """What an evaluation needs of the axes, all (axes,), and of the coefficients.
+
+    Attributes
+    ----------
+    start, step, period, modulus : ndarray
+        The period in cells, 0 where there is none; as a divisor, 1 there.
+    last : ndarray of int
+        The last cell.
+    stride : ndarray of int
+    stencil : ndarray of int, shape (4^axes,)
+        Rows of the table about a cell, from its first.
+    table : ndarray, shape (coefficients, values)
+    """
+
+    start: Array
+    step: Array
+    period: Array
+    modulus: Array
+    last: NDArray[np.int64]
+    stride: NDArray[np.int64]
+    stencil: NDArray[np.int64]
+    table: NDArray[np.floating]
+
+    @classmethod
+    def of(cls, axes: Sequence[Axis], coefficients: NDArray[np.floating]) -> _Grid:
+        sizes = np.array(coefficients.shape[:-1])
+        stride = np.append(np.cumprod(sizes[:0:-1])[::-1], 1)
+        stencil = np.zeros(1, dtype=np.int64)
+        for each in stride:
+            stencil = (stencil[:, None] + each * np.arange(4)).ravel()
+        periodic = np.array([axis.periodic for axis in axes])
+        count = np.array([axis.count for axis in axes])
+        period = np.where(periodic, count, 0.0)
+        return cls(
+            start=np.array([axis.start for axis in axes]),
+            step=np.array([axis.step for axis in axes]),
+            period=period,
+            modulus=np.where(periodic, count, 1.0),
+            last=sizes - 4,
+            stride=stride,
+            stencil=stencil,
+            table=coefficients.reshape(-1, coefficients.shape[-1]),
+        )
+
+
+@cache
+def _rows(axes: int) -> NDArray[np.bool_]:
+    """Which axes are differentiated in the rows of value and gradient, (1 + axes, axes, 1)."""
+    return np.eye(1 + axes, axes, -1, dtype=bool)[..., None]

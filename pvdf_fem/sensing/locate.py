@@ -1,0 +1,364 @@
+"""From charges to the touch: position, force and rotation with their uncertainty.
+
+`locate` finds every touch that may have given some charges (`pvdf_fem.sensing.locate_many` the
+likeliest one of each of many): it maximises the likelihood of the charges under independent normal
+errors. Whatever keeps the result from being an answer is in it: other touches as likely, directions
+that the charges do not determine, charges that no touch explains, the edge of the model's domain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaincc
+
+from pvdf_fem.sensing.descent import Descent, Problem, descend
+from pvdf_fem.sensing.starts import starts
+from pvdf_fem.sensing.touch import (
+    FORCE,
+    QUANTITIES,
+    ROTATION,
+    Domain,
+    Location,
+    Model,
+    Touch,
+    X,
+    Y,
+    period_deg,
+)
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+PLACE_AND_FORCE = ("x_mm", "y_mm", "force_N")
+
+# A touch is listed unless chi-square exceeds the least by this: then it is e^12 times less likely.
+_LISTED = 25.0
+# Two ends of searches are one touch if they are this close (mm, mm, degrees, logarithm of the
+# force), and by the curvature of chi-square too.
+_SAME = np.array([0.5, 0.5, 8.0, 0.3])
+_SAME_CHI_SQUARE = 0.1
+
+
+def locate(
+    model: Model,
+    charges_pC: Mapping[str, float],
+    sigma: float | Mapping[str, float] = 0.01,
+    *,
+    unknown: Sequence[str] = PLACE_AND_FORCE,
+    known: Mapping[str, float] | None = None,
+    noise_pC: float = 0.0,
+) -> Location:
+    """All touches that may have given some charges, the likeliest first.
+
+    Parameters
+    ----------
+    model : Model
+    charges_pC : mapping
+        Measured charges of some or all of the model's electrodes.
+    sigma : float or mapping
+        Relative standard deviation of the charges, of all or by electrode.
+    unknown : sequence of str
+        What is sought, of `QUANTITIES`.
+    known : mapping, optional
+        Values of the other quantities; by default those of the model's scene.
+    noise_pC : float
+        A standard deviation in pC that every charge has besides.
+
+    Returns
+    -------
+    Location
+
+    Raises
+    ------
+    ValueError
+        Listing all mistakes, a line each: charges of electrodes that the model has not, numbers
+        that are not finite, quantities that are both sought and known, known ones out of the
+        model's domain, no standard deviation at all.
+
+    Notes
+    -----
+    The model's own error, evenly distributed within `model.error_bound`, is added to the standard
+    deviations. It is taken as independent between electrodes.
+    """
+    mistakes = [*charge_mistakes(model.names, charges_pC, sigma, noise_pC)]
+    mistakes += known_mistakes(model.domain, unknown, known or {}, _of_scene(model))
+    if not (mistakes or model.error_bound or noise_pC or np.min(_relative(sigma, charges_pC))):
+        mistakes.append("sigma = 0: the model has no error of its own; give a positive one")
+    if mistakes:
+        raise ValueError("\n".join(mistakes))
+    electrodes = np.array([model.names.index(name) for name in charges_pC])
+    charges = np.array(list(charges_pC.values()), dtype=float)
+    spread = deviations(model, charges, _relative(sigma, charges_pC), noise_pC)
+    sought, values = _split(model, unknown, known or {})
+    problem = Problem(model, electrodes, charges[None], spread[None], sought)
+    return location(problem, search(problem, 0, values))
+
+
+def search(problem: Problem, touch: int, known: dict[int, float]) -> Descent:
+    """Searches from everywhere for one of a problem's touches.
+
+    A sought rotation is held at first, at many values: a few degrees change charges by less than
+    the table's pitch of places does.
+    """
+    charges, spread = problem.charges_pC[touch], problem.deviations_pC[touch]
+    at = starts(problem.model, charges, spread, problem.electrodes, known)
+    others = problem.unknown[problem.unknown != ROTATION]
+    rows = np.full(len(at), touch)
+    if 0 < len(others) < len(problem.unknown):
+        at = descend(replace(problem, unknown=others), at, rows).at
+    return descend(problem, at, rows, _LISTED)
+
+
+def _relative(sigma: float | Mapping[str, float], charges_pC: Mapping[str, float]) -> Array:
+    return np.array([sigma[n] for n in charges_pC] if isinstance(sigma, Mapping) else sigma)
+
+
+def deviations(model: Model, charges: Array, relative: Array, noise_pC: float) -> Array:
+    """Standard deviations in pC of charges: measured, the amplifier's, and the model's own."""
+    own = model.error_bound / np.sqrt(3.0)
+    return np.sqrt((relative**2 + own**2) * charges**2 + noise_pC**2)
+
+
+def _split(
+    model: Model, unknown: Sequence[str], known: Mapping[str, float]
+) -> tuple[Indices, dict[int, float]]:
+    """Indices of what is sought, and values of the rest."""
+    values = {**_of_scene(model), **known}
+    sought = np.array([i for i, name in enumerate(QUANTITIES) if name in unknown], dtype=np.intp)
+    rest = {i: float(values[n]) for i, n in enumerate(QUANTITIES) if n not in unknown}
+    return sought, rest
+
+
+def _of_scene(model: Model) -> dict[str, float]:
+    probe, force_N = model.scene.probe, model.scene.load.force_N
+    if probe is None:
+        return {"force_N": force_N}
+    place = {"x_mm": probe.x_mm, "y_mm": probe.y_mm, "rotation_deg": probe.rotation_deg}
+    return {**place, "force_N": force_N}
+
+
+# -------------------------------------------------------------------------------------- mistakes
+
+
+def charge_mistakes(
+    names: Sequence[str],
+    charges_pC: Mapping[str, float],
+    sigma: float | Mapping[str, float],
+    noise_pC: float,
+) -> Iterator[str]:
+    """What is wrong with measured charges and their deviations."""
+    if not charges_pC:
+        yield f"charges: none given; give some of {', '.join(names)}"
+    for name, charge in charges_pC.items():
+        if name not in names:
+            yield f"charges.{name}: no such electrode; choose from {', '.join(names)}"
+        elif not np.isfinite(charge) or abs(charge) > 1e12:
+            yield f"charges.{name} = {charge}: give a charge in pC"
+    each = sigma if isinstance(sigma, Mapping) else {"": sigma}
+    for name in charges_pC if isinstance(sigma, Mapping) else ():
+        if name not in each:
+            yield f"sigma.{name}: missing; give one for each charge, or one number for all"
+    for name, value in each.items():
+        if not 0.0 <= value <= 1.0:
+            yield f"sigma{'.' * bool(name)}{name} = {value}: give a share of the charge, 0 to 1"
+    if not 0.0 <= noise_pC < np.inf:
+        yield f"noise_pC = {noise_pC}: give a standard deviation in pC, not negative"
+    elif not noise_pC and any(charge == 0.0 for charge in charges_pC.values()):
+        yield "noise_pC = 0: a charge of 0 has no deviation then; give that of the amplifier"
+
+
+def known_mistakes(
+    domain: Domain,
+    unknown: Sequence[str],
+    known: Mapping[str, float],
+    default: Mapping[str, float],
+) -> Iterator[str]:
+    """What is wrong with the quantities sought and known; `default` has those of the scene."""
+    names = ", ".join(QUANTITIES)
+    if not unknown:
+        yield f"unknown: nothing is sought; choose from {names}"
+    for name in dict.fromkeys([*unknown, *known]):
+        if name not in QUANTITIES:
+            yield f"{name}: no quantity of a touch; choose from {names}"
+        elif name in unknown and name in known:
+            yield f"{name}: both sought and known; remove one"
+        elif name in known and not np.isfinite(known[name]):
+            yield f"known.{name} = {known[name]}: give a finite number"
+    fixed = {n: v for n, v in {**default, **known}.items() if n not in unknown}
+    reach, (lowest, highest) = domain.reach_mm, domain.force_N
+    distance = np.hypot(fixed.get("x_mm", 0.0), fixed.get("y_mm", 0.0))
+    if distance > reach:
+        place = ", ".join(f"{n} = {fixed[n]:g}" for n in ("x_mm", "y_mm") if n in fixed)
+        yield f"known {place}: beyond the {reach:g} mm that the model reaches; build a larger one"
+    if not lowest <= fixed.get("force_N", lowest) <= highest:
+        yield (
+            f"known force_N = {fixed['force_N']:g}: out of the model's {lowest:g} to {highest:g} "
+            "N; build one for it"
+        )
+
+
+# --------------------------------------------------------------------------------------- results
+
+
+def location(problem: Problem, ends: Descent) -> Location:
+    """The distinct touches among the ends of searches for one touch."""
+    keep = np.flatnonzero(ends.arrived)
+    keep = keep[np.argsort(ends.chi_square[keep], kind="stable")]
+    unknown = tuple(QUANTITIES[i] for i in problem.unknown)
+    freedom = len(problem.electrodes) - len(unknown)
+    if not keep.size:
+        return Location((), unknown, freedom, -np.inf)
+    keep = keep[ends.chi_square[keep] <= ends.chi_square[keep[0]] + _LISTED]
+    keep = _distinct(problem, ends, keep)
+    logs = _log_masses(problem, ends, keep)
+    total = float(np.logaddexp.reduce(logs))
+    weights = np.exp(logs - total)
+    touches = tuple(
+        _touch(problem, ends, k, weight, freedom, unknown)
+        for k, weight in zip(keep.tolist(), weights.tolist(), strict=True)
+    )
+    spread = np.log(np.sqrt(2.0 * np.pi) * problem.deviations_pC[0]).sum()
+    return Location(touches, unknown, freedom, total - float(spread))
+
+
+def _distinct(problem: Problem, ends: Descent, keep: Indices) -> Indices:
+    """The ends that are no repetition of a better one."""
+    period = period_deg(problem.model)
+    found: list[int] = []
+    for k in keep:
+        apart = ends.at[k] - ends.at[found]
+        apart[:, ROTATION] -= period * np.round(apart[:, ROTATION] / period)
+        close = (np.abs(apart) < _SAME).all(axis=1)
+        change = np.einsum("neu,nu->ne", ends.slopes[found], apart[:, problem.unknown])
+        if not (close & (np.square(change).sum(axis=1) < _SAME_CHI_SQUARE)).any():
+            found.append(int(k))
+    return np.array(found, dtype=np.intp)
+
+
+def extents(problem: Problem) -> Array:
+    """Size of the domain in the coordinates of each unknown, (unknown,)."""
+    domain = problem.model.domain
+    lowest, highest = domain.force_N
+    turn = 0.5 * period_deg(problem.model)
+    sizes = np.array([domain.reach_mm, domain.reach_mm, turn, np.log(highest / lowest)])
+    return sizes[problem.unknown]
+
+
+def _log_masses(problem: Problem, ends: Descent, keep: Indices) -> Array:
+    """Logarithm of likelihood times prior integrated about each touch (Laplace), (n,).
+
+    The prior is normal with the domain's extents about the touch, so that a direction which the
+    charges do not determine counts with the domain's size and not with infinity.
+    """
+    J = ends.slopes[keep] * extents(problem)
+    normal = J.swapaxes(1, 2) @ J + np.eye(J.shape[2])
+    _, logarithm = np.linalg.slogdet(normal)
+    return -0.5 * (ends.chi_square[keep] + logarithm)
+
+
+def _touch(
+    problem: Problem, ends: Descent, k: int, weight: float, freedom: int, unknown: tuple[str, ...]
+) -> Touch:
+    x, y, rotation, log_force = ends.at[k].tolist()
+    if ROTATION in problem.unknown:
+        rotation %= period_deg(problem.model)
+    force = float(np.exp(log_force))
+    scale = np.where(problem.unknown == FORCE, force, 1.0)  # of the coordinates' slopes
+    chi_square = float(ends.chi_square[k])
+    return Touch(
+        x,
+        y,
+        rotation,
+        force,
+        unknown,
+        ends.slopes[k] / scale,
+        extents(problem) * scale,
+        chi_square,
+        float(gammaincc(0.5 * freedom, 0.5 * chi_square)) if freedom > 0 else np.nan,
+        weight,
+        edges(problem, ends.at[k : k + 1])[0],
+    )
+
+
+def edges(problem: Problem, at: Array) -> list[tuple[str, ...]]:
+    """Which limits of the domain touches (n, 4) are at, or beyond."""
+    domain = problem.model.domain
+    lowest, highest = np.log(domain.force_N)
+    far = np.hypot(at[:, X], at[:, Y]) >= domain.reach_mm
+    far &= X in problem.unknown or Y in problem.unknown
+    force = (at[:, FORCE] <= lowest) | (at[:, FORCE] >= highest)
+    force &= FORCE in problem.unknown
+    return [
+        tuple(name for name, held in (("reach_mm", f), ("force_N", g)) if held)
+        for f, g in zip(far, force, strict=True)
+    ]
+
+
+# ---------------------------------------------------------------------------------------- shapes
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """A model of one probe among several, and what it makes of the charges.
+
+    Attributes
+    ----------
+    name : str
+    weight : float
+        Probability that the charges are of this probe, if each was as likely before.
+    location : Location
+    """
+
+    name: str
+    weight: float
+    location: Location
+
+
+def weigh(
+    models: Mapping[str, Model],
+    charges_pC: Mapping[str, float],
+    sigma: float | Mapping[str, float] = 0.01,
+    *,
+    unknown: Sequence[str] = QUANTITIES,
+    known: Mapping[str, float] | None = None,
+    noise_pC: float = 0.0,
+) -> tuple[Choice, ...]:
+    """Which probe touched: models by the probability that they gave the charges.
+
+    Bayes' rule with each model's probability of the charges over all its touches: a probe that can
+    give many charges must explain these better than one that can give few.
+
+    Parameters
+    ----------
+    models : mapping
+        Models of different probes on the same sensor, by name.
+    charges_pC, sigma, unknown, known, noise_pC
+        As for `locate`.
+
+    Raises
+    ------
+    ValueError
+        Without models, and as `locate`.
+    """
+    if not models:
+        raise ValueError("models: none given; give one for each probe in question")
+    found = {
+        name: locate(model, charges_pC, sigma, unknown=unknown, known=known, noise_pC=noise_pC)
+        for name, model in models.items()
+    }
+    return choose(found)
+
+
+def choose(found: Mapping[str, Location]) -> tuple[Choice, ...]:
+    """Locations of the same charges with different probes, by their probability."""
+    logs = np.array([one.log_evidence for one in found.values()])
+    shares = np.zeros(len(logs))
+    if np.isfinite(logs).any():
+        shares = np.exp(logs - np.logaddexp.reduce(logs))
+    weighed = zip(found.items(), shares.tolist(), strict=True)
+    choices = [Choice(name, weight, location) for (name, location), weight in weighed]
+    return tuple(sorted(choices, key=lambda choice: -choice.weight))

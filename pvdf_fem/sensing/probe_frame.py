@@ -1,0 +1,190 @@
+"""The stress about a probe, in the probe's frame, for many forces at one place.
+
+Seen from the probe, its outline stays where it is and the rim moves. So the stress at a point of
+that frame is a smooth function of the rim's place, even where stress is not smooth in space: at
+the probe's edge. A response model interpolates these fields between few places.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from skfem import Basis, asm
+from skfem.models import mass
+
+from pvdf_fem.equilibrium import Equilibrium
+from pvdf_fem.mesh import PROBE, Sizes, mesh_scene, outlines
+from pvdf_fem.newton import Status, factorise, newton, seed
+from pvdf_fem.scene import Scene
+from pvdf_fem.solution import NotConvergedError
+
+Array = NDArray[np.float64]
+
+ORDER = 3
+# Elements have this share of the probe's size (the root of its area) along its edge, and grow by
+# this share of the distance to this share of the film's radius.
+PROBE_SIZE, GROWTH, FILM_SIZE = 1 / 9, 0.25, 1 / 9
+# Stress beyond this share of the radius is taken from there; the mesh ends at chords of the rim.
+INSIDE = 0.98
+# Triangles in which a point is sought.
+CANDIDATES = 10
+# Cells of a raster below zero, beyond the memory of a spline.
+BELOW = 6
+
+
+@dataclass(frozen=True, eq=False)
+class PolarRaster:
+    """Points ρ (cos θ, sin θ) about a probe.
+
+    ρ begins below zero, which continues a field smoothly across the origin.
+
+    Attributes
+    ----------
+    reach_mm : float
+        Largest ρ.
+    step_mm : float
+        Between neighbours along ρ.
+    angles : int
+        Number of θ, from 0 in equal steps.
+    """
+
+    reach_mm: float
+    step_mm: float
+    angles: int
+
+    @property
+    def rho_mm(self) -> Array:
+        """Values of ρ."""
+        count = int(np.ceil(self.reach_mm / self.step_mm)) + BELOW + 1
+        return self.step_mm * np.arange(-BELOW, count - BELOW, dtype=float)
+
+    @property
+    def theta(self) -> Array:
+        """Values of θ in radians."""
+        return 2.0 * np.pi * np.arange(self.angles) / self.angles
+
+    @property
+    def points_mm(self) -> Array:
+        """Shape (ρ, θ, 2)."""
+        unit = np.stack([np.cos(self.theta), np.sin(self.theta)], axis=-1)
+        return self.rho_mm[:, None, None] * unit
+
+
+def stress_about_probe(
+    scene: Scene, place_mm: Array, forces: Sequence[float], raster: PolarRaster
+) -> Array:
+    """Stress about a probe under several forces.
+
+    Parameters
+    ----------
+    scene : Scene
+        With a probe, whose rotation stays. Its electrodes only make the mesh finer.
+    place_mm : ndarray, shape (2,)
+        Where the probe is put.
+    forces : sequence of float
+        In N, in the order in which each solution starts from the one before.
+    raster : PolarRaster
+        Its axes are those of the film.
+
+    Returns
+    -------
+    ndarray, shape (forces, 3, ρ, θ)
+        Components 11, 22, 12 of the second Piola-Kirchhoff stress in Pa.
+
+    Raises
+    ------
+    NotConvergedError
+        When there is no solution.
+    """
+    x, y = map(float, place_mm)
+    equilibrium = _equilibrium(scene.with_(**{"probe.x_mm": x, "probe.y_mm": y}))
+    membrane = equilibrium.membrane
+    points = 1e-3 * (raster.points_mm + place_mm)
+    sample = _sampling(membrane.basis, _inside(points, scene.film.radius).reshape(-1, 2))
+    project = _Projection(membrane.basis)
+    try:
+        fields = [sample @ project(stress) for stress in _stresses(equilibrium, forces)]
+    except NotConvergedError as error:
+        raise NotConvergedError(f"probe at ({x:g}, {y:g}) mm with {error}") from None
+    return np.stack(fields).reshape(len(forces), *points.shape[:2], 3).transpose(0, 3, 1, 2)
+
+
+def _equilibrium(scene: Scene) -> Equilibrium:
+    size = PROBE_SIZE * float(np.sqrt(outlines(scene)[PROBE].area))
+    sizes = Sizes({PROBE: size}, GROWTH, FILM_SIZE * scene.film.radius)
+    return Equilibrium(scene, mesh_scene(scene, sizes), ORDER)
+
+
+def _stresses(equilibrium: Equilibrium, forces: Sequence[float]) -> Iterator[Array]:
+    """The stress (elements, points, 3) of each force; solutions start from those before."""
+    known: list[tuple[float, Array]] = []
+    for force in forces:
+        equilibrium.load = replace(equilibrium.load, force=force)
+        start = _extrapolated(known, force) if known else seed(equilibrium)
+        result = newton(equilibrium, start, near=bool(known))
+        if result.status is not Status.CONVERGED:
+            raise NotConvergedError(f"{force:g} N: {result.status}; {result.status.advice}")
+        known.append((force, result.q))
+        yield equilibrium.state(result.q).stress
+
+
+def _extrapolated(known: list[tuple[float, Array]], force: float) -> Array:
+    """Polynomial in log F through the last three solutions."""
+    last = known[-3:]
+    t = np.log([f for f, _ in last])
+    q = np.zeros_like(last[-1][1])
+    for i, (_, values) in enumerate(last):
+        others = np.delete(t, i)
+        q = q + np.prod((np.log(force) - others) / (t[i] - others)) * values
+    return q
+
+
+def _inside(points: Array, radius: float) -> Array:
+    share = np.linalg.norm(points, axis=-1, keepdims=True) / radius
+    return points * INSIDE / np.maximum(share, INSIDE)
+
+
+class _Projection:
+    """Continuous fields nearest to fields with jumps between elements; integrals stay."""
+
+    def __init__(self, basis: Basis) -> None:
+        self._basis = basis
+        self._shapes = np.stack(
+            [np.broadcast_to(s[0], basis.dx.shape) for s in basis.basis], axis=-1
+        )
+        self._factors = factorise(asm(mass, basis).tocsc())
+
+    def __call__(self, values: Array) -> Array:
+        """Nodal values (dofs, components) of values (elements, points, components)."""
+        weighted = values * self._basis.dx[..., None]
+        local = np.matmul(self._shapes.swapaxes(1, 2), weighted)
+        right = np.zeros((self._basis.N, values.shape[-1]))
+        np.add.at(right, self._basis.element_dofs.T, local)
+        return self._factors.solve(right)
+
+
+def _sampling(basis: Basis, points: Array) -> sp.csr_matrix:
+    """Matrix (points, dofs) that takes nodal values to values at points (n, 2)."""
+    mesh = basis.mesh
+    corners = mesh.p[:, mesh.t]
+    _, near = cKDTree(corners.mean(axis=1).T).query(points, k=CANDIDATES)
+    inverse = np.linalg.inv(
+        np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], -1).transpose(
+            1, 0, 2
+        )
+    )
+    local = np.einsum("pcij,pcj->pci", inverse[near], points[:, None] - corners[:, 0].T[near])
+    depth = np.minimum(local.min(axis=-1), 1.0 - local.sum(axis=-1))
+    best = depth.argmax(axis=1)[:, None]
+    elements = np.take_along_axis(near, best, axis=1)[:, 0]
+    place = np.take_along_axis(local, best[..., None], axis=1)[:, 0]
+    values = np.stack([basis.elem.lbasis(place.T, i)[0] for i in range(basis.Nbfun)], axis=-1)
+    rows = np.broadcast_to(np.arange(len(points))[:, None], values.shape)
+    columns = basis.element_dofs.T[elements]
+    shape = (len(points), basis.N)
+    return sp.csr_matrix((values.ravel(), (rows.ravel(), columns.ravel())), shape=shape)

@@ -1,0 +1,259 @@
+"""A touch recovered from charges, what is said about it, and the model it is recovered with."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pvdf_fem.scene import Scene
+from pvdf_fem.shapes import PERIOD_DEG
+
+Array = NDArray[np.float64]
+
+#: What a touch is made of, in the order of a model's argument.
+QUANTITIES = ("x_mm", "y_mm", "rotation_deg", "force_N")
+X, Y, ROTATION, FORCE = range(4)
+
+#: Charges that a right model would give less often than this are called unexplained.
+SIGNIFICANCE = 1e-3
+#: A direction is determined if the domain is so many standard deviations wide along it.
+DETERMINED = 3.0
+#: A second touch with at least this share of the likelihood makes a location ambiguous.
+SHARE = 0.01
+
+
+class Domain(Protocol):
+    """Where a model holds: centroids up to a distance from the film's centre, and forces."""
+
+    @property
+    def reach_mm(self) -> float: ...
+    @property
+    def force_N(self) -> tuple[float, float]: ...
+
+
+class Model(Hashable, Protocol):
+    """Charges of the electrodes as a smooth function of a touch (`pvdf_fem.sensing.response`)."""
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+    @property
+    def scene(self) -> Scene: ...
+    @property
+    def domain(self) -> Domain: ...
+    @property
+    def error_bound(self) -> float: ...
+
+    def evaluate(self, touches: Array) -> tuple[Array, Array]:
+        """Charges (n, electrodes) in pC of touches (n, 4), and their slopes (..., 4)."""
+
+
+def period_deg(model: Model) -> float:
+    """Least rotation that brings the probe onto itself; 360 for a disc, whose rotation is void."""
+    probe = model.scene.probe
+    return PERIOD_DEG.get(probe.shape, 360.0) or 360.0 if probe else 360.0
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """A touch whose charges are, among touches nearby, the likeliest to give those measured.
+
+    Attributes
+    ----------
+    x_mm, y_mm, rotation_deg, force_N : float
+        The rotation from 0 to the probe's period.
+    unknown : tuple of str
+        The quantities that were sought, of `QUANTITIES`; the order of all matrices.
+    jacobian : ndarray, shape (electrodes, unknown)
+        Slopes of the charges by the unknown, divided by the charges' standard deviations.
+    extent : ndarray, shape (unknown,)
+        Size of the domain in each unknown: what is known of it without any charge.
+    chi_square : float
+        Sum of the squared residuals, each divided by its standard deviation.
+    p_value : float
+        Probability of a larger chi-square if the model is right; NaN if there are no more charges
+        than unknown quantities.
+    weight : float
+        Share of this touch in the likelihood of all touches of its location.
+    at_edge : tuple of str
+        Which limits of the model's domain hold it: ``reach_mm``, ``force_N``. The true touch may
+        lie beyond.
+    """
+
+    x_mm: float
+    y_mm: float
+    rotation_deg: float
+    force_N: float
+    unknown: tuple[str, ...]
+    jacobian: Array
+    extent: Array
+    chi_square: float
+    p_value: float
+    weight: float
+    at_edge: tuple[str, ...]
+
+    @property
+    def values(self) -> Array:
+        """The touch as a model takes it, (4,)."""
+        return np.array([self.x_mm, self.y_mm, self.rotation_deg, self.force_N])
+
+    @cached_property
+    def _singular(self) -> tuple[Array, Array]:
+        """Singular values, and right singular vectors as rows, per extent of each unknown."""
+        _, values, vectors = np.linalg.svd(self.jacobian * self.extent)
+        return np.pad(values, (0, len(vectors) - len(values))), vectors
+
+    @property
+    def null_directions(self) -> Array:
+        """Combinations of the unknown that the charges do not determine, (n, unknown).
+
+        Moved by a third of the domain along one of them, a touch changes its charges by less than
+        their standard deviation. In units of the unknown, the largest entry relative to its extent
+        being positive.
+        """
+        values, vectors = self._singular
+        free = vectors[values < DETERMINED]
+        largest = np.abs(free).argmax(axis=1)
+        signs = np.sign(free[np.arange(len(free)), largest])
+        return free * self.extent * signs[:, None]
+
+    @property
+    def determined(self) -> bool:
+        """Whether the charges determine every unknown."""
+        return bool(self._singular[0][-1] >= DETERMINED)
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance (unknown, unknown).
+
+        Along a direction that the charges do not determine, that of the domain is added: its
+        extent is a standard deviation.
+        """
+        values, vectors = self._singular
+        precision = values**2 + (values < DETERMINED)
+        return (vectors.T / precision) @ vectors * np.outer(self.extent, self.extent)
+
+    @property
+    def deviations(self) -> dict[str, float]:
+        """Standard deviation of each unknown."""
+        return dict(zip(self.unknown, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+    @property
+    def condition(self) -> float:
+        """Condition number of the Jacobian, its columns scaled to length 1; inf if one is 0.
+
+        This scaling is within √unknown of the best (van der Sluis 1969): units do not matter.
+        """
+        lengths = np.linalg.norm(self.jacobian, axis=0)
+        if not lengths.all() or len(self.jacobian) < len(lengths):
+            return np.inf
+        return float(np.linalg.cond(self.jacobian / lengths))
+
+    @property
+    def explained(self) -> bool:
+        """Whether charges as far from the model's are common, or cannot be judged."""
+        return not self.p_value < SIGNIFICANCE
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values for JSON, None for what is infinite or not defined."""
+        return {
+            **{name: float(getattr(self, name)) for name in QUANTITIES},
+            "standard_deviations": {k: _finite(v) for k, v in self.deviations.items()},
+            "covariance": [[_finite(v) for v in row] for row in self.covariance.tolist()],
+            "condition": _finite(self.condition),
+            "chi_square": self.chi_square,
+            "p_value": _finite(self.p_value),
+            "explained": self.explained,
+            "weight": self.weight,
+            "determined": self.determined,
+            "null_directions": [
+                dict(zip(self.unknown, row, strict=True)) for row in self.null_directions.tolist()
+            ],
+            "at_edge": list(self.at_edge),
+        }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+@dataclass(frozen=True, eq=False)
+class Location:
+    """All touches that may have given some charges.
+
+    Attributes
+    ----------
+    touches : tuple of Touch
+        The likeliest first; empty when no search ended.
+    unknown : tuple of str
+        What was sought.
+    degrees_of_freedom : int
+        Charges less unknown quantities; negative when there are too few charges.
+    log_evidence : float
+        Logarithm of the probability density of the charges, whatever the touch is, with all
+        places, rotations and magnitudes of the force in the model's domain equally likely before.
+    """
+
+    touches: tuple[Touch, ...]
+    unknown: tuple[str, ...]
+    degrees_of_freedom: int
+    log_evidence: float
+
+    @property
+    def best(self) -> Touch:
+        """The likeliest touch."""
+        return self.touches[0]
+
+    @property
+    def ambiguous(self) -> bool:
+        """Whether another touch is likely as well."""
+        return len(self.touches) > 1 and self.touches[1].weight > SHARE
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What keeps the best touch from being the answer, in sentences."""
+        if not self.touches:
+            return ("no search ended: the charges fit no touch of the model's domain",)
+        best, texts = self.best, []
+        if not best.explained:
+            texts.append(
+                f"unexplained: a touch of this probe gives such charges once in "
+                f"{1 / max(best.p_value, 1e-99):.0e} cases (chi-square {best.chi_square:.1f} with "
+                f"{self.degrees_of_freedom} degrees of freedom)"
+            )
+        if self.ambiguous:
+            likely = sum(touch.weight > SHARE for touch in self.touches)
+            texts.append(f"ambiguous: {likely} touches are likely")
+        if not best.determined:
+            short = (
+                "" if self.degrees_of_freedom >= 0 else "fewer charges than unknown quantities; "
+            )
+            free = " and ".join(_direction(best.unknown, row) for row in best.null_directions)
+            texts.append(f"undetermined: {short}free along {free}")
+        if best.at_edge:
+            limits = ", ".join(best.at_edge)
+            texts.append(f"at the edge of the model's domain ({limits}): the touch may lie beyond")
+        return tuple(texts)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {
+            "unknown": list(self.unknown),
+            "degrees_of_freedom": self.degrees_of_freedom,
+            "ambiguous": self.ambiguous,
+            "remarks": list(self.remarks),
+            "touches": [touch.to_json() for touch in self.touches],
+        }
+
+
+def _direction(unknown: tuple[str, ...], row: Array) -> str:
+    parts = [
+        f"{value:+.3g} {name}"
+        for name, value in zip(unknown, row, strict=True)
+        if abs(value) > 1e-6
+    ]
+    return "(" + ", ".join(parts) + ")"

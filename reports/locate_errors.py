@@ -1,0 +1,198 @@
+"""Errors of positions found from charges, exact and with noise, by the thesis's way and by ours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pvdf_fem.sensing.isocharge import contour
+from pvdf_fem.sensing.locate import locate
+from pvdf_fem.sensing.locate_many import locate_many
+from pvdf_fem.sensing.touch import QUANTITIES, Model, Touch, period_deg
+from pvdf_fem.sensing.triangulation import triangulate
+from reports.locate_models import functions_of
+
+Array = NDArray[np.float64]
+
+#: Relative standard deviations of the charges; 0: exact.
+NOISES = (0.0, 0.005, 0.01, 0.02, 0.05)
+#: What a model is told of exact charges: those of a solve have errors too.
+LEAST_SIGMA = 2e-4
+TRIANGULATED, TURNED = "triangulation, unturned", "triangulation, turned"
+LOCATED, FREE = "locate", "locate, rotation unknown"
+#: The ways, and what each knows.
+WAYS = {
+    TRIANGULATED: "the thesis's way: contours of the unturned probe at the known force",
+    TURNED: "the same with contours of the probe as it is turned",
+    LOCATED: "maximum likelihood of place and force, the rotation known",
+    FREE: "maximum likelihood of place, force and rotation: the likeliest touch",
+}
+_STEP_MM = 1.0
+
+
+def random_touches(count: int, seed: int, reach_mm: float, forces_N: tuple[float, float]) -> Array:
+    """Touches (count, 4): places evenly over a disc, any rotation, any magnitude of the force."""
+    draw = np.random.default_rng(seed)
+    r, a = reach_mm * np.sqrt(draw.random(count)), 2.0 * np.pi * draw.random(count)
+    lowest, highest = forces_N
+    forces = lowest * (highest / lowest) ** draw.random(count)
+    return np.stack([r * np.cos(a), r * np.sin(a), 360.0 * draw.random(count), forces], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Touches of one probe with their exact charges.
+
+    Attributes
+    ----------
+    model : Model
+    electrodes : dict
+        The model's names of the electrodes, by the thesis's.
+    touches : ndarray, shape (n, 4)
+    charges_pC : ndarray, shape (n, electrodes)
+        From the finite-element model.
+    """
+
+    model: Model
+    electrodes: Mapping[str, str]
+    touches: Array
+    charges_pC: Array
+
+    def noisy(self, noise: float, seed: int = 7) -> Array:
+        """The charges with independent relative errors."""
+        draw = np.random.default_rng(seed).standard_normal(self.charges_pC.shape)
+        return self.charges_pC * (1.0 + noise * draw)
+
+    @property
+    def rows(self) -> list[int]:
+        """Places of the electrodes in the model's charges."""
+        return [self.model.names.index(name) for name in self.electrodes.values()]
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """What a way made of a trial at one noise.
+
+    Attributes
+    ----------
+    way : str
+    noise : float
+    place_mm : ndarray, shape (n,)
+        Distances from the true places; NaN where no place was found.
+    force : ndarray, shape (n,)
+        Relative errors of the force; NaN where it is not sought.
+    within : ndarray of bool, shape (n, unknown)
+        Which errors are below one stated standard deviation; no columns where none is stated.
+    """
+
+    way: str
+    noise: float
+    place_mm: Array
+    force: Array
+    within: NDArray[np.bool_]
+
+
+def triangulated(trial: Trial, noise: float, turned: bool) -> Errors:
+    """The thesis's way, which is told the force, and the rotation if `turned`."""
+    places = [
+        _triangulated(trial, touch, charges, touch[2] if turned else 0.0)
+        for touch, charges in zip(trial.touches, trial.noisy(noise), strict=True)
+    ]
+    errors = np.linalg.norm(np.array(places) - trial.touches[:, :2], axis=1)
+    none = np.full(len(errors), np.nan)
+    return Errors(TURNED if turned else TRIANGULATED, noise, errors, none, np.zeros((0, 0), bool))
+
+
+def _triangulated(trial: Trial, touch: Array, charges: Array, rotation_deg: float) -> Array:
+    functions = functions_of(trial.model, trial.electrodes, rotation_deg, float(touch[3]))
+    contours = [
+        contour(name, one, charge, _STEP_MM)
+        for (name, one), charge in zip(functions.items(), charges.tolist(), strict=True)
+    ]
+    return triangulate(contours).position_mm
+
+
+def located(trial: Trial, noise: float, with_rotation: bool = False) -> Errors:
+    """Maximum likelihood, told the rotation unless that is sought."""
+    found = locate_many(
+        trial.model,
+        trial.noisy(noise),
+        max(noise, LEAST_SIGMA),
+        rotations_deg=None if with_rotation else trial.touches[:, 2],
+        electrodes=tuple(trial.electrodes.values()),
+    )
+    apart = found.values - trial.touches
+    sought = [QUANTITIES.index(name) for name in found.unknown]
+    apart[:, 2] -= period_deg(trial.model) * np.round(apart[:, 2] / period_deg(trial.model))
+    deviations = np.sqrt(np.einsum("nuu->nu", found.covariances))
+    return Errors(
+        FREE if with_rotation else LOCATED,
+        noise,
+        np.hypot(apart[:, 0], apart[:, 1]),
+        apart[:, 3] / trial.touches[:, 3],
+        np.abs(apart[:, sought]) < deviations,
+    )
+
+
+def bounds_mm(trial: Trial, noise: float, with_rotation: bool = False, draws: int = 64) -> Array:
+    """Errors (n·draws,) of the place that the Cramér-Rao bound of each touch gives.
+
+    Normal errors with the bound's covariance: what an unbiased way could do at best.
+    """
+    sought = [0, 1, 2, 3] if with_rotation else [0, 1, 3]
+    slopes = trial.model.evaluate(trial.touches)[1][:, trial.rows][:, :, sought]
+    scaled = slopes / (max(noise, LEAST_SIGMA) * trial.charges_pC)[:, :, None]
+    covariance = np.linalg.pinv(scaled.swapaxes(1, 2) @ scaled, hermitian=True)[:, :2, :2]
+    root = np.linalg.cholesky(covariance + 1e-18 * np.eye(2))
+    normal = np.random.default_rng(11).standard_normal((len(slopes), 2, draws))
+    return np.linalg.norm(root @ normal, axis=1).ravel()
+
+
+@dataclass(frozen=True)
+class Listed:
+    """How often the true touch was listed when the rotation was unknown, of how many.
+
+    Attributes
+    ----------
+    touches, found, unique, undetermined : int
+        All touches; those with the true one in the list; those whose list has no other likely
+        one; those whose charges do not determine the rotation, and are said not to.
+    """
+
+    touches: int
+    found: int
+    unique: int
+    undetermined: int
+
+
+def listed(trial: Trial, count: int, near_mm: float = 0.1) -> Listed:
+    """`locate` with the rotation unknown and exact charges, on the first touches of a trial.
+
+    A true touch is found if it is listed within `near_mm`, or within three standard deviations,
+    or if the touch listed nearby is said to be undetermined.
+    """
+    found = unique = undetermined = 0
+    names = list(trial.electrodes.values())
+    for touch, charges in zip(trial.touches[:count], trial.charges_pC, strict=False):
+        given = dict(zip(names, charges.tolist(), strict=True))
+        result = locate(trial.model, given, LEAST_SIGMA, unknown=QUANTITIES)
+        near = [one for one in result.touches if _near(one, touch, near_mm)]
+        found += bool(near)
+        unique += not result.ambiguous
+        undetermined += any(not one.determined for one in result.touches)
+    return Listed(min(count, len(trial.touches)), found, unique, undetermined)
+
+
+def _near(one: Touch, touch: Array, near_mm: float) -> bool:
+    distance = float(np.hypot(*(one.values - touch)[:2]))
+    spread = np.hypot(one.deviations["x_mm"], one.deviations["y_mm"])
+    return distance < max(near_mm, 3.0 * float(spread))
+
+
+def fractions(errors: Sequence[float] | Array) -> tuple[Array, Array]:
+    """Errors in growing order and the share of all, failures included, that are no larger."""
+    known = np.sort(np.asarray(errors)[np.isfinite(errors)])
+    return known, (np.arange(len(known)) + 1.0) / max(len(errors), 1)

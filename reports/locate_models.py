@@ -1,0 +1,115 @@
+"""Response models of the thesis's sensors, built once and kept.
+
+One model per probe and film has the electrodes of both of the thesis's layouts, by their direction
+from the film's centre in degrees; one of them belongs to both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pvdf_fem import Scene
+from pvdf_fem.sensing.response import Response, build
+from pvdf_fem.sensing.touch import Model
+from pvdf_fem.store import key
+from reports.results import MATERIAL
+from reports.thesis_calibration import DIRECTIONS_DEG
+from reports.thesis_data import Thesis
+from reports.thesis_scene import PROBES
+
+Array = NDArray[np.float64]
+
+REACH_MM = 12.0
+FORCES_N = (0.1, 5.0)
+_RING_MM, _SIDE_MM = 10.0, 3.0
+_ALL_DEG = sorted({d for layout in DIRECTIONS_DEG.values() for d in layout.values()})
+
+
+def sensor(thesis: Thesis, probe: str, film: str = "biaxial") -> Scene:
+    """The scene of a model: both layouts' electrodes, the thesis's follower pressure."""
+    directions = np.radians(_ALL_DEG)
+    electrodes = [
+        {
+            "name": str(direction),
+            "x_mm": round(_RING_MM * float(np.cos(angle)), 9),
+            "y_mm": round(_RING_MM * float(np.sin(angle)), 9),
+            "side_mm": _SIDE_MM,
+        }
+        for direction, angle in zip(_ALL_DEG, directions, strict=True)
+    ]
+    d = {f"film.{k}_pC_N": thesis.parameters["film"][film][k]["value"] for k in ("d31", "d32")}
+    return Scene().with_(
+        **{
+            "electrodes": electrodes,
+            "probe": PROBES[probe],
+            "load.kind": "follower",
+            "numerics.observable": MATERIAL,
+            **d,
+        }
+    )
+
+
+def electrodes_of(layout: str) -> dict[str, str]:
+    """The models' name of each electrode of a layout, by the thesis's name."""
+    return {name: str(direction) for name, direction in DIRECTIONS_DEG[layout].items()}
+
+
+def response_of(scene: Scene, folder: Path, processes: int) -> Response:
+    """The model of a scene, from its file in the folder or built and written there."""
+    path = folder / f"{key(scene)[:24]}.response"
+    if path.exists():
+        return Response.load(path)
+    model = build(scene, reach_mm=REACH_MM, force_N=FORCES_N, processes=processes)
+    model.save(path)
+    return model
+
+
+def placed(scene: Scene, touch: Array) -> Scene:
+    """The scene with its probe at a touch (4,)."""
+    x, y, rotation, force = (round(float(value), 9) for value in touch)
+    place = {"probe.x_mm": x, "probe.y_mm": y, "probe.rotation_deg": rotation}
+    return scene.with_(**place, **{"load.force_N": force})
+
+
+@dataclass(frozen=True, eq=False)
+class Layered:
+    """The charge of one electrode by the probe's place, its rotation and force held.
+
+    What a triangulation needs of a model.
+    """
+
+    model: Model
+    electrode: str
+    rotation_deg: float
+    force_N: float
+
+    @property
+    def reach_mm(self) -> float:
+        """The model's."""
+        return self.model.domain.reach_mm
+
+    def value_and_gradient(self, positions_mm: Array) -> tuple[Array, Array]:
+        """Charges in pC, (n,), and gradients in pC/mm, (n, 2), at positions (n, 2).
+
+        Beyond the reach linear continuations along the radius, which contours end before.
+        """
+        distance = np.linalg.norm(positions_mm, axis=1)
+        inner = positions_mm * np.minimum(1.0, self.reach_mm / np.maximum(distance, 1e-9))[:, None]
+        held = np.broadcast_to([self.rotation_deg, self.force_N], inner.shape)
+        charges, slopes = self.model.evaluate(np.concatenate([inner, held], axis=1))
+        k = self.model.names.index(self.electrode)
+        slope = slopes[:, k, :2]
+        beyond = np.einsum("ni,ni->n", slope, positions_mm - inner)
+        return charges[:, k] + beyond, slope
+
+
+def functions_of(
+    model: Model, names: Mapping[str, str], rotation_deg: float, force_N: float
+) -> dict[str, Layered]:
+    """Charge functions by the thesis's names of the electrodes."""
+    return {n: Layered(model, own, rotation_deg, force_N) for n, own in names.items()}
