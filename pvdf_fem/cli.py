@@ -272,7 +272,7 @@ def _mesh(options: argparse.Namespace) -> int:
 
     scene = _scene(options, *output_mistakes(options.file, list(FORMATS)))
     from pvdf_fem.mesh import MeshError, mesh_scene
-    from pvdf_fem.solution import first_sizes, order_for
+    from pvdf_fem.sizes import first_sizes, order_for
 
     try:
         mesh = mesh_scene(scene, first_sizes(scene, order_for(scene)))

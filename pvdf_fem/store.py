@@ -31,7 +31,7 @@ SCHEMA = 2
 NUMERICAL_MODULES = (
     *("film", "shapes", "outline", "mesh", "membrane", "bending", "bending_effect", "load"),
     *("equilibrium", "newton", "tension_field", "interior_point", "tension_newton", "admissible"),
-    *("cut", "charge", "estimate", "refine", "solution", "equivalence", "plan", "records"),
+    *("cut", "charge", "estimate", "refine", "sizes", "solution", "equivalence", "plan", "records"),
 )
 NUMERICAL_PACKAGES = ("gmsh", "numpy", "scikit-fem", "scipy")
 

@@ -36,7 +36,7 @@ from pvdf_fem import __version__  # noqa: E402
 from pvdf_fem.files import make_directory  # noqa: E402
 from pvdf_fem.page import Page, Picture, Section, Table  # noqa: E402
 from pvdf_fem.program import ArgumentParser, run_program  # noqa: E402
-from pvdf_fem.solution import order_for  # noqa: E402
+from pvdf_fem.sizes import order_for  # noqa: E402
 from reports import error_vs_time_figures as figures  # noqa: E402
 from reports import error_vs_time_tables as tables  # noqa: E402
 from reports.cases import Case, Reference, reference  # noqa: E402

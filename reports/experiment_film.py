@@ -20,7 +20,7 @@ from pvdf_fem.film import Film
 from pvdf_fem.membrane import Membrane, MembraneState
 from pvdf_fem.mesh import electrode_patch, mesh_scene
 from pvdf_fem.newton import Status, newton, seed
-from pvdf_fem.solution import first_sizes, order_for
+from pvdf_fem.sizes import first_sizes, order_for
 
 Array = NDArray[np.float64]
 

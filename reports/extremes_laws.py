@@ -9,7 +9,8 @@ import numpy as np
 from pvdf_fem import Scene, solve
 from pvdf_fem.mesh import mesh_scene
 from pvdf_fem.page import Cell, Column, Section, Table
-from pvdf_fem.solution import Solution, first_sizes
+from pvdf_fem.sizes import first_sizes
+from pvdf_fem.solution import Solution
 
 BASE = Scene.parse('[probe]\nshape = "rectangle"\nx_mm = 3.0\ny_mm = 2.0')
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
 
-from pvdf_fem.solution import first_sizes
+from pvdf_fem.sizes import first_sizes
 from reports import peer_calculix, peer_ngsolve
 from reports.cases import Case
 from reports.runs import Job, Outcome

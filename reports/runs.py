@@ -15,7 +15,8 @@ from dataclasses import dataclass, field
 from pvdf_fem import Scene, solve
 from pvdf_fem.mesh import mesh_scene
 from pvdf_fem.newton import Status
-from pvdf_fem.solution import Solution, first_sizes
+from pvdf_fem.sizes import first_sizes
+from pvdf_fem.solution import Solution
 from reports.cases import Case, Reference, worst_error
 
 OURS = "pvdf_fem"

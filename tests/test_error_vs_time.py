@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.solution import first_sizes
+from pvdf_fem.sizes import first_sizes
 from reports import benchmark, error_vs_time, peer_calculix, peer_ngsolve, peers, stages
 from reports.cases import CASES, INDEPENDENT, ROUND_CASES, Case, Reference, worst_error
 from reports.error_vs_time_plan import QUICK
