@@ -45,6 +45,7 @@ from reports.growth import LARGE_FACTOR, Size, measure  # noqa: E402
 from reports.peers import Peers  # noqa: E402
 from reports.runs import GOAL, OURS, Run, effectivities, our_jobs, timed  # noqa: E402
 from reports.stages import STAGES, stages  # noqa: E402
+from reports.sweep_cost import SweepCost, sweep_cost  # noqa: E402
 
 PACKAGES = ("gmsh", "numpy", "scikit-fem", "scipy")
 STAGE_TOLERANCES = (1e-3, 1e-5)
@@ -58,6 +59,7 @@ class Measured:
     runs: list[Run] = field(default_factory=list)
     sizes: list[Size] = field(default_factory=list)
     stages: dict[str, dict[str, float]] = field(default_factory=dict)
+    sweeps: list[SweepCost] = field(default_factory=list)
     absent: dict[str, str] = field(default_factory=dict)
     unreferenced: dict[str, str] = field(default_factory=dict)
 
@@ -134,6 +136,7 @@ def _measured(
             scene = case.scene.with_(**{"numerics.tolerance": tolerance})
             if seconds := stages(scene):
                 found.stages[f"{case.name}, {tolerance:g}"] = seconds
+    found.sweeps += [sweep_cost(tolerance, plan.places) for tolerance in plan.sweeps]
     yield
 
 
@@ -270,6 +273,17 @@ def _stages(plan: Plan, found: Measured, out: Path) -> Content:
     ]
 
 
+def _sweeps(plan: Plan, found: Measured, out: Path) -> Content:
+    if not found.sweeps:
+        return NOTHING
+    told = [
+        "The triangle at places along a line, under several forces, between several rings of "
+        "electrodes, on one thread. A solve serves all rings and mirror images.",
+        *tables.sweep_sentences(found.sweeps, found.of(found.known(plan.cases))),
+    ]
+    return told, [tables.sweep_table(found.sweeps)]
+
+
 def _growth(plan: Plan, found: Measured, out: Path) -> Content:
     if not found.sizes:
         return NOTHING
@@ -310,6 +324,7 @@ SECTIONS: tuple[tuple[str, str, Callable[[Plan, Measured, Path], Content]], ...]
     ("closed", "Closed forms", _closed_forms),
     ("tolerance", "Cost of a tolerance", _tolerance),
     ("stages", "Where the time goes", _stages),
+    ("sweeps", "A scene of a sweep", _sweeps),
     ("growth", "Growth with the unknowns", _growth),
     ("effectivity", "Effectivity of the error estimate", _effectivity),
     ("references", "References", _references),

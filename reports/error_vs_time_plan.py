@@ -11,7 +11,7 @@ from reports.peers import CalculixPlan
 
 @dataclass(frozen=True)
 class Plan:
-    """How much is measured: size factors and tolerances by order, repetitions, sizes."""
+    """How much is measured: size factors and tolerances by order, repetitions, sizes, sweeps."""
 
     cases: tuple[Case, ...]
     round_cases: tuple[Case, ...]
@@ -22,6 +22,8 @@ class Plan:
     rounds: int
     budget: float
     sizes: tuple[float, ...]
+    sweeps: tuple[float, ...]
+    places: int
 
 
 FULL = Plan(
@@ -38,6 +40,8 @@ FULL = Plan(
     rounds=5,
     budget=2.0,
     sizes=FACTORS,
+    sweeps=(1e-3, 1e-4),
+    places=8,
 )
 QUICK = Plan(
     CASES[:1],
@@ -49,4 +53,6 @@ QUICK = Plan(
     rounds=1,
     budget=1.0,
     sizes=(2.0, 1.0),
+    sweeps=(1e-2,),
+    places=2,
 )

@@ -11,6 +11,7 @@ from pvdf_fem.page import Cell, Column, Table
 from reports.cases import Case, Reference
 from reports.growth import Size
 from reports.runs import GOAL, OURS, Run, fastest
+from reports.sweep_cost import SweepCost
 
 TARGETS = (1e-3, 1e-4, 1e-5)
 
@@ -167,6 +168,39 @@ def _ratios(
         if theirs and to_tolerance:
             full.append(theirs.seconds / to_tolerance.seconds)
     return bare, full
+
+
+def sweep_table(sweeps: Sequence[SweepCost]) -> Table:
+    """Seconds of a scene in a sweep and alone."""
+    columns = [
+        Column("tolerance", "tolerance", None),
+        Column("scenes", "scenes", 0),
+        Column("solves", "solves", 0),
+        Column("failed", "without charges", 0),
+        Column("seconds", "seconds of a scene", 4),
+        Column("alone", "alone (s)", 4),
+        Column("ratio", "alone over in a sweep", 1),
+    ]
+    rows: list[list[Cell]] = [
+        [s.tolerance, s.scenes, s.solves, s.failed, s.seconds, s.alone, s.alone / s.seconds]
+        for s in sweeps
+    ]
+    return Table("sweeps", "Seconds of a scene.", columns, rows)
+
+
+def sweep_sentences(sweeps: Sequence[SweepCost], runs: Sequence[Run]) -> list[str]:
+    """How much longer a peer takes for the triangle alone than a scene of the sweep takes."""
+    told = []
+    for sweep in sweeps:
+        mine = [run for run in runs if run.job.case.name == "triangle"]
+        for peer in dict.fromkeys(run.job.code for run in mine if run.job.code != OURS):
+            best = fastest((run for run in mine if run.job.code == peer), sweep.tolerance)
+            if best:
+                told.append(
+                    f"{peer} takes {best.seconds / sweep.seconds:.2g} times as long for the "
+                    f"triangle, once, as a scene of the sweep within {sweep.tolerance:g} takes."
+                )
+    return told
 
 
 def goal_sentences(runs: Sequence[Run]) -> list[str]:

@@ -19,6 +19,7 @@ from reports.cases import CASES, INDEPENDENT, ROUND_CASES, Case, Reference, wors
 from reports.error_vs_time_plan import QUICK
 from reports.peer_calculix import solve_calculix
 from reports.runs import Job, Outcome, Run, effectivities, fastest, solve_uniform, timed
+from reports.sweep_cost import sweep_cost
 from tests.test_page import assert_links_work
 
 TRIANGLE = next(case for case in CASES if case.name == "triangle")
@@ -198,3 +199,9 @@ def test_the_benchmark_compares_with_an_earlier_run(
     capsys.readouterr()
     assert benchmark.main([*arguments, "--against", str(file)]) == 0
     assert "times the earlier" in capsys.readouterr().out
+
+
+def test_a_sweep_costs_less_than_its_scenes() -> None:
+    cost = sweep_cost(2e-2, places=2)
+    assert (cost.scenes, cost.solves, cost.failed) == (50, 5, 0)
+    assert cost.seconds < cost.alone
