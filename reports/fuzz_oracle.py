@@ -22,7 +22,9 @@ MOST = 1e6
 #: Keys of numbers that may be zero or negative.
 SIGNED = {"x_mm", "y_mm", "rotation_deg", "poisson_ratio", "thermal_expansion_per_K"}
 SIGNED |= {"temperature_change_K", "d31_pC_N", "d32_pC_N"}
-WORDS = {
+WORDS: dict[str, set[bool | str]] = {
+    "bending": {False, True, "auto"},
+    "compression": {"refuse", "tension-field"},
     "layout": {"four", "three"},
     "kind": {"dead", "follower", "rigid"},
     "contact": {"sliding", "stuck"},
@@ -83,7 +85,7 @@ def _of_keys(section: Mapping[str, Any], known: frozenset[str]) -> Iterator[str]
         if key not in known:
             yield f"key {key}"
         elif key in WORDS:
-            if not isinstance(value, str) or value not in WORDS[key]:
+            if not isinstance(value, bool | str) or value not in WORDS[key]:
                 yield f"{key} = {value!r}"
         elif key == "youngs_modulus_GPa" and isinstance(value, list):
             if len(value) != 2 or any(_number(key, one) for one in value):

@@ -70,7 +70,7 @@ class RoundFilm:
         membrane = self.equilibrium.membrane
         state = membrane.state(self.displacement.ravel())
         forces = np.zeros(membrane.dof_count)
-        np.add.at(forces, membrane.element_dofs, self.equilibrium.element_residual(state))
+        np.add.at(forces, membrane.element_dofs, membrane.residual(state))
         rim = membrane.basis.get_dofs("rim").all()
         pull = (forces.reshape(-1, 3)[rim, :2] * self.nodes[:, rim].T).sum()
         film = membrane.film
