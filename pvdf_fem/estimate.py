@@ -22,7 +22,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU
 
-from pvdf_fem.equilibrium import Equilibrium, Unknowns
+from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.membrane import ELEMENTS, Array, MembraneState
 
 # Conjugate gradients end when an iteration lowers the energy by less than this part of what all
@@ -30,6 +30,8 @@ from pvdf_fem.membrane import ELEMENTS, Array, MembraneState
 ENERGY_PART, ENERGY_PART_ROUGH = 0.02, 1e-3
 MAX_ITERATIONS = 40
 SMOOTH_STEPS = 2
+# Of values of shape functions at nodes where they vanish.
+ROUNDING = 1e-13
 
 
 @dataclass(frozen=True)
@@ -165,16 +167,14 @@ def prolongation(coarse: Equilibrium, rich: Equilibrium) -> sp.csr_matrix:
     rich_nodes, coarse_nodes = (e.membrane.basis.element_dofs for e in (rich, coarse))
     nodes, first = np.unique(rich_nodes.T, return_index=True)
     elements, local = np.divmod(first, len(rich_nodes))
-    columns = coarse_nodes[:, elements].T
-    rows = np.broadcast_to(nodes[:, None], columns.shape)
-    scalar = sp.csr_matrix((values[local].ravel(), (rows.ravel(), columns.ravel())))
-    dofs = sp.kron(scalar, sp.eye(3), format="csr")
-    return (_pick(rich.unknowns) @ dofs @ coarse.unknowns.expansion).tocsr()
-
-
-def _pick(unknowns: Unknowns) -> sp.csr_matrix:
-    """Matrix that picks one dof of each unknown."""
-    values, dofs = np.unique(unknowns.of_dof, return_index=True)
-    kept = values >= 0
-    shape = (unknowns.count, len(unknowns.of_dof))
-    return sp.csr_matrix((np.ones(kept.sum()), (values[kept], dofs[kept])), shape=shape)
+    rows, columns = (
+        e.unknowns.of_dof[3 * dofs[..., None] + np.arange(3)]
+        for e, dofs in ((rich, nodes), (coarse, coarse_nodes[:, elements].T))
+    )
+    _, one = np.unique(rows, return_index=True)  # dof of each unknown
+    chosen = np.zeros(rows.size, dtype=bool)
+    chosen[one] = True
+    rows, columns, entries = np.broadcast_arrays(rows[:, None], columns, values[local][..., None])
+    used = chosen.reshape(-1, 1, 3) & (rows >= 0) & (columns >= 0) & (np.abs(entries) > ROUNDING)
+    shape = (rich.unknowns.count, coarse.unknowns.count)
+    return sp.csr_matrix((entries[used], (rows[used], columns[used])), shape=shape)
