@@ -166,8 +166,8 @@ def _best_of(study: Study, count: int) -> Candidate:
     what is judged is what they gain beyond that.
     """
     some = [one for one in rings(study, count) if one.width_mm == THESIS.width_mm]
-    best = min(some, key=lambda one: study.performance(one).position_mm)
-    return Candidate(str(count), best, study.performance(best).position_mm * np.sqrt(count))
+    best = study.best(some)
+    return Candidate(str(count), best.sensor, best.position_mm * np.sqrt(count))
 
 
 def _film(study: Study, sensor: Sensor) -> Candidate:

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle as Disc
 from matplotlib.patches import Polygon as Patch
+from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
 from pvdf_fem.figures import COLOURS, GREY, Series, label_curves, new_figure, save, style
@@ -167,6 +168,9 @@ def _lines(
     ax.set_xlabel(x_label)
     if log:
         ax.set_yscale("log")
+        ax.yaxis.set_major_formatter("{x:g}")
+        ax.yaxis.set_minor_formatter("{x:g}")
+        ax.yaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
     else:
         ax.set_ylim(bottom=0.0)
     label_curves(ax, curves, inks)

@@ -73,7 +73,7 @@ def number_of_electrodes(study: Study, out: Path) -> Section:
     """Spacing, size and number of the electrodes."""
     spacing_picture(study, out / SPACING)
     every = [one for n in study.axes.counts for one in rings(study, n)]
-    best = {n: _best(study, rings(study, n)) for n in study.axes.counts}
+    best = {n: study.best(rings(study, n)) for n in study.axes.counts}
     told = [
         f"{n} electrodes: {one.position_mm:.2f} mm at {ring_label(one.sensor)}"
         for n, one in best.items()
@@ -167,9 +167,8 @@ def film(study: Study, recommended: Recommendation, out: Path) -> Section:
         f"{thick[-1].thickness_um:g} µm, as the charge per force goes from "
         f"{thin.sensitivity_pC_N:.0f} to {thickest.sensitivity_pC_N:.0f} pC/N; under 1 N from "
         f"{study.performance(thick[0]).position_mm:.2f} to "
-        f"{study.performance(thick[-1]).position_mm:.2f} mm. What thin film costs is stress: "
-        f"{study.stress_MPa(thick[0], 1.0):.0f} MPa under 1 N, against "
-        f"{study.stress_MPa(thick[-1], 1.0):.0f} MPa."
+        f"{study.performance(thick[-1]).position_mm:.2f} mm. The stress under 1 N is "
+        f"{study.stress_MPa(thick[0], 1.0):.0f} and {study.stress_MPa(thick[-1], 1.0):.0f} MPa."
     )
     tables = [Table("films", caption, columns, rows)]
     return _section("film", "Thickness and pretension", [text], [*pictures, *tables], out)
@@ -231,7 +230,7 @@ def _reasons(found: Recommendation) -> list[str]:
 
 
 def _least(choice: Choice) -> str:
-    best = min(choice.candidates, key=lambda one: one.merit)
+    best = min(choice.candidates, key=lambda one: (np.isnan(one.merit), one.merit))
     return f"{best.merit:.2f} mm at {best.label}; {choice.taken.merit:.2f} mm here"
 
 
@@ -244,14 +243,14 @@ def future_work(study: Study, found: Recommendation, out: Path) -> Section:
     here = study.performance(THESIS)
     same = [s for s in rings(study, THESIS.count) if s.width_mm == THESIS.width_mm]
     sized = [s for s in rings(study, THESIS.count) if s.ring_mm == THESIS.ring_mm]
-    best = _best(study, same)
+    best = study.best(same)
     text = [
         "Section 6.3 of the thesis, item 3, names design parameters to be investigated. Position "
         "errors under 1 N:",
         f"Distance between opposite elements: four of {THESIS.width_mm:g} mm do best at "
         f"{best.sensor.spacing_mm:g} mm, {best.position_mm:.2f} mm, against "
         f"{here.position_mm:.2f} mm at the thesis's {THESIS.spacing_mm:g} mm. At the film's "
-        f"centre closer ones are better ({_trend(study, same)}).",
+        f"centre the error is {_trend(study, same)}.",
         f"Dimensions of each element, at {THESIS.spacing_mm:g} mm: {_sizes(study, sized)}.",
         *_directions(study),
         f"Shapes, of one area: {_named(study, shapes())}.",
@@ -321,10 +320,6 @@ def _cells(one: Performance) -> list[Cell]:
 
 def _step_row(step: Step) -> list[Cell]:
     return [step.label, *_cells(step.firm), *_cells(step.soft), step.stress_MPa]
-
-
-def _best(study: Study, sensors: Sequence[Sensor]) -> Performance:
-    return min(map(study.performance, sensors), key=lambda one: one.position_mm)
 
 
 def _poling(sensor: Sensor) -> str:

@@ -73,7 +73,13 @@ class PolarMap:
         return CubicSpline(radii, np.concatenate([sign * c[:0:-1], c]))
 
     def value_and_gradient(self, positions_mm: Array) -> tuple[Array, Array]:
-        """Values (points, values) and gradients (points, values, 2) per mm at (points, 2)."""
+        """Values (points, values) and gradients (points, values, 2) per mm at (points, 2).
+
+        A map that has a gap, where a solve failed, is NaN everywhere.
+        """
+        if not np.isfinite(self.samples).all():
+            shape = len(positions_mm), self.samples.shape[2]
+            return np.full(shape, np.nan), np.full((*shape, 2), np.nan)
         x, y = positions_mm.T
         r = np.maximum(np.hypot(x, y), TINY)
         phi = np.arctan2(y, x)
@@ -132,13 +138,17 @@ class Response:
         return weighted.swapaxes(1, 2) @ weighted
 
     def covariance(self, noise: Noise) -> Array:
-        """Of x and y in mm and the force in units of itself; infinite where singular."""
+        """Of x and y in mm and the force in units of itself; infinite where singular.
+
+        NaN where a charge is unknown.
+        """
         information = self.information(noise)
-        eigenvalues = np.linalg.eigvalsh(information)
-        sound = eigenvalues[:, 0] > SINGULAR * eigenvalues[:, -1]
-        found = np.full_like(information, np.inf)
+        known = np.asarray(np.isfinite(information).all(axis=(1, 2)))
+        eigenvalues = np.linalg.eigvalsh(information[known])
+        sound = np.zeros_like(known)
+        sound[known] = eigenvalues[:, 0] > SINGULAR * eigenvalues[:, -1]
+        found = np.where(known[:, None, None], np.full_like(information, np.inf), np.nan)
         found[sound] = np.linalg.inv(information[sound])
-        found[np.isnan(eigenvalues[:, 0])] = np.nan
         return found
 
     def position_errors_mm(self, noise: Noise) -> Array:

@@ -145,7 +145,7 @@ class Lattice:
     @classmethod
     def quick(cls) -> Lattice:
         """A coarse one."""
-        return cls(pitch_mm=5.0, reach_mm=15.0, angle_count=16, tolerance=1e-2)
+        return cls(pitch_mm=5.0, reach_mm=15.0, angle_count=12, tolerance=2e-2)
 
     def finer(self) -> Lattice:
         """With smaller steps and a smaller tolerance, for a check."""
