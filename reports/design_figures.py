@@ -97,7 +97,12 @@ def spacing_picture(study: Study, path: Path) -> None:
         same = {n: [s for s in rings(study, n) if s.width_mm == THESIS.width_mm] for n in counts}
         curves = [_curve(study, f"{n} electrodes", some) for n, some in same.items()]
         _lines(left, curves, "spacing of opposite electrodes (mm)")
-        left.set_title(f"electrodes of {THESIS.width_mm:g} mm")
+        small = min(study.axes.sides_mm)
+        for n, ink in zip(counts, COLOURS, strict=False):
+            some = [s for s in rings(study, n) if s.width_mm == small]
+            thin = _curve(study, "", some)
+            left.plot(thin.x, thin.y, color=ink, linewidth=0.9, linestyle=(0, (4, 2)))
+        left.set_title(f"electrodes of {THESIS.width_mm:g} mm; dashed: {small:g} mm")
         most = max(counts)
         every = rings(study, most)
         sides = sorted({sensor.width_mm for sensor in every})

@@ -94,7 +94,13 @@ def number_of_electrodes(study: Study, out: Path) -> Section:
         "electrodes",
         "Number, spacing and size of the electrodes",
         [text],
-        [Picture(SPACING, "Position error under 1 N against the spacing."), table],
+        [
+            Picture(
+                SPACING,
+                "Position error under 1 N against the spacing, where the electrodes have room.",
+            ),
+            table,
+        ],
         out,
     )
 
