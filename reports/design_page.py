@@ -223,8 +223,8 @@ def _reasons(found: Recommendation) -> list[str]:
         f"Spacing and size: {found.ring.taken.label}, the most charge per force among those "
         f"within {near} of the least error ({_least(found.ring)}).",
         f"Poling: {found.poling.taken.label}; {_all(found.poling)}. Biaxial film is preferred "
-        f"unless the other is better by more than {near}, as its charges do not change when a "
-        "long probe turns with the sensor under it.",
+        f"unless the other is better by more than {near}, as on drawn film the charges under a "
+        "long probe depend on its direction to the drawn axis too; all this is for a round one.",
         f"Thickness: {found.thickness.taken.label.split(',')[0]}, the least error of the worse of "
         f"both forces ({_all(found.thickness)}) among films whose stress under {OVERLOAD:g} N is "
         f"below {STRENGTH_MPA:g} MPa, the lowest strength that the supplier gives; refused for "
