@@ -13,7 +13,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle as Disc
 from matplotlib.patches import Polygon as Patch
-from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
 from pvdf_fem.figures import COLOURS, GREY, Series, label_curves, new_figure, save, style
@@ -153,7 +152,7 @@ def film_picture(
         axes[2].axhline(STRENGTH_MPA, color=GREY, linestyle=(0, (4, 3)), linewidth=0.9)
         for ax, curves, first in zip(axes, (errors, gains, stresses), (0, 0, 2), strict=True):
             ax.set_xscale("log")
-            _lines(ax, curves, x_label, first=first, log=ax is axes[1])
+            _lines(ax, curves, x_label, first=first)
             ax.set_xticks(x, [f"{value:g}" for value in x])
             ax.minorticks_off()
             at = films[sensors.index(taken)].x
@@ -164,20 +163,12 @@ def film_picture(
         save(figure, path)
 
 
-def _lines(
-    ax: Axes, curves: Sequence[Series], x_label: str, *, first: int = 0, log: bool = False
-) -> None:
+def _lines(ax: Axes, curves: Sequence[Series], x_label: str, *, first: int = 0) -> None:
     inks = [COLOURS[(first + i) % len(COLOURS)] for i in range(len(curves))]
     for one, ink in zip(curves, inks, strict=True):
         ax.plot(one.x, one.y, "o-", color=ink)
     ax.set_xlabel(x_label)
-    if log:
-        ax.set_yscale("log")
-        ax.yaxis.set_major_formatter("{x:g}")
-        ax.yaxis.set_minor_formatter("{x:g}")
-        ax.yaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
-    else:
-        ax.set_ylim(bottom=0.0)
+    ax.set_ylim(bottom=0.0)
     label_curves(ax, curves, inks)
 
 
