@@ -1,0 +1,147 @@
+"""The design study: what position, force and charge a sensor resolves, by its parameters.
+
+    python reports/design.py [--out DIR] [--quick] [--quiet] [--processes N]
+
+Writes ``index.html`` with figures (SVG) and tables (CSV): position error and charge sensitivity
+against number, spacing, size and shape of the electrodes, thickness, pretension and poling of the
+film; maps over the film; a recommended design. Solved scenes are kept in ``results/`` beside them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from pathlib import Path
+
+from tqdm import tqdm
+
+ROOT = Path(__file__).resolve().parents[1]
+if str(ROOT) not in sys.path:  # when run as a script, only its own directory is there
+    sys.path.insert(0, str(ROOT))
+
+from pvdf_fem import __version__  # noqa: E402
+from pvdf_fem.files import make_directory  # noqa: E402
+from pvdf_fem.page import Page  # noqa: E402
+from pvdf_fem.program import ArgumentParser, InputError, run_program  # noqa: E402
+from reports import design_page as page  # noqa: E402
+from reports.design_checks import checks  # noqa: E402
+from reports.design_choice import recommend  # noqa: E402
+from reports.design_sensor import Lattice, Sensor  # noqa: E402
+from reports.design_study import (  # noqa: E402
+    Axes,
+    Study,
+    light,
+    poled,
+    rings,
+    shapes,
+    thicknesses,
+)
+from reports.options import number_of  # noqa: E402
+from reports.results import Results  # noqa: E402
+
+Solve = Callable[[Sequence[Sensor]], None]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Make the report; returns 0, or 1 if a solve failed."""
+    options = _options(arguments)
+    return run_program("reports/design.py", lambda: _report(options))
+
+
+def _report(options: argparse.Namespace) -> int:
+    start = time.perf_counter()
+    make_directory(options.out, "index.html")
+    results = Results(options.out / "results", options.processes)
+    study = Study(results, Lattice.quick(), Axes.quick()) if options.quick else Study(results)
+    hidden = options.quiet or not sys.stderr.isatty()
+    with tqdm(unit="scene", disable=hidden, dynamic_ncols=True) as bar:
+        made = _page(study, _solver(study, bar), options)
+    records = results.records
+    failed = sum(not record.converged for record in records)
+    made.provenance.update(
+        {
+            "Scenes": f"{len(records)}, {sum(one.seconds for one in records):.0f} s of computing, "
+            "kept between runs",
+            "Failed": str(failed),
+            "Time": f"{time.perf_counter() - start:.0f} s",
+        }
+    )
+    path = made.write(options.out)
+    if not options.quiet:
+        print(path)
+    return 1 if failed else 0
+
+
+def _page(study: Study, solve: Solve, options: argparse.Namespace) -> Page:
+    solve(_sensors(study))
+    try:
+        found = recommend(study, solve)
+    except ValueError as error:
+        raise InputError(str(error)) from error
+    out = options.out
+    sections = [
+        page.recommendation(study, found, out),
+        page.maps(study, found.sensor, out),
+        page.number_of_electrodes(study, out),
+        page.film(study, found, out),
+        page.future_work(study, found, out),
+        checks(study, found, quick=options.quick, out=out),
+    ]
+    provenance = {"pvdf_fem": __version__, "Tolerance": f"{study.lattice.tolerance:g} (relative)"}
+    return Page("What a sensor's design does", page.introduction(study), sections, provenance)
+
+
+def _sensors(study: Study) -> list[Sensor]:
+    """All that are compared before one is recommended."""
+    films = thicknesses(study.axes)
+    found = [one for count in study.axes.counts for one in rings(study, count)]
+    found += [*films, *map(light, films), *shapes().values(), *poled().values()]
+    return list(dict.fromkeys(found))
+
+
+def _solver(study: Study, bar: tqdm[None]) -> Solve:
+    """`Study.solve` with progress on a bar."""
+
+    def solve(sensors: Sequence[Sensor]) -> None:
+        before = bar.n
+
+        def tell(done: int, total: int) -> None:
+            bar.total = before + total
+            bar.update(before + done - bar.n)
+
+        study.solve(sensors, tell)
+
+    return solve
+
+
+def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = ArgumentParser(
+        prog="reports/design.py",
+        description="Position error and charge sensitivity by the sensor's design.",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=ROOT / "reports" / "out" / "design",
+        metavar="DIR",
+        help="output directory",
+    )
+    parser.add_argument("--quick", action="store_true", help="few designs, a coarse lattice")
+    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    parser.add_argument(
+        "--processes",
+        type=number_of("processes"),
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="default: cores",
+    )
+    return parser.parse_args(arguments)
+
+
+if __name__ == "__main__":
+    # by its own name, so that other processes find its functions
+    sys.exit(import_module("reports.design").main())
