@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pvdf_fem.gradients import PLACE
 from pvdf_fem.scene import Scene
 from pvdf_fem.sensing.cubic_spline import Axis, CubicSpline
-from pvdf_fem.sensing.probe_frame import PolarRaster, stress_about_probe
+from pvdf_fem.sensing.probe_frame import PolarRaster, mean_stress_about_probe
 from pvdf_fem.sensing.response import Domain, Response
 from pvdf_fem.sensing.rim_places import ProbeCharges, RimPlaces
 from pvdf_fem.shapes import PERIOD_DEG
@@ -197,7 +197,7 @@ class Plan:
         anywhere = {"name": "A", "shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": whole}
         upright = scene.with_(**{"electrodes": [anywhere], **dict.fromkeys(PLACE, 0.0)})
         tasks = [
-            joblib.delayed(stress_about_probe)(upright, place, self.forces_N, self.raster)
+            joblib.delayed(mean_stress_about_probe)(upright, place, self.forces_N, self.raster)
             for place in -self.places.unique_centres_mm
         ]
         fields = []
