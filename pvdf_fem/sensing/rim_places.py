@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 # Modes of the stress that are less than this part of the largest are left out.
 LEAST_MODE = 1e-6
 # Of an electrode's integral, along each of its sides or a quarter of a circle.
-GAUSS_POINTS = 8
+GAUSS_POINTS = 12
 # Positions at a time, whose integrals are one sparse matrix.
 POSITIONS = 2000
 
