@@ -21,6 +21,7 @@ from skfem.models import mass
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.mesh import PROBE, Sizes, mesh_scene, outlines
 from pvdf_fem.newton import Status, factorise, newton, seed
+from pvdf_fem.outline import Circle
 from pvdf_fem.scene import Scene
 from pvdf_fem.solution import NotConvergedError
 
@@ -30,6 +31,8 @@ ORDER = 3
 # Elements have this share of the probe's size (the root of its area) along its edge, and grow by
 # this share of the distance to this share of the film's radius.
 PROBE_SIZE, GROWTH, FILM_SIZE = 1 / 9, 0.25, 1 / 9
+# The same for a disc, whose edge they replace by chords: charges are off by the arcs' height.
+DISC_SIZE = 1 / 36
 # Stress beyond this share of the radius is taken from there; the mesh ends at chords of the rim.
 INSIDE = 0.98
 # Triangles in which a point is sought.
@@ -155,7 +158,9 @@ def mean_stress_about_probe(
 
 
 def _equilibrium(scene: Scene) -> Equilibrium:
-    size = PROBE_SIZE * float(np.sqrt(outlines(scene)[PROBE].area))
+    probe = outlines(scene)[PROBE]
+    share = DISC_SIZE if isinstance(probe, Circle) else PROBE_SIZE
+    size = share * float(np.sqrt(probe.area))
     sizes = Sizes({PROBE: size}, GROWTH, FILM_SIZE * scene.film.radius)
     return Equilibrium(scene, mesh_scene(scene, sizes), ORDER)
 
