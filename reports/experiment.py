@@ -27,7 +27,9 @@ if str(ROOT) not in sys.path:  # when run as a script, only its own directory is
 
 from pvdf_fem import __version__  # noqa: E402
 from pvdf_fem.figures import COLOURS, GREY, new_figure, save, style  # noqa: E402
+from pvdf_fem.files import make_directory  # noqa: E402
 from pvdf_fem.page import Cell, Column, Page, Picture, Section, Table  # noqa: E402
+from pvdf_fem.program import ArgumentParser, run_program  # noqa: E402
 from pvdf_fem.sensing.isocharge import contour  # noqa: E402
 from pvdf_fem.sensing.locate_many import locate_many  # noqa: E402
 from pvdf_fem.sensing.triangulation import triangulate  # noqa: E402
@@ -97,8 +99,13 @@ class Predicted:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Predict and compare; returns 0."""
     options = _options(arguments)
+    return run_program("reports/experiment.py", lambda: _predict(options))
+
+
+def _predict(options: argparse.Namespace) -> int:
+    make_directory(options.out, "index.html")
     kept = options.out / "results"
-    kept.mkdir(parents=True, exist_ok=True)
+    kept.mkdir(exist_ok=True)
     thesis = Thesis.read()
     with Parallel(options.processes) as parallel:
         scenes = _pressed(thesis, kept, options.processes, parallel)
@@ -380,7 +387,7 @@ def _judged(ratio: float) -> str:
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
+    parser = ArgumentParser(
         prog="reports/experiment.py",
         description="Propagate the thesis's sources of error into its measured positions.",
     )

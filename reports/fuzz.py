@@ -116,6 +116,7 @@ PROGRAMS = {
     "solve": Program(cli.main, ("solve",), ("pvdf_fem.solution.solve",)),
     "mesh": Program(cli.main, ("mesh",), ("pvdf_fem.mesh.mesh_scene",)),
     "modes": Program(cli.main, ("modes",), ("pvdf_fem.modal.modes",)),
+    "locate": Program(cli.main, ("locate",), ("pvdf_fem.cli_locate.model_of",)),
     "compare": Program(compare.main, (), ("reports.compare._scenes",)),
     "thesis": Program(thesis.main, (), ("reports.thesis.Thesis.read",)),
     "benchmark": Program(benchmark.main, (), ("reports.benchmark.yardstick",)),

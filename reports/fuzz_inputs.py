@@ -319,6 +319,7 @@ _OPTIONS = {
     "benchmark": ["--rounds", "--case", "--against"],
     "error_vs_time": ["--quick="],
     "modes": ["--count"],
+    "locate": ["--charges", "--unknown", "--force-range"],
 }
 _NO_OPTIONS = (
     *("0", "-1", "1.5", "²", "٣", "1_0", "nan", "9" * 30, "9" * 5000, "", " ", "\x1b[31m"),
@@ -335,7 +336,9 @@ def wrong_option(rng: Random) -> Input:
         arguments = (f"--{value or 'x'}x",)
     if program in ("compare", "modes"):
         arguments = (FILE, *arguments)
-    data = MEASUREMENTS.read_bytes() if program == "compare" else b""
+    if program == "locate":
+        arguments = (FILE, "--charges", "A=905,B=731,C=600,D=641", *arguments)
+    data = {"compare": MEASUREMENTS.read_bytes(), "locate": b"[probe]"}.get(program, b"")
     return Input(program, arguments, data, True)
 
 

@@ -1,6 +1,6 @@
 """Positions from charges: the thesis's triangulation beside maximum likelihood.
 
-    python reports/locate.py [--out DIR] [--touches N] [--processes N]
+    python reports/locate.py [--out DIR] [--touches N] [--quick] [--processes N]
 
 Writes ``index.html`` with figures (SVG) and tables (CSV): the thesis's scenes, random touches with
 exact and noisy charges, and maps of resolution and ambiguity. Models and solved scenes are kept in
@@ -13,6 +13,7 @@ import argparse
 import os
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,9 @@ if str(ROOT) not in sys.path:  # when run as a script, only its own directory is
 
 from pvdf_fem import Scene, __version__  # noqa: E402
 from pvdf_fem.figures import COLOURS, new_figure, save, style  # noqa: E402
+from pvdf_fem.files import make_directory  # noqa: E402
 from pvdf_fem.page import Cell, Column, Page, Picture, Section, Table  # noqa: E402
+from pvdf_fem.program import ArgumentParser, run_program  # noqa: E402
 from pvdf_fem.sensing.locate import locate  # noqa: E402
 from pvdf_fem.sensing.response import Response  # noqa: E402
 from pvdf_fem.sensing.touch import QUANTITIES  # noqa: E402
@@ -73,22 +76,62 @@ Array = NDArray[np.float64]
 #: Relative error of the finite-element charges.
 TOLERANCE = 1e-4
 SHAPES = {"tri7": "triangle", "rect14x7": "rectangle"}
-MAP_NOISE, MAP_ACROSS = 0.01, 20
+MAP_NOISE = 0.01
 # Electrodes of the random touches and the maps.
 LAYOUT = "4"
+
+
+@dataclass(frozen=True)
+class Scope:
+    """How much is compared.
+
+    Attributes
+    ----------
+    touches : int
+        Random ones of each probe.
+    reach_mm : float
+    forces_N : tuple of float
+        The domain of the models and of these touches.
+    map_across : int
+        Places across a map.
+    """
+
+    touches: int = 500
+    reach_mm: float = REACH_MM
+    forces_N: tuple[float, float] = FORCES_N
+    map_across: int = 20
+
+
+FULL, QUICK = Scope(), Scope(8, 7.0, (0.5, 2.0), 4)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Compare; returns 0, or 1 if a solve failed."""
     options = _options(arguments)
-    options.out.mkdir(parents=True, exist_ok=True)
-    thesis, results = Thesis.read(), Results(options.out / "results", options.processes)
+    return run_program("reports/locate.py", lambda: _compare(options))
+
+
+def _compare(options: argparse.Namespace) -> int:
+    make_directory(options.out, "index.html")
+    scope = QUICK if options.quick else FULL
+    scope = replace(scope, touches=options.touches or scope.touches)
+    thesis = Thesis.read().quick() if options.quick else Thesis.read()
+    results = Results(options.out / "results", options.processes)
     models = {
-        (probe, film): response_of(sensor(thesis, probe, film), results.folder, options.processes)
+        (probe, film): response_of(
+            sensor(thesis, probe, film),
+            results.folder,
+            options.processes,
+            scope.reach_mm,
+            scope.forces_N,
+        )
         for probe, film in sorted({(p.probe, p.film) for p in thesis.positions})
     }
-    seeds = {probe: seed for seed, probe in enumerate(SHAPES, start=1)}
-    touches = {p: random_touches(options.touches, s, REACH_MM, FORCES_N) for p, s in seeds.items()}
+    touches = {
+        probe: random_touches(scope.touches, seed, scope.reach_mm, scope.forces_N)
+        for seed, probe in enumerate(SHAPES, start=1)
+        if (probe, "biaxial") in models
+    }
     scenes = _scenes(thesis, touches)
     with tqdm(total=results.missing(scenes), unit="solve", disable=None) as bar:
         results.solve(scenes, lambda done, total: bar.update(1 if done else 0))
@@ -101,7 +144,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _random_section(probe, trial, options.out, options.processes)
             for probe, trial in trials.items()
         ),
-        _map_section(models, options.out, options.processes),
+        _map_section(models, scope, options.out, options.processes),
     ]
     for section in sections:
         for table in section.tables:
@@ -319,13 +362,14 @@ def _picture(found: Sequence[Errors], trial: Trial, path: Path) -> None:
 # ------------------------------------------------------------------------------------------ maps
 
 
-def _map_section(models: Models, out: Path, processes: int) -> Section:
-    places, names = lattice(REACH_MM, MAP_ACROSS), electrodes_of(LAYOUT)
+def _map_section(models: Models, scope: Scope, out: Path, processes: int) -> Section:
+    places, names = lattice(scope.reach_mm, scope.map_across), electrodes_of(LAYOUT)
     found: dict[str, list[dict[bool, Place]]] = {
         shape: Parallel(processes)(
             delayed(judged)(models[probe, "biaxial"], names, at, 0.0, MAP_NOISE) for at in places
         )
         for probe, shape in SHAPES.items()
+        if (probe, "biaxial") in models
     }
     resolution_picture(places, found, out / "resolution.svg")
     ambiguity_picture(places, found, out / "ambiguity.svg")
@@ -355,7 +399,7 @@ def _map_sentence(shape: str, each: Sequence[dict[bool, Place]]) -> str:
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
+    parser = ArgumentParser(
         prog="reports/locate.py",
         description="Compare the thesis's triangulation with maximum likelihood.",
     )
@@ -369,10 +413,10 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--touches",
         type=number_of("touches"),
-        default=500,
         metavar="N",
-        help="random touches of each probe (default: 500)",
+        help=f"random touches of each probe (default: {FULL.touches}, quick: {QUICK.touches})",
     )
+    parser.add_argument("--quick", action="store_true", help="few scenes, a small domain")
     parser.add_argument(
         "--processes",
         type=number_of("processes"),

@@ -59,12 +59,19 @@ def electrodes_of(layout: str) -> dict[str, str]:
     return {name: str(direction) for name, direction in DIRECTIONS_DEG[layout].items()}
 
 
-def response_of(scene: Scene, folder: Path, processes: int) -> Response:
+def response_of(
+    scene: Scene,
+    folder: Path,
+    processes: int,
+    reach_mm: float = REACH_MM,
+    forces_N: tuple[float, float] = FORCES_N,
+) -> Response:
     """The model of a scene, from its file in the folder or built and written there."""
-    path = folder / f"{key(scene)[:24]}.response"
+    domain = "-".join(f"{value:g}" for value in (reach_mm, *forces_N))
+    path = folder / f"{key(scene)[:24]}-{domain}.response"
     if path.exists():
         return Response.load(path)
-    model = build(scene, reach_mm=REACH_MM, force_N=FORCES_N, processes=processes)
+    model = build(scene, reach_mm=reach_mm, force_N=forces_N, processes=processes)
     model.save(path)
     return model
 

@@ -88,7 +88,7 @@ def test_the_bound_grows_with_the_noise(trial):
 def test_the_report_of_locations(tmp_path, monkeypatch):
     monkeypatch.setattr(report, "response_of", model_of)
     monkeypatch.setattr(report, "Results", Solved)
-    monkeypatch.setattr(report, "MAP_ACROSS", 3)
+    monkeypatch.setattr(report, "FULL", report.Scope(map_across=3))
     monkeypatch.setattr(report.Thesis, "read", lambda: SMALL)
     assert report.main(["--out", str(tmp_path), "--touches", "2", "--processes", "1"]) == 0
     page = (tmp_path / "index.html").read_text()

@@ -40,8 +40,8 @@ def test_charges_of_a_polynomial_stress(shape):
     raster = PolarRaster(26.0, 0.5, 30 * places.angles)
     fields = []
     for centre in places.unique_centres_mm:
-        field = stress(raster.points_mm - centre, centre, raster.points_mm)
-        fields.append(np.stack([field, 3.0 * field]))
+        field = stress(raster.samples_mm - centre, centre, raster.samples_mm)
+        fields.append(raster.means(np.stack([field, 3.0 * field])))
     charges = ProbeCharges.of(places, raster, fields, uniaxial=True)
     outlines = [electrode.outline for electrode in scene.electrode_list]
     positions = np.array([[2.0, 1.0], [-5.0, 6.0]])

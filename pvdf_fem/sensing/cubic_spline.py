@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import spline_filter1d
 
@@ -85,6 +86,16 @@ class CubicSpline:
         """Values and derivatives by each coordinate at points (n, axes), (n, 1 + axes, values)."""
         return self._in_chunks(points, _rows(len(self.axes)))
 
+    def sums(self, points: Array, factors: Array) -> Array:
+        """Sums (n, values) of the values at points (n, m, axes) times factors (n, m)."""
+        n, m = factors.shape
+        weights, index = self._stencils(points.reshape(n * m, -1), _rows(len(self.axes))[:1])
+        table = self._grid.table
+        products = (weights[:, 0] * factors.reshape(-1, 1)).astype(table.dtype)
+        rows = index.shape[1] * m * np.arange(n + 1)
+        matrix = sp.csr_matrix((products.ravel(), index.ravel(), rows), (n, len(table)))
+        return matrix @ table
+
     def _in_chunks(self, points: Array, slopes: NDArray[np.bool_]) -> Array:
         if len(points) <= CHUNK:
             return self._evaluate(points, slopes)
@@ -92,7 +103,17 @@ class CubicSpline:
         return np.concatenate([self._evaluate(points[i : i + CHUNK], slopes) for i in parts])
 
     def _evaluate(self, points: Array, slopes: NDArray[np.bool_]) -> Array:
-        """`slopes` (rows, axes, 1): in which rows of the result an axis has its derivative."""
+        weights, index = self._stencils(points, slopes)
+        table = self._grid.table
+        return np.matmul(weights.astype(table.dtype, copy=False), table[index])
+
+    def _stencils(
+        self, points: Array, slopes: NDArray[np.bool_]
+    ) -> tuple[Array, NDArray[np.int64]]:
+        """Weights (n, rows, 4^axes) of the table's rows (n, 4^axes) at points (n, axes).
+
+        `slopes` (rows, axes, 1): in which rows of the result an axis has its derivative.
+        """
         grid = self._grid
         place = (points - grid.start) / grid.step
         place = np.where(grid.period > 0.0, place % grid.modulus, place)
@@ -104,8 +125,7 @@ class CubicSpline:
         for i in range(1, len(self.axes)):
             weights = weights[..., None] * factors[:, :, i, None]
             weights = weights.reshape(len(points), len(slopes), -1)
-        index = (cell @ grid.stride)[:, None] + grid.stencil
-        return np.matmul(weights.astype(grid.table.dtype, copy=False), grid.table[index])
+        return weights, (cell @ grid.stride)[:, None] + grid.stencil
 
     @cached_property
     def _grid(self) -> _Grid:

@@ -145,56 +145,62 @@ def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = n
         Searches that cannot come as close as this to the least chi-square of their touch are
         given up.
     """
-    at = _held_back(problem, starts).copy()
-    residuals, slopes = problem.residuals(at, touch)
-    chi_square = np.einsum("ne,ne->n", residuals, residuals)
-    arrived = np.zeros(len(at), dtype=bool)
+    here = _held_back(problem, starts)
+    r, J = problem.residuals(here, touch)
+    value = np.einsum("ne,ne->n", r, r)
+    ends = Descent(here.copy(), J.copy(), value.copy(), np.zeros(len(here), dtype=bool))
     least = np.full(len(problem.charges_pC), np.inf)
-    damping = np.full(len(at), _LEAST_DAMPING)
+    damping = np.full(len(here), _LEAST_DAMPING)
     reach_mm = problem.model.domain.reach_mm
-    longest = _LONGEST * [reach_mm, reach_mm, 1.0, 1.0]
-    moving = np.arange(len(at))
+    longest = (_LONGEST * [reach_mm, reach_mm, 1.0, 1.0])[problem.unknown]
+    moving = np.arange(len(here))
     for _ in range(_MAX_STEPS):
-        if not moving.size:
-            break
-        r, J = residuals[moving], slopes[moving]
-        step, expected = _step(r, J, damping[moving])
-        shift = np.zeros((len(moving), 4))
-        shift[:, problem.unknown] = step
-        length = (np.abs(shift) / longest).max(axis=1)
-        shift /= np.maximum(length, 1.0)[:, None]
-        aim = at[moving] + shift
+        step, expected = _step(r, J, damping)
+        length = np.abs(step / longest).max(axis=1)
+        aim = here.copy()
+        aim[:, problem.unknown] += step / np.maximum(length, 1.0)[:, None]
         there = _held_back(problem, aim)
-        held = (there != aim).any(axis=1) if there is not aim else np.zeros(len(aim), dtype=bool)
-        change = np.einsum("neu,nu->ne", J, (there - at[moving])[:, problem.unknown])
+        change = (J @ (there - here)[:, problem.unknown, None])[:, :, 0]
         last = np.einsum("ne,ne->n", change, change) < _ARRIVED
-        last &= (damping[moving] <= _FREE) & (length < _SHORT)
+        last &= (damping <= _FREE) & (length < _SHORT)
         if last.any():
             done = moving[last]
-            at[done], arrived[done] = there[last], True
-            chi_square[done] = np.square(r[last] + change[last]).sum(axis=1)
-            np.minimum.at(least, touch[done], chi_square[done])
-        stay = ~last & (chi_square[moving] - 4.0 * expected <= least[touch[moving]] + hopeless)
-        moving, there, held, expected = moving[stay], there[stay], held[stay], expected[stay]
-        if not moving.size:
+            ends.at[done], ends.slopes[done], ends.arrived[done] = there[last], J[last], True
+            ends.chi_square[done] = np.square(r[last] + change[last]).sum(axis=1)
+            np.minimum.at(least, touch[done], ends.chi_square[done])
+        stay = ~last & (value - 4.0 * expected <= least[touch[moving]] + hopeless)
+        if not stay.any():
             break
-        r, J = problem.residuals(there, touch[moving])
-        value = np.einsum("ne,ne->n", r, r)
-        before = chi_square[moving]
-        better = value <= before
-        gone = moving[better]
-        at[gone], residuals[gone], slopes[gone] = there[better], r[better], J[better]
-        chi_square[gone] = value[better]
-        stuck = held & (value > (1.0 - _HELD) * before)
+        held = np.zeros(len(aim), dtype=bool) if there is aim else (there != aim).any(axis=1)
+        if not stay.all():
+            moving, here, there, held = moving[stay], here[stay], there[stay], held[stay]
+            r, J, value = r[stay], J[stay], value[stay]
+            damping, expected = damping[stay], expected[stay]
+        r_there, J_there = problem.residuals(there, touch[moving])
+        value_there = np.einsum("ne,ne->n", r_there, r_there)
+        better = value_there <= value
+        stuck = held & (value_there > (1.0 - _HELD) * value)
         stuck |= ~better & (expected < _ROUNDING)
-        arrived[moving[stuck]] = True
-        damping[moving] = np.where(
+        damping = np.where(
             better,
-            np.maximum(0.1 * damping[moving], _LEAST_DAMPING),
-            np.maximum(10.0 * damping[moving], _DAMPED),
+            np.maximum(0.1 * damping, _LEAST_DAMPING),
+            np.maximum(10.0 * damping, _DAMPED),
         )
-        moving = moving[~stuck & (damping[moving] < _GIVEN_UP)]
-    return Descent(at, slopes, chi_square, arrived)
+        if better.all():
+            here, r, J, value = there, r_there, J_there, value_there
+        else:
+            here, r = np.where(better[:, None], there, here), np.where(better[:, None], r_there, r)
+            J = np.where(better[:, None, None], J_there, J)
+            value = np.where(better, value_there, value)
+        ends.at[moving], ends.slopes[moving], ends.chi_square[moving] = here, J, value
+        ends.arrived[moving[stuck]] = True
+        on = ~stuck & (damping < _GIVEN_UP)
+        if not on.any():
+            break
+        if not on.all():
+            moving, here, r, J = moving[on], here[on], r[on], J[on]
+            value, damping = value[on], damping[on]
+    return ends
 
 
 def _held_back(problem: Problem, at: Array) -> Array:

@@ -228,15 +228,17 @@ def location(problem: Problem, ends: Descent) -> Location:
 def _distinct(problem: Problem, ends: Descent, keep: Indices) -> Indices:
     """The ends that are no repetition of a better one."""
     period = period_deg(problem.model)
+    apart = ends.at[keep, None] - ends.at[keep]
+    apart[..., ROTATION] -= period * np.round(apart[..., ROTATION] / period)
+    # by the slopes of the better one
+    change = ends.slopes[keep] @ apart[:, :, problem.unknown, None]
+    same = np.square(change[..., 0]).sum(axis=2) < _SAME_CHI_SQUARE
+    same &= (np.abs(apart) < _SAME).all(axis=2)
     found: list[int] = []
-    for k in keep:
-        apart = ends.at[k] - ends.at[found]
-        apart[:, ROTATION] -= period * np.round(apart[:, ROTATION] / period)
-        close = (np.abs(apart) < _SAME).all(axis=1)
-        change = np.einsum("neu,nu->ne", ends.slopes[found], apart[:, problem.unknown])
-        if not (close & (np.square(change).sum(axis=1) < _SAME_CHI_SQUARE)).any():
-            found.append(int(k))
-    return np.array(found, dtype=np.intp)
+    for k, row in enumerate(same):
+        if not row[found].any():
+            found.append(k)
+    return keep[found]
 
 
 def extents(problem: Problem) -> Array:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pvdf_fem.gradients import PLACE
 from pvdf_fem.scene import Scene
 from pvdf_fem.sensing.cubic_spline import Axis, CubicSpline
-from pvdf_fem.sensing.probe_frame import PolarRaster, stress_about_probe
+from pvdf_fem.sensing.probe_frame import PolarRaster, mean_stress_about_probe
 from pvdf_fem.sensing.response import Domain, Response
 from pvdf_fem.sensing.rim_places import ProbeCharges, RimPlaces
 from pvdf_fem.shapes import PERIOD_DEG
@@ -27,9 +27,11 @@ RADII = (4, 7)
 # Polynomials of the force where it varies by e; their coefficients fall by 4 from one to the next.
 FORCES_PER_E = 1.5
 # Cell of the table over the root of the probe's area, and the largest.
-CELL, LARGEST_CELL_MM = 1 / 9, 0.5
+CELL, LARGEST_CELL_MM = 1 / 12, 0.375
+# Way of the corners in a step of the rotation, over the cell.
+TURN = 0.8
 # Step of the raster of stress over the table's cell.
-RASTER = 0.7
+RASTER = 0.93
 # Cells by which the table goes beyond the domain.
 BEYOND = 3
 # Touches for the error, and the tolerance of their solves over that of the response.
@@ -185,7 +187,7 @@ class Plan:
         if not period:
             return across, across, Axis(0.0, 90.0, 4, periodic=True)
         corners = 1e3 * probe.model_copy(update={"x_mm": 0.0, "y_mm": 0.0}).outline.reach
-        turns = max(4, int(np.ceil(np.radians(period) * corners / cell)))
+        turns = max(4, int(np.ceil(np.radians(period) * corners / (TURN * cell))))
         return across, across, Axis(0.0, period / turns, turns, periodic=True)
 
     def charges(self, processes: int, progress: Callable[[int, int], None]) -> ProbeCharges:
@@ -197,7 +199,7 @@ class Plan:
         anywhere = {"name": "A", "shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": whole}
         upright = scene.with_(**{"electrodes": [anywhere], **dict.fromkeys(PLACE, 0.0)})
         tasks = [
-            joblib.delayed(stress_about_probe)(upright, place, self.forces_N, self.raster)
+            joblib.delayed(mean_stress_about_probe)(upright, place, self.forces_N, self.raster)
             for place in -self.places.unique_centres_mm
         ]
         fields = []

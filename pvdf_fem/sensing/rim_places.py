@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pvdf_fem.outline import Outline
+from pvdf_fem.outline import Circle, Outline
 from pvdf_fem.scene import Probe
-from pvdf_fem.sensing.carried import area_rule
 from pvdf_fem.sensing.cubic_spline import Axis, CubicSpline
 from pvdf_fem.sensing.probe_frame import PolarRaster
 from pvdf_fem.shapes import PERIOD_DEG
@@ -27,8 +26,10 @@ Array = NDArray[np.float64]
 
 # Modes of the stress that are less than this part of the largest are left out.
 LEAST_MODE = 1e-6
-# Of an electrode's integral, along each side of a triangle of it.
-GAUSS_POINTS = 8
+# Of an electrode's integral, along each of its sides or a quarter of a circle.
+GAUSS_POINTS = 12
+# Positions at a time, whose integrals are one sparse matrix.
+POSITIONS = 2000
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,7 @@ class ProbeCharges:
     places : RimPlaces
     modes : CubicSpline
         Modes of the trace S11 + S22, and of the deviator (S11 - S22)/2 and S12 where they count,
-        over ρ in mm and θ.
+        over ρ in mm and θ, as means along the rays (`PolarRaster.means`).
     shares : ndarray, shape (radii, angles, forces, modes)
         Of the modes in the stress of each place and force, Pa.
     """
@@ -229,13 +230,10 @@ class ProbeCharges:
         shares = np.tensordot(weights, self.shares, axes=2)
         charges = []
         for electrode in electrodes:
-            points, areas = area_rule(electrode, GAUSS_POINTS)
-            seen = (1e3 * points - positions_mm[:, None]) @ turn
-            polar = np.stack(
-                [np.linalg.norm(seen, axis=-1), np.arctan2(seen[..., 1], seen[..., 0])], axis=-1
+            parts = range(0, len(positions_mm), POSITIONS)
+            forces = np.concatenate(
+                [self._forces(electrode, positions_mm[i : i + POSITIONS], turn) for i in parts]
             )
-            stress = self.modes(polar.reshape(-1, 2)).reshape(*seen.shape[:2], -1, shares.shape[-1])
-            forces = np.tensordot(areas, stress, axes=(0, 1))
             total = 0.5 * (d31_pC_N + d32_pC_N) * forces[:, 0]
             if forces.shape[1] == 3:
                 # the deviator in the film's axes
@@ -243,6 +241,34 @@ class ProbeCharges:
                 total += (d31_pC_N - d32_pC_N) * (c * forces[:, 1] - s * forces[:, 2])
             charges.append(np.einsum("nm,nfm->nf", total, shares))
         return np.stack(charges, axis=-1)
+
+    def _forces(self, electrode: Outline, positions_mm: Array, turn: Array) -> Array:
+        """Integrals (n, components, modes) in N of the stress over an electrode."""
+        points, normals = boundary_rule(electrode, GAUSS_POINTS)
+        seen = (1e3 * points - positions_mm[:, None]) @ turn
+        across = 0.5e-3 * np.einsum("nqi,qi->nq", seen, normals @ turn)
+        polar = np.stack(
+            [np.linalg.norm(seen, axis=-1), np.arctan2(seen[..., 1], seen[..., 0])], axis=-1
+        )
+        found = self.modes.sums(polar, across)
+        return found.reshape(len(positions_mm), -1, self.shares.shape[-1])
+
+
+def boundary_rule(outline: Outline, count: int) -> tuple[Array, Array]:
+    """Points (n, 2) in m and outward normals (n, 2) times weights in m of an outline's integral.
+
+    With `count` points along a side of a polygon or a quarter of a circle.
+    """
+    if isinstance(outline, Circle):
+        angles = 0.5 * np.pi * np.arange(4 * count) / count
+        outward = outline.radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        return outline.centre + outward, outward * 0.5 * np.pi / count
+    s, w = np.polynomial.legendre.leggauss(count)
+    begin = outline.vertices[:, None]
+    sides = np.roll(outline.vertices, -1, axis=0)[:, None] - begin
+    normals = np.stack([sides[..., 1], -sides[..., 0]], axis=-1) * 0.5 * w[:, None]
+    points = begin + 0.5 * (s[:, None] + 1.0) * sides
+    return points.reshape(-1, 2), normals.reshape(-1, 2)
 
 
 def _matrix(angle: float) -> Array:

@@ -2,12 +2,14 @@
 
 Everywhere on the table's lattice of places and rotations the force that fits best is found on the
 chords between tabulated forces. At each rotation the places where what is left has a local minimum
-are the starts, so that each valley wider than the lattice's pitch has one.
+are the starts, so that each valley wider than the lattice's pitch has one. A ring of places on the
+edge of the reach is searched too: beyond the electrodes charges fall again, and a valley there may
+be narrower.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -22,6 +24,7 @@ Indices = NDArray[np.intp]
 
 # The lattice: places across the reach, rotations in the probe's period, forces in the domain's.
 _ACROSS, _ROTATIONS, _FORCES = 25, 12, 5
+_AROUND = 48
 # At each rotation the search starts from local minima with at most so many times the least
 # chi-square, and from so many places with the lowest: long valleys have several bottoms.
 _PROMISING, _LOWEST = 1e3, 8
@@ -39,7 +42,10 @@ class Table:
         The axes.
     inside : ndarray of bool, shape (len(x_mm), len(y_mm))
         Which places the model reaches.
-    charges_pC : ndarray, shape (places inside, rotations, forces, electrodes)
+    ring_mm : ndarray, shape (n, 2)
+        Places on the edge of the reach, in order; none if x or y is known.
+    charges_pC : ndarray, shape (places, rotations, forces, electrodes)
+        At the places inside and on the ring.
     period_deg : float
         Of the rotation, when the axis is the whole period; else 0.
     """
@@ -49,6 +55,7 @@ class Table:
     rotations_deg: Array
     log_forces: Array
     inside: NDArray[np.bool_]
+    ring_mm: Array
     charges_pC: Array
     period_deg: float
 
@@ -59,9 +66,9 @@ class Table:
 
     @cached_property
     def places(self) -> Array:
-        """The places inside, (n, 2)."""
+        """The places inside and on the ring, (n, 2)."""
         i, j = np.nonzero(self.inside)
-        return np.stack([self.x_mm[i], self.y_mm[j]], axis=1)
+        return np.concatenate([np.stack([self.x_mm[i], self.y_mm[j]], axis=1), self.ring_mm])
 
     def turned(self, rotation_deg: float) -> Table:
         """The table of one rotation, interpolated linearly."""
@@ -73,15 +80,18 @@ class Table:
         Q = self.charges_pC
         charges = (1.0 - t) * Q[:, k : k + 1] + t * Q[:, following : following + 1]
         axes = self.x_mm, self.y_mm, np.array([rotation_deg]), self.log_forces
-        return Table(*axes, self.inside, charges, 0.0)
+        return Table(*axes, self.inside, self.ring_mm, charges, 0.0)
 
     def starts(self, charges_pC: Array, deviations_pC: Array, electrodes: Indices) -> Array:
         """Coordinates (n, 4) of the local minima of chi-square over places, at each rotation."""
         chi_square, log_force = self._fitted(charges_pC, deviations_pC, electrodes)
+        within = len(chi_square) - len(self.ring_mm)
         lattice = np.full((*self.inside.shape, len(self.rotations_deg)), np.inf)
-        lattice[self.inside] = chi_square
+        lattice[self.inside] = chi_square[:within]
         least = minimum_filter(lattice, (3, 3, 1), mode="nearest")
-        chosen = (lattice == least)[self.inside]
+        ring = chi_square[within:]
+        bottom = (ring <= np.roll(ring, 1, axis=0)) & (ring <= np.roll(ring, -1, axis=0))
+        chosen = np.concatenate([(lattice == least)[self.inside], bottom])
         chosen &= chi_square < _PROMISING * chi_square.min(axis=0)
         lowest = np.argsort(chi_square, axis=0)[:_LOWEST]
         np.put_along_axis(chosen, lowest, True, axis=0)
@@ -146,14 +156,17 @@ def tabulate(
     if FORCE in known:
         forces = np.array([known[FORCE]])
     inside = np.hypot(x[:, None], y) <= reach * (1 + 1e-9)
-    i, j = np.nonzero(inside)
-    at = np.empty((len(i), len(turns), len(forces), 4))
-    at[..., X], at[..., Y] = x[i][:, None, None], y[j][:, None, None]
+    angles = 2.0 * np.pi * np.arange(0 if {X, Y} & set(known) else _AROUND) / _AROUND
+    ring = reach * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    empty = np.empty((0, len(turns), len(forces), 0))
+    table = Table(x, y, turns, np.log(forces), inside, ring, empty, period)
+    at = np.empty((len(table.places), len(turns), len(forces), 4))
+    at[..., :ROTATION] = table.places[:, None, None]
     at[..., ROTATION], at[..., FORCE] = turns[:, None], forces
     rows = at.reshape(-1, 4)
     chunks = [model.evaluate(rows[k : k + _CHUNK])[0] for k in range(0, len(rows), _CHUNK)]
     charges = np.concatenate(chunks).reshape(*at.shape[:3], -1)
-    return Table(x, y, turns, np.log(forces), inside, charges, period)
+    return replace(table, charges_pC=charges)
 
 
 @lru_cache(maxsize=8)
