@@ -21,10 +21,10 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from skfem import InteriorFacetBasis, MeshTri2
+from skfem import MeshTri2
 
-from pvdf_fem.cut import area_cut, line_cut
-from pvdf_fem.membrane import IDENTITY, Array, Membrane, shape_gradients, strain_of
+from pvdf_fem.cut import area_cut, edge_cut, line_cut
+from pvdf_fem.membrane import IDENTITY, Array, Membrane, strain_of
 from pvdf_fem.mesh import electrode_patch
 from pvdf_fem.outline import Circle, Outline, Polygon
 from pvdf_fem.scene import Scene
@@ -222,12 +222,10 @@ def _edge_patches(goals: Sequence[Goal], those: Indices, membrane: Membrane) -> 
         turned = abs(goals[index].frame[0, 0]) < 0.5
         for axis, facets in enumerate(_edges(membrane.mesh, patch)[:: -1 if turned else 1]):
             for side in (0, 1):
-                basis = InteriorFacetBasis(
-                    membrane.mesh, membrane.basis.elem, facets=facets, side=side, intorder=4
-                )
-                weights = 0.5 * area * basis.dx / basis.dx.sum()
-                owners = np.full(len(basis.tind), index)
-                yield Sampling(owners, (axis,), basis.tind, shape_gradients(basis), weights)
+                cut, _ = edge_cut(membrane.mesh, facets, membrane.mesh.f2t[side, facets], 3)
+                weights = 0.5 * area * cut.weights / cut.weights.sum()
+                owners, gradients = np.full(len(facets), index), cut.gradients(membrane)
+                yield Sampling(owners, (axis,), cut.elements, gradients, weights)
 
 
 def _edge_cuts(goals: Sequence[Goal], those: Indices, membrane: Membrane) -> Iterator[Sampling]:

@@ -94,6 +94,41 @@ def line_cut(mesh: MeshTri2, lines: Array) -> Cut:
     return Cut(owners % len(lines), elements, _local(mesh, elements, at), weights)
 
 
+def edge_cut(
+    mesh: MeshTri2, facets: NDArray[np.int64], elements: NDArray[np.int64], count: int
+) -> tuple[Cut, Array]:
+    """Gauss points on edges, each in one of its two elements, and unit tangents there.
+
+    Both elements of an edge see the same curve, so that its points need not be sought in them,
+    which can fail in an element that is curved very much.
+
+    Parameters
+    ----------
+    mesh : MeshTri2
+    facets, elements : (n,) int
+        Edges, and for each an element that has it.
+    count : int
+        Points of an edge.
+
+    Returns
+    -------
+    cut : Cut
+        Its owners are the positions in `facets`.
+    tangents : (n, points, 2)
+        From the edge's first vertex to its second.
+    """
+    s, w = np.polynomial.legendre.leggauss(count)
+    corners = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    a, b = (
+        corners[:, (mesh.t[:, elements] == end).argmax(axis=0)] for end in mesh.facets[:, facets]
+    )
+    points = a[..., None] + (b - a)[..., None] * (0.5 + 0.5 * s)
+    along = np.einsum("ijfq,jf->fqi", mesh.mapping().DF(points, elements), b - a)
+    length = np.linalg.norm(along, axis=-1)
+    cut = Cut(np.arange(len(facets)), elements, points, 0.5 * w * length)
+    return cut, along / length[..., None]
+
+
 def _as_polygon(outline: Outline) -> shapely.Polygon:
     """The outline, or a polygon with the area of a disc."""
     if not isinstance(outline, Circle):

@@ -25,11 +25,10 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from skfem import MeshTri2
 
 from pvdf_fem.bending_effect import bending_joins
 from pvdf_fem.charge import COMPLEX_STEP, charge_gradients, electrode_forces
-from pvdf_fem.cut import Cut
+from pvdf_fem.cut import Cut, edge_cut
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.film import Film, plane_stress
 from pvdf_fem.membrane import IDENTITY, Array, Membrane
@@ -231,38 +230,21 @@ def _traces(membrane: Membrane, patch: NDArray[np.int64]) -> tuple[Cut, Cut, Arr
     """Quadrature on a patch's outline, in the elements inside and outside, and normals outwards.
 
     Normals are (edges, points, 2). Where the outline is the clamped rim, λ is zero and nothing is
-    swept. Both elements of an edge see the same curve, so its points need not be sought in them.
+    swept.
     """
     mesh = membrane.mesh
     facets, count = np.unique(mesh.t2f[:, patch], return_counts=True)
     facets = facets[(count == 1) & (mesh.f2t[1, facets] >= 0)]
     pair = mesh.f2t[:, facets]
     inside, outside = np.where(np.isin(pair[0], patch), pair, pair[::-1])
-    s, w = np.polynomial.legendre.leggauss(EDGE_POINTS)
-    ends = [_local_corners(mesh, facets, elements) for elements in (inside, outside)]
-    points = [a[..., None] + (b - a)[..., None] * (0.5 + 0.5 * s) for a, b in ends]
-    (a, b), mapping = ends[0], mesh.mapping()
-    along = np.einsum("ijfq,jf->fqi", mapping.DF(points[0], inside), b - a)
-    length = np.linalg.norm(along, axis=-1)
-    normals = np.stack([along[..., 1], -along[..., 0]], axis=-1) / length[..., None]
-    middle = mesh.p[:, mesh.t[:, inside]].mean(axis=1).T[:, None]
-    outwards = np.moveaxis(mapping.F(points[0], inside), 0, -1) - middle
-    normals *= np.sign((normals * outwards).sum(axis=-1, keepdims=True))
-    owners, weights = np.zeros(len(facets), dtype=np.int64), 0.5 * w * length
-    inner, outer = (
-        Cut(owners, elements, at, weights)
-        for elements, at in zip((inside, outside), points, strict=True)
+    (inner, tangents), (outer, _) = (
+        edge_cut(mesh, facets, elements, EDGE_POINTS) for elements in (inside, outside)
     )
+    normals = np.stack([tangents[..., 1], -tangents[..., 0]], axis=-1)
+    middle = mesh.p[:, mesh.t[:, inside]].mean(axis=1).T[:, None]
+    outwards = np.moveaxis(mesh.mapping().F(inner.points, inside), 0, -1) - middle
+    normals *= np.sign((normals * outwards).sum(axis=-1, keepdims=True))
     return inner, outer, normals
-
-
-def _local_corners(
-    mesh: MeshTri2, facets: NDArray[np.int64], elements: NDArray[np.int64]
-) -> tuple[Array, Array]:
-    """Local coordinates (2, n) of both ends of facets in elements."""
-    corners = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    a, b = ((mesh.t[:, elements] == end).argmax(axis=0) for end in mesh.facets[:, facets])
-    return corners[:, a], corners[:, b]
 
 
 def _gradient(side: Cut, membrane: Membrane, x: Array) -> Array:
