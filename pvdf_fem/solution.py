@@ -355,10 +355,11 @@ def _solve_on(
     if result.status is Status.CONVERGED and result.factors is not None:
         with clock("estimate"):
             rich = Equilibrium(scene, mesh, order + 1)
-            correction = corrected(equilibrium, result.q, result.factors, rich)
-        if correction is None:
-            result = replace(result, status=Status.MAX_ITERATIONS)
+            found = corrected(equilibrium, result.q, result.factors, rich)
+        if isinstance(found, Status):
+            result = replace(result, status=found)
         else:
+            correction = found
             x = rich.unknowns.expand(correction.q)
             errors = goal_forces(goals, rich.membrane, x) - forces
             if equilibrium.bending is not None:

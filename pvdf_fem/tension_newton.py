@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.equilibrium import Equilibrium
-from pvdf_fem.estimate import Correction, correct
+from pvdf_fem.estimate import Correction, correct, prolongation
 from pvdf_fem.interior_point import interior_points
 from pvdf_fem.membrane import Array, strain_rate
 from pvdf_fem.newton import (
@@ -71,25 +71,31 @@ def equilibrate(
 
 def corrected(
     coarse: Equilibrium, q: Array, factors: SuperLU, rich: Equilibrium
-) -> Correction | None:
-    """The solution `q` of `coarse` in the space of `rich`; None if there is none to be found.
+) -> Correction | Status:
+    """The solution `q` of `coarse` in the space of `rich`, or why there is none to be found.
 
-    That is what a few steps of conjugate gradients leave (`estimate.correct`). Where a film that
-    wrinkles is too stiff for them, it is a solution of its own.
+    That is what a few steps of conjugate gradients leave (`estimate.correct`). Where the film is
+    too far from linear for them, or too stiff as it wrinkles, it is a solution of its own.
     """
     correction = correct(coarse, q, factors, rich)
-    if not isinstance(rich.membrane, WrinklingMembrane):
+    if correction is not None and not _lacking(correction):
         return correction
-    left, was = (
-        np.linalg.norm(rich.residual(rich.state(x))) for x in (correction.q, correction.start)
-    )
-    if left <= REMAINDER * was:
-        return correction
-    prolong, start = correction.prolong, correction.start
+    prolong = prolongation(coarse, rich)
+    start = prolong @ q
     result = equilibrate(rich, start, RICH_TOLERANCE, near=True)
     if result.status is not Status.CONVERGED:
-        return None
-    return Correction(rich, start, result.q, rich.state(result.q), prolong)
+        return result.status
+    return Correction(rich, start, result.q, rich.state(start), prolong)
+
+
+def _lacking(correction: Correction) -> bool:
+    """Whether a film that wrinkles is still far from balance."""
+    rich = correction.rich
+    if not isinstance(rich.membrane, WrinklingMembrane):
+        return False
+    residuals = (rich.residual(rich.state(q)) for q in (correction.q, correction.start))
+    left, was = (float(np.linalg.norm(residual)) for residual in residuals)
+    return not left <= REMAINDER * was
 
 
 def deflected(equilibrium: Equilibrium) -> Array:
