@@ -35,7 +35,7 @@ from pvdf_fem.newton import Iteration, NewtonResult, Status
 from pvdf_fem.refine import refined_sizes, transferred
 from pvdf_fem.scene import Scene
 from pvdf_fem.scene_file import quote
-from pvdf_fem.tension_newton import corrected, equilibrate
+from pvdf_fem.tension_newton import barely_loaded, corrected, equilibrate
 
 # Sizes aim at this part of the tolerance.
 SAFETY = 0.5
@@ -47,12 +47,16 @@ MOST_DUALS = 32
 # Meshes of more unknowns are not made, so that a solve takes less than 20 s on one core at the
 # usual tolerance; a finer one may take longer.
 USUAL = 1e-3
-MAX_UNKNOWNS = {"refuse": 60_000, "tension-field": 15_000}
+MAX_UNKNOWNS = {"refuse": 60_000, "tension-field": 20_000}
+# A film that wrinkles has kinks, which only the next mesh can follow; the first one is coarser.
+KINKS = 1.7
 # The largest deflection is sought on this many points around the best one, on ever smaller scales.
 ZOOM, ROUNDS = 8, 5
 # Nor is another one after so many iterations: tension that concentrates in lines, as in a film that
 # a load is far too small to pull taut, needs ever more of them.
-HARD = 40
+HARD = 60
+# Nor where the load is as small and the error so many times the tolerance, or was not halved.
+HOPELESS = 100.0
 # Elements along a needle's outline may be this part of it, however thin the needle is.
 SLENDER = 1.0 / 200.0
 # Unknowns of an element, by order of the displacement.
@@ -280,15 +284,17 @@ def solve_goals(
     try:
         first = _meshed(scene, first_sizes(scene, order), clock)
         attempt = _solve_on(scene, goals, first, order, clock)
+        hopeless = HOPELESS * tolerance if barely_loaded(scene) else np.inf
         for _ in range(MAX_MESHES - 1):
             if attempt.result.status is not Status.CONVERGED or attempt.worst <= tolerance:
                 break
             with clock("refine"):
                 sizes = _refined(attempt, SAFETY * tolerance)
             most = MAX_UNKNOWNS[scene.film.compression] * max(1.0, USUAL / tolerance) ** 0.5
-            large = attempt.fields.equilibrium.unknowns.count > 0.5 * most
-            if large or len(attempt.result.iterations) > HARD:
+            large = attempt.fields.equilibrium.unknowns.count > 0.7 * most
+            if large or len(attempt.result.iterations) > HARD or attempt.worst > hopeless:
                 break
+            hopeless = min(hopeless, 0.5 * attempt.worst) if barely_loaded(scene) else np.inf
             sizes = sizes.coarsened(most / UNKNOWNS[order])
             attempt = _solve_on(scene, goals, _meshed(scene, sizes, clock), order, clock, attempt)
     except MeshError as error:
@@ -298,6 +304,9 @@ def solve_goals(
     if solution.status is Status.CONVERGED and attempt.worst > tolerance:
         reason = f"{Status.TOLERANCE.advice} to at least {attempt.worst:.1e}, which was reached"
         solution = replace(solution, status=Status.TOLERANCE, reason=reason)
+    missed = solution.status in (Status.TOLERANCE, Status.MAX_ITERATIONS, Status.UNBALANCED)
+    if missed and barely_loaded(scene):
+        solution = replace(solution, status=Status.SLACK, reason=Status.SLACK.advice)
     return solution
 
 
@@ -405,9 +414,12 @@ def _refined(attempt: Attempt, tolerance: float) -> SizeField:
 def order_for(scene: Scene) -> int:
     """The order that `solve` takes: 3, or 2 at the singular edge of a rigid probe.
 
-    Bending rounds that edge off, and quadratic deflections bend too stiffly.
+    Bending rounds that edge off, and quadratic deflections bend too stiffly. In a film that
+    wrinkles it is not the edge that needs most elements.
     """
-    return 2 if scene.load.kind == "rigid" and not bending_joins(scene) else 3
+    wrinkles = scene.film.compression == "tension-field"
+    singular = scene.load.kind == "rigid" and not bending_joins(scene) and not wrinkles
+    return 2 if singular else 3
 
 
 def first_sizes(scene: Scene, order: int) -> Sizes:
@@ -432,6 +444,8 @@ def first_sizes(scene: Scene, order: int) -> Sizes:
         name: shape.perimeter * max(share[name] * shape.area / shape.perimeter**2, SLENDER)
         for name, shape in shapes.items()
     }
+    if scene.film.compression == "tension-field":
+        factor *= KINKS
     growth, film = (0.5, 0.55) if followed else (0.2, 0.4)
     sizes = Sizes(patches, growth, film * scene.film.radius).scaled(factor)
     return _with_layers(scene, sizes) if bending_joins(scene) else sizes
