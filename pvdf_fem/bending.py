@@ -26,7 +26,7 @@ from skfem import Element, MeshTri2
 from pvdf_fem.charge import COMPLEX_STEP
 from pvdf_fem.film import Film
 from pvdf_fem.membrane import ELEMENTS, Array, Membrane
-from pvdf_fem.mesh import RIM
+from pvdf_fem.mesh import RIM, compression
 
 # The reference triangle's edges: origin, direction, outward normal of the edge's length.
 EDGES = (
@@ -40,7 +40,11 @@ EDGES = (
 # in a space of higher order that contains it. A larger one clamps too stiffly where an element of
 # the rim is larger than the bending length.
 PENALTY = 9.0
+# The few curved elements beside a cusp need more, by order: `_steepest` of those whose area is
+# compressed to less than this part somewhere, with some reserve.
+DISTORTED, RESERVE = 0.8, 1.2
 LOWEST_ORDER = 2
+AFFINE = 3
 
 
 def plate_stiffness(film: Film) -> Array:
@@ -99,11 +103,16 @@ def bending_form(
         raise ValueError(f"order = {membrane.order}: cannot bend; give {LOWEST_ORDER} or 3")
     mesh, D = membrane.mesh, plate_stiffness(membrane.film)
     soft, dofs = np.setdiff1d(np.arange(mesh.nelements), rigid), membrane.basis.element_dofs.T
-    curvature = _Shapes.of(membrane, membrane.basis.quadrature[0]).curvature[soft]
-    strains = [_operator(dofs[soft], curvature.swapaxes(2, 3), membrane.basis.N)]
+    curvature = _Shapes.of(membrane, membrane.basis.quadrature[0]).curvature
+    strains = [_operator(dofs[soft], curvature[soft].swapaxes(2, 3), membrane.basis.N)]
     stiffness = [sp.kron(sp.diags(membrane.weights[soft].ravel()), D)]
 
     edges = _along_edges(membrane, D)
+    distorted = soft[compression(mesh)[soft] < DISTORTED]
+    if len(distorted):
+        roots = np.matmul(curvature[distorted], np.linalg.cholesky(D))
+        roots *= np.sqrt(membrane.weights[distorted])[..., None, None]
+        edges.stiffen(distorted, RESERVE * _steepest(edges, distorted, roots))
     single, double = _edges_by_sides(mesh, soft)
     rim = np.isin(mesh.t2f.ravel()[single[:, 0]], mesh.boundaries[RIM])
     groups = ((single[rim], tensions[0]), (single[~rim], tensions[1]), (double, 0.0))
@@ -178,6 +187,8 @@ class _Edges:
         D_nn in N m.
     height : (sides, 1)
         Area over length of the edge, m.
+    penalty : (sides, 1)
+        tau height/D_nn.
     """
 
     slope: Array
@@ -185,6 +196,16 @@ class _Edges:
     weights: Array
     stiffness: Array
     height: Array
+    penalty: Array
+
+    def of(self, elements: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The sides of elements, (elements, 3)."""
+        return elements[:, None] + len(self.slope) // 3 * np.arange(3)
+
+    def stiffen(self, elements: NDArray[np.int64], least: Array) -> None:
+        """Raise the penalties of elements to `least`, (elements,)."""
+        sides = self.of(elements)
+        self.penalty[sides] = np.maximum(self.penalty[sides], least[:, None, None])
 
     def joined(self, sides: NDArray[np.int64], tension: float) -> tuple[Array, ...]:
         """Slope jumps, mean moments, penalties and weights of edges.
@@ -195,7 +216,7 @@ class _Edges:
         slope = np.concatenate([self.slope[side] for side in sides.T], axis=-1)
         moment = np.concatenate([self.moment[side] for side in sides.T], axis=-1)
         D = self.stiffness[sides[:, 0]]
-        coercive = PENALTY * D * (1.0 / self.height[sides]).mean(axis=1)
+        coercive = D * (self.penalty / self.height)[sides].mean(axis=1)
         penalty = np.maximum(coercive, np.sqrt(D * tension))
         return slope, moment / sides.shape[1], penalty, self.weights[sides[:, 0]]
 
@@ -215,8 +236,27 @@ def _along_edges(membrane: Membrane, D: Array) -> _Edges:
         moment = np.matmul(shapes.curvature, (across @ D)[..., None])[..., 0]
         stiffness = ((across @ D) * across).sum(axis=-1)
         height = membrane.weights.sum(axis=1) / weights.sum(axis=1)
-        found.append((slope, moment, weights, stiffness, height[:, None]))
+        penalty = np.full_like(height, PENALTY)
+        found.append((slope, moment, weights, stiffness, height[:, None], penalty[:, None]))
     return _Edges(*(np.concatenate(values) for values in zip(*found, strict=True)))
+
+
+def _steepest(edges: _Edges, elements: NDArray[np.int64], roots: Array) -> Array:
+    """Largest of height M_nn^2/D_nn along the edges over kappa : D : kappa inside, (elements,).
+
+    With this as its penalty an element's form is semidefinite; `roots` (elements, points,
+    functions, 3) are those of kappa : D : kappa times the weights.
+    """
+    sides = edges.of(elements)
+    scale = np.sqrt(edges.weights * edges.height / edges.stiffness)
+    moments = (scale[..., None] * edges.moment)[sides]
+    functions = moments.shape[-1]
+    inside = roots.swapaxes(2, 3).reshape(len(elements), -1, functions)
+    _, sizes, modes = np.linalg.svd(inside, full_matrices=False)
+    # what is left are the affine functions, which have no moments
+    modes, sizes = modes[:, :-AFFINE], sizes[:, :-AFFINE]
+    along = np.matmul(moments.reshape(len(elements), -1, functions), modes.swapaxes(1, 2))
+    return np.linalg.norm(along / sizes[:, None, :], ord=2, axis=(1, 2)) ** 2
 
 
 def _edges_by_sides(mesh: MeshTri2, elements: NDArray[np.int64]) -> list[NDArray[np.int64]]:

@@ -56,8 +56,12 @@ class Correction:
     prolong: sp.csr_matrix
 
 
-def correct(coarse: Equilibrium, q: Array, factors: SuperLU, rich: Equilibrium) -> Correction:
+def correct(
+    coarse: Equilibrium, q: Array, factors: SuperLU, rich: Equilibrium
+) -> Correction | None:
     """A Newton step in the space of `rich` from the solution `q` of `coarse`, and smooth steps.
+
+    None where the smooth steps grow: `rich` is too far from linear, or not stable, between the two.
 
     Parameters
     ----------
@@ -72,9 +76,14 @@ def correct(coarse: Equilibrium, q: Array, factors: SuperLU, rich: Equilibrium) 
     start = prolong @ q
     state = rich.state(start)
     better = start - _solve(rich, state, rich.residual(state), prolong, factors)
+    last = np.inf
     for _ in range(SMOOTH_STEPS):
         residual = prolong.T @ rich.residual(rich.state(better))
-        better = better - prolong @ factors.solve(residual)
+        step = factors.solve(residual)
+        size = abs(float(step @ residual))
+        if not size <= last:
+            return None
+        better, last = better - prolong @ step, size
     return Correction(rich, start, better, state, prolong)
 
 
@@ -94,7 +103,10 @@ def _solve(
     product = residual @ direction
     for _ in range(MAX_ITERATIONS):
         force = _times(rich, state, direction)
-        length = product / (direction @ force)
+        curvature = float(direction @ force)
+        if curvature <= 0.0:  # no minimum along it: what is left is up to the smooth steps
+            break
+        length = product / curvature
         x, residual = x + length * direction, residual - length * force
         energy += float(length * product)
         if length * product <= enough * energy:

@@ -23,12 +23,12 @@ from skfem import Basis, MeshTri2
 
 from pvdf_fem.bending_effect import bending_effect, layer_size
 from pvdf_fem.equilibrium import Equilibrium
-from pvdf_fem.estimate import correct
 from pvdf_fem.membrane import Array, Membrane
 from pvdf_fem.mesh import FILM, PROBE, MeshError, Sizes, mesh_scene, outlines
 from pvdf_fem.newton import Status, factorise, newton, seed
 from pvdf_fem.scene import Scene
 from pvdf_fem.solution import Clock, NotConvergedError
+from pvdf_fem.tension_newton import corrected
 
 MOST_MODES = 200
 MAX_MESHES = 6
@@ -229,7 +229,10 @@ def _modes_on(
             if result.status is not Status.CONVERGED or result.factors is None:
                 return result.status
             q = result.q
-            q_rich = correct(coarse, q, result.factors, rich).q
+            correction = corrected(coarse, q, result.factors, rich)
+            if isinstance(correction, Status):
+                return correction
+            q_rich = correction.q
     with clock("modes"):
         found = _eigen(coarse, q, count)
         if isinstance(found, Status):

@@ -56,6 +56,7 @@ class Status(StrEnum):
     UNSTABLE = "unstable"
     UNBALANCED = "unbalanced"
     TOLERANCE = "tolerance_not_reached"
+    SLACK = "slack"
     MESH_FAILED = "mesh_failed"
 
     @property
@@ -73,6 +74,9 @@ ADVICE = {
     Status.UNBALANCED: "the forces on the film found do not balance to 1e-6 of the load, which"
     " rounding does to a film of extreme proportions; make the probe larger",
     Status.TOLERANCE: "the finest mesh allowed misses the tolerance; raise numerics.tolerance",
+    Status.SLACK: "the load is too small to pull taut what heating has made too large, and the"
+    " tension runs in folds finer than any mesh allowed; raise load.force_N or lower"
+    " film.temperature_change_K",
     Status.MESH_FAILED: "gmsh could not mesh the scene; move or resize the probe slightly",
     Status.UNSTABLE: "no equilibrium found is a minimum of the energy: the film is in compression,"
     ' which it cannot carry; let it wrinkle (film.compression = "tension-field") or cool it'

@@ -45,7 +45,8 @@ def records_of(scenes: Sequence[Scene], frames: Array) -> list[Record]:
     else:
         goals = followed
     solution = solve_goals(scene, goals)
-    if len(scenes) > 1 and solution.status in (Status.TOLERANCE, Status.MESH_FAILED):
+    retried = (Status.TOLERANCE, Status.SLACK, Status.MESH_FAILED)
+    if len(scenes) > 1 and solution.status in retried:
         return [records_of([scene], frames[:1])[0] for scene in scenes]
     return _records(solution, goals, scenes, rows)
 

@@ -15,14 +15,20 @@ from pvdf_fem.scene import Scene
 REACHED = {1: 2e-2, 2: 2e-3, 3: 1e-4}
 # Elements along a needle's outline may be this part of it, however thin the needle is.
 SLENDER = 1.0 / 200.0
+# A film that wrinkles has kinks, which only the next mesh can follow; the first one is coarser.
+KINKS = 1.7
 
 
 def order_for(scene: Scene) -> int:
     """The order that `solve` takes: 3, or 2 at the singular edge of a rigid probe.
 
-    Bending rounds that edge off, and quadratic deflections bend too stiffly.
+    Bending rounds that edge off, and quadratic deflections bend too stiffly. In a hot film that
+    wrinkles it is not the edge that needs most elements.
     """
-    return 2 if scene.load.kind == "rigid" and not bending_joins(scene) else 3
+    film = scene.film
+    hot = film.compression == "tension-field" and film.thermal_strain > 0.0
+    singular = scene.load.kind == "rigid" and not bending_joins(scene) and not hot
+    return 2 if singular else 3
 
 
 def first_sizes(scene: Scene, order: int) -> Sizes:
@@ -47,6 +53,8 @@ def first_sizes(scene: Scene, order: int) -> Sizes:
         name: shape.perimeter * max(share[name] * shape.area / shape.perimeter**2, SLENDER)
         for name, shape in shapes.items()
     }
+    if scene.film.compression == "tension-field":
+        factor *= KINKS
     growth, film = (0.5, 0.55) if followed else (0.2, 0.4)
     sizes = Sizes(patches, growth, film * scene.film.radius).scaled(factor)
     return _with_layers(scene, sizes) if bending_joins(scene) else sizes

@@ -27,6 +27,7 @@ if str(ROOT) not in sys.path:  # when run as a script, only its own directory is
 from pvdf_fem import Scene  # noqa: E402
 from pvdf_fem.newton import Status  # noqa: E402
 from pvdf_fem.page import Cell, Column, Page, Picture, Section, Table  # noqa: E402
+from pvdf_fem.tension_newton import barely_loaded  # noqa: E402
 from reports.extremes_figures import draw_scenes, draw_times  # noqa: E402
 from reports.extremes_laws import laws  # noqa: E402
 from reports.extremes_runs import TIME_LIMIT, Row, rows  # noqa: E402
@@ -45,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = scenes(options.count)
     first = _kept("drawn", given, options)
     again = [n for n, row in enumerate(first) if row.status == Status.UNSTABLE]
-    wrinkling = {"film.compression": "tension-field"}
+    wrinkling = {"film.bending": False, "film.compression": "tension-field"}
     second = _kept("wrinkling", [given[n].with_(**wrinkling) for n in again], options)
     best_scenes, best = list(given), list(first)
     for n, row in zip(again, second, strict=True):
@@ -55,6 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     excess = [_excess(best[n], row) for n, row in zip(checked, finer, strict=True)]
     wrong = [n for n, e in zip(checked, excess, strict=True) if e > TRUST]
     sections = [
+        _shares(given, first, best),
         _counts(given, first, best),
         _pictures(given, best, options.out),
         _unfinished(given, best),
@@ -85,8 +87,34 @@ def _excess(row: Row, finer: Row) -> float:
 
 def _group(scene: Scene) -> str:
     if scene.film.temperature_change_K > 0.0:
-        return "hot"
+        return "hot, barely loaded" if barely_loaded(scene) else "hot"
     return "cold" if scene.film.temperature_change_K < -1e-6 else "without pretension"
+
+
+def _shares(given: list[Scene], first: list[Row], best: list[Row]) -> Section:
+    """Of each group, how many converge as drawn, and how many when films may wrinkle."""
+    columns = [
+        Column("group", "film"),
+        Column("scenes", "scenes", 0),
+        Column("drawn", "converged as drawn", 0),
+        Column("wrinkling", "and as a film that wrinkles", 0),
+        Column("share", "of all (%)", 1),
+        Column("iterations", "most iterations", 0),
+        Column("seconds", "longest, s", 1),
+    ]
+    cells: list[list[Cell]] = []
+    groups = [_group(scene) for scene in given]
+    for name in sorted(set(groups)):
+        these = [n for n, group in enumerate(groups) if group == name]
+        drawn = sum(first[n].converged for n in these)
+        finally_ = [n for n in these if best[n].converged]
+        most = max((best[n].iterations for n in finally_), default=0)
+        longest = max(max(first[n].seconds, best[n].seconds) for n in these)
+        more, share = len(finally_) - drawn, 100.0 * len(finally_) / len(these)
+        cells.append([name, len(these), drawn, more, share, most, longest])
+    text = "A film in compression has no minimum of the energy unless it may wrinkle."
+    table = Table("extremes-shares", "How many have a result.", columns, cells)
+    return Section("shares", "Results", [text], [table])
 
 
 def _counts(given: list[Scene], first: list[Row], best: list[Row]) -> Section:

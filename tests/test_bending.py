@@ -19,9 +19,10 @@ from pvdf_fem.circular_plate import (
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.estimate import prolongation
 from pvdf_fem.membrane import Membrane
-from pvdf_fem.mesh import RIM
+from pvdf_fem.mesh import RIM, compression, mesh_scene
 from pvdf_fem.modal import modes
 from pvdf_fem.newton import factorise, negative_pivots
+from pvdf_fem.sizes import first_sizes
 
 NONE = np.empty(0, dtype=np.int64)
 PLATE = {"film.bending": True}
@@ -294,3 +295,15 @@ def test_stretched_plate_vibrates(bending):
 
 def test_modes_say_what_they_leave_out():
     assert "bending" not in modes(Scene().with_(**PLATE), 1).left_out[0]
+
+
+@pytest.mark.parametrize("order", [2, 3, 4])
+def test_form_is_positive_definite_beside_a_cusp(order):
+    """The probe's circle touches corners of the electrodes: elements there are distorted."""
+    scene = plate(20.0, 0.2, 100.0)
+    mesh = mesh_scene(scene, first_sizes(scene, 3))
+    assert compression(mesh).min() < 0.2
+    equilibrium = Equilibrium(scene, mesh, order)
+    deflections = np.flatnonzero(equilibrium.unknowns.deflections())
+    stiffness = equilibrium.bending.matrix[deflections][:, deflections].tocsc()
+    assert negative_pivots(factorise(stiffness)) == 0

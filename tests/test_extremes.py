@@ -29,6 +29,27 @@ def test_scenes_are_drawn_again_and_fill_their_ranges():
     assert heated == [s.film.compression == "tension-field" for s in drawn]
 
 
+def test_awkward_places_are_met():
+    drawn = scenes(300)
+    gaps, hairs = [], []
+    for scene in drawn:
+        assert scene.probe is not None
+        probe, radius = scene.probe.outline, scene.film.radius
+        gaps.append(1e3 * (radius - probe.reach))
+        vertices = getattr(probe, "vertices", None)
+        turned = scene.electrode_list[0].rotation_deg
+        if vertices is not None and turned % 90.0 != 0.0:
+            normal = np.array([-np.sin(np.radians(turned)), np.cos(np.radians(turned))])
+            edges = scene.electrode_list[0].outline.vertices @ normal
+            hairs.append(1e3 * np.abs(edges[:, None] - vertices @ normal).min())
+    gaps = np.array(gaps)
+    assert gaps.min() > -1e-6
+    assert 0.1 < (np.abs(gaps) < 1e-6).mean() < 0.25  # probes as large as the film
+    assert ((gaps > 5e-4) & (gaps < 0.02)).any()
+    assert len(hairs) > 10
+    assert max(hairs) < 2e-9
+
+
 def test_an_exception_is_a_row(monkeypatch):
     def fail(_):
         raise ZeroDivisionError("of all things")

@@ -13,7 +13,15 @@ from discs import RECTANGLE, graded_mesh, uniform_mesh
 from skfem import Basis, ElementTriP2
 
 from pvdf_fem import Scene
-from pvdf_fem.mesh import MeshError, Sizes, mesh_scene, outlines
+from pvdf_fem.mesh import (
+    MeshError,
+    SizeField,
+    Sizes,
+    compression,
+    element_sizes,
+    mesh_scene,
+    outlines,
+)
 from pvdf_fem.outline import Circle
 
 ON_A = "x_mm = 10\nwidth_mm = 3\nheight_mm = 3"
@@ -248,3 +256,14 @@ def test_circles_stay_circles_on_their_own_nodes():
     assert isinstance(outline, Circle)
     edges, times = np.unique(mesh.t2f[:, mesh.subdomains["probe"]], return_counts=True)
     assert_on_circle(mesh, edges[times == 1], outline.centre, outline.radius)
+
+
+def test_a_cusp_between_arcs_takes_few_elements():
+    """A disc that touches the rim: elements in the cusp stay distorted however small they are."""
+    electrode = {"name": "A", "shape": "circle", "radius_mm": 8.0, "x_mm": 37.0, "y_mm": 0.0}
+    scene = Scene().with_(electrodes=[electrode])
+    mesh = mesh_scene(scene, Sizes({"electrode A": 4.0e-3}, 0.5, 10.0e-3))
+    assert 0.1 < compression(mesh).min() < 0.2
+    again = mesh_scene(scene, SizeField.of_elements(mesh, element_sizes(mesh)))
+    assert again.nelements < 2.0 * mesh.nelements
+    assert compression(again).min() > 0.1

@@ -212,3 +212,12 @@ def test_taut_centre_and_wrinkled_surroundings(force, strain):
     assert result.charges_pC["A"] == pytest.approx(charge, rel=2e-4)
     deflection = 1e3 * film.radius * reference.centre_deflection
     assert result.deflection_max_mm == pytest.approx(deflection, rel=5e-4)
+
+
+def test_a_load_far_too_small_is_named():
+    """Tension runs in a few lines: more elements only make them thinner."""
+    changes = {"film.temperature_change_K": 5.0, "load.force_N": 1e-9, **WRINKLING}
+    solution = solve(TRIANGLE.with_(**changes, **{"numerics.tolerance": 1e-2}))
+    assert solution.status is Status.SLACK
+    assert "load.force_N" in solution.reason
+    assert "charges_pC" not in solution.to_json()
