@@ -37,7 +37,8 @@ GROWTH = 0.5
 # an arc and an electrode's edge that it nearly touches it even folds; elements there are made
 # smaller by the factor, and the scene is meshed again, a few times at the most. The cusp between
 # an arc and its own tangent, or another arc, stays distorted, which does no harm as long as nothing
-# folds: smaller elements that are not better by that factor are not taken.
+# folds. Of a refined mesh, smaller ones are taken only if they are better by that factor; otherwise
+# a series of meshes would end in a cusp so fine that its elements do fold.
 DISTORTED, SMALLER, ATTEMPTS, BETTER = 0.2, 0.4, 4, 1.2
 
 # How near to a circle a node counts as on it, relative to the radius.
@@ -163,11 +164,11 @@ def mesh_scene(scene: Scene, sizes: Sizes | SizeField) -> MeshTri2:
     MeshError
         When gmsh fails, a patch has got no element, or curved elements fold.
     """
-    last: tuple[MeshTri2, float] | None = None
+    refined, last = isinstance(sizes, SizeField), None
     for _ in range(ATTEMPTS):
         mesh = _mesh_once(scene, sizes)
         least = compression(mesh)
-        if last and last[1] > 0.0 and least.min() < BETTER * last[1]:
+        if refined and last and last[1] > 0.0 and least.min() < BETTER * last[1]:
             return last[0]
         bad = least < DISTORTED
         if not bad.any():

@@ -414,11 +414,12 @@ def _refined(attempt: Attempt, tolerance: float) -> SizeField:
 def order_for(scene: Scene) -> int:
     """The order that `solve` takes: 3, or 2 at the singular edge of a rigid probe.
 
-    Bending rounds that edge off, and quadratic deflections bend too stiffly. In a film that
+    Bending rounds that edge off, and quadratic deflections bend too stiffly. In a hot film that
     wrinkles it is not the edge that needs most elements.
     """
-    wrinkles = scene.film.compression == "tension-field"
-    singular = scene.load.kind == "rigid" and not bending_joins(scene) and not wrinkles
+    film = scene.film
+    hot = film.compression == "tension-field" and film.thermal_strain > 0.0
+    singular = scene.load.kind == "rigid" and not bending_joins(scene) and not hot
     return 2 if singular else 3
 
 

@@ -265,5 +265,5 @@ def test_a_cusp_between_arcs_takes_few_elements():
     mesh = mesh_scene(scene, Sizes({"electrode A": 4.0e-3}, 0.5, 10.0e-3))
     assert 0.1 < compression(mesh).min() < 0.2
     again = mesh_scene(scene, SizeField.of_elements(mesh, element_sizes(mesh)))
-    assert again.nelements < 1.5 * mesh.nelements < 600
     assert compression(again).min() > 0.1
+    assert again.nelements < 2 * mesh.nelements
