@@ -41,7 +41,7 @@ REMAINDER = 0.2
 # Of Newton's last step in the richer space of an error estimate.
 RICH_TOLERANCE = 1e-3
 # Strain of the load over the thermal one below which the tension may concentrate in lines, which no
-# mesh resolves: of random scenes all above converge, and few below.
+# mesh resolves. Set after 13 heated scenes of `reports/extremes.py`: 7 below fail, 6 above do not.
 BARELY = 0.1
 # Newton's method is given up after this many steps, or when a step is larger than that.
 MOST_STEPS, LARGEST_STEP = 20, 3.0
