@@ -153,7 +153,7 @@ def newton(
             residual = equilibrium.residual(state)
             step = tangent.step(residual)
             slope = float(residual @ step)
-            size = float(np.sqrt(abs(slope / _work(equilibrium, state, q))))
+            size = float(np.sqrt(abs(slope / equilibrium.work(state, q))))
             length = 1.0
             if size > LOCAL:
                 length = _least(equilibrium.energy_along(state, step, slope))
@@ -268,12 +268,6 @@ def _unloaded(equilibrium: Equilibrium, q: Array) -> NewtonResult:
         factors = factorise(equilibrium.tangent(equilibrium.state(q)))
         unstable = negative_pivots(factors) > 0
     return NewtonResult(q, Status.UNSTABLE if unstable else Status.CONVERGED, (), None)
-
-
-def _work(equilibrium: Equilibrium, state: MembraneState, q: Array) -> float:
-    """Work of the external forces, the scale of energies."""
-    forces = equilibrium.load.forces(state.deformation_gradient)
-    return float(equilibrium.assembly.vector(forces) @ q)
 
 
 def _least(energy: Array) -> float:

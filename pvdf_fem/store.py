@@ -157,11 +157,8 @@ class Store:
 
     def get(self, scene: Scene) -> Record | None:
         """The record of a scene, if there is one whose text is still what was kept."""
-        query = "SELECT record FROM records WHERE key = ?"
-        name = self._code + key(scene)
-        row = self._execute(query, name)
-        text = row[0][8:] if row and isinstance(row[0], str) else ""
-        if not text or row[0] != _sum(name, text) + text:
+        text = self._text(scene)
+        if text is None:
             return None
         fields = json.loads(text)
         fields["electrodes"], fields["warnings"] = (
@@ -170,7 +167,13 @@ class Store:
         return Record(**fields)
 
     def __contains__(self, scene: Scene) -> bool:
-        return self.get(scene) is not None
+        return self._text(scene) is not None
+
+    def _text(self, scene: Scene) -> str | None:
+        name = self._code + key(scene)
+        row = self._execute("SELECT record FROM records WHERE key = ?", name)
+        text = row[0][8:] if row and isinstance(row[0], str) else ""
+        return text if text and row[0] == _sum(name, text) + text else None
 
     def put(self, records: Iterable[tuple[Scene, Record]]) -> None:
         """Keep the records of scenes, all or none."""
