@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.equilibrium import Equilibrium
@@ -177,16 +178,18 @@ def prolongation(coarse: Equilibrium, rich: Equilibrium) -> sp.csr_matrix:
     values = np.stack([element.lbasis(points, i)[0] for i in range(functions)], axis=-1)
 
     rich_nodes, coarse_nodes = (e.membrane.basis.element_dofs for e in (rich, coarse))
-    nodes, first = np.unique(rich_nodes.T, return_index=True)
-    elements, local = np.divmod(first, len(rich_nodes))
-    rows, columns = (
-        e.unknowns.of_dof[3 * dofs[..., None] + np.arange(3)]
-        for e, dofs in ((rich, nodes), (coarse, coarse_nodes[:, elements].T))
-    )
-    _, one = np.unique(rows, return_index=True)  # dof of each unknown
-    chosen = np.zeros(rows.size, dtype=bool)
-    chosen[one] = True
-    rows, columns, entries = np.broadcast_arrays(rows[:, None], columns, values[local][..., None])
-    used = chosen.reshape(-1, 1, 3) & (rows >= 0) & (columns >= 0) & (np.abs(entries) > ROUNDING)
+    node, component = np.divmod(_first(rich.unknowns.of_dof, rich.unknowns.count), 3)
+    place = _first(rich_nodes.T.ravel(), rich.membrane.basis.N)[node]
+    element, local = np.divmod(place, len(rich_nodes))
+    columns = coarse.unknowns.of_dof[3 * coarse_nodes[:, element].T + component[:, None]]
+    used = (columns >= 0) & (np.abs(values) > ROUNDING)[local]
+    ends = np.append(0, np.cumsum(used.sum(axis=1)))
     shape = (rich.unknowns.count, coarse.unknowns.count)
-    return sp.csr_matrix((entries[used], (rows[used], columns[used])), shape=shape)
+    return sp.csr_matrix((values[local][used], columns[used], ends), shape=shape)
+
+
+def _first(labels: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """Where each of the labels 0 ... count - 1 stands first, (count,); others are negative."""
+    place = np.empty(count + 1, dtype=np.int64)
+    place[labels[::-1]] = np.arange(len(labels))[::-1]
+    return place[:count]

@@ -11,6 +11,7 @@ All three press on the probe's patch Omega_p with the total force F along +z:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,8 +85,16 @@ class Load:
 
     def forces(self, deformation_gradient: Array) -> Array:
         """External forces in N, (elements, dofs of an element)."""
+        if self.conservative:
+            return self._dead
+        return self._forces(self.direction(deformation_gradient[self.patch]))
+
+    @cached_property
+    def _dead(self) -> Array:
+        return self._forces(np.array([0.0, 0.0, 1.0]))
+
+    def _forces(self, direction: Array) -> Array:
         forces = np.zeros((*self.membrane.basis.element_dofs.T.shape, 3))
-        direction = self.direction(deformation_gradient[self.patch])
         traction = self.pressure * self.weights[..., None] * direction
         forces[self.patch] = np.matmul(self.shapes.swapaxes(1, 2), traction)
         return forces.reshape(len(forces), -1)
