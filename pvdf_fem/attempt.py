@@ -19,6 +19,7 @@ from pvdf_fem.mesh import SizeField
 from pvdf_fem.newton import NewtonResult, Status
 from pvdf_fem.refine import refined_sizes, transferred
 from pvdf_fem.scene import Scene
+from pvdf_fem.symmetry import Part
 from pvdf_fem.tension_newton import corrected, equilibrate
 
 # Newton's last step in the orders below, whose discretisation errors are larger.
@@ -68,27 +69,29 @@ def solve_on(
     scene: Scene,
     goals: Sequence[Goal],
     mesh: MeshTri2,
+    part: Part,
     order: int,
     clock: Clock,
     coarser: Attempt | None = None,
 ) -> Attempt:
+    """Solve on the mesh of a part of the film, from the solution on a coarser one if there is."""
     with clock("solve"):
-        equilibrium = Equilibrium(scene, mesh, order)
+        equilibrium = Equilibrium(scene, mesh, order, part)
         start = _carried_over(coarser, equilibrium) if coarser else _start(equilibrium)
         result = equilibrate(equilibrium, start, near=start is not None)
         x = equilibrium.unknowns.expand(result.q)
-        forces = goal_forces(goals, equilibrium.membrane, x)
+        forces = goal_forces(goals, equilibrium.membrane, x, part)
     correction, errors = None, np.zeros_like(forces)
     if result.status is Status.CONVERGED and result.factors is not None:
         with clock("estimate"):
-            rich = Equilibrium(scene, mesh, order + 1)
+            rich = Equilibrium(scene, mesh, order + 1, part)
             found = corrected(equilibrium, result.q, result.factors, rich)
         if isinstance(found, Status):
             result = replace(result, status=found)
         else:
             correction = found
             x = rich.unknowns.expand(correction.q)
-            errors = goal_forces(goals, rich.membrane, x) - forces
+            errors = goal_forces(goals, rich.membrane, x, part) - forces
             if equilibrium.bending is not None:
                 errors *= LAYER_FACTOR
             elif scene.load.kind == "rigid" or scene.film.compression == "tension-field":
@@ -101,7 +104,8 @@ def _start(equilibrium: Equilibrium) -> Array | None:
     order = equilibrium.membrane.order
     if order == (1 if equilibrium.bending is None else LOWEST_ORDER):
         return None
-    lower = Equilibrium(equilibrium.scene, equilibrium.membrane.mesh, order - 1)
+    mesh = equilibrium.membrane.mesh
+    lower = Equilibrium(equilibrium.scene, mesh, order - 1, equilibrium.part)
     start = _start(lower)
     result = equilibrate(lower, start, START_TOLERANCE, near=start is not None)
     if result.status is not Status.CONVERGED:
@@ -110,8 +114,8 @@ def _start(equilibrium: Equilibrium) -> Array | None:
 
 
 def _carried_over(coarser: Attempt, equilibrium: Equilibrium) -> Array:
-    known = coarser.fields.equilibrium.membrane.basis
-    x = transferred(known, coarser.fields.displacement, equilibrium.membrane.basis)
+    known = coarser.fields.solved.membrane.basis
+    x = transferred(known, coarser.fields.solved_dofs, equilibrium.membrane.basis)
     return equilibrium.unknowns.restrict(x)
 
 
@@ -124,6 +128,6 @@ def refined(attempt: Attempt, tolerance: float) -> SizeField:
     x = rich.unknowns.expand(correction.start)
     worst = np.argsort(attempt.charge_errors)[-MOST_DUALS:]
     goals = [attempt.goals[i] for i in worst]
-    gradients = goal_gradients(goals, rich.membrane, x) / attempt.charge_sizes[worst]
+    gradients = goal_gradients(goals, rich.membrane, x, rich.part) / attempt.charge_sizes[worst]
     shares = indicators(correction, factors, gradients)
     return refined_sizes(rich.membrane.mesh, shares.max(axis=1), tolerance / attempt.worst)

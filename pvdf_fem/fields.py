@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from skfem import Basis
 
+from pvdf_fem.charge import Goal, goal_forces
 from pvdf_fem.equilibrium import Equilibrium
-from pvdf_fem.membrane import Array
+from pvdf_fem.membrane import Array, MembraneState
+from pvdf_fem.unfold import unfolded, unfolded_dofs
 
 # The largest deflection is sought on this many points around the best one, on ever smaller scales.
 ZOOM, ROUNDS = 8, 5
@@ -18,20 +20,54 @@ ZOOM, ROUNDS = 8, 5
 
 @dataclass(frozen=True, eq=False)
 class Fields:
-    """A discrete solution: equations, unknowns, and the electrodes' forces with their errors."""
+    """A discrete solution: equations, unknowns, and the electrodes' forces with their errors.
 
-    equilibrium: Equilibrium
+    Attributes
+    ----------
+    solved : Equilibrium
+        The equations that were solved, which may be those of a part of the film.
+    q : (unknowns,)
+        Their unknowns.
+    forces, force_errors : (goals, 2)
+    """
+
+    solved: Equilibrium
     q: Array
     forces: Array
     force_errors: Array
 
     @cached_property
-    def displacement(self) -> Array:
-        return self.equilibrium.unknowns.expand(self.q)
+    def solved_dofs(self) -> Array:
+        """Dofs of `solved`."""
+        return self.solved.unknowns.expand(self.q)
 
     @cached_property
-    def state(self) -> Any:
-        return self.equilibrium.state(self.q)
+    def solved_state(self) -> MembraneState:
+        """State of `solved`."""
+        return self.solved.state(self.q)
+
+    def forces_of(self, goals: Sequence[Goal]) -> Array:
+        """The forces of other goals, (goals, 2)."""
+        return goal_forces(goals, self.solved.membrane, self.solved_dofs, self.solved.part)
+
+    @cached_property
+    def equilibrium(self) -> Equilibrium:
+        """The equations of the whole film."""
+        return unfolded(self.solved)
+
+    @cached_property
+    def displacement(self) -> Array:
+        """Dofs of the whole film."""
+        if self.equilibrium is self.solved:
+            return self.solved_dofs
+        return unfolded_dofs(self.solved, self.solved_dofs, self.equilibrium)
+
+    @cached_property
+    def state(self) -> MembraneState:
+        """State of the whole film."""
+        if self.equilibrium is self.solved:
+            return self.solved_state
+        return self.equilibrium.membrane.state(self.displacement)
 
 
 def largest(basis: Basis, values: Array) -> float:

@@ -1,12 +1,14 @@
 """Scene to solution: mesh, equilibrium, charges and their errors, refined until these are met.
 
 A first mesh comes from sizes that the tolerance sets a priori (`first_sizes`); while the estimated
-error of a charge exceeds the tolerance, the next mesh follows the indicators of that error.
+error of a charge exceeds the tolerance, the next mesh follows the indicators of that error. Of a
+symmetric scene only a part is meshed; the whole film is put together when it is asked for.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -31,6 +33,7 @@ from pvdf_fem.newton import Iteration, Status
 from pvdf_fem.scene import Scene
 from pvdf_fem.scene_file import quote
 from pvdf_fem.sizes import first_sizes, order_for
+from pvdf_fem.symmetry import WHOLE, Part, part_of
 from pvdf_fem.tension_newton import barely_loaded
 
 # Sizes aim at this part of the tolerance.
@@ -131,19 +134,20 @@ class Solution:
     @property
     def deflection_max_mm(self) -> float:
         """Largest deflection."""
-        return 1e3 * largest(self.basis, self.displacement[:, 2])
+        fields = self.fields
+        return 1e3 * largest(fields.solved.membrane.basis, fields.solved_dofs[2::3])
 
     @property
     def force_balance(self) -> float:
         """|rim reaction + applied force| over the applied force."""
-        equilibrium, state = self.fields.equilibrium, self.fields.state
+        equilibrium, state = self.fields.solved, self.fields.solved_state
         applied = equilibrium.applied_force(state)
         return abs(equilibrium.rim_reaction(state) + applied) / applied if applied else 0.0
 
     @property
     def unknowns(self) -> int:
-        """Number of equations on the last mesh."""
-        return self._fields.equilibrium.unknowns.count if self._fields else 0
+        """Number of equations on the last mesh, which may be that of a part of the film."""
+        return self._fields.solved.unknowns.count if self._fields else 0
 
     @property
     def newton_iterations(self) -> int:
@@ -217,27 +221,14 @@ def solve_goals(
     The charges that meet the tolerance, and the `forces` and `force_errors` of the solution's
     `fields`, are those of the goals; a solution's charges by electrode have no meaning here.
     """
-    clock = Clock()
+    clock, tolerance = Clock(), scene.numerics.tolerance
     order = order or order_for(scene)
     if mesh is not None:
-        return _finish(solve_on(scene, goals, mesh, order, clock), clock)
-    tolerance = scene.numerics.tolerance
+        return _finish(solve_on(scene, goals, mesh, WHOLE, order, clock), clock)
     try:
-        first = _meshed(scene, first_sizes(scene, order), clock)
-        attempt = solve_on(scene, goals, first, order, clock)
-        hopeless = HOPELESS * tolerance if barely_loaded(scene) else np.inf
-        for _ in range(MAX_MESHES - 1):
-            if attempt.result.status is not Status.CONVERGED or attempt.worst <= tolerance:
-                break
-            with clock("refine"):
-                sizes = refined(attempt, SAFETY * tolerance)
-            most = MAX_UNKNOWNS[scene.film.compression] * max(1.0, USUAL / tolerance) ** 0.5
-            large = attempt.fields.equilibrium.unknowns.count > 0.7 * most
-            if large or len(attempt.result.iterations) > HARD or attempt.worst > hopeless:
-                break
-            hopeless = min(hopeless, 0.5 * attempt.worst) if barely_loaded(scene) else np.inf
-            sizes = sizes.coarsened(most / UNKNOWNS[order])
-            attempt = solve_on(scene, goals, _meshed(scene, sizes, clock), order, clock, attempt)
+        attempt = _on_part(scene, goals, order, clock)
+        if attempt is None:
+            attempt = _adapted(scene, goals, WHOLE, order, clock)
     except MeshError as error:
         reason = f"{Status.MESH_FAILED.advice} ({error})"
         return Solution(scene, Status.MESH_FAILED, reason, seconds=clock.seconds())
@@ -251,16 +242,50 @@ def solve_goals(
     return solution
 
 
-def _meshed(scene: Scene, sizes: Sizes | SizeField, clock: Clock) -> MeshTri2:
-    with clock("mesh"):
-        return mesh_scene(scene, sizes)
+def _on_part(scene: Scene, goals: Sequence[Goal], order: int, clock: Clock) -> Attempt | None:
+    """The solution on a part of a symmetric film, or None where it is not that of the film."""
+    part = part_of(scene)
+    if not part.mirrored:
+        return None
+    with suppress(MeshError):
+        attempt = _adapted(scene, goals, part, order, clock)
+        fields, converged = attempt.fields, attempt.result.status is Status.CONVERGED
+        with clock("solve"):
+            if converged and admissible.keeps_symmetry(fields.solved, fields.solved_state):
+                return attempt
+    return None
+
+
+def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock: Clock) -> Attempt:
+    """The last of the solves on ever better meshes."""
+    tolerance = scene.numerics.tolerance
+
+    def solved(sizes: Sizes | SizeField, coarser: Attempt | None = None) -> Attempt:
+        with clock("mesh"):
+            mesh = mesh_scene(scene, sizes, part)
+        return solve_on(scene, goals, mesh, part, order, clock, coarser)
+
+    attempt = solved(first_sizes(scene, order))
+    hopeless = HOPELESS * tolerance if barely_loaded(scene) else np.inf
+    for _ in range(MAX_MESHES - 1):
+        if attempt.result.status is not Status.CONVERGED or attempt.worst <= tolerance:
+            break
+        with clock("refine"):
+            sizes = refined(attempt, SAFETY * tolerance)
+        most = MAX_UNKNOWNS[scene.film.compression] * max(1.0, USUAL / tolerance) ** 0.5
+        large = attempt.fields.solved.unknowns.count > 0.7 * most
+        if large or len(attempt.result.iterations) > HARD or attempt.worst > hopeless:
+            break
+        hopeless = min(hopeless, 0.5 * attempt.worst) if barely_loaded(scene) else np.inf
+        attempt = solved(sizes.coarsened(most / UNKNOWNS[order]), attempt)
+    return attempt
 
 
 def _finish(attempt: Attempt, clock: Clock) -> Solution:
     status, fields = attempt.result.status, attempt.fields
     if status is Status.CONVERGED:
         factors = attempt.result.factors
-        status = admissible.refusal(fields.equilibrium, fields.state, factors) or status
+        status = admissible.refusal(fields.solved, fields.solved_state, factors) or status
     scene, effect = attempt.scene, bending_effect(attempt.scene)
     return Solution(
         scene,
@@ -268,7 +293,7 @@ def _finish(attempt: Attempt, clock: Clock) -> Solution:
         status.advice,
         attempt.result.iterations,
         *_bending(scene, effect),
-        (*_considerable(scene, effect), *admissible.warnings(fields.equilibrium, fields.state)),
+        (*_considerable(scene, effect), *admissible.warnings(fields.solved, fields.solved_state)),
         clock.seconds(),
         fields,
     )
