@@ -91,9 +91,11 @@ def charges(solved):
 
 def nearest(text):
     """A warning with the place of all those that mirror images bring to it."""
-    return re.sub(
-        r"\((.*), (.*)\) mm", lambda m: str(sorted(abs(float(x)) for x in m.groups())), text
-    )
+
+    def image(place):
+        return str(sorted(abs(float(number)) for number in place.groups()))
+
+    return re.sub(r"\((.*), (.*)\) mm", image, text)
 
 
 def on_part(scene):
