@@ -14,7 +14,7 @@ from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.membrane import Array, MembraneState
-from pvdf_fem.newton import Status, compressed, negative_pivots
+from pvdf_fem.newton import Status, compressed, factorise, negative_pivots
 
 # What rounding and Newton's last step may leave: of the displacement, in the energy norm, by the
 # residual, and of the load by the rim's reaction.
@@ -48,6 +48,20 @@ def refusal(
     if unsure and negative_pivots(factors) > 0:
         return Status.UNSTABLE
     return None
+
+
+def keeps_symmetry(equilibrium: Equilibrium, state: MembraneState) -> bool:
+    """Whether a solution on a part of the film is a minimum of the energy of the whole film.
+
+    Of displacements that are their own mirror images it is known to be one. A film that wrinkles
+    has a convex energy.
+    """
+    load, film = equilibrium.load, equilibrium.film
+    if film.compression == "tension-field" or not (load.conservative and compressed(state)):
+        return True
+    tangents = equilibrium.element_tangent(state)
+    odd = (assembly.matrix(tangents) for assembly in equilibrium.odd_assemblies())
+    return all(negative_pivots(factorise(tangent)) == 0 for tangent in odd)
 
 
 def warnings(equilibrium: Equilibrium, state: MembraneState) -> Iterator[str]:
@@ -105,7 +119,7 @@ def _wrinkles(equilibrium: Equilibrium, least: Array, largest: Array) -> Iterato
 
 
 def _area(equilibrium: Equilibrium, where: Array) -> str:
-    weights = equilibrium.membrane.weights
+    weights = equilibrium.membrane.weights * len(equilibrium.part.signs)
     area = float((weights * where).sum())
     return f"{1e6 * area:.3g} mm2 ({area / weights.sum():.2%} of the film)"
 
@@ -113,5 +127,6 @@ def _area(equilibrium: Equilibrium, where: Array) -> str:
 def _place(equilibrium: Equilibrium, values: Array) -> str:
     """Where values (elements, points) are largest, as text."""
     element, point = np.unravel_index(values.argmax(), values.shape)
-    x, y = 1e3 * np.asarray(equilibrium.membrane.basis.global_coordinates())[:, element, point]
+    places = np.asarray(equilibrium.membrane.basis.global_coordinates())
+    x, y = 1e3 * equilibrium.part.frame.T @ places[:, element, point]
     return f"({x:.4g}, {y:.4g}) mm"

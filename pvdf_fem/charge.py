@@ -10,13 +10,14 @@ every pair of piezoelectric coefficients.
   computes. The stress on an edge is the mean of its traces from both sides.
 
 A solution also has the charges of electrodes that its mesh does not follow, and of those of a film
-that was turned or mirrored together with its probe and electrodes: see `Goal`.
+that was turned or mirrored together with its probe and electrodes: see `Goal`. On a part of a
+symmetric film an electrode has what all of its mirror images have there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -26,14 +27,17 @@ from skfem import MeshTri2
 from pvdf_fem.cut import area_cut, edge_cut, line_cut
 from pvdf_fem.membrane import IDENTITY, Array, Membrane, strain_of
 from pvdf_fem.mesh import electrode_patch
-from pvdf_fem.outline import Circle, Outline, Polygon
+from pvdf_fem.outline import Circle, Outline, Polygon, mapped
 from pvdf_fem.scene import Scene
+from pvdf_fem.symmetry import WHOLE, Part
 
 Indices = NDArray[np.int64]
 Stress = Callable[[Membrane, Array], Array]
 
 # Squire and Trapp, SIAM Rev. 40 (1998) 110-112: the derivative is exact to rounding.
 COMPLEX_STEP = 1e-30
+# How near to a rectangle's side a midpoint lies that is on it, relative to the rectangle.
+ON_SIDE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +54,7 @@ class Goal:
     patch : str or None
         The mesh's subdomain of the electrode; None for a mesh that does not follow it.
     frame : (2, 2)
-        Orthogonal matrix from the axes of the electrode's scene to those of the mesh; with a patch
-        one that maps axes to axes.
+        Orthogonal matrix from the axes of the electrode's scene to those of the mesh.
     """
 
     outline: Outline
@@ -81,9 +84,19 @@ class Goal:
     @cached_property
     def placed(self) -> Outline:
         """The outline in the axes of the mesh."""
-        if isinstance(self.outline, Circle):
-            return Circle(self.place(self.outline.centre), self.outline.radius)
-        return Polygon(self.place(self.outline.vertices))
+        return mapped(self.outline, self.frame)
+
+    def images(self, part: Part) -> list[Goal]:
+        """Electrodes whose forces on a part of the film add up to this one's."""
+        if not part.mirrored:
+            return [self]
+        images = []
+        for signs, swap in zip(part.signs, part.swaps, strict=True):
+            patches = {electrode_patch(a): electrode_patch(b) for a, b in swap.items()}
+            patch = self.patch and patches.get(self.patch, self.patch)
+            frame = signs[:, None] * part.frame @ self.frame
+            images.append(replace(self, patch=patch, frame=frame))
+        return images
 
 
 def goals_of(scene: Scene) -> tuple[Goal, ...]:
@@ -101,7 +114,7 @@ class Sampling:
 
     Attributes
     ----------
-    goals : (n,) int
+    images : (n,) int
         Whose they are.
     axes : tuple of int
         The forces that they add to: 0 is X (component 11 or xx), 1 is Y.
@@ -112,7 +125,7 @@ class Sampling:
         What a point's stress is multiplied by, m^2.
     """
 
-    goals: Indices
+    images: Indices
     axes: tuple[int, ...]
     elements: Indices
     gradients: Array
@@ -129,38 +142,48 @@ def charge_gradients(scene: Scene, membrane: Membrane, x: Array) -> Array:
     return goal_gradients(goals_of(scene), membrane, x)
 
 
-def goal_forces(goals: Sequence[Goal], membrane: Membrane, x: Array) -> Array:
-    """The forces X, Y in N of each electrode, (goals, 2), at the dofs `x`."""
+def goal_forces(goals: Sequence[Goal], membrane: Membrane, x: Array, part: Part = WHOLE) -> Array:
+    """The forces X, Y in N of each electrode, (goals, 2), at the dofs `x`, if need be of a part."""
+    images, own = _images(goals, part)
     forces = np.zeros((len(goals), 2))
-    directions = np.reshape([goal.directions for goal in goals], (-1, 2, 3))
-    for stress, part in _samplings(goals, membrane):
-        values = stress(membrane, _gradient(membrane, x, part))
-        summed = (part.weights[..., None] * values).sum(axis=1)
-        for axis in part.axes:
-            along = (summed * directions[part.goals, axis]).sum(axis=1)
-            forces[:, axis] += np.bincount(part.goals, along, len(goals))
+    directions = np.reshape([image.directions for image in images], (-1, 2, 3))
+    for stress, sample in _samplings(images, own, membrane):
+        values = stress(membrane, _gradient(membrane, x, sample))
+        summed = (sample.weights[..., None] * values).sum(axis=1)
+        for axis in sample.axes:
+            along = (summed * directions[sample.images, axis]).sum(axis=1)
+            forces[:, axis] += np.bincount(own[sample.images], along, len(goals))
     return forces
 
 
-def goal_gradients(goals: Sequence[Goal], membrane: Membrane, x: Array) -> Array:
+def goal_gradients(
+    goals: Sequence[Goal], membrane: Membrane, x: Array, part: Part = WHOLE
+) -> Array:
     """Derivative of each electrode's charge with respect to the dofs, C/m, (dofs, goals)."""
+    images, own = _images(goals, part)
     result = np.zeros((membrane.dof_count, len(goals)))
-    directions = np.reshape([goal.directions for goal in goals], (-1, 2, 3))
-    d = np.reshape([goal.d for goal in goals], (-1, 2))
-    for stress, part in _samplings(goals, membrane):
-        gradient = _gradient(membrane, x, part)
-        wanted = sum(d[part.goals, axis, None] * directions[part.goals, axis] for axis in part.axes)
+    directions = np.reshape([image.directions for image in images], (-1, 2, 3))
+    d = np.reshape([image.d for image in images], (-1, 2))
+    for stress, sample in _samplings(images, own, membrane):
+        gradient, of = _gradient(membrane, x, sample), sample.images
+        wanted = sum(d[of, axis, None] * directions[of, axis] for axis in sample.axes)
         slopes = np.empty_like(gradient)
         for entry in np.ndindex(3, 2):
             moved = gradient.astype(complex)
             moved[..., *entry] += 1j * COMPLEX_STEP
             slope = stress(membrane, moved).imag / COMPLEX_STEP
             slopes[..., *entry] = (slope * wanted[:, None]).sum(axis=-1)
-        weighted = part.weights[..., None, None] * slopes
-        local = np.matmul(part.gradients, weighted.swapaxes(2, 3)).sum(axis=1)
-        dofs = membrane.element_dofs[part.elements]
-        np.add.at(result, (dofs, part.goals[:, None]), local.reshape(dofs.shape))
+        weighted = sample.weights[..., None, None] * slopes
+        local = np.matmul(sample.gradients, weighted.swapaxes(2, 3)).sum(axis=1)
+        dofs = membrane.element_dofs[sample.elements]
+        np.add.at(result, (dofs, own[of][:, None]), local.reshape(dofs.shape))
     return result
+
+
+def _images(goals: Sequence[Goal], part: Part) -> tuple[list[Goal], Indices]:
+    """The images of all goals, and for each the index of its goal."""
+    images = [image for goal in goals for image in goal.images(part)]
+    return images, np.repeat(np.arange(len(goals)), len(part.signs))
 
 
 def cauchy_stress(membrane: Membrane, gradient: Array) -> Array:
@@ -186,55 +209,69 @@ OBSERVABLES: dict[str, Stress] = {
 }
 
 
-def _gradient(membrane: Membrane, x: Array, part: Sampling) -> Array:
-    nodal = x[membrane.element_dofs[part.elements]].reshape(len(part.elements), 1, -1, 3)
-    return np.matmul(nodal.swapaxes(2, 3), part.gradients)
+def _gradient(membrane: Membrane, x: Array, sample: Sampling) -> Array:
+    nodal = x[membrane.element_dofs[sample.elements]].reshape(len(sample.elements), 1, -1, 3)
+    return np.matmul(nodal.swapaxes(2, 3), sample.gradients)
 
 
-def _samplings(goals: Sequence[Goal], membrane: Membrane) -> Iterator[tuple[Stress, Sampling]]:
+def _samplings(
+    images: Sequence[Goal], own: Indices, membrane: Membrane
+) -> Iterator[tuple[Stress, Sampling]]:
     for observable, stress in OBSERVABLES.items():
-        mine = [i for i, goal in enumerate(goals) if goal.observable == observable]
+        mine = [i for i, image in enumerate(images) if image.observable == observable]
         for followed in (True, False):
-            those = np.array([i for i in mine if (goals[i].patch is not None) is followed], int)
+            those = np.array([i for i in mine if (images[i].patch is not None) is followed], int)
             if len(those):
-                for part in _SAMPLINGS[observable, followed](goals, those, membrane):
-                    yield stress, part
+                for sample in _SAMPLINGS[observable, followed](images, own, those, membrane):
+                    yield stress, sample
 
 
-def _area_patches(goals: Sequence[Goal], those: Indices, membrane: Membrane) -> Iterator[Sampling]:
-    patches = [_patch(goals[i], membrane.mesh) for i in those]
+def _area_patches(
+    images: Sequence[Goal], own: Indices, those: Indices, membrane: Membrane
+) -> Iterator[Sampling]:
+    patches = [_patch(images[i], membrane.mesh) for i in those]
     elements, owners = np.concatenate(patches), np.repeat(those, [len(patch) for patch in patches])
     gradients, weights = membrane.gradients[elements], membrane.weights[elements]
     yield Sampling(owners, (0, 1), elements, gradients, weights)
 
 
-def _area_cuts(goals: Sequence[Goal], those: Indices, membrane: Membrane) -> Iterator[Sampling]:
-    cut = area_cut(membrane.mesh, [goals[i].placed for i in those])
+def _area_cuts(
+    images: Sequence[Goal], own: Indices, those: Indices, membrane: Membrane
+) -> Iterator[Sampling]:
+    cut = area_cut(membrane.mesh, [images[i].placed for i in those])
     gradients = cut.gradients(membrane)
     yield Sampling(those[cut.owners], (0, 1), cut.elements, gradients, cut.weights)
 
 
-def _edge_patches(goals: Sequence[Goal], those: Indices, membrane: Membrane) -> Iterator[Sampling]:
+def _edge_patches(
+    images: Sequence[Goal], own: Indices, those: Indices, membrane: Membrane
+) -> Iterator[Sampling]:
+    mesh = membrane.mesh
     for index in those:
-        patch = _patch(goals[index], membrane.mesh)
-        area = membrane.weights[patch].sum()
-        # the first axis of a film that was turned by a quarter lies along y here
-        turned = abs(goals[index].frame[0, 0]) < 0.5
-        for axis, facets in enumerate(_edges(membrane.mesh, patch)[:: -1 if turned else 1]):
+        goal = images[index]
+        for axis, facets in enumerate(_sides(goal, mesh)):
+            if not len(facets):  # all of them on other images
+                continue
+            length = 2.0 * np.ptp(goal.outline.vertices[:, 1 - axis])
             for side in (0, 1):
-                cut, _ = edge_cut(membrane.mesh, facets, membrane.mesh.f2t[side, facets], 3)
-                weights = 0.5 * area * cut.weights / cut.weights.sum()
+                # beyond a mirror line the stress is that before it
+                beyond = mesh.f2t[side, facets]
+                elements = np.where(beyond < 0, mesh.f2t[0, facets], beyond)
+                cut, _ = edge_cut(mesh, facets, elements, 3)
+                weights = 0.5 * goal.outline.area * cut.weights / length
                 owners, gradients = np.full(len(facets), index), cut.gradients(membrane)
                 yield Sampling(owners, (axis,), cut.elements, gradients, weights)
 
 
-def _edge_cuts(goals: Sequence[Goal], those: Indices, membrane: Membrane) -> Iterator[Sampling]:
+def _edge_cuts(
+    images: Sequence[Goal], own: Indices, those: Indices, membrane: Membrane
+) -> Iterator[Sampling]:
     for axis in (0, 1):
-        edges = [_edge_lines(goals[i], axis) for i in those]
+        edges = [_edge_lines(images[i], axis) for i in those]
         cut = line_cut(membrane.mesh, np.concatenate(edges))
         owners = np.repeat(those, [len(lines) for lines in edges])[cut.owners]
-        length = np.bincount(owners, cut.weights.sum(axis=1), len(goals))[owners, None]
-        areas = np.array([goal.outline.area for goal in goals])[owners, None]
+        length = np.bincount(own[owners], cut.weights.sum(axis=1))[own[owners], None]
+        areas = np.array([image.outline.area for image in images])[owners, None]
         gradients = cut.gradients(membrane)
         yield Sampling(owners, (axis,), cut.elements, gradients, areas * cut.weights / length)
 
@@ -263,10 +300,15 @@ def _edge_lines(goal: Goal, axis: int) -> Array:
     return goal.place(lines[upright if axis == 0 else ~upright])
 
 
-def _edges(mesh: MeshTri2, patch: Indices) -> tuple[Indices, ...]:
-    """Facets on the left and right edges of a rectangular patch, and on the upper and lower."""
-    facets, count = np.unique(mesh.t2f[:, patch], return_counts=True)
+def _sides(goal: Goal, mesh: MeshTri2) -> tuple[Indices, Indices]:
+    """Facets of a patch on the left and right sides of its rectangle, and on the upper and lower.
+
+    Left and lower as seen in the electrode's own scene.
+    """
+    assert isinstance(goal.outline, Polygon)
+    facets, count = np.unique(mesh.t2f[:, _patch(goal, mesh)], return_counts=True)
     facets = facets[count == 1]
-    extent = np.abs(np.diff(mesh.p[:, mesh.facets[:, facets]], axis=1))[:, 0]
-    upright = extent[1] > extent[0]
-    return facets[upright], facets[~upright]
+    middle = mesh.p[:, mesh.facets[:, facets]].mean(axis=1).T @ goal.frame
+    low, high = goal.outline.vertices.min(axis=0), goal.outline.vertices.max(axis=0)
+    off = np.minimum(np.abs(middle - low), np.abs(middle - high)) / (high - low)
+    return facets[off[:, 0] < ON_SIDE], facets[off[:, 1] < ON_SIDE]

@@ -3,12 +3,15 @@
 The clamped rim fixes its dofs; a rigid punch lets all deflections of its patch share one unknown
 (and, stuck, fixes the patch in the plane). Both are a map from dofs to unknowns, so a constraint
 adds no equation and the tangent stays as sparse and as symmetric as the film's. Bending, where the
-scene needs it, adds a constant matrix.
+scene needs it, adds a constant matrix. The equations of a part of the film are those of its mirror
+images too: nothing crosses a mirror line.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,8 +22,9 @@ from pvdf_fem.bending import bending_form
 from pvdf_fem.bending_effect import bending_effect, bending_joins
 from pvdf_fem.load import Load
 from pvdf_fem.membrane import Array, Membrane, MembraneState
-from pvdf_fem.mesh import RIM
+from pvdf_fem.mesh import MIRRORS, RIM
 from pvdf_fem.scene import Scene
+from pvdf_fem.symmetry import WHOLE, Part
 from pvdf_fem.tension_field import WrinklingMembrane
 
 FIXED = -1
@@ -36,25 +40,45 @@ class Equilibrium:
         From `mesh.mesh_scene`.
     order : int
         Polynomial order of the displacement.
+    part : Part, optional
+        The part of the film that the mesh is of, where that is not all of it.
     """
 
-    def __init__(self, scene: Scene, mesh: MeshTri2, order: int = 2) -> None:
-        self.scene, self.film = scene, scene.film
+    def __init__(self, scene: Scene, mesh: MeshTri2, order: int = 2, part: Part = WHOLE) -> None:
+        self.scene, self.film, self.part = scene, scene.film, part
         wrinkles = scene.film.compression == "tension-field"
         self.membrane = (WrinklingMembrane if wrinkles else Membrane)(mesh, scene.film, order)
-        self.load = Load.of(scene, self.membrane)
+        self.load = Load.of(scene, self.membrane, len(part.signs))
         rim = self.membrane.basis.get_dofs(RIM).all()
         self.rim_dofs = (3 * rim[:, None] + np.arange(3)).ravel()
-        fixed = np.concatenate([self.rim_dofs, self.load.fixed_dofs()])
-        self.unknowns = Unknowns(self.membrane.dof_count, fixed, self.load.shared_dofs())
+        self.unknowns = self._unknowns([False] * len(part.mirrored))
         self.bending: Bending | None = None
         if bending_joins(scene):
             self.bending = Bending(scene, self.membrane, self.load, self.unknowns)
+
+    def _unknowns(self, odd: Sequence[bool]) -> Unknowns:
+        """Those of displacements of which a mirror image changes the sign, if `odd`, or nothing."""
+        fixed, shared = [self.rim_dofs, self.load.fixed_dofs()], self.load.shared_dofs()
+        for axis, changes in zip(self.part.mirrored, odd, strict=True):
+            nodes = self.membrane.basis.get_dofs(MIRRORS[axis]).all()
+            fixed += [3 * nodes + i for i in range(3) if (i == axis) != changes]
+        if any(odd):  # a horizontal face cannot go up on one side and down on the other
+            fixed, shared = [*fixed, shared], shared[:0]
+        return Unknowns(self.membrane.dof_count, np.concatenate(fixed), shared)
 
     @cached_property
     def assembly(self) -> Assembly:
         """Where element entries go, found at first use."""
         return Assembly(self.membrane.element_dofs, self.unknowns)
+
+    def odd_assemblies(self) -> Iterator[Assembly]:
+        """Those of displacements of a part that are odd about one mirror line, or about each.
+
+        With the even ones of `assembly` they make up all displacements of the whole film.
+        """
+        for odd in product((False, True), repeat=len(self.part.mirrored)):
+            if any(odd):
+                yield Assembly(self.membrane.element_dofs, self._unknowns(odd))
 
     def state(self, q: Array) -> MembraneState:
         """Fields of the unknowns `q`."""
@@ -109,11 +133,12 @@ class Equilibrium:
         reaction = float(forces[self.rim_dofs[2::3]].sum())
         if self.bending is not None:
             reaction += float(self.bending.forces(state.dofs)[self.rim_dofs[2::3] // 3].sum())
-        return reaction
+        return reaction * len(self.part.signs)
 
     def applied_force(self, state: MembraneState) -> float:
         """Force in N along z by which the probe presses."""
-        return float(self.load.forces(state.deformation_gradient)[:, 2::3].sum())
+        force = float(self.load.forces(state.deformation_gradient)[:, 2::3].sum())
+        return force * len(self.part.signs)
 
 
 class Bending:

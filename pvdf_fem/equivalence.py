@@ -22,6 +22,7 @@ from pvdf_fem.film import Film
 from pvdf_fem.outline import Polygon
 from pvdf_fem.scene import Scene
 from pvdf_fem.shapes import Probe
+from pvdf_fem.symmetry import isotropy
 
 Array = NDArray[np.float64]
 
@@ -61,7 +62,7 @@ def mechanics(scene: Scene) -> Mechanics:
         key = f"{film} {thickness} {tolerance}"
         return Mechanics(key, key, f"{film} {tolerance}", np.eye(2))
     load, force = scene.load, scene.load.force_N
-    place, frame = _place(scene.probe, scene.film.radius, _symmetry(scene.film))
+    place, frame = _place(scene.probe, scene.film.radius, isotropy(scene.film))
     common = f"{film} {load.kind} {load.contact} {tolerance}"
     ratio = f"{force / thickness:.{DIGITS}e}" if force_alone(scene.film) else ""
     return Mechanics(
@@ -87,15 +88,6 @@ def _film(film: Film) -> tuple[str, float]:
     # only the product of the two counts
     expansion, change = table.pop("thermal_expansion_per_K"), table.pop("temperature_change_K")
     return f"{table} {expansion * change:.12e}", film.thickness_um
-
-
-@lru_cache(maxsize=1024)
-def _symmetry(film: Film) -> str:
-    C = film.stiffness
-    if not np.isclose(C[0, 0], C[1, 1], rtol=1e-12):
-        return "axes"
-    isotropic = np.isclose(2.0 * C[2, 2], C[0, 0] - C[0, 1], rtol=1e-12)
-    return "isotropic" if isotropic else "square"
 
 
 @lru_cache(maxsize=4096)

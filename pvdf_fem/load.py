@@ -39,6 +39,8 @@ class Load:
         Quadrature weights times area on the patch, m^2.
     membrane : Membrane
         Where the forces act.
+    images : int
+        Of the membrane, which together are the film that bears the force.
     """
 
     kind: str
@@ -48,9 +50,10 @@ class Load:
     shapes: Array
     weights: Array
     membrane: Membrane
+    images: int
 
     @classmethod
-    def of(cls, scene: Scene, membrane: Membrane) -> Load:
+    def of(cls, scene: Scene, membrane: Membrane, images: int = 1) -> Load:
         """The load of `scene`; without a probe, no patch and no force."""
         none = np.empty(0, dtype=np.int64)
         patch = membrane.mesh.subdomains[PROBE] if scene.probe else none
@@ -58,7 +61,8 @@ class Load:
         values = [np.broadcast_to(s[0], membrane.weights.shape) for s in membrane.basis.basis]
         shapes = np.stack([value[patch] for value in values], axis=-1)
         weights = membrane.weights[patch]
-        return cls(scene.load.kind, scene.load.contact, force, patch, shapes, weights, membrane)
+        kind, contact = scene.load.kind, scene.load.contact
+        return cls(kind, contact, force, patch, shapes, weights, membrane, images)
 
     @property
     def conservative(self) -> bool:
@@ -68,7 +72,7 @@ class Load:
     @property
     def pressure(self) -> float:
         """Nominal pressure in Pa."""
-        return self.force / float(self.weights.sum()) if self.force else 0.0
+        return self.force / (self.images * float(self.weights.sum())) if self.force else 0.0
 
     def shared_dofs(self) -> NDArray[np.int64]:
         """Dofs that have one common value: the deflection under a rigid punch."""

@@ -4,7 +4,8 @@ This is the only module that imports gmsh. The outlines are embedded with OpenCA
 ``fragment``, so every patch, and every overlap of patches, is a union of elements. Elements are
 six-node triangles: rim and circular outlines are curved to second order, with the circles' areas.
 Element sizes are smallest along the outlines and grow linearly with the distance from them
-(`Sizes`), or follow an error estimate on an earlier mesh (`SizeField`).
+(`Sizes`), or follow an error estimate on an earlier mesh (`SizeField`). Of a symmetric scene a part
+can be meshed (`symmetry.Part`).
 
 gmsh works on lengths divided by a hundredth of the film's radius, so that its absolute geometric
 tolerance means the same for a film of 1 mm and of 1 m.
@@ -23,8 +24,9 @@ from numpy.typing import NDArray
 from skfem import MeshTri2
 from skfem.quadrature import get_quadrature
 
-from pvdf_fem.outline import Circle, Outline
+from pvdf_fem.outline import Circle, Outline, mapped
 from pvdf_fem.scene import Scene
+from pvdf_fem.symmetry import WHOLE, Part
 
 # gmsh's other sources of element sizes, all switched off.
 OTHER_SIZES = ("MeshSizeFromPoints", "MeshSizeExtendFromBoundary")
@@ -43,12 +45,16 @@ DISTORTED, SMALLER, ATTEMPTS, BETTER = 0.2, 0.4, 4, 1.2
 
 # How near to a circle a node counts as on it, relative to the radius.
 ON_CIRCLE = 1e-8
+# The same for a mirror line, relative to the film's radius.
+ON_LINE = 1e-8
 # gmsh has one state for all threads, of which the worker of a cluster may have several.
 _ONE_MODEL = threading.Lock()
 
 RIM = "rim"
 FILM = "film"
 PROBE = "probe"
+# Where the first and the second coordinate change sign between a part of the film and its image.
+MIRRORS = ("mirror x", "mirror y")
 
 
 def electrode_patch(name: str) -> str:
@@ -143,8 +149,8 @@ def outlines(scene: Scene) -> dict[str, Outline]:
     return found
 
 
-def mesh_scene(scene: Scene, sizes: Sizes | SizeField) -> MeshTri2:
-    """Mesh a scene.
+def mesh_scene(scene: Scene, sizes: Sizes | SizeField, part: Part = WHOLE) -> MeshTri2:
+    """Mesh a scene, or a part of it in the part's axes.
 
     Parameters
     ----------
@@ -152,12 +158,14 @@ def mesh_scene(scene: Scene, sizes: Sizes | SizeField) -> MeshTri2:
         The film, its electrodes and the probe.
     sizes : Sizes or SizeField
         Element sizes; patches that `Sizes.patches` does not name get no finer mesh.
+    part : Part, optional
 
     Returns
     -------
     MeshTri2
         Coordinates in metres. Subdomains: ``film``, one ``electrode NAME`` each and ``probe``;
-        boundary: ``rim``.
+        boundaries: ``rim``, and those of `MIRRORS` that a part has. Outside of the part an
+        electrode has no elements.
 
     Raises
     ------
@@ -166,7 +174,7 @@ def mesh_scene(scene: Scene, sizes: Sizes | SizeField) -> MeshTri2:
     """
     refined, last = isinstance(sizes, SizeField), None
     for _ in range(ATTEMPTS):
-        mesh = _mesh_once(scene, sizes)
+        mesh = _mesh_once(scene, sizes, part)
         least = compression(mesh)
         if refined and last and last[1] > 0.0 and least.min() < BETTER * last[1]:
             return last[0]
@@ -181,11 +189,13 @@ def mesh_scene(scene: Scene, sizes: Sizes | SizeField) -> MeshTri2:
     raise MeshError(f"{(least <= 0).sum()} curved elements fold: an outline nearly touches another")
 
 
-def _mesh_once(scene: Scene, sizes: Sizes | SizeField) -> MeshTri2:
+def _mesh_once(scene: Scene, sizes: Sizes | SizeField, part: Part) -> MeshTri2:
     unit = scene.film.radius / 100.0
+    shapes: dict[str, Outline] = {FILM: Circle(np.zeros(2), scene.film.radius)}
+    shapes |= {name: mapped(shape, part.frame) for name, shape in outlines(scene).items()}
     with _ONE_MODEL, _gmsh():
         try:
-            patches = _fragment(outlines(scene), unit)
+            patches = _fragment(shapes, unit, part)
             for option in OTHER_SIZES:
                 gmsh.option.setNumber(f"Mesh.{option}", 0)
             arcs = _arcs(scene.numerics.tolerance)
@@ -193,19 +203,20 @@ def _mesh_once(scene: Scene, sizes: Sizes | SizeField) -> MeshTri2:
             gmsh.option.setNumber("Mesh.Algorithm", FRONTAL_DELAUNAY)
             gmsh.option.setNumber("Mesh.LcIntegrationPrecision", CURVE_PRECISION)
             if isinstance(sizes, Sizes):
-                _grade_from_outlines(patches, sizes, unit)
+                curves = {
+                    name: _outer_curves(patches[name], shapes[name], part)
+                    for name in sizes.patches
+                    if name in patches
+                }
+                _grade_from_outlines(curves, sizes, unit)
             else:
                 _follow(sizes, unit)
             gmsh.model.mesh.generate(2)
             gmsh.model.mesh.setOrder(2)
         except Exception as error:
             raise MeshError(f"gmsh failed: {error}") from error
-        return _read(patches, unit, _circles(scene))
-
-
-def _circles(scene: Scene) -> list[Circle]:
-    rim = Circle(np.zeros(2), scene.film.radius)
-    return [rim, *(shape for shape in outlines(scene).values() if isinstance(shape, Circle))]
+        circles = [shape for shape in shapes.values() if isinstance(shape, Circle)]
+        return _read({name: patches.get(name) for name in shapes}, unit, circles, part)
 
 
 def _arcs(tolerance: float) -> int:
@@ -227,18 +238,25 @@ def _gmsh() -> Iterator[None]:
         gmsh.finalize()
 
 
-def _fragment(outlines: dict[str, Outline], unit: float) -> dict[str, list[int]]:
-    """Surfaces of each patch, ``film`` included, after all outlines have cut the disc."""
-    occ = gmsh.model.occ
-    disc = (2, occ.addDisk(0.0, 0.0, 0.0, 100.0, 100.0))
-    tools = [(2, _surface(outline, unit)) for outline in outlines.values()]
-    if tools:
-        _, pieces = occ.fragment([disc], tools)
-    else:
-        pieces = [[disc]]
+def _fragment(shapes: dict[str, Outline], unit: float, part: Part) -> dict[str, list[int]]:
+    """Surfaces of each patch in the part, ``film`` included, after all outlines have cut it."""
+    occ, radius = gmsh.model.occ, 100.0
+    film = [(2, occ.addDisk(0.0, 0.0, 0.0, radius, radius))]
+    names = [name for name in shapes if name != FILM]
+    if part.mirrored:
+        x, y = (0.0 if axis in part.mirrored else -2.0 * radius for axis in (0, 1))
+        box = occ.addRectangle(x, y, 0.0, 2.0 * radius - x, 2.0 * radius - y)
+        film, _ = occ.intersect(film, [(2, box)])
+        names = [name for name in names if part.covers(shapes[name], shapes[FILM].reach)]
+    tools = [(2, _surface(shapes[name], unit)) for name in names]
+    every, pieces = occ.fragment(film, tools) if tools else (film, [film])
+    inside = set(pieces[0])
+    occ.remove([piece for piece in every if piece not in inside], recursive=True)
     occ.synchronize()
-    names = [FILM, *outlines]
-    return {name: [tag for _, tag in piece] for name, piece in zip(names, pieces, strict=True)}
+    return {
+        name: [tag for dimension, tag in piece if (dimension, tag) in inside]
+        for name, piece in zip([FILM, *names], pieces, strict=True)
+    }
 
 
 def _surface(outline: Outline, unit: float) -> int:
@@ -252,20 +270,26 @@ def _surface(outline: Outline, unit: float) -> int:
     return int(occ.addPlaneSurface([occ.addCurveLoop(lines)]))
 
 
-def _outer_curves(surfaces: list[int]) -> set[int]:
+def _outer_curves(surfaces: list[int], shape: Outline, part: Part) -> list[int]:
+    """The curves of a patch's outline, without those along which a mirror line cuts it."""
     pairs = gmsh.model.getBoundary([(2, tag) for tag in surfaces], combined=True, oriented=False)
-    return {abs(tag) for _, tag in pairs}
+    curves = {abs(tag) for _, tag in pairs}
+    for axis in part.mirrored:
+        if shape.lowest[axis] < -ON_LINE * shape.reach:
+            place = {curve: gmsh.model.occ.getCenterOfMass(1, curve)[axis] for curve in curves}
+            curves = {curve for curve in curves if place[curve] > 100.0 * ON_LINE}
+    return sorted(curves)
 
 
-def _grade_from_outlines(patches: dict[str, list[int]], sizes: Sizes, unit: float) -> None:
+def _grade_from_outlines(outer: dict[str, list[int]], sizes: Sizes, unit: float) -> None:
     gmsh.option.setNumber("Mesh.MeshSizeMax", sizes.film / unit)
     field = gmsh.model.mesh.field
     graded = []
-    for name, size in sizes.patches.items():
-        curves = _outer_curves(patches[name])
+    for name, curves in outer.items():
+        size = sizes.patches[name]
         length = max(gmsh.model.occ.getMass(1, curve) for curve in curves)
         distance = field.add("Distance")
-        field.setNumbers(distance, "CurvesList", sorted(curves))
+        field.setNumbers(distance, "CurvesList", curves)
         field.setNumber(distance, "Sampling", int(np.clip(2 * length * unit / size, 10, 1000)))
         threshold = field.add("Threshold")
         for key, value in {
@@ -299,8 +323,13 @@ def _follow(sizes: SizeField, unit: float) -> None:
     field.setAsBackgroundMesh(background)
 
 
-def _read(patches: dict[str, list[int]], unit: float, circles: list[Circle]) -> MeshTri2:
-    """The gmsh model as a scikit-fem mesh, with `circles` of the right area."""
+def _read(
+    patches: dict[str, list[int] | None], unit: float, circles: list[Circle], part: Part
+) -> MeshTri2:
+    """The gmsh model as a scikit-fem mesh, with `circles` of the right area.
+
+    Of `patches` those that are None have no place in the part.
+    """
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     row = np.empty(int(tags.max()) + 1, dtype=np.int64)
     row[tags] = np.arange(len(tags))
@@ -311,20 +340,33 @@ def _read(patches: dict[str, list[int]], unit: float, circles: list[Circle]) -> 
         blocks.append(block)
         spans[surface] = np.arange(count, count + len(block))
         count += len(block)
+    none = np.empty(0, dtype=np.int64)
     subdomains = {
-        name: np.concatenate([spans[surface] for surface in surfaces])
+        name: np.concatenate([none, *(spans[surface] for surface in surfaces or ())])
         for name, surfaces in patches.items()
     }
-    empty = [name for name, elements in subdomains.items() if not len(elements)]
+    empty = [
+        n for n, surfaces in patches.items() if surfaces is not None and not len(subdomains[n])
+    ]
     if empty:
         found = [name for name in subdomains if name not in empty]
         raise MeshError(f"patches without elements: {empty}; patches found: {found}")
     points = coordinates.reshape(-1, 3)[:, :2].T * unit
-    triangles = _with_sorted_vertices(np.concatenate(blocks))
+    for axis in part.mirrored:
+        points[axis, np.abs(points[axis]) < ON_LINE * 100.0 * unit] = 0.0
+    triangles = with_sorted_vertices(np.concatenate(blocks))
     for circle in circles:
         _bulge(points, triangles, circle)
-    mesh = MeshTri2(points, triangles.T)
-    return mesh.with_subdomains(subdomains).with_boundaries({RIM: mesh.boundary_facets()})
+    return named(MeshTri2(points, triangles.T), subdomains, part)
+
+
+def named(mesh: MeshTri2, subdomains: dict[str, NDArray[np.int64]], part: Part) -> MeshTri2:
+    """The mesh of a part with its subdomains, and with its rim and mirror lines as boundaries."""
+    rim, boundaries = mesh.boundary_facets(), {}
+    for axis in part.mirrored:
+        along = (mesh.p[axis, mesh.facets[:, rim]] == 0.0).all(axis=0)
+        boundaries[MIRRORS[axis]], rim = rim[along], rim[~along]
+    return mesh.with_subdomains(subdomains).with_boundaries({RIM: rim, **boundaries})
 
 
 def _bulge(points: NDArray[np.float64], triangles: NDArray[np.int64], circle: Circle) -> None:
@@ -348,7 +390,7 @@ def _bulge(points: NDArray[np.float64], triangles: NDArray[np.int64], circle: Ci
     )
 
 
-def _with_sorted_vertices(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+def with_sorted_vertices(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
     """Six-node triangles with their vertices in ascending order, as cubic elements need them."""
     order = np.argsort(triangles[:, :3], axis=1)
     midside = np.array([[-1, 3, 5], [3, -1, 4], [5, 4, -1]])

@@ -22,12 +22,13 @@ from scipy.sparse.linalg import LinearOperator, SuperLU, eigs, eigsh
 from skfem import Basis, MeshTri2
 
 from pvdf_fem.bending_effect import bending_effect, layer_size
+from pvdf_fem.clock import Clock
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.membrane import Array, Membrane
 from pvdf_fem.mesh import FILM, PROBE, MeshError, Sizes, mesh_scene, outlines
 from pvdf_fem.newton import Status, factorise, newton, seed
 from pvdf_fem.scene import Scene
-from pvdf_fem.solution import Clock, NotConvergedError
+from pvdf_fem.solution import NotConvergedError
 from pvdf_fem.tension_newton import corrected
 
 MOST_MODES = 200

@@ -64,6 +64,11 @@ class Polygon:
         return float(np.linalg.norm(self.vertices, axis=1).max())
 
     @cached_property
+    def lowest(self) -> NDArray[np.float64]:
+        """Least x and least y, shape (2,), in m."""
+        return self.vertices.min(axis=0)
+
+    @cached_property
     def shape(self) -> shapely.Polygon:
         """The same polygon for shapely."""
         return shapely.Polygon(self.vertices)
@@ -109,6 +114,11 @@ class Circle:
         """Largest distance of a point of the disc from the film's centre, in m."""
         return float(np.linalg.norm(self.centre) + self.radius)
 
+    @property
+    def lowest(self) -> NDArray[np.float64]:
+        """Least x and least y, shape (2,), in m."""
+        return self.centre - self.radius
+
     @cached_property
     def shape(self) -> shapely.Polygon:
         """An inscribed polygon of 256 sides for shapely: good for pictures, not for predicates."""
@@ -116,6 +126,13 @@ class Circle:
 
 
 Outline: TypeAlias = Polygon | Circle
+
+
+def mapped(outline: Outline, frame: NDArray[np.float64]) -> Outline:
+    """The outline after an orthogonal map, shape (2, 2), about the film's centre."""
+    if isinstance(outline, Circle):
+        return Circle(frame @ outline.centre, outline.radius)
+    return Polygon(outline.vertices @ frame.T)
 
 
 def overlaps(a: Outline, b: Outline) -> bool:

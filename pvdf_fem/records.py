@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from pvdf_fem.bending_effect import bending_joins
-from pvdf_fem.charge import OBSERVABLES, Goal, goal_forces, goals_of
+from pvdf_fem.charge import OBSERVABLES, Goal, goals_of
 from pvdf_fem.membrane import Array
 from pvdf_fem.mesh import electrode_patch
 from pvdf_fem.newton import Status
@@ -137,7 +137,7 @@ def _forces(solution: Solution, goals: Sequence[Goal], observable: str) -> Array
     others = [i for i in np.flatnonzero(~own).tolist() if defined or goals[i].has_edges]
     asked = [replace(goals[i], observable=observable) for i in others]
     if asked:
-        forces[others] = goal_forces(asked, fields.equilibrium.membrane, fields.displacement)
+        forces[others] = fields.forces_of(asked)
     return forces
 
 

@@ -1,16 +1,15 @@
 """Scene to solution: mesh, equilibrium, charges and their errors, refined until these are met.
 
 A first mesh comes from sizes that the tolerance sets a priori (`first_sizes`); while the estimated
-error of a charge exceeds the tolerance, the next mesh follows the indicators of that error.
+error of a charge exceeds the tolerance, the next mesh follows the indicators of that error. Of a
+symmetric scene only a part is meshed; the whole film is put together when it is asked for.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -18,38 +17,32 @@ import numpy as np
 from skfem import Basis, MeshTri2
 
 from pvdf_fem import admissible
-from pvdf_fem.bending import LOWEST_ORDER
+from pvdf_fem.attempt import Attempt, refined, solve_on
 from pvdf_fem.bending_effect import (
     CONSIDERABLE,
     BendingEffect,
     bending_effect,
     bending_joins,
 )
-from pvdf_fem.charge import Goal, goal_forces, goal_gradients, goals_of
-from pvdf_fem.equilibrium import Equilibrium
-from pvdf_fem.estimate import Correction, indicators, prolongation
+from pvdf_fem.charge import Goal, goals_of
+from pvdf_fem.clock import Clock
+from pvdf_fem.fields import Fields, largest
 from pvdf_fem.membrane import Array
 from pvdf_fem.mesh import MeshError, SizeField, Sizes, mesh_scene
-from pvdf_fem.newton import Iteration, NewtonResult, Status
-from pvdf_fem.refine import refined_sizes, transferred
+from pvdf_fem.newton import Iteration, Status
 from pvdf_fem.scene import Scene
 from pvdf_fem.scene_file import quote
 from pvdf_fem.sizes import first_sizes, order_for
-from pvdf_fem.tension_newton import barely_loaded, corrected, equilibrate
+from pvdf_fem.symmetry import WHOLE, Part, part_of
+from pvdf_fem.tension_newton import barely_loaded
 
 # Sizes aim at this part of the tolerance.
 SAFETY = 0.5
-# Newton's last step in the orders below, whose discretisation errors are larger.
-START_TOLERANCE = 3e-2
 MAX_MESHES = 6
-# Charges that a refined mesh follows, those with the largest errors.
-MOST_DUALS = 32
 # Meshes of more unknowns are not made, so that a solve takes less than 20 s on one core at the
 # usual tolerance; a finer one may take longer.
 USUAL = 1e-3
 MAX_UNKNOWNS = {"refuse": 60_000, "tension-field": 20_000}
-# The largest deflection is sought on this many points around the best one, on ever smaller scales.
-ZOOM, ROUNDS = 8, 5
 # Nor is another one after so many iterations: tension that concentrates in lines, as in a film that
 # a load is far too small to pull taut, needs ever more of them.
 HARD = 60
@@ -57,12 +50,6 @@ HARD = 60
 HOPELESS = 100.0
 # Unknowns of an element, by order of the displacement.
 UNKNOWNS = {1: 1.5, 2: 6.0, 3: 13.5}
-# The next order takes away only 0.55 to 0.8 of the error that the singular edge of a rigid probe
-# makes, and the kinks of a film that wrinkles (measured on uniform and on refined meshes);
-# estimates are raised by this.
-EDGE_FACTOR = 1.6
-# The same where bending acts within less than an element of an edge: 0.65 to 1.1.
-LAYER_FACTOR = 1.5
 
 
 class NotConvergedError(RuntimeError):
@@ -147,19 +134,20 @@ class Solution:
     @property
     def deflection_max_mm(self) -> float:
         """Largest deflection."""
-        return 1e3 * largest(self.basis, self.displacement[:, 2])
+        fields = self.fields
+        return 1e3 * largest(fields.solved.membrane.basis, fields.solved_dofs[2::3])
 
     @property
     def force_balance(self) -> float:
         """|rim reaction + applied force| over the applied force."""
-        equilibrium, state = self.fields.equilibrium, self.fields.state
+        equilibrium, state = self.fields.solved, self.fields.solved_state
         applied = equilibrium.applied_force(state)
         return abs(equilibrium.rim_reaction(state) + applied) / applied if applied else 0.0
 
     @property
     def unknowns(self) -> int:
-        """Number of equations on the last mesh."""
-        return self._fields.equilibrium.unknowns.count if self._fields else 0
+        """Number of equations on the last mesh, which may be that of a part of the film."""
+        return self._fields.solved.unknowns.count if self._fields else 0
 
     @property
     def newton_iterations(self) -> int:
@@ -193,42 +181,6 @@ class Solution:
         from pvdf_fem.export import write_vtu  # meshio is slow to import
 
         write_vtu(self, Path(path))
-
-
-def largest(basis: Basis, values: Array) -> float:
-    """Largest absolute value of a field with the nodal `values`, also between the nodes."""
-    s = np.arange(-ZOOM, ZOOM + 1) / ZOOM
-    offsets, width = np.stack(np.meshgrid(s, s), axis=-1).reshape(-1, 2), 0.5
-    dofs = basis.element_dofs[:, np.abs(values)[basis.element_dofs].max(axis=0).argsort()[-ZOOM:]]
-    best, places = 0.0, np.full((dofs.shape[1], 2), 0.5)
-    for _ in range(ROUNDS):
-        points = np.clip(places[:, None] + width * offsets, 0.0, 1.0)
-        points /= np.maximum(points.sum(axis=-1, keepdims=True), 1.0)
-        functions = [basis.elem.lbasis(points.reshape(-1, 2).T, i)[0] for i in range(basis.Nbfun)]
-        found = np.einsum(
-            "fep,fe->ep", np.reshape(functions, (-1, *points.shape[:2])), values[dofs]
-        )
-        places = points[np.arange(len(points)), np.abs(found).argmax(axis=1)]
-        best, width = max(best, float(np.abs(found).max())), width / ZOOM * 2.0
-    return best
-
-
-@dataclass(frozen=True, eq=False)
-class Fields:
-    """A discrete solution: equations, unknowns, and the electrodes' forces with their errors."""
-
-    equilibrium: Equilibrium
-    q: Array
-    forces: Array
-    force_errors: Array
-
-    @cached_property
-    def displacement(self) -> Array:
-        return self.equilibrium.unknowns.expand(self.q)
-
-    @cached_property
-    def state(self) -> Any:
-        return self.equilibrium.state(self.q)
 
 
 def solve(
@@ -269,27 +221,14 @@ def solve_goals(
     The charges that meet the tolerance, and the `forces` and `force_errors` of the solution's
     `fields`, are those of the goals; a solution's charges by electrode have no meaning here.
     """
-    clock = Clock()
+    clock, tolerance = Clock(), scene.numerics.tolerance
     order = order or order_for(scene)
     if mesh is not None:
-        return _finish(_solve_on(scene, goals, mesh, order, clock), clock)
-    tolerance = scene.numerics.tolerance
+        return _finish(solve_on(scene, goals, mesh, WHOLE, order, clock), clock)
     try:
-        first = _meshed(scene, first_sizes(scene, order), clock)
-        attempt = _solve_on(scene, goals, first, order, clock)
-        hopeless = HOPELESS * tolerance if barely_loaded(scene) else np.inf
-        for _ in range(MAX_MESHES - 1):
-            if attempt.result.status is not Status.CONVERGED or attempt.worst <= tolerance:
-                break
-            with clock("refine"):
-                sizes = _refined(attempt, SAFETY * tolerance)
-            most = MAX_UNKNOWNS[scene.film.compression] * max(1.0, USUAL / tolerance) ** 0.5
-            large = attempt.fields.equilibrium.unknowns.count > 0.7 * most
-            if large or len(attempt.result.iterations) > HARD or attempt.worst > hopeless:
-                break
-            hopeless = min(hopeless, 0.5 * attempt.worst) if barely_loaded(scene) else np.inf
-            sizes = sizes.coarsened(most / UNKNOWNS[order])
-            attempt = _solve_on(scene, goals, _meshed(scene, sizes, clock), order, clock, attempt)
+        attempt = _on_part(scene, goals, order, clock)
+        if attempt is None:
+            attempt = _adapted(scene, goals, WHOLE, order, clock)
     except MeshError as error:
         reason = f"{Status.MESH_FAILED.advice} ({error})"
         return Solution(scene, Status.MESH_FAILED, reason, seconds=clock.seconds())
@@ -303,112 +242,50 @@ def solve_goals(
     return solution
 
 
-def _meshed(scene: Scene, sizes: Sizes | SizeField, clock: Clock) -> MeshTri2:
-    with clock("mesh"):
-        return mesh_scene(scene, sizes)
-
-
-@dataclass(frozen=True, eq=False)
-class Attempt:
-    """A solve on one mesh: Newton's result, the correction and the worst charge's error."""
-
-    scene: Scene
-    goals: Sequence[Goal]
-    result: NewtonResult
-    fields: Fields
-    correction: Correction | None
-
-    @property
-    def worst(self) -> float:
-        """Largest of the `charge_errors`."""
-        return float(np.max(self.charge_errors, initial=0.0))
-
-    @property
-    def charge_errors(self) -> Array:
-        """Estimated error of each charge over the sizes of its two contributions, (goals,)."""
-        return np.abs((self.fields.force_errors * self._d).sum(axis=1)) / self.charge_sizes
-
-    @property
-    def charge_sizes(self) -> Array:
-        """|d31 X| + |d32 Y| of each electrode in C, (goals,)."""
-        sizes = np.abs(self.fields.forces * self._d).sum(axis=1)
-        return np.where(sizes > 0.0, sizes, 1.0)
-
-    @property
-    def _d(self) -> Array:
-        return np.reshape([goal.d for goal in self.goals], (-1, 2))
-
-
-def _solve_on(
-    scene: Scene,
-    goals: Sequence[Goal],
-    mesh: MeshTri2,
-    order: int,
-    clock: Clock,
-    coarser: Attempt | None = None,
-) -> Attempt:
-    with clock("solve"):
-        equilibrium = Equilibrium(scene, mesh, order)
-        start = _carried_over(coarser, equilibrium) if coarser else _start(equilibrium)
-        result = equilibrate(equilibrium, start, near=start is not None)
-        x = equilibrium.unknowns.expand(result.q)
-        forces = goal_forces(goals, equilibrium.membrane, x)
-    correction, errors = None, np.zeros_like(forces)
-    if result.status is Status.CONVERGED and result.factors is not None:
-        with clock("estimate"):
-            rich = Equilibrium(scene, mesh, order + 1)
-            found = corrected(equilibrium, result.q, result.factors, rich)
-        if isinstance(found, Status):
-            result = replace(result, status=found)
-        else:
-            correction = found
-            x = rich.unknowns.expand(correction.q)
-            errors = goal_forces(goals, rich.membrane, x) - forces
-            if equilibrium.bending is not None:
-                errors *= LAYER_FACTOR
-            elif scene.load.kind == "rigid" or scene.film.compression == "tension-field":
-                errors *= EDGE_FACTOR
-    return Attempt(scene, goals, result, Fields(equilibrium, result.q, forces, errors), correction)
-
-
-def _start(equilibrium: Equilibrium) -> Array | None:
-    """The solution of the order below, which costs less than the iterations that it saves."""
-    order = equilibrium.membrane.order
-    if order == (1 if equilibrium.bending is None else LOWEST_ORDER):
+def _on_part(scene: Scene, goals: Sequence[Goal], order: int, clock: Clock) -> Attempt | None:
+    """The solution on a part of a symmetric film, or None where it is not that of the film."""
+    part = part_of(scene)
+    if not part.mirrored:
         return None
-    lower = Equilibrium(equilibrium.scene, equilibrium.membrane.mesh, order - 1)
-    start = _start(lower)
-    result = equilibrate(lower, start, START_TOLERANCE, near=start is not None)
-    if result.status is not Status.CONVERGED:
-        return None
-    return prolongation(lower, equilibrium) @ result.q
+    with suppress(MeshError):
+        attempt = _adapted(scene, goals, part, order, clock)
+        fields, converged = attempt.fields, attempt.result.status is Status.CONVERGED
+        with clock("solve"):
+            if converged and admissible.keeps_symmetry(fields.solved, fields.solved_state):
+                return attempt
+    return None
 
 
-def _carried_over(coarser: Attempt, equilibrium: Equilibrium) -> Array:
-    known = coarser.fields.equilibrium.membrane.basis
-    x = transferred(known, coarser.fields.displacement, equilibrium.membrane.basis)
-    return equilibrium.unknowns.restrict(x)
+def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock: Clock) -> Attempt:
+    """The last of the solves on ever better meshes."""
+    tolerance = scene.numerics.tolerance
 
+    def solved(sizes: Sizes | SizeField, coarser: Attempt | None = None) -> Attempt:
+        with clock("mesh"):
+            mesh = mesh_scene(scene, sizes, part)
+        return solve_on(scene, goals, mesh, part, order, clock, coarser)
 
-def _refined(attempt: Attempt, tolerance: float) -> SizeField:
-    """Element sizes at which the worst error would be `tolerance`."""
-    correction, factors = attempt.correction, attempt.result.factors
-    if correction is None or factors is None:
-        raise ValueError("only a converged attempt can be refined")
-    rich = correction.rich
-    x = rich.unknowns.expand(correction.start)
-    worst = np.argsort(attempt.charge_errors)[-MOST_DUALS:]
-    goals = [attempt.goals[i] for i in worst]
-    gradients = goal_gradients(goals, rich.membrane, x) / attempt.charge_sizes[worst]
-    shares = indicators(correction, factors, gradients)
-    return refined_sizes(rich.membrane.mesh, shares.max(axis=1), tolerance / attempt.worst)
+    attempt = solved(first_sizes(scene, order))
+    hopeless = HOPELESS * tolerance if barely_loaded(scene) else np.inf
+    for _ in range(MAX_MESHES - 1):
+        if attempt.result.status is not Status.CONVERGED or attempt.worst <= tolerance:
+            break
+        with clock("refine"):
+            sizes = refined(attempt, SAFETY * tolerance)
+        most = MAX_UNKNOWNS[scene.film.compression] * max(1.0, USUAL / tolerance) ** 0.5
+        large = attempt.fields.solved.unknowns.count > 0.7 * most
+        if large or len(attempt.result.iterations) > HARD or attempt.worst > hopeless:
+            break
+        hopeless = min(hopeless, 0.5 * attempt.worst) if barely_loaded(scene) else np.inf
+        attempt = solved(sizes.coarsened(most / UNKNOWNS[order]), attempt)
+    return attempt
 
 
 def _finish(attempt: Attempt, clock: Clock) -> Solution:
     status, fields = attempt.result.status, attempt.fields
     if status is Status.CONVERGED:
         factors = attempt.result.factors
-        status = admissible.refusal(fields.equilibrium, fields.state, factors) or status
+        status = admissible.refusal(fields.solved, fields.solved_state, factors) or status
     scene, effect = attempt.scene, bending_effect(attempt.scene)
     return Solution(
         scene,
@@ -416,7 +293,7 @@ def _finish(attempt: Attempt, clock: Clock) -> Solution:
         status.advice,
         attempt.result.iterations,
         *_bending(scene, effect),
-        (*_considerable(scene, effect), *admissible.warnings(fields.equilibrium, fields.state)),
+        (*_considerable(scene, effect), *admissible.warnings(fields.solved, fields.solved_state)),
         clock.seconds(),
         fields,
     )
@@ -436,24 +313,3 @@ def _considerable(scene: Scene, effect: BendingEffect) -> Iterator[str]:
             f"bending: left out, it could change a charge by up to {change:.1e} of it;"
             ' give film.bending = "auto" or true'
         )
-
-
-class Clock:
-    """Adds up the seconds of named stages."""
-
-    def __init__(self) -> None:
-        self._start = time.perf_counter()
-        self._stages: dict[str, float] = {}
-
-    @contextmanager
-    def __call__(self, stage: str) -> Iterator[None]:
-        start = time.perf_counter()
-        try:
-            yield
-        finally:
-            elapsed = time.perf_counter() - start
-            self._stages[stage] = self._stages.get(stage, 0.0) + elapsed
-
-    def seconds(self) -> dict[str, float]:
-        """Seconds by stage, and ``total`` since the clock was made."""
-        return {**self._stages, "total": time.perf_counter() - self._start}
