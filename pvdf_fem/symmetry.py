@@ -3,6 +3,8 @@
 Where a mirror image about a line through the film's centre brings film, probe and electrodes onto
 themselves, the displacement is its own mirror image, and one half of the film has all of it; with
 two such lines at right angles one quarter has. On a mirror line the film does not move across it.
+A film that is equally stiff in all directions is turned to have its mirror lines along the axes; of
+any other film only the axes are taken for mirror lines.
 """
 
 from __future__ import annotations
