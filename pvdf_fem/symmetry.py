@@ -9,7 +9,7 @@ any other film only the axes are taken for mirror lines.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from itertools import product
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from pvdf_fem.bending_effect import bending_joins
 from pvdf_fem.film import Film
-from pvdf_fem.outline import TOUCH, Circle, Outline, Polygon, overlaps
+from pvdf_fem.outline import TOUCH, Circle, Outline, Polygon, mapped, overlaps
 from pvdf_fem.scene import Scene
 
 Array = NDArray[np.float64]
@@ -78,44 +78,54 @@ def part_of(scene: Scene) -> Part:
     if scene.probe is None or scene.load.force == 0.0 or bending_joins(scene):
         return WHOLE
     probe, slack = scene.probe.outline, TOUCH * scene.film.radius
-    electrodes = {electrode.name: electrode.outline for electrode in scene.electrode_list}
-    isotropic = isotropy(scene.film) == "isotropic"
-    for mirror in _mirrors([probe, *electrodes.values()] if isotropic else [], slack):
-        swap = _swap(mirror, probe, electrodes, slack)
+    for mirror in _mirrors(scene, probe, slack):
+        if not _coincide(mapped(probe, mirror), probe, slack):
+            continue
+        electrodes = _electrodes(scene)
+        swap = _swap(mirror, electrodes, slack)
         if swap is None:
             continue
-        across = _swap(-mirror, probe, electrodes, slack)
         frame, axis = _frame(mirror)
-        if across is None:
-            return Part(frame, (axis,), ({}, swap))
-        both = {name: across[image] for name, image in swap.items()}
-        return Part(frame, (0, 1), ({}, swap, across, both))
+        if _coincide(mapped(probe, -mirror), probe, slack):
+            across = _swap(-mirror, electrodes, slack)
+            if across is not None:
+                both = {name: across[image] for name, image in swap.items()}
+                return Part(frame, (0, 1), ({}, swap, across, both))
+        return Part(frame, (axis,), ({}, swap))
     return WHOLE
 
 
-def _mirrors(outlines: Sequence[Outline], slack: float) -> Iterator[Array]:
-    """Mirror images about the axes, and others that may bring each of the outlines onto itself.
+def _electrodes(scene: Scene) -> dict[str, Outline]:
+    return {electrode.name: electrode.outline for electrode in scene.electrode_list}
 
-    Those bring the point of the first outline that is farthest from the film's centre to another
-    one as far away; if all of the first is at the centre, a point of the others.
+
+def _mirrors(scene: Scene, probe: Outline, slack: float) -> Iterator[Array]:
+    """Mirror images that the film allows and that may bring a probe onto itself: matrices (2, 2).
+
+    Those about the axes. Others bring the probe's farthest point from the film's centre to another
+    one as far away, or, of a probe at the centre, a point of the electrodes.
     """
     yield np.diag([1.0, -1.0])
     yield np.diag([-1.0, 1.0])
-    groups = [_points(outline) for outline in outlines]
-    for points in (*groups[:1], np.concatenate(groups[1:]) if groups[1:] else np.empty((0, 2))):
-        distance = np.linalg.norm(points, axis=1)
-        if distance.max(initial=0.0) > slack:
-            x, y = points[distance.argmax()]
-            for u, v in points[distance > distance.max() - slack]:
-                # the line is at half the sum of both points' angles
-                double = np.array([x * u - y * v, x * v + y * u])
-                c, s = double / np.linalg.norm(double)
-                yield np.array([[c, s], [s, -c]])
-            return
+    if isotropy(scene.film) != "isotropic":
+        return
+    points = _points([probe])
+    if np.abs(points).max() <= slack:
+        points = _points(_electrodes(scene).values())
+    distance = np.linalg.norm(points, axis=1)
+    if distance.max(initial=0.0) <= slack:
+        return
+    x, y = points[distance.argmax()]
+    for u, v in points[distance > distance.max() - slack]:
+        # the line is at half the sum of both points' angles
+        c, s = np.array([x * u - y * v, x * v + y * u]) / np.hypot(x, y) / np.hypot(u, v)
+        yield np.array([[c, s], [s, -c]])
 
 
-def _points(outline: Outline) -> Array:
-    return outline.centre[None] if isinstance(outline, Circle) else outline.vertices
+def _points(outlines: Iterable[Outline]) -> Array:
+    """Centres of discs and vertices of polygons, (n, 2)."""
+    points = [o.centre[None] if isinstance(o, Circle) else o.vertices for o in outlines]
+    return np.concatenate([np.empty((0, 2)), *points])
 
 
 def _frame(mirror: Array) -> tuple[Array, int]:
@@ -128,15 +138,12 @@ def _frame(mirror: Array) -> tuple[Array, int]:
     return np.array([[c, s], [-s, c]]), 1
 
 
-def _swap(
-    mirror: Array, probe: Outline, electrodes: Mapping[str, Outline], slack: float
-) -> dict[str, str] | None:
-    """The electrodes' names by those of their images; None if something has no image."""
-    if not _brings(mirror, probe, probe, slack):
-        return None
+def _swap(mirror: Array, electrodes: Mapping[str, Outline], slack: float) -> dict[str, str] | None:
+    """The electrodes' names by those of their images; None if one has no image."""
     swap = {}
     for name, outline in electrodes.items():
-        images = (b for b, other in electrodes.items() if _brings(mirror, outline, other, slack))
+        moved = mapped(outline, mirror)
+        images = (b for b, other in electrodes.items() if _coincide(moved, other, slack))
         image = next(images, None)
         if image is None:
             return None
@@ -144,15 +151,13 @@ def _swap(
     return swap
 
 
-def _brings(mirror: Array, a: Outline, b: Outline, slack: float) -> bool:
-    """Whether a mirror image brings the outline `a` onto `b`."""
+def _coincide(a: Outline, b: Outline, slack: float) -> bool:
+    """Whether two outlines are the same, vertex by vertex."""
     if isinstance(a, Circle) or isinstance(b, Circle):
         if not (isinstance(a, Circle) and isinstance(b, Circle)):
             return False
-        away = np.abs(mirror @ a.centre - b.centre).max()
-        return bool(max(away, abs(a.radius - b.radius)) <= slack)
+        return bool(max(*np.abs(a.centre - b.centre), abs(a.radius - b.radius)) <= slack)
     if len(a.vertices) != len(b.vertices):
         return False
-    image = a.vertices[::-1] @ mirror.T
-    first = np.abs(b.vertices - image[0]).max(axis=1).argmin()
-    return bool(np.abs(np.roll(b.vertices, -first, axis=0) - image).max() <= slack)
+    first = np.abs(b.vertices - a.vertices[0]).max(axis=1).argmin()
+    return bool(np.abs(np.roll(b.vertices, -first, axis=0) - a.vertices).max() <= slack)
