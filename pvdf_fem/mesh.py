@@ -193,6 +193,7 @@ def _mesh_once(scene: Scene, sizes: Sizes | SizeField, part: Part) -> MeshTri2:
     unit = scene.film.radius / 100.0
     shapes: dict[str, Outline] = {FILM: Circle(np.zeros(2), scene.film.radius)}
     shapes |= {name: mapped(shape, part.frame) for name, shape in outlines(scene).items()}
+    shapes |= {electrode_patch(image): shape for image, (_, shape) in part.images.items()}
     with _ONE_MODEL, _gmsh():
         try:
             patches = _fragment(shapes, unit, part)
@@ -203,6 +204,7 @@ def _mesh_once(scene: Scene, sizes: Sizes | SizeField, part: Part) -> MeshTri2:
             gmsh.option.setNumber("Mesh.Algorithm", FRONTAL_DELAUNAY)
             gmsh.option.setNumber("Mesh.LcIntegrationPrecision", CURVE_PRECISION)
             if isinstance(sizes, Sizes):
+                sizes = _with_images(sizes, part)
                 curves = {
                     name: _outer_curves(patches[name], shapes[name], part)
                     for name in sizes.patches
@@ -279,6 +281,13 @@ def _outer_curves(surfaces: list[int], shape: Outline, part: Part) -> list[int]:
             place = {curve: gmsh.model.occ.getCenterOfMass(1, curve)[axis] for curve in curves}
             curves = {curve for curve in curves if place[curve] > 100.0 * ON_LINE}
     return sorted(curves)
+
+
+def _with_images(sizes: Sizes, part: Part) -> Sizes:
+    """The sizes, and those of electrodes for their images."""
+    of = {electrode_patch(image): electrode_patch(name) for image, (name, _) in part.images.items()}
+    images = {image: sizes.patches[name] for image, name in of.items() if name in sizes.patches}
+    return Sizes(sizes.patches | images, sizes.growth, sizes.film)
 
 
 def _grade_from_outlines(outer: dict[str, list[int]], sizes: Sizes, unit: float) -> None:

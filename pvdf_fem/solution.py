@@ -195,8 +195,8 @@ def solve(
     ----------
     scene : Scene
     mesh : MeshTri2, optional
-        Solve on this mesh of `mesh_scene`, whatever the error, instead of meshing for
-        ``scene.numerics.tolerance``.
+        Solve on this mesh of `mesh_scene`, of the whole film, whatever the error, instead of
+        meshing for ``scene.numerics.tolerance``.
     order : int, optional
         Polynomial order of the displacement, 1, 2 or 3. When not given 3, or 2 for a rigid probe,
         whose singular edge needs small elements rather than a high order.

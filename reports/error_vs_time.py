@@ -205,7 +205,8 @@ def _peers(plan: Plan, found: Measured, out: Path) -> Content:
     told = [
         "The same scenes in the same run, one thread, jobs of all codes in turn; imports are left "
         "out. The peers estimate no error, so on uniform meshes this code's estimate is left out; "
-        "meshes for a tolerance follow estimates, which are in.",
+        "meshes for a tolerance follow estimates, which are in, and are of a half or a quarter of "
+        "the film where the scene is symmetric.",
         "NGSolve: Netgen's curved meshes with this code's first sizes, order 1 as a start, inner "
         "unknowns condensed, its own sparse Cholesky. CalculiX: this code's mesh at a multiple of "
         "the thesis's sizes, a step that cools and one that presses; dead pressures only.",
