@@ -26,7 +26,7 @@ from pvdf_fem.scene import Scene
 Array = NDArray[np.float64]
 
 # Images of electrodes where the scene has none cost as many elements as the electrodes themselves.
-# Under a disc anywhere that leaves 0.84 of the time at 1e-3, 0.76 at 1e-4 and 0.60 at 1e-5;
+# Under a disc anywhere that leaves 0.84 of the time at 1e-3, 0.78 at 1e-4 and 0.61 at 1e-5;
 # tolerances up to this one are worth it.
 FINE = 1e-4
 # Gaps and overlaps of less than this part of the smallest electrode's size are narrow: too small
