@@ -47,8 +47,8 @@ class Part:
     mirrored : tuple of int
         Coordinates, 0 or 1, whose signs the mirror images change: they are positive in the part.
     swaps : tuple of mapping
-        For each image, the names of what it brings each electrode onto: an electrode of the scene,
-        or one of `images`.
+        For each image, the names of what it brings each electrode onto where that is another one:
+        an electrode of the scene, or one of `images`.
     images : mapping
         Outlines, in the part's axes, of electrodes' images where the scene has no electrode, with
         the electrodes' names.
@@ -100,13 +100,12 @@ def part_of(scene: Scene) -> Part:
         if not _coincide(mapped(probe, mirror), probe, slack):
             continue
         frame, axis = _frame(mirror)
-        parts = [_part(frame, (axis,), scene, slack)]
-        if _coincide(mapped(probe, -mirror), probe, slack):
-            parts = [_part(frame, (0, 1), scene, slack), *parts]
-        for part in parts:
+        quarter = _coincide(mapped(probe, -mirror), probe, slack)
+        for mirrored in ((0, 1), (axis,)) if quarter else ((axis,),):
+            part = _part(frame, mirrored, scene, slack)
             if not part.images:
                 return part
-        others += parts
+            others.append(part)
     if scene.numerics.tolerance <= FINE:
         return next((part for part in others if _lie_apart(part, scene)), WHOLE)
     return WHOLE
@@ -116,8 +115,9 @@ def _part(frame: Array, mirrored: tuple[int, ...], scene: Scene, slack: float) -
     """A part with what its images bring each electrode onto."""
     places = {name: mapped(outline, frame) for name, outline in _electrodes(scene).items()}
     names, centres = list(places), np.reshape([o.centroid for o in places.values()], (-1, 2))
-    swaps, images = [], {}
-    for number, signs in enumerate(Part(frame, mirrored).signs):
+    swaps: list[dict[str, str]] = [{}]
+    images = {}
+    for number, signs in enumerate(Part(frame, mirrored).signs[1:], 1):
         swap = {}
         for name, outline in places.items():
             image = mapped(outline, np.diag(signs))
