@@ -37,8 +37,8 @@ def unfolded_mesh(mesh: MeshTri2, part: Part) -> MeshTri2:
 
 def _subdomains(mesh: MeshTri2, part: Part) -> dict[str, NDArray[np.int64]]:
     """The patches of the whole film: an image of an electrode is where that of the part is."""
-    found = {}
-    for name in mesh.subdomains.keys() - {electrode_patch(image) for image in part.images}:
+    found, added = {}, {electrode_patch(image) for image in part.images}
+    for name in (name for name in mesh.subdomains if name not in added):
         places = []
         for image, swap in enumerate(part.swaps):
             patches = {electrode_patch(a): electrode_patch(b) for a, b in swap.items()}
