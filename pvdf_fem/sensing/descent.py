@@ -33,6 +33,8 @@ _ROUNDING = 1e-2
 _HELD = 1e-2
 # Steps are no longer than this share of the reach, so many degrees, and this factor of the force.
 _LONGEST = np.array([0.25, 0.25, 25.0, 1.0])
+# Searches for one touch that are this close go on as one: charges are smooth on this scale.
+_CLOSE = np.array([0.1, 0.1, 2.0, 0.03])
 # Marquardt's damping: where it begins after a step uphill, and where a search gives up. A step
 # counts as the last one only if it was damped no more than to about half.
 _LEAST_DAMPING, _DAMPED, _GIVEN_UP, _FREE = 1e-10, 1e-3, 1e8, 1.0
@@ -209,6 +211,7 @@ def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = n
     least = np.full(len(problem.charges_pC), np.inf)
     reach_mm = problem.model.domain.reach_mm
     longest = (_LONGEST * [reach_mm, reach_mm, 1.0, 1.0])[problem.unknown]
+    alone = len(least) == 1
     for _ in range(_MAX_STEPS):
         step, expected = now.steps()
         length = np.abs(step / longest).max(axis=1)
@@ -227,6 +230,8 @@ def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = n
             ends.chi_square[done] = (along * moved).sum(axis=1)[last]
             np.minimum.at(least, now.touch[last], ends.chi_square[done])
         stay = ~last & (now.chi_square - 4.0 * expected <= least[now.touch] + hopeless)
+        if alone:
+            stay &= ~_repeated(there, now.chi_square, ends.at[ends.arrived])
         held = np.zeros(len(aim), dtype=bool) if there is aim else (there != aim).any(axis=1)
         if not stay.all():
             if not stay.any():
@@ -246,6 +251,18 @@ def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = n
                 break
             now = now.only(on)
     return ends
+
+
+def _repeated(at: Array, chi_square: Array, ends: Array) -> NDArray[np.bool_]:
+    """Which searches (n,) go where a better one goes, or where one has ended."""
+    order = np.argsort(chi_square)
+    place = at[order]
+    near = (np.abs(place[:, None] - place) < _CLOSE).all(axis=2)
+    found = np.empty(len(at), dtype=bool)
+    found[order] = np.tril(near, -1).any(axis=1)
+    if len(ends):
+        found |= (np.abs(at[:, None] - ends) < _CLOSE).all(axis=2).any(axis=1)
+    return found
 
 
 def _held_back(problem: Problem, at: Array) -> Array:
