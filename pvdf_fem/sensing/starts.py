@@ -28,10 +28,12 @@ _AROUND = 48
 # chi-square, and from so many places with the lowest: long valleys have several bottoms.
 _PROMISING, _LOWEST = 1e3, 8
 # The step that follows is damped by this share and not longer than so many mm and factors of the
-# force; of starts that it brings as close as this only the best one is kept.
+# force; of starts of one rotation that it brings as close as this only the best one is kept, and
+# no more than so many.
 _DAMPING = 1e-3
 _LONGEST = np.array([1.5, 1.5, 0.5])
-_CLOSE = np.array([0.3, 0.3, 0.1])
+_CLOSE = np.array([0.3, 0.3, 1e-9, 0.1])
+_KEPT = 6
 # Rows that the model is asked for at once.
 _CHUNK = 20_000
 
@@ -44,7 +46,7 @@ class Table:
     ----------
     places_mm : ndarray, shape (places, 2)
         Those of the lattice within the reach, and on its edge unless x or y is known.
-    neighbours : ndarray of int, shape (places, most neighbours)
+    neighbours : ndarray of int, shape (most neighbours, places)
         Of each place; the number of places where there are fewer.
     rotations_deg, log_forces : ndarray
         The other axes.
@@ -115,7 +117,7 @@ class Table:
         step, left = _steps(residual, slopes[:, :, [i - (i == FORCE) for i in moving]])
         longest = _LONGEST[[i - (i == FORCE) for i in moving]]
         at[:, moving] += step / np.maximum(np.abs(step / longest).max(axis=1), 1.0)[:, None]
-        return at[_apart(at, left)]
+        return at[_chosen(at, left)]
 
     def _ends(self, interval: Indices) -> tuple[Indices, Indices]:
         return interval, np.minimum(interval + 1, len(self.log_forces) - 1)
@@ -143,7 +145,7 @@ class Table:
         """Places (rotations, places) without a better neighbour, and the best ones."""
         padded = np.full((len(chi_square), chi_square.shape[1] + 1), np.inf, dtype=np.float32)
         padded[:, :-1] = chi_square
-        chosen = chi_square <= padded[:, self.neighbours].min(axis=2)
+        chosen = chi_square <= padded.take(self.neighbours, axis=1).min(axis=1)
         chosen &= chi_square <= _PROMISING * chi_square.min(axis=1, keepdims=True)
         count = min(_LOWEST, chi_square.shape[1])
         lowest = np.argpartition(chi_square, count - 1, axis=1)[:, :count]
@@ -163,17 +165,15 @@ def _steps(residual: Array, slopes: Array) -> tuple[Array, Array]:
     return step[:, :, 0], np.square(left).sum(axis=(1, 2))
 
 
-def _apart(at: Array, chi_square: Array) -> Indices:
-    """The starts (n, 4) that are not close to a better one of the same rotation."""
-    order = np.argsort(chi_square)
+def _chosen(at: Array, chi_square: Array) -> Indices:
+    """The best starts of each rotation, without those close to a better one."""
+    order = np.lexsort((chi_square, at[:, ROTATION]))
     place = at[order]
-    near = np.abs(place[:, None, [X, Y, FORCE]] - place[:, [X, Y, FORCE]]) < _CLOSE
-    same = near.all(axis=2) & (place[:, None, ROTATION] == place[:, ROTATION])
-    kept: list[int] = []
-    for k, row in enumerate(same.tolist()):
-        if not any(row[other] for other in kept):
-            kept.append(k)
-    return order[kept]
+    same = (np.abs(place[:, None] - place) < _CLOSE).all(axis=2)
+    rows = np.flatnonzero(~np.tril(same, -1).any(axis=1))
+    turn = place[rows, ROTATION]
+    rank = np.arange(len(rows)) - np.searchsorted(turn, turn)
+    return order[rows[rank < _KEPT]]
 
 
 def tabulate(
@@ -220,12 +220,12 @@ def _lattice(x: Array, y: Array, reach: float, around: int) -> tuple[Array, Indi
     number = np.full(inside.shape, none)
     number[inside] = np.arange(len(i))
     near = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if a or b]
-    neighbours = np.full((none, len(near)), none)
-    neighbours[: len(i)] = np.stack([number[i + a, j + b] for a, b in near], axis=1)
+    neighbours = np.full((len(near), none), none)
+    neighbours[:, : len(i)] = [number[i + a, j + b] for a, b in near]
     angles = 2.0 * np.pi * np.arange(around) / max(around, 1)
     ring = reach * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     for k, shift in enumerate((1, -1)):
-        neighbours[len(i) :, k] = len(i) + np.roll(np.arange(around), shift)
+        neighbours[k, len(i) :] = len(i) + np.roll(np.arange(around), shift)
     lattice = np.stack([x[i - 1], y[j - 1]], axis=1)
     return np.concatenate([lattice, ring]), neighbours
 
