@@ -70,13 +70,12 @@ class Problem:
         touches = edge.copy()
         touches[:, FORCE] = force = np.exp(edge[:, FORCE])
         charges, slopes = self.model.evaluate(touches)
-        charges, slopes = charges[:, self.electrodes], slopes[:, self.electrodes]
         slopes[:, :, FORCE] *= force[:, None]
         if edge is not at:
-            charges += (slopes @ (at - edge)[:, :, None])[:, :, 0]
-        system = np.empty((*charges.shape, 1 + len(self.unknown)))
-        system[:, :, 0] = charges - self.charges_pC[touch]
-        system[:, :, 1:] = slopes[:, :, self.unknown]
+            charges = charges + np.matmul(slopes, (at - edge)[:, :, None])[:, :, 0]
+        system = np.empty((len(at), len(self.electrodes), 1 + len(self.unknown)))
+        system[:, :, 0] = charges[:, self.electrodes] - self.charges_pC[touch]
+        system[:, :, 1:] = slopes[:, self.electrodes[:, None], self.unknown]
         system /= self.deviations_pC[touch, :, None]
         return system
 
@@ -90,11 +89,11 @@ class Problem:
         lowest, highest = lowest - math.log(room_force), highest + math.log(room_force)
         reach = room_reach * self.model.domain.reach_mm
         force, distance = at[:, FORCE], np.hypot(at[:, X], at[:, Y])
-        if distance.max() <= reach and lowest <= force.min() and force.max() <= highest:
+        beyond = np.abs(force - 0.5 * (lowest + highest)) > 0.5 * (highest - lowest)
+        if not (beyond | (far := distance > reach)).any():
             return at
         moved = at.copy()
-        moved[:, FORCE] = np.clip(force, lowest, highest)
-        far = distance > reach
+        moved[:, FORCE] = np.minimum(np.maximum(force, lowest), highest)
         moved[far] = self._drawn_in(moved[far], reach)
         return moved
 
@@ -255,13 +254,10 @@ def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = n
 
 def _repeated(at: Array, chi_square: Array, ends: Array) -> NDArray[np.bool_]:
     """Which searches (n,) go where a better one goes, or where one has ended."""
-    order = np.argsort(chi_square)
-    place = at[order]
-    near = (np.abs(place[:, None] - place) < _CLOSE).all(axis=2)
-    found = np.empty(len(at), dtype=bool)
-    found[order] = np.tril(near, -1).any(axis=1)
-    if len(ends):
-        found |= (np.abs(at[:, None] - ends) < _CLOSE).all(axis=2).any(axis=1)
+    others = np.concatenate([at, ends]) if len(ends) else at
+    better = np.concatenate([chi_square, np.full(len(ends), -np.inf)]) < chi_square[:, None]
+    near = (np.abs(at[:, None] - others) < _CLOSE).all(axis=2)
+    found: NDArray[np.bool_] = (near & better).any(axis=1)
     return found
 
 

@@ -30,6 +30,7 @@ _PROMISING, _LOWEST = 1e3, 8
 # The step that follows is damped by this share and not longer than so many mm and factors of the
 # force; of starts of one rotation that it brings as close as this only the best one is kept, and
 # no more than so many.
+_MOVING = np.array([X, Y, FORCE])
 _DAMPING = 1e-3
 _LONGEST = np.array([1.5, 1.5, 0.5])
 _CLOSE = np.array([0.3, 0.3, 1e-9, 0.1])
@@ -80,47 +81,51 @@ class Table:
         Q = self.charges_pC
         charges = (1 - t) * Q[k] + t * Q[following]
         near = k if t < 0.5 else following
-        return replace(
-            self,
-            rotations_deg=np.array([rotation_deg]),
-            charges_pC=charges[None],
-            slopes=self.slopes[near : near + 1],
-            period_deg=0.0,
-        )
+        turn, slopes = np.array([rotation_deg]), self.slopes[near : near + 1]
+        axes = self.places_mm, self.neighbours, turn, self.log_forces
+        return Table(*axes, charges[None], slopes, 0.0)
 
     def starts(self, charges_pC: Array, deviations_pC: Array, sought: Indices) -> Array:
         """Coordinates (n, 4) near the local minima of chi-square over places, at each rotation.
 
-        A Gauss-Newton step with the table's slopes, in what is sought but the rotation, leads from
+        A Gauss-Newton step in what is `sought` of `_MOVING`, with the table's slopes, leads from
         the places of the minima to the starts.
         """
         weights = (1.0 / deviations_pC).astype(np.float32)
-        target = (charges_pC / deviations_pC).astype(np.float32)
+        target = charges_pC.astype(np.float32) * weights
         chi_square, interval, along = self._fitted(weights, target)
         turn, place = np.nonzero(self._bottoms(chi_square))
         f, t = interval[turn, place], along[turn, place]
-        # (n, electrodes)
-        lower, upper = (self.charges_pC[turn, :, place, k] * weights for k in self._ends(f))
-        residual = lower + t[:, None] * (upper - lower) - target
-        growth = np.linalg.norm(upper, axis=1) / np.linalg.norm(lower, axis=1)
+        nearest = f + (t > 0.5)
+        lower = self.charges_pC[turn, :, place, f] * weights
+        upper = self.charges_pC[turn, :, place, f + 1] * weights if self._chords else lower
         at = np.empty((len(place), 4))
         at[:, :ROTATION] = self.places_mm[place]
         at[:, ROTATION] = self.rotations_deg[turn]
-        # charges are a power of the force between tabulated ones
-        part = t if len(self.log_forces) == 1 else np.log1p(t * (growth - 1.0)) / np.log(growth)
-        at[:, FORCE] = self.log_forces[f] + part * np.diff(self.log_forces, append=0.0)[f]
-        moving = [i for i in (X, Y, FORCE) if i in sought]
-        if not moving:
+        at[:, FORCE] = self.log_forces[f] + self._beyond(lower, upper, t)
+        if not sought.size:
             return at
-        near = np.minimum(f + (t > 0.5), len(self.log_forces) - 1)
-        slopes = self.slopes[turn, :, place, near] * weights[:, None]
-        step, left = _steps(residual, slopes[:, :, [i - (i == FORCE) for i in moving]])
-        longest = _LONGEST[[i - (i == FORCE) for i in moving]]
-        at[:, moving] += step / np.maximum(np.abs(step / longest).max(axis=1), 1.0)[:, None]
+        residual = (1.0 - t)[:, None] * lower + t[:, None] * upper - target
+        slopes = self.slopes[turn, :, place, nearest] * weights[:, None]
+        step, left = _steps(residual, slopes[:, :, sought])
+        stretch = np.abs(step / _LONGEST[sought]).max(axis=1)
+        at[:, _MOVING[sought]] += step / np.maximum(stretch, 1.0)[:, None]
         return at[_chosen(at, left)]
 
-    def _ends(self, interval: Indices) -> tuple[Indices, Indices]:
-        return interval, np.minimum(interval + 1, len(self.log_forces) - 1)
+    @property
+    def _chords(self) -> int:
+        return len(self.log_forces) - 1
+
+    def _beyond(self, lower: Array, upper: Array, t: Array) -> Array | float:
+        """How far a part of a chord is along it, by the logarithm of the force.
+
+        Charges are a power of the force between tabulated ones.
+        """
+        if not self._chords:
+            return 0.0
+        growth = np.sqrt(np.square(upper).sum(axis=1) / np.square(lower).sum(axis=1))
+        length = (self.log_forces[-1] - self.log_forces[0]) / self._chords
+        return length * np.log1p(t * (growth - 1.0)) / np.log(growth)
 
     def _fitted(
         self, weights: NDArray[np.float32], target: NDArray[np.float32]
@@ -129,7 +134,7 @@ class Table:
         Q = self.charges_pC * weights[:, None, None]
         rest = target[:, None, None] - Q
         chi_square = np.square(rest).sum(axis=1)
-        if Q.shape[3] == 1:
+        if not self._chords:
             flat = chi_square[..., 0]
             return flat, np.zeros(flat.shape, dtype=np.intp), np.zeros_like(flat)
         chord = Q[..., 1:] - Q[..., :-1]
@@ -170,10 +175,10 @@ def _chosen(at: Array, chi_square: Array) -> Indices:
     order = np.lexsort((chi_square, at[:, ROTATION]))
     place = at[order]
     same = (np.abs(place[:, None] - place) < _CLOSE).all(axis=2)
-    rows = np.flatnonzero(~np.tril(same, -1).any(axis=1))
+    rank = np.arange(len(order))
+    rows = np.flatnonzero(~(same & (rank < rank[:, None])).any(axis=1))
     turn = place[rows, ROTATION]
-    rank = np.arange(len(rows)) - np.searchsorted(turn, turn)
-    return order[rows[rank < _KEPT]]
+    return order[rows[rank[: len(rows)] - np.searchsorted(turn, turn) < _KEPT]]
 
 
 def tabulate(
@@ -207,7 +212,7 @@ def tabulate(
         np.moveaxis(np.concatenate(parts).reshape(*at.shape[:3], *parts[0].shape[1:]), 3, 1)
         for parts in zip(*chunks, strict=True)
     )
-    slopes = slopes[..., [X, Y, FORCE]] * np.stack([1.0 + 0.0 * forces] * 2 + [forces], axis=1)
+    slopes = slopes[..., _MOVING] * np.stack([1.0 + 0.0 * forces] * 2 + [forces], axis=1)
     single = np.ascontiguousarray(charges, np.float32), np.ascontiguousarray(slopes, np.float32)
     return Table(places, neighbours, turns, np.log(forces), *single, period)
 
@@ -258,7 +263,7 @@ def starts(
             table = table.turned(known[ROTATION])
     else:
         table = tabulate(model, known).of(electrodes)
-    sought = np.array([i for i in (X, Y, FORCE) if i not in known])
+    sought = np.array([k for k, i in enumerate((X, Y, FORCE)) if i not in known], dtype=np.intp)
     at = table.starts(charges_pC, deviations_pC, sought)
     at[:, list(known)] = [np.log(v) if i == FORCE else v for i, v in known.items()]
     return at
