@@ -35,6 +35,8 @@ _DAMPING = 1e-3
 _LONGEST = np.array([1.5, 1.5, 0.5])
 _CLOSE = np.array([0.3, 0.3, 1e-9, 0.1])
 _KEPT = 6
+# By how much more the touch with the nearest ratios may be off than the very nearest.
+_NEARLY = 0.5
 # Rows that the model is asked for at once.
 _CHUNK = 20_000
 
@@ -285,7 +287,7 @@ class Nearest:
         ratios = charges_pC / sizes[:, None]
         if rotations_deg is not None:
             ratios = np.concatenate([ratios, _circle(rotations_deg, self.period_deg)], axis=1)
-        _, row = self.tree.query(ratios, np.arange(1, count + 1))
+        _, row = self.tree.query(ratios, np.arange(1, count + 1), eps=_NEARLY)
         at = self.at[row]
         at[..., FORCE] += np.log(sizes[:, None] / self.sizes_pC[row]) / self.exponents[row]
         return at
