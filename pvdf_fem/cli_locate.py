@@ -18,8 +18,9 @@ from pvdf_fem.files import require_writable
 if TYPE_CHECKING:
     from pvdf_fem.scene import Scene
     from pvdf_fem.sensing.locate import Choice
+    from pvdf_fem.sensing.location import Location
     from pvdf_fem.sensing.response import Response
-    from pvdf_fem.sensing.touch import Location, Touch
+    from pvdf_fem.sensing.touch import Touch
 
 DESCRIPTION = """\
 The touch that gave some charges: position, force and rotation of the scene's
@@ -338,6 +339,15 @@ def location_lines(found: Location) -> list[str]:
     for number, touch in enumerate(found.touches, start=1):
         several = f" {number} of {len(found.touches)}" if len(found.touches) > 1 else ""
         lines += [f"touch{several}", *_touch_lines(touch, found.degrees_of_freedom)]
+    if found.touches:
+        errors = [
+            f"{short} {found.deviations[name]:.2g} {_UNITS[short]}"
+            for short, name in NAMES.items()
+            if name in found.unknown
+        ]
+        first = "it" if len(found.touches) == 1 else "touch 1"
+        lines.append(f"68 %        of all likely touches are this close to {first}, each of:")
+        lines.append(f"            {', '.join(errors)}")
     return lines + [f"remark      {text}" for text in found.remarks]
 
 

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from scipy.special import gammaincc
 
 from pvdf_fem.sensing.descent import Descent, Problem, descend
+from pvdf_fem.sensing.location import Location
 from pvdf_fem.sensing.starts import starts
 from pvdf_fem.sensing.touch import (
     FORCE,
     QUANTITIES,
     ROTATION,
     Domain,
-    Location,
     Model,
     Touch,
     X,
@@ -212,7 +212,7 @@ def location(problem: Problem, ends: Descent) -> Location:
     unknown = tuple(QUANTITIES[i] for i in problem.unknown)
     freedom = len(problem.electrodes) - len(unknown)
     if not keep.size:
-        return Location((), unknown, freedom, -np.inf)
+        return Location((), unknown, freedom, -np.inf, problem)
     keep = keep[ends.chi_square[keep] <= ends.chi_square[keep[0]] + _LISTED]
     keep = _distinct(problem, ends, keep)
     size = extents(problem)
@@ -225,7 +225,7 @@ def location(problem: Problem, ends: Descent) -> Location:
         for k, weight, limits in zip(keep.tolist(), weights.tolist(), held, strict=True)
     )
     spread = np.log(np.sqrt(2.0 * np.pi) * problem.deviations_pC[0]).sum()
-    return Location(touches, unknown, freedom, total - float(spread))
+    return Location(touches, unknown, freedom, total - float(spread), problem)
 
 
 def _distinct(problem: Problem, ends: Descent, keep: Indices) -> Indices:
