@@ -174,8 +174,8 @@ class _Searches:
         diagonal = damped.reshape(len(damped), -1)[:, :: damped.shape[1] + 1]  # a view
         floor = 1e-12 * diagonal.max(axis=1) + 1e-300
         diagonal += self.damping[:, None] * diagonal + floor[:, None]
-        step = np.linalg.solve(damped, gradient[:, :, None])[:, :, 0]
-        return -step, (gradient * step).sum(axis=1)
+        step = np.negative(np.linalg.solve(damped, gradient[:, :, None])[:, :, 0])
+        return step, -(gradient * step).sum(axis=1)
 
     def move(self, better: NDArray[np.bool_], there: _Searches) -> None:
         """Go on from `there` where it is better, and damp the next step elsewhere."""
@@ -257,8 +257,7 @@ def _repeated(at: Array, chi_square: Array, ends: Array) -> NDArray[np.bool_]:
     others = np.concatenate([at, ends]) if len(ends) else at
     better = np.concatenate([chi_square, np.full(len(ends), -np.inf)]) < chi_square[:, None]
     near = (np.abs(at[:, None] - others) < _CLOSE).all(axis=2)
-    found: NDArray[np.bool_] = (near & better).any(axis=1)
-    return found
+    return np.asarray((near & better).any(axis=1))
 
 
 def _held_back(problem: Problem, at: Array) -> Array:

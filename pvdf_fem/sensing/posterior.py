@@ -85,8 +85,8 @@ def posterior(problem: Problem, touches: Sequence[Touch]) -> Posterior:
     scale = np.where(unknown == FORCE, coordinates[:, FORCE, None], 1.0)
     coordinates[:, FORCE] = np.log(coordinates[:, FORCE])
     covariances = np.array([t.covariance for t in touches]) / scale[:, :, None] / scale[:, None]
-    roots = _WIDER * np.linalg.cholesky(covariances)
-    shares = np.maximum([touch.weight for touch in touches], _LEAST)
+    roots = np.multiply(_WIDER, np.linalg.cholesky(covariances))
+    shares: Array = np.maximum([touch.weight for touch in touches], _LEAST)
     shares = shares / shares.sum()
 
     normal, radius, level = _standard(len(unknown))

@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 from pvdf_fem.sensing.touch import FORCE, ROTATION, Model, X, Y, period_deg
 
 Array = NDArray[np.float64]
+Single = NDArray[np.float32]
 Indices = NDArray[np.intp]
 
 # The lattice: places across the reach, rotations in the probe's period, forces in the domain's.
@@ -63,8 +64,8 @@ class Table:
     neighbours: Indices
     rotations_deg: Array
     log_forces: Array
-    charges_pC: NDArray[np.float32]
-    slopes: NDArray[np.float32]
+    charges_pC: Single
+    slopes: Single
     period_deg: float
 
     def of(self, electrodes: Indices) -> Table:
@@ -93,7 +94,7 @@ class Table:
         A Gauss-Newton step in what is `sought` of `_MOVING`, with the table's slopes, leads from
         the places of the minima to the starts.
         """
-        weights = (1.0 / deviations_pC).astype(np.float32)
+        weights: Single = (1.0 / deviations_pC).astype(np.float32)
         target = charges_pC.astype(np.float32) * weights
         chi_square, interval, along = self._fitted(weights, target)
         turn, place = np.nonzero(self._bottoms(chi_square))
@@ -118,7 +119,7 @@ class Table:
     def _chords(self) -> int:
         return len(self.log_forces) - 1
 
-    def _beyond(self, lower: Array, upper: Array, t: Array) -> Array | float:
+    def _beyond(self, lower: Single, upper: Single, t: Single) -> Single | float:
         """How far a part of a chord is along it, by the logarithm of the force.
 
         Charges are a power of the force between tabulated ones.
@@ -129,9 +130,7 @@ class Table:
         length = (self.log_forces[-1] - self.log_forces[0]) / self._chords
         return length * np.log1p(t * (growth - 1.0)) / np.log(growth)
 
-    def _fitted(
-        self, weights: NDArray[np.float32], target: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], Indices, NDArray[np.float32]]:
+    def _fitted(self, weights: Single, target: Single) -> tuple[Single, Indices, Single]:
         """Least chi-square over the force at (rotations, places), and where on which chord."""
         Q = self.charges_pC * weights[:, None, None]
         rest = target[:, None, None] - Q
@@ -148,7 +147,7 @@ class Table:
         least, along = (v.ravel()[index].reshape(best.shape) for v in (chi_square, along))
         return least, best, along
 
-    def _bottoms(self, chi_square: NDArray[np.float32]) -> NDArray[np.bool_]:
+    def _bottoms(self, chi_square: Single) -> NDArray[np.bool_]:
         """Places (rotations, places) without a better neighbour, and the best ones."""
         padded = np.full((len(chi_square), chi_square.shape[1] + 1), np.inf, dtype=np.float32)
         padded[:, :-1] = chi_square
@@ -160,9 +159,9 @@ class Table:
         return chosen
 
 
-def _steps(residual: Array, slopes: Array) -> tuple[Array, Array]:
+def _steps(residuals: Single, derivatives: Single) -> tuple[Array, Array]:
     """Damped Gauss-Newton steps (n, moving), and the chi-square that they leave, (n,)."""
-    slopes, residual = slopes.astype(float), residual.astype(float)
+    residual, slopes = residuals.astype(np.float64), derivatives.astype(np.float64)
     normal = np.matmul(slopes.swapaxes(1, 2), slopes)
     gradient = np.matmul(slopes.swapaxes(1, 2), residual[:, :, None])
     diagonal = normal.reshape(len(normal), -1)[:, :: normal.shape[1] + 1]  # a view
