@@ -290,13 +290,17 @@ def _sentence(found: Sequence[Errors], trial: Trial) -> str:
     good = (exact.place_mm <= 0.01) & (np.abs(exact.force) <= 0.002)
     noisy = next(e for e in found if e.way == LOCATED and e.noise == 0.01)
     ratio = np.nanmedian(noisy.place_mm) / np.median(bounds_mm(trial, 0.01))
-    within = ", ".join(f"{100 * share:.1f} %" for share in noisy.within.mean(axis=0))
+    within, locally = (
+        ", ".join(f"{100 * share:.1f} %" for share in each.mean(axis=0))
+        for each in (noisy.within, noisy.locally)
+    )
     return (
         f"With exact charges and a known rotation, {100 * good.mean():.1f} % of the touches are "
         f"found within 0.01 mm and 0.2 % of the force; {int(np.isnan(exact.place_mm).sum())} are "
         f"not found. With 1 % noise the median error is {ratio:.3f} times that of the Cramér-Rao "
         f"bound, and {within} of the errors of x, y and force are below their stated standard "
-        "deviation (68.3 % if that is right)."
+        f"deviation (68.3 % if that is right); {locally} are below the one that the likelihood's "
+        "curvature at the likeliest touch alone would give."
     )
 
 
@@ -318,6 +322,9 @@ def _table(name: str, shape: str, found: Sequence[Errors], trial: Trial) -> Tabl
         Column("largest_mm", "largest (mm)", 3),
         Column("force_percent", "median error of the force (%)", 3),
         Column("bound_mm", "median by the bound (mm)", 4),
+        Column("x_percent", "x", 1, "within the stated σ (%)"),
+        Column("y_percent", "y", 1, "within the stated σ (%)"),
+        Column("within_percent", "force", 1, "within the stated σ (%)"),
     ]
     caption = f"{shape}: errors of the position; percentiles are of all touches, failures included."
     return Table(name, caption, columns, list(_error_rows(found, trial)))
@@ -339,7 +346,16 @@ def _error_rows(found: Sequence[Errors], trial: Trial) -> Iterator[list[Cell]]:
             float(np.nanmax(one.place_mm)),
             100.0 * float(np.median(np.abs(one.force))) if one.way in (LOCATED, FREE) else None,
             bound,
+            *_shares(one),
         ]
+
+
+def _shares(one: Errors) -> list[Cell]:
+    """Percent of the errors of x, y and force within their standard deviations."""
+    if not one.within.size:
+        return [None, None, None]
+    x, y, *_, force = (100.0 * one.within.mean(axis=0)).tolist()
+    return [x, y, force]
 
 
 def _picture(found: Sequence[Errors], trial: Trial, path: Path) -> None:
