@@ -9,7 +9,7 @@ move a touch near the edge across it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -133,6 +133,14 @@ class Descent:
     chi_square: Array
     arrived: NDArray[np.bool_]
 
+    def put(self, searches: _Searches, *, arrived: bool) -> None:
+        """Write down where searches are."""
+        if not len(searches.row):
+            return
+        row = searches.row
+        self.at[row], self.slopes[row] = searches.at, searches.system[:, :, 1:]
+        self.chi_square[row], self.arrived[row] = searches.chi_square, arrived
+
 
 @dataclass(eq=False)
 class _Searches:
@@ -166,7 +174,17 @@ class _Searches:
 
     def only(self, chosen: NDArray[np.bool_]) -> _Searches:
         """Those chosen."""
+        if chosen.all():
+            return self
         return _Searches(*(values[chosen] for values in vars(self).values()))
+
+    def at_once(self, there: Array, unknown: Indices) -> _Searches:
+        """Gone `there` (n, 4) by the slopes here."""
+        moved = np.ones_like(self.normal[:, 0])
+        moved[:, 1:] = (there - self.at)[:, unknown]
+        normal = self.normal.copy()
+        normal[:, 0, 0] = (np.matmul(normal, moved[:, :, None])[:, :, 0] * moved).sum(axis=1)
+        return replace(self, at=there, normal=normal)
 
     def steps(self) -> tuple[Array, Array]:
         """Damped Gauss-Newton steps (n, unknown), and the decrease of chi-square they promise."""
@@ -203,52 +221,51 @@ def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = n
         Searches that cannot come as close as this to the least chi-square of their touch are
         given up.
     """
-    rows = np.arange(len(starts))
-    now = _searches(problem, rows, touch, _held_back(problem, starts))
-    arrived = np.zeros(len(rows), dtype=bool)
-    ends = Descent(now.at.copy(), now.system[:, :, 1:].copy(), now.chi_square.copy(), arrived)
+    count = len(starts)
+    now = _searches(problem, np.arange(count), touch, _held_back(problem, starts))
+    ends = Descent(
+        np.empty((count, 4)),
+        np.empty((count, len(problem.electrodes), len(problem.unknown))),
+        np.empty(count),
+        np.zeros(count, dtype=bool),
+    )
     least = np.full(len(problem.charges_pC), np.inf)
     reach_mm = problem.model.domain.reach_mm
     longest = (_LONGEST * [reach_mm, reach_mm, 1.0, 1.0])[problem.unknown]
-    alone = len(least) == 1
     for _ in range(_MAX_STEPS):
         step, expected = now.steps()
         length = np.abs(step / longest).max(axis=1)
         aim = now.at.copy()
         aim[:, problem.unknown] += step / np.maximum(length, 1.0)[:, None]
         there = _held_back(problem, aim)
-        moved = np.ones_like(now.normal[:, 0])
-        moved[:, 1:] = (there - now.at)[:, problem.unknown]
-        along = np.matmul(now.normal, moved[:, :, None])[:, :, 0]
-        # |J moved|^2
-        change = ((along - now.normal[:, :, 0]) * moved)[:, 1:].sum(axis=1)
-        last = (change < _ARRIVED) & (now.damping <= _FREE) & (length < _SHORT)
+        last = (expected < _ARRIVED) & (now.damping <= _FREE) & (length < _SHORT)
         if last.any():
-            done = now.row[last]
-            ends.at[done], ends.arrived[done] = there[last], True
-            ends.chi_square[done] = (along * moved).sum(axis=1)[last]
-            np.minimum.at(least, now.touch[last], ends.chi_square[done])
-        stay = ~last & (now.chi_square - 4.0 * expected <= least[now.touch] + hopeless)
-        if alone:
+            done = now.only(last).at_once(there[last], problem.unknown)
+            ends.put(done, arrived=True)
+            np.minimum.at(least, done.touch, done.chi_square)
+        stay = now.chi_square - 4.0 * expected <= least[now.touch] + hopeless
+        if len(least) == 1:
             stay &= ~_repeated(there, now.chi_square, ends.at[ends.arrived])
-        held = np.zeros(len(aim), dtype=bool) if there is aim else (there != aim).any(axis=1)
         if not stay.all():
-            if not stay.any():
+            ends.put(now.only(~(stay | last)), arrived=False)
+        stay &= ~last
+        if not stay.all():
+            now, aim, there, expected = now.only(stay), aim[stay], there[stay], expected[stay]
+            if not len(now.row):
                 break
-            now, there, held, expected = now.only(stay), there[stay], held[stay], expected[stay]
         found = _searches(problem, now.row, now.touch, there)
         better = found.chi_square <= now.chi_square
-        stuck = held & (found.chi_square > (1.0 - _HELD) * now.chi_square)
+        stuck = (there != aim).any(axis=1) & (found.chi_square > (1.0 - _HELD) * now.chi_square)
         stuck |= ~better & (expected < _ROUNDING)
         now.move(better, found)
-        ends.at[now.row], ends.slopes[now.row] = now.at, now.system[:, :, 1:]
-        ends.chi_square[now.row] = now.chi_square
-        ends.arrived[now.row[stuck]] = True
         on = ~stuck & (now.damping < _GIVEN_UP)
         if not on.all():
-            if not on.any():
-                break
+            ends.put(now.only(~on), arrived=False)
+            ends.arrived[now.row[stuck]] = True
             now = now.only(on)
+            if not len(now.row):
+                break
+    ends.put(now, arrived=False)
     return ends
 
 

@@ -37,7 +37,7 @@ BEYOND = 3
 # Touches for the error, and the tolerance of their solves over that of the response.
 HELD_OUT, EXACTER = 40, 0.02
 # The bound over the largest error among the touches held out.
-MARGIN = 3.0
+MARGIN = 5.0
 
 
 def built(
