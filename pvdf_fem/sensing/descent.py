@@ -61,12 +61,13 @@ class Problem:
     deviations_pC: Array
     unknown: Indices
 
-    def linearised(self, at: Array, touch: Indices) -> Array:
+    def linearised(self, at: Array, touch: Indices, *, inside: bool = False) -> Array:
         """Differences of charges, then slopes, over deviations, (n, electrodes, 1 + unknown).
 
-        `at` (n, 4) are coordinates; `touch` (n,) tells which charges belong to them.
+        `at` (n, 4) are coordinates, all in the domain if `inside`; `touch` (n,) tells which
+        charges belong to them.
         """
-        edge = self.inside(at)
+        edge = at if inside else self.inside(at)
         touches = edge.copy()
         touches[:, FORCE] = force = np.exp(edge[:, FORCE])
         charges, slopes = self.model.evaluate(touches)
@@ -237,7 +238,8 @@ def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = n
         length = np.abs(step / longest).max(axis=1)
         aim = now.at.copy()
         aim[:, problem.unknown] += step / np.maximum(length, 1.0)[:, None]
-        there = _held_back(problem, aim)
+        inside = problem.inside(aim) is aim
+        there = aim if inside else _held_back(problem, aim)
         last = (expected < _ARRIVED) & (now.damping <= _FREE) & (length < _SHORT)
         if last.any():
             done = now.only(last).at_once(there[last], problem.unknown)
@@ -253,7 +255,7 @@ def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = n
             now, aim, there, expected = now.only(stay), aim[stay], there[stay], expected[stay]
             if not len(now.row):
                 break
-        found = _searches(problem, now.row, now.touch, there)
+        found = _searches(problem, now.row, now.touch, there, inside)
         better = found.chi_square <= now.chi_square
         stuck = (there != aim).any(axis=1) & (found.chi_square > (1.0 - _HELD) * now.chi_square)
         stuck |= ~better & (expected < _ROUNDING)
@@ -281,7 +283,9 @@ def _held_back(problem: Problem, at: Array) -> Array:
     return problem.inside(at, _ROOM_REACH, _ROOM_FORCE)
 
 
-def _searches(problem: Problem, row: Indices, touch: Indices, at: Array) -> _Searches:
-    system = problem.linearised(at, touch)
+def _searches(
+    problem: Problem, row: Indices, touch: Indices, at: Array, inside: bool = False
+) -> _Searches:
+    system = problem.linearised(at, touch, inside=inside)
     normal = np.matmul(system.swapaxes(1, 2), system)
     return _Searches(row, touch, at, system, normal, np.full(len(at), _LEAST_DAMPING))

@@ -27,7 +27,7 @@ RADII = (4, 7)
 # Polynomials of the force where it varies by e; their coefficients fall by 4 from one to the next.
 FORCES_PER_E = 1.5
 # Cell of the table over the root of the probe's area, and the largest.
-CELL, LARGEST_CELL_MM = 1 / 12, 0.375
+CELL, LARGEST_CELL_MM = 1 / 16, 0.375
 # Way of the corners in a step of the rotation, over the cell.
 TURN = 0.8
 # Step of the raster of stress over the table's cell.
