@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 DESCRIPTION = """\
 The touch that gave some charges: position, force and rotation of the scene's
 probe with their standard deviations, and all other touches that may have given
-them. What is not sought is known: probe.x_mm, probe.y_mm, probe.rotation_deg
-and load.force_N of the scene.
+them; then how close the true touch is to the first with a probability of 68 %,
+whichever of them it is. What is not sought is known: probe.x_mm, probe.y_mm,
+probe.rotation_deg and load.force_N of the scene.
 
 A model of the charges is needed, over all places within --reach and forces in
 --force-range. It is built on the first call, which takes minutes and is shown
@@ -345,9 +346,8 @@ def location_lines(found: Location) -> list[str]:
             for short, name in NAMES.items()
             if name in found.unknown
         ]
-        first = "it" if len(found.touches) == 1 else "touch 1"
-        lines.append(f"68 %        of all likely touches are this close to {first}, each of:")
-        lines.append(f"            {', '.join(errors)}")
+        first = "of touch 1" if len(found.touches) > 1 else "of it"
+        lines.append(f"within      {', '.join(errors)} {first}: each with a probability of 68 %")
     return lines + [f"remark      {text}" for text in found.remarks]
 
 
