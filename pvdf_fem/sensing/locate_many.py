@@ -41,7 +41,8 @@ class Touches:
     unknown : tuple of str
         What was sought; the order of the covariances.
     covariances : ndarray, shape (n, unknown, unknown)
-        As for `Touch`.
+        As for `Touch`: by the likelihood's curvature. Calibrated ones, which take other touches
+        into account, are those of `Location`.
     determined : ndarray of bool, shape (n,)
         Whether the charges determine every unknown.
     chi_square, p_value : ndarray, shape (n,)

@@ -84,8 +84,7 @@ def posterior(problem: Problem, touches: Sequence[Touch]) -> Posterior:
     coordinates = np.array([touch.values for touch in touches])
     scale = np.where(unknown == FORCE, coordinates[:, FORCE, None], 1.0)
     coordinates[:, FORCE] = np.log(coordinates[:, FORCE])
-    covariances = np.array([t.covariance for t in touches]) / scale[:, :, None] / scale[:, None]
-    roots = np.multiply(_WIDER, np.linalg.cholesky(covariances))
+    roots = _WIDER * np.array([touch.root for touch in touches]) / scale[:, :, None]
     shares: Array = np.maximum([touch.weight for touch in touches], _LEAST)
     shares = shares / shares.sum()
 
@@ -130,7 +129,7 @@ def _log_density(apart: Array, roots: Array, shares: Array) -> Array:
     the square roots of the covariances.
     """
     scaled = np.einsum("kij,nkj->nki", np.linalg.inv(roots), apart)
-    width = np.diagonal(roots, axis1=1, axis2=2)
+    _, volume = np.linalg.slogdet(roots)
     tails = 0.5 * (_FREEDOM + roots.shape[1]) * np.log1p(np.square(scaled).sum(axis=2) / _FREEDOM)
-    found: Array = np.logaddexp.reduce(np.log(shares) - np.log(width).sum(axis=1) - tails, axis=1)
+    found: Array = np.logaddexp.reduce(np.log(shares) - volume - tails, axis=1)
     return found

@@ -125,6 +125,13 @@ class Touch:
         return bool(self._singular[0][-1] >= DETERMINED)
 
     @cached_property
+    def root(self) -> Array:
+        """A square root of the covariance, its columns along the singular vectors."""
+        values, vectors = self._singular
+        precision = values**2 + (values < DETERMINED)
+        return vectors.T / np.sqrt(precision) * self.extent[:, None]
+
+    @property
     def covariance(self) -> Array:
         """Covariance (unknown, unknown) by the curvature of the likelihood at this touch.
 
@@ -132,9 +139,7 @@ class Touch:
         `Location.covariance`. Along a direction that the charges do not determine, that of the
         domain is added: its extent is a standard deviation.
         """
-        values, vectors = self._singular
-        precision = values**2 + (values < DETERMINED)
-        return (vectors.T / precision) @ vectors * np.outer(self.extent, self.extent)
+        return self.root @ self.root.T
 
     @property
     def deviations(self) -> dict[str, float]:
