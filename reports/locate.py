@@ -391,7 +391,7 @@ def _map_section(models: Models, scope: Scope, out: Path, processes: int) -> Sec
     ambiguity_picture(places, found, out / "ambiguity.svg")
     state = f"{FORCE_N:g} N, {100 * MAP_NOISE:g} % noise, probe unturned; squares: electrodes"
     captions = {
-        "resolution.svg": "Resolution of the position, by the curvature of the likelihood at the true "
+        "resolution.svg": "Resolution of the position, by the likelihood's curvature at the true "
         f"touch: {state}.",
         "ambiguity.svg": "Where four charges cannot tell orientation from position: the farthest "
         f"touch with at least 1 % of the likelihood, and the condition of the Jacobian; {state}.",
