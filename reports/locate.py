@@ -141,7 +141,7 @@ def _compare(options: argparse.Namespace) -> int:
     sections = [
         _thesis_section(thesis, models, results),
         *(
-            _random_section(probe, trial, options.out, options.processes)
+            _random_section(probe, trial, scope.touches, options.out, options.processes)
             for probe, trial in trials.items()
         ),
         _map_section(models, scope, options.out, options.processes),
@@ -187,9 +187,12 @@ Models = dict[tuple[str, str], Response]
 
 
 def _trial(thesis: Thesis, probe: str, touches: Array, models: Models, results: Results) -> Trial:
+    """Of the touches whose solve converged."""
     names = electrodes_of(LAYOUT)
-    charges = [_charges(results, _scene(thesis, probe, "biaxial", row), names) for row in touches]
-    return Trial(models[probe, "biaxial"], names, touches, np.array(charges))
+    scenes = [_scene(thesis, probe, "biaxial", row) for row in touches]
+    good = np.array([results[scene].converged for scene in scenes], dtype=bool)
+    charges = [_charges(results, scenes[k], names) for k in np.flatnonzero(good)]
+    return Trial(models[probe, "biaxial"], names, touches[good], np.array(charges))
 
 
 def _charges(results: Results, scene: Scene, names: dict[str, str]) -> list[float]:
@@ -258,7 +261,7 @@ def _distance(values: Array, touch: Array) -> float:
 # -------------------------------------------------------------------------------- random touches
 
 
-def _random_section(probe: str, trial: Trial, out: Path, processes: int) -> Section:
+def _random_section(probe: str, trial: Trial, drawn: int, out: Path, processes: int) -> Section:
     jobs: list[tuple[float, str]] = [(noise, way) for noise in NOISES for way in WAYS]
     with_threads = Parallel(processes)
     found: list[Errors] = with_threads(delayed(_by)(trial, noise, way) for noise, way in jobs)
@@ -272,6 +275,8 @@ def _random_section(probe: str, trial: Trial, out: Path, processes: int) -> Sect
     count = min(200, len(trial.touches))
     told = listed(trial, count)
     texts = [_sentence(found, trial), _listed_sentence(shape, told)]
+    if failed := drawn - len(trial.touches):
+        texts.append(f"Of {drawn} touches {failed} have no solution and are left out.")
     blocks: list[Table | Picture] = [
         Picture(f"{name}.svg", caption),
         _table(name, shape, found, trial),
