@@ -2,9 +2,10 @@
 
 Everywhere on the table's lattice of places and rotations the force that fits best is found on the
 chords between tabulated forces. At each rotation the places where what is left has a local minimum
-are the starts, so that each valley wider than the lattice's pitch has one. A ring of places on the
-edge of the reach is searched too: beyond the electrodes charges fall again, and a valley there may
-be narrower.
+are taken, so that each valley wider than the lattice's pitch has one. A ring of places on the edge
+of the reach is looked at too: beyond the electrodes charges fall again, and a valley there may be
+narrower. A Gauss-Newton step with tabulated slopes leads from these to the starts, the best of which
+are kept.
 """
 
 from __future__ import annotations
