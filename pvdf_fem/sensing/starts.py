@@ -4,8 +4,8 @@ Everywhere on the table's lattice of places and rotations the force that fits be
 chords between tabulated forces. At each rotation the places where what is left has a local minimum
 are taken, so that each valley wider than the lattice's pitch has one. A ring of places on the edge
 of the reach is looked at too: beyond the electrodes charges fall again, and a valley there may be
-narrower. A Gauss-Newton step with tabulated slopes leads from these to the starts, the best of which
-are kept.
+narrower. A Gauss-Newton step with tabulated slopes leads from these to the starts; the best of
+them are kept.
 """
 
 from __future__ import annotations
