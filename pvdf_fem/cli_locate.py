@@ -18,14 +18,16 @@ from pvdf_fem.files import require_writable
 if TYPE_CHECKING:
     from pvdf_fem.scene import Scene
     from pvdf_fem.sensing.locate import Choice
+    from pvdf_fem.sensing.location import Location
     from pvdf_fem.sensing.response import Response
-    from pvdf_fem.sensing.touch import Location, Touch
+    from pvdf_fem.sensing.touch import Touch
 
 DESCRIPTION = """\
 The touch that gave some charges: position, force and rotation of the scene's
 probe with their standard deviations, and all other touches that may have given
-them. What is not sought is known: probe.x_mm, probe.y_mm, probe.rotation_deg
-and load.force_N of the scene.
+them; then how close the true touch is to the first with a probability of 68 %,
+whichever of them it is. What is not sought is known: probe.x_mm, probe.y_mm,
+probe.rotation_deg and load.force_N of the scene.
 
 A model of the charges is needed, over all places within --reach and forces in
 --force-range. It is built on the first call, which takes minutes and is shown
@@ -338,6 +340,14 @@ def location_lines(found: Location) -> list[str]:
     for number, touch in enumerate(found.touches, start=1):
         several = f" {number} of {len(found.touches)}" if len(found.touches) > 1 else ""
         lines += [f"touch{several}", *_touch_lines(touch, found.degrees_of_freedom)]
+    if found.touches:
+        errors = [
+            f"{short} {found.deviations[name]:.2g} {_UNITS[short]}"
+            for short, name in NAMES.items()
+            if name in found.unknown
+        ]
+        first = "of touch 1" if len(found.touches) > 1 else "of it"
+        lines.append(f"within      {', '.join(errors)} {first}: each with a probability of 68 %")
     return lines + [f"remark      {text}" for text in found.remarks]
 
 

@@ -141,7 +141,7 @@ def _compare(options: argparse.Namespace) -> int:
     sections = [
         _thesis_section(thesis, models, results),
         *(
-            _random_section(probe, trial, options.out, options.processes)
+            _random_section(probe, trial, scope.touches, options.out, options.processes)
             for probe, trial in trials.items()
         ),
         _map_section(models, scope, options.out, options.processes),
@@ -187,9 +187,12 @@ Models = dict[tuple[str, str], Response]
 
 
 def _trial(thesis: Thesis, probe: str, touches: Array, models: Models, results: Results) -> Trial:
+    """Of the touches whose solve converged."""
     names = electrodes_of(LAYOUT)
-    charges = [_charges(results, _scene(thesis, probe, "biaxial", row), names) for row in touches]
-    return Trial(models[probe, "biaxial"], names, touches, np.array(charges))
+    scenes = [_scene(thesis, probe, "biaxial", row) for row in touches]
+    good = np.array([results[scene].converged for scene in scenes], dtype=bool)
+    charges = [_charges(results, scenes[k], names) for k in np.flatnonzero(good)]
+    return Trial(models[probe, "biaxial"], names, touches[good], np.array(charges))
 
 
 def _charges(results: Results, scene: Scene, names: dict[str, str]) -> list[float]:
@@ -258,7 +261,7 @@ def _distance(values: Array, touch: Array) -> float:
 # -------------------------------------------------------------------------------- random touches
 
 
-def _random_section(probe: str, trial: Trial, out: Path, processes: int) -> Section:
+def _random_section(probe: str, trial: Trial, drawn: int, out: Path, processes: int) -> Section:
     jobs: list[tuple[float, str]] = [(noise, way) for noise in NOISES for way in WAYS]
     with_threads = Parallel(processes)
     found: list[Errors] = with_threads(delayed(_by)(trial, noise, way) for noise, way in jobs)
@@ -272,6 +275,8 @@ def _random_section(probe: str, trial: Trial, out: Path, processes: int) -> Sect
     count = min(200, len(trial.touches))
     told = listed(trial, count)
     texts = [_sentence(found, trial), _listed_sentence(shape, told)]
+    if failed := drawn - len(trial.touches):
+        texts.append(f"Of {drawn} touches {failed} have no solution and are left out.")
     blocks: list[Table | Picture] = [
         Picture(f"{name}.svg", caption),
         _table(name, shape, found, trial),
@@ -290,13 +295,17 @@ def _sentence(found: Sequence[Errors], trial: Trial) -> str:
     good = (exact.place_mm <= 0.01) & (np.abs(exact.force) <= 0.002)
     noisy = next(e for e in found if e.way == LOCATED and e.noise == 0.01)
     ratio = np.nanmedian(noisy.place_mm) / np.median(bounds_mm(trial, 0.01))
-    within = ", ".join(f"{100 * share:.1f} %" for share in noisy.within.mean(axis=0))
+    within, locally = (
+        ", ".join(f"{100 * share:.1f} %" for share in each.mean(axis=0))
+        for each in (noisy.within, noisy.locally)
+    )
     return (
         f"With exact charges and a known rotation, {100 * good.mean():.1f} % of the touches are "
         f"found within 0.01 mm and 0.2 % of the force; {int(np.isnan(exact.place_mm).sum())} are "
         f"not found. With 1 % noise the median error is {ratio:.3f} times that of the Cramér-Rao "
         f"bound, and {within} of the errors of x, y and force are below their stated standard "
-        "deviation (68.3 % if that is right)."
+        f"deviation (68.3 % if that is right); {locally} are below the one that the likelihood's "
+        "curvature at the likeliest touch alone would give."
     )
 
 
@@ -318,6 +327,9 @@ def _table(name: str, shape: str, found: Sequence[Errors], trial: Trial) -> Tabl
         Column("largest_mm", "largest (mm)", 3),
         Column("force_percent", "median error of the force (%)", 3),
         Column("bound_mm", "median by the bound (mm)", 4),
+        Column("x_percent", "x", 1, "within the stated σ (%)"),
+        Column("y_percent", "y", 1, "within the stated σ (%)"),
+        Column("within_percent", "force", 1, "within the stated σ (%)"),
     ]
     caption = f"{shape}: errors of the position; percentiles are of all touches, failures included."
     return Table(name, caption, columns, list(_error_rows(found, trial)))
@@ -339,7 +351,16 @@ def _error_rows(found: Sequence[Errors], trial: Trial) -> Iterator[list[Cell]]:
             float(np.nanmax(one.place_mm)),
             100.0 * float(np.median(np.abs(one.force))) if one.way in (LOCATED, FREE) else None,
             bound,
+            *_shares(one),
         ]
+
+
+def _shares(one: Errors) -> list[Cell]:
+    """Percent of the errors of x, y and force within their standard deviations."""
+    if not one.within.size:
+        return [None, None, None]
+    x, y, *_, force = (100.0 * one.within.mean(axis=0)).tolist()
+    return [x, y, force]
 
 
 def _picture(found: Sequence[Errors], trial: Trial, path: Path) -> None:
@@ -375,7 +396,8 @@ def _map_section(models: Models, scope: Scope, out: Path, processes: int) -> Sec
     ambiguity_picture(places, found, out / "ambiguity.svg")
     state = f"{FORCE_N:g} N, {100 * MAP_NOISE:g} % noise, probe unturned; squares: electrodes"
     captions = {
-        "resolution.svg": f"Resolution of the position: {state}.",
+        "resolution.svg": "Resolution of the position, by the likelihood's curvature at the true "
+        f"touch: {state}.",
         "ambiguity.svg": "Where four charges cannot tell orientation from position: the farthest "
         f"touch with at least 1 % of the likelihood, and the condition of the Jacobian; {state}.",
     }

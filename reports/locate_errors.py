@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pvdf_fem.sensing.isocharge import contour
 from pvdf_fem.sensing.locate import locate
-from pvdf_fem.sensing.locate_many import locate_many
+from pvdf_fem.sensing.location import Location
 from pvdf_fem.sensing.touch import QUANTITIES, Model, Touch, period_deg
 from pvdf_fem.sensing.triangulation import triangulate
 from reports.locate_models import functions_of
@@ -31,6 +31,7 @@ WAYS = {
     FREE: "maximum likelihood of place, force and rotation: the likeliest touch",
 }
 _STEP_MM = 1.0
+_NONE: NDArray[np.bool_] = np.zeros((0, 0), dtype=bool)
 
 
 def random_touches(count: int, seed: int, reach_mm: float, forces_N: tuple[float, float]) -> Array:
@@ -84,8 +85,9 @@ class Errors:
         Distances from the true places; NaN where no place was found.
     force : ndarray, shape (n,)
         Relative errors of the force; NaN where it is not sought.
-    within : ndarray of bool, shape (n, unknown)
-        Which errors are below one stated standard deviation; no columns where none is stated.
+    within, locally : ndarray of bool, shape (n, unknown)
+        Which errors are below one standard deviation: calibrated, and by the curvature of the
+        likelihood alone. None where there is no noise, or no deviation is stated.
     """
 
     way: str
@@ -93,6 +95,7 @@ class Errors:
     place_mm: Array
     force: Array
     within: NDArray[np.bool_]
+    locally: NDArray[np.bool_]
 
 
 def triangulated(trial: Trial, noise: float, turned: bool) -> Errors:
@@ -103,7 +106,7 @@ def triangulated(trial: Trial, noise: float, turned: bool) -> Errors:
     ]
     errors = np.linalg.norm(np.array(places) - trial.touches[:, :2], axis=1)
     none = np.full(len(errors), np.nan)
-    return Errors(TURNED if turned else TRIANGULATED, noise, errors, none, np.zeros((0, 0), bool))
+    return Errors(TURNED if turned else TRIANGULATED, noise, errors, none, _NONE, _NONE)
 
 
 def _triangulated(trial: Trial, touch: Array, charges: Array, rotation_deg: float) -> Array:
@@ -117,24 +120,43 @@ def _triangulated(trial: Trial, touch: Array, charges: Array, rotation_deg: floa
 
 def located(trial: Trial, noise: float, with_rotation: bool = False) -> Errors:
     """Maximum likelihood, told the rotation unless that is sought."""
-    found = locate_many(
-        trial.model,
-        trial.noisy(noise),
-        max(noise, LEAST_SIGMA),
-        rotations_deg=None if with_rotation else trial.touches[:, 2],
-        electrodes=tuple(trial.electrodes.values()),
+    names = list(trial.electrodes.values())
+    sigma = max(noise, LEAST_SIGMA)
+    found = []
+    for touch, charges in zip(trial.touches, trial.noisy(noise), strict=True):
+        given = dict(zip(names, charges.tolist(), strict=True))
+        if with_rotation:
+            found.append(locate(trial.model, given, sigma, unknown=QUANTITIES))
+        else:
+            known = {"rotation_deg": float(touch[2])}
+            found.append(locate(trial.model, given, sigma, known=known))
+    errors = np.array(
+        [_error(trial, touch, one) for touch, one in zip(trial.touches, found, strict=True)]
     )
-    apart = found.values - trial.touches
-    sought = [QUANTITIES.index(name) for name in found.unknown]
-    apart[:, 2] -= period_deg(trial.model) * np.round(apart[:, 2] / period_deg(trial.model))
-    deviations = np.sqrt(np.einsum("nuu->nu", found.covariances))
-    return Errors(
-        FREE if with_rotation else LOCATED,
-        noise,
-        np.hypot(apart[:, 0], apart[:, 1]),
-        apart[:, 3] / trial.touches[:, 3],
-        np.abs(apart[:, sought]) < deviations,
+    place, force = np.hypot(errors[:, 0], errors[:, 1]), errors[:, 3] / trial.touches[:, 3]
+    way = FREE if with_rotation else LOCATED
+    if not noise:
+        return Errors(way, noise, place, force, _NONE, _NONE)
+    sought = [0, 1, 2, 3] if with_rotation else [0, 1, 3]
+    stated = np.array(
+        [
+            [list(of.deviations.values()) for of in (one, one.best)]
+            if one.touches
+            else np.full((2, len(sought)), np.nan)
+            for one in found
+        ]
     )
+    within = np.abs(errors[:, None, sought]) < stated
+    return Errors(way, noise, place, force, within[:, 0], within[:, 1])
+
+
+def _error(trial: Trial, touch: Array, found: Location) -> Array:
+    """The best touch less the true one, (4,); NaN if no search ended."""
+    if not found.touches:
+        return np.full(4, np.nan)
+    apart, period = found.best.values - touch, period_deg(trial.model)
+    apart[2] -= period * np.round(apart[2] / period)
+    return apart
 
 
 def bounds_mm(trial: Trial, noise: float, with_rotation: bool = False, draws: int = 64) -> Array:

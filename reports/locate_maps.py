@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal, TypeAlias
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,16 +14,18 @@ from matplotlib.contour import ContourSet
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
-from pvdf_fem.figures import GREY, new_figure, save, style
+from pvdf_fem.figures import new_figure, save, style
 from pvdf_fem.sensing.locate import locate
 from pvdf_fem.sensing.touch import QUANTITIES, Model
 
 Array = NDArray[np.float64]
+Extend: TypeAlias = Literal["both", "max"]
 
 FORCE_N = 1.0
 # Levels of the maps, mm; what lies beyond has the end's colour.
 _RESOLUTIONS_MM = (0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 1.0, 2.0, 5.0)
 _DISTANCES_MM = (0.0, 0.2, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+_CONDITIONS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,9 +99,10 @@ def resolution_picture(
             for row, sought in enumerate((False, True)):
                 values = np.array([one[sought].deviation_mm for one in each])
                 ax = axes[row, column]
-                drawn = _filled(ax, places, values, _RESOLUTIONS_MM)
+                drawn = _filled(ax, places, values, _RESOLUTIONS_MM, "both")
                 ax.set_title(f"{probe}, rotation {'sought' if sought else 'known'}")
-        figure.colorbar(drawn, ax=axes, label="standard deviation in the worst direction (mm)")
+        label = "standard deviation in the worst direction (mm)"
+        figure.colorbar(drawn, ax=axes, label=label, format="%g")
         _label(axes)
         save(figure, path)
 
@@ -112,23 +116,25 @@ def ambiguity_picture(
         axes = figure.subplots(2, len(found), squeeze=False, sharex=True, sharey=True)
         for column, (probe, each) in enumerate(found.items()):
             far = np.array([one[True].farthest_mm for one in each])
-            drawn = _filled(axes[0, column], places, far, _DISTANCES_MM)
+            drawn = _filled(axes[0, column], places, far, _DISTANCES_MM, "max")
             condition = np.array([one[True].condition for one in each])
-            below = _filled(axes[1, column], places, condition, (1, 2, 5, 10, 20, 50, 100, 200))
+            below = _filled(axes[1, column], places, condition, _CONDITIONS, "max")
             axes[0, column].set_title(f"{probe}, rotation sought")
-        figure.colorbar(drawn, ax=axes[0], label="farthest likely touch (mm)")
-        figure.colorbar(below, ax=axes[1], label="condition number")
+        figure.colorbar(drawn, ax=axes[0], label="farthest likely touch (mm)", format="%g")
+        figure.colorbar(below, ax=axes[1], label="condition number", format="%g")
         _label(axes)
         save(figure, path)
 
 
-def _filled(ax: Axes, places: Array, values: Array, levels: tuple[float, ...]) -> ContourSet:
+def _filled(
+    ax: Axes, places: Array, values: Array, levels: tuple[float, ...], extend: Extend
+) -> ContourSet:
     top = 2.0 * levels[-1]
     finite = np.where(np.isfinite(values), np.minimum(values, top), top)
     x, y = places.T
-    norm = BoundaryNorm(levels, 256, extend="both")
+    norm = BoundaryNorm(levels, 256, extend=extend)
     drawn = ax.tricontourf(
-        Triangulation(x, y), finite, levels=levels, cmap="viridis", norm=norm, extend="both"
+        Triangulation(x, y), finite, levels=levels, cmap="viridis", norm=norm, extend=extend
     )
     ax.set_aspect("equal")
     return drawn
@@ -141,4 +147,6 @@ def _label(axes: NDArray[np.object_]) -> None:
         ax.set_ylabel("y (mm)")
     for ax in axes.ravel():
         for x, y in ((10, 0), (0, 10), (-10, 0), (0, -10)):
-            ax.plot(x, y, "s", mfc="none", mec=GREY, ms=8)
+            for ink, width in (("white", 3.0), ("black", 1.0)):
+                ax.plot(x, y, "s", mfc="none", mec=ink, mew=width, ms=8)
+        ax.grid(visible=False)

@@ -60,11 +60,13 @@ def test_a_touch_is_located_and_the_model_kept(built, file, capsys):
     arguments = ["locate", str(file), "--charges", given(), "--json"]
     assert main(arguments) == 0
     out, err = capsys.readouterr()
-    [best] = json.loads(out)["touches"]
+    result = json.loads(out)
+    [best] = result["touches"]
     assert [best[n] for n in ("x_mm", "y_mm", "rotation_deg", "force_N")] == pytest.approx(
         TOUCH, abs=1e-3
     )
     assert best["standard_deviations"]["x_mm"] > 0.01
+    assert set(result["deviations"]) == set(best["standard_deviations"])
     assert "building the model" in err
     [(scene, reach, forces)] = built
     assert (scene.probe.rotation_deg, reach, forces) == (0.0, 12.0, (0.1, 5.0))
@@ -89,6 +91,7 @@ def test_the_text_tells_values_and_remarks(built, file, capsys):
     text = capsys.readouterr().out
     assert "±" in text
     assert "remark      ambiguous" in text
+    assert " of touch 1: each with a probability of 68 %" in text
     assert main(["locate", str(file), "--charges", given()]) == 0
     text = capsys.readouterr().out
     assert "rotation            25 (known) °" in text

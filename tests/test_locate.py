@@ -144,6 +144,8 @@ def test_a_disc_has_no_rotation():
         assert found.best.deviations[name] == pytest.approx(deviation, rel=1e-4)
     assert found.best.deviations["rotation_deg"] == pytest.approx(180.0)
     assert any("undetermined: free along" in text for text in found.remarks)
+    # any rotation is as likely
+    assert found.deviations["rotation_deg"] == pytest.approx(0.6827 * 180.0, rel=0.08)
 
 
 def test_the_covariance_is_the_inverse_information():
@@ -176,6 +178,42 @@ def test_stated_deviations_are_calibrated(noisy):
     errors = np.abs(found.values - touches)[:, [0, 1, 3]]
     within = errors < np.sqrt(np.einsum("nuu->nu", found.covariances))
     assert within.mean(axis=0) == pytest.approx(0.6827, abs=0.025)
+
+
+def test_errors_are_calibrated_where_the_likelihood_has_two_maxima():
+    """Two electrodes on a line tell y but for its sign: the likeliest is the wrong one or not."""
+    model, touches = bumps("circle", 2), random_touches(400, seed=9, reach_mm=11.0)
+    touches[:, 1] = np.abs(touches[:, 1])
+    factors = 1.0 + 0.02 * np.random.default_rng(10).standard_normal((len(touches), 2))
+    sign = np.random.default_rng(11).choice([-1.0, 1.0], len(touches))
+    within, alone = [], []
+    for touch, factor, side in zip(touches, factors, sign, strict=True):
+        touch[1] *= side
+        found = locate(
+            model,
+            charges_of(model, touch, factor),
+            0.02,
+            unknown=("x_mm", "y_mm"),
+            known={"force_N": touch[3]},
+        )
+        error = np.abs(found.best.values - touch)[:2]
+        within.append(error < list(found.deviations.values()))
+        alone.append(error < list(found.best.deviations.values()))
+    # three standard deviations of a share of 400 are 0.07
+    assert np.mean(within, axis=0) == pytest.approx(0.6827, abs=0.07)
+    assert np.mean(alone, axis=0)[1] < 0.5
+
+
+def test_where_charges_are_linear_the_posterior_is_normal():
+    model, touch = bumps("rectangle", 6), np.array([3.0, -4.0, 25.0, 0.7])
+    found = locate(model, charges_of(model, touch), 1e-3, unknown=ALL)
+    assert found.posterior.effective > 300.0
+    for name, deviation in found.best.deviations.items():
+        assert found.deviations[name] == pytest.approx(deviation, rel=0.1)
+    sizes = np.array(list(found.best.deviations.values()))
+    local, whole = (c / np.outer(sizes, sizes) for c in (found.best.covariance, found.covariance))
+    assert whole == pytest.approx(local, abs=0.2)
+    assert np.sqrt(np.diag(found.covariance)) == pytest.approx(list(found.deviations.values()))
 
 
 def test_p_values_are_evenly_distributed(noisy):

@@ -69,6 +69,20 @@ def trial():
     return Trial(model, names, touches, model.evaluate(touches)[0][:, rows])
 
 
+def test_a_touch_without_a_solution_is_left_out(trial, tmp_path):
+    class Failed:
+        converged = False
+
+    class Some(Solved):
+        def __getitem__(self, scene):
+            return Failed() if scene.probe.x_mm < 0.0 else super().__getitem__(scene)
+
+    models = {("tri7", "biaxial"): trial.model}
+    kept = report._trial(THESIS, "tri7", trial.touches, models, Some(tmp_path, 1))
+    assert kept.touches == pytest.approx(trial.touches[:1])
+    assert kept.charges_pC == pytest.approx(trial.charges_pC[:1])
+
+
 def test_exact_charges_give_the_place_either_way(trial):
     assert triangulated(trial, 0.0, True).place_mm == pytest.approx([0.0, 0.0], abs=1e-3)
     found = located(trial, 0.0)

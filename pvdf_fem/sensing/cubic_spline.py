@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 _CUBIC = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6.0
 # The same for their derivatives.
 _SLOPE = np.array([[-3, 0, 3, 0], [6, -12, 6, 0], [-3, 9, -9, 3], [0, 0, 0, 0]]) / 6.0
-_POWERS = np.arange(4)
+_BASIS = np.concatenate([_CUBIC, _SLOPE], axis=1)
 # Points at a time, so that what they gather stays in the cache.
 CHUNK = 512
 
@@ -96,35 +96,40 @@ class CubicSpline:
         matrix = sp.csr_matrix((products.ravel(), index.ravel(), rows), (n, len(table)))
         return matrix @ table
 
-    def _in_chunks(self, points: Array, slopes: NDArray[np.bool_]) -> Array:
+    def _in_chunks(self, points: Array, slopes: NDArray[np.int64]) -> Array:
         if len(points) <= CHUNK:
             return self._evaluate(points, slopes)
         parts = range(0, len(points), CHUNK)
         return np.concatenate([self._evaluate(points[i : i + CHUNK], slopes) for i in parts])
 
-    def _evaluate(self, points: Array, slopes: NDArray[np.bool_]) -> Array:
+    def _evaluate(self, points: Array, slopes: NDArray[np.int64]) -> Array:
         weights, index = self._stencils(points, slopes)
         table = self._grid.table
-        return np.matmul(weights.astype(table.dtype, copy=False), table[index])
+        return np.matmul(weights, table.take(index, axis=0))
 
     def _stencils(
-        self, points: Array, slopes: NDArray[np.bool_]
+        self, points: Array, slopes: NDArray[np.int64]
     ) -> tuple[Array, NDArray[np.int64]]:
         """Weights (n, rows, 4^axes) of the table's rows (n, 4^axes) at points (n, axes).
 
-        `slopes` (rows, axes, 1): in which rows of the result an axis has its derivative.
+        `slopes` (rows, axes): 1 where a row of the result has an axis's derivative, else 0.
         """
-        grid = self._grid
+        grid, n = self._grid, len(points)
         place = (points - grid.start) / grid.step
-        place = np.where(grid.period > 0.0, place % grid.modulus, place)
-        cell = np.clip(place.astype(np.int64), 0, grid.last)
-        powers = (place - cell)[..., None] ** _POWERS
-        values, derivatives = powers @ _CUBIC, powers @ _SLOPE / grid.step[:, None]
-        factors = np.where(slopes, derivatives[:, None], values[:, None])
+        for i, count in grid.periods:
+            place[:, i] %= count
+        cell = np.minimum(np.maximum(place.astype(np.int64), 0), grid.last)
+        powers = np.ones((*place.shape, 4))
+        powers[..., 1] = u = place - cell
+        powers[..., 2] = square = u * u
+        powers[..., 3] = square * u
+        basis = (powers @ _BASIS).reshape(n, -1, 2, 4)
+        basis[:, :, 1] /= grid.step[:, None]
+        factors = basis.astype(grid.table.dtype, copy=False)[:, grid.axes, slopes]
         weights = factors[:, :, 0]
         for i in range(1, len(self.axes)):
             weights = weights[..., None] * factors[:, :, i, None]
-            weights = weights.reshape(len(points), len(slopes), -1)
+            weights = weights.reshape(n, len(slopes), -1)
         return weights, (cell @ grid.stride)[:, None] + grid.stencil
 
     @cached_property
@@ -138,8 +143,11 @@ class _Grid:
 
     Attributes
     ----------
-    start, step, period, modulus : ndarray
-        The period in cells, 0 where there is none; as a divisor, 1 there.
+    start, step : ndarray
+    axes : ndarray of int
+        0, 1, ...
+    periods : tuple of (int, int)
+        Axes that repeat, each with its number of cells.
     last : ndarray of int
         The last cell.
     stride : ndarray of int
@@ -150,8 +158,8 @@ class _Grid:
 
     start: Array
     step: Array
-    period: Array
-    modulus: Array
+    axes: NDArray[np.int64]
+    periods: tuple[tuple[int, int], ...]
     last: NDArray[np.int64]
     stride: NDArray[np.int64]
     stencil: NDArray[np.int64]
@@ -164,14 +172,11 @@ class _Grid:
         stencil = np.zeros(1, dtype=np.int64)
         for each in stride:
             stencil = (stencil[:, None] + each * np.arange(4)).ravel()
-        periodic = np.array([axis.periodic for axis in axes])
-        count = np.array([axis.count for axis in axes])
-        period = np.where(periodic, count, 0.0)
         return cls(
             start=np.array([axis.start for axis in axes]),
             step=np.array([axis.step for axis in axes]),
-            period=period,
-            modulus=np.where(periodic, count, 1.0),
+            axes=np.arange(len(axes)),
+            periods=tuple((i, axis.count) for i, axis in enumerate(axes) if axis.periodic),
             last=sizes - 4,
             stride=stride,
             stencil=stencil,
@@ -180,6 +185,6 @@ class _Grid:
 
 
 @cache
-def _rows(axes: int) -> NDArray[np.bool_]:
-    """Which axes are differentiated in the rows of value and gradient, (1 + axes, axes, 1)."""
-    return np.eye(1 + axes, axes, -1, dtype=bool)[..., None]
+def _rows(axes: int) -> NDArray[np.int64]:
+    """1 for the axis that is differentiated in a row of value and gradient, (1 + axes, axes)."""
+    return np.eye(1 + axes, axes, -1, dtype=np.int64)

@@ -8,6 +8,7 @@ that the charges do not determine, charges that no touch explains, the edge of t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -16,13 +17,13 @@ from numpy.typing import NDArray
 from scipy.special import gammaincc
 
 from pvdf_fem.sensing.descent import Descent, Problem, descend
+from pvdf_fem.sensing.location import Location
 from pvdf_fem.sensing.starts import starts
 from pvdf_fem.sensing.touch import (
     FORCE,
     QUANTITIES,
     ROTATION,
     Domain,
-    Location,
     Model,
     Touch,
     X,
@@ -211,34 +212,37 @@ def location(problem: Problem, ends: Descent) -> Location:
     unknown = tuple(QUANTITIES[i] for i in problem.unknown)
     freedom = len(problem.electrodes) - len(unknown)
     if not keep.size:
-        return Location((), unknown, freedom, -np.inf)
+        return Location((), unknown, freedom, -np.inf, problem)
     keep = keep[ends.chi_square[keep] <= ends.chi_square[keep[0]] + _LISTED]
     keep = _distinct(problem, ends, keep)
-    logs = _log_masses(problem, ends, keep)
+    size = extents(problem)
+    logs = _log_masses(ends, keep, size)
     total = float(np.logaddexp.reduce(logs))
     weights = np.exp(logs - total)
+    held = edges(problem, ends.at[keep])
     touches = tuple(
-        _touch(problem, ends, k, weight, freedom, unknown)
-        for k, weight in zip(keep.tolist(), weights.tolist(), strict=True)
+        _touch(problem, ends, k, size, weight, limits)
+        for k, weight, limits in zip(keep.tolist(), weights.tolist(), held, strict=True)
     )
     spread = np.log(np.sqrt(2.0 * np.pi) * problem.deviations_pC[0]).sum()
-    return Location(touches, unknown, freedom, total - float(spread))
+    return Location(touches, unknown, freedom, total - float(spread), problem)
 
 
 def _distinct(problem: Problem, ends: Descent, keep: Indices) -> Indices:
     """The ends that are no repetition of a better one."""
     period = period_deg(problem.model)
-    apart = ends.at[keep, None] - ends.at[keep]
-    apart[..., ROTATION] -= period * np.round(apart[..., ROTATION] / period)
-    # by the slopes of the better one
-    change = ends.slopes[keep] @ apart[:, :, problem.unknown, None]
-    same = np.square(change[..., 0]).sum(axis=2) < _SAME_CHI_SQUARE
-    same &= (np.abs(apart) < _SAME).all(axis=2)
-    found: list[int] = []
-    for k, row in enumerate(same):
-        if not row[found].any():
-            found.append(k)
-    return keep[found]
+    found = []
+    while keep.size:
+        best, keep = keep[0], keep[1:]
+        found.append(best)
+        apart = ends.at[keep] - ends.at[best]
+        apart[:, ROTATION] -= period * np.round(apart[:, ROTATION] / period)
+        # by the slopes of the better one
+        change = apart[:, problem.unknown] @ ends.slopes[best].T
+        same = np.square(change).sum(axis=1) < _SAME_CHI_SQUARE
+        same &= (np.abs(apart) < _SAME).all(axis=1)
+        keep = keep[~same]
+    return np.array(found)
 
 
 def extents(problem: Problem) -> Array:
@@ -246,58 +250,61 @@ def extents(problem: Problem) -> Array:
     domain = problem.model.domain
     lowest, highest = domain.force_N
     turn = 0.5 * period_deg(problem.model)
-    sizes = np.array([domain.reach_mm, domain.reach_mm, turn, np.log(highest / lowest)])
+    sizes = np.array([domain.reach_mm, domain.reach_mm, turn, math.log(highest / lowest)])
     return sizes[problem.unknown]
 
 
-def _log_masses(problem: Problem, ends: Descent, keep: Indices) -> Array:
+def _log_masses(ends: Descent, keep: Indices, extent: Array) -> Array:
     """Logarithm of likelihood times prior integrated about each touch (Laplace), (n,).
 
     The prior is normal with the domain's extents about the touch, so that a direction which the
     charges do not determine counts with the domain's size and not with infinity.
     """
-    J = ends.slopes[keep] * extents(problem)
+    J = ends.slopes[keep] * extent
     normal = J.swapaxes(1, 2) @ J + np.eye(J.shape[2])
-    _, logarithm = np.linalg.slogdet(normal)
-    return -0.5 * (ends.chi_square[keep] + logarithm)
+    return -0.5 * (ends.chi_square[keep] + np.log(np.linalg.det(normal)))
 
 
 def _touch(
-    problem: Problem, ends: Descent, k: int, weight: float, freedom: int, unknown: tuple[str, ...]
+    problem: Problem,
+    ends: Descent,
+    k: int,
+    extent: Array,
+    weight: float,
+    limits: tuple[str, ...],
 ) -> Touch:
     x, y, rotation, log_force = ends.at[k].tolist()
     if ROTATION in problem.unknown:
         rotation %= period_deg(problem.model)
-    force = float(np.exp(log_force))
+    force = math.exp(log_force)
     scale = np.where(problem.unknown == FORCE, force, 1.0)  # of the coordinates' slopes
-    chi_square = float(ends.chi_square[k])
+    chi_square, freedom = float(ends.chi_square[k]), len(problem.electrodes) - len(problem.unknown)
+    p_value = float(gammaincc(0.5 * freedom, 0.5 * chi_square)) if freedom > 0 else math.nan
     return Touch(
         x,
         y,
         rotation,
         force,
-        unknown,
+        tuple(QUANTITIES[i] for i in problem.unknown),
         ends.slopes[k] / scale,
-        extents(problem) * scale,
+        extent * scale,
         chi_square,
-        float(gammaincc(0.5 * freedom, 0.5 * chi_square)) if freedom > 0 else np.nan,
+        p_value,
         weight,
-        edges(problem, ends.at[k : k + 1])[0],
+        limits,
     )
 
 
 def edges(problem: Problem, at: Array) -> list[tuple[str, ...]]:
     """Which limits of the domain touches (n, 4) are at, or beyond."""
-    domain = problem.model.domain
-    lowest, highest = np.log(domain.force_N)
-    far = np.hypot(at[:, X], at[:, Y]) >= domain.reach_mm
-    far &= X in problem.unknown or Y in problem.unknown
-    force = (at[:, FORCE] <= lowest) | (at[:, FORCE] >= highest)
-    force &= FORCE in problem.unknown
-    return [
-        tuple(name for name, held in (("reach_mm", f), ("force_N", g)) if held)
-        for f, g in zip(far, force, strict=True)
-    ]
+    domain, held = problem.model.domain, []
+    lowest, highest = map(math.log, domain.force_N)
+    placed, pressed = {X, Y} & set(problem.unknown.tolist()), FORCE in problem.unknown
+    for x, y, _, force in at.tolist():
+        far = placed and math.hypot(x, y) >= domain.reach_mm
+        limits = (("reach_mm", far), ("force_N", pressed and not lowest < force < highest))
+        held.append(tuple(name for name, is_held in limits if is_held))
+    return held
 
 
 # ---------------------------------------------------------------------------------------- shapes

@@ -19,6 +19,8 @@ from pvdf_fem.sensing.touch import (
     ROTATION,
     SIGNIFICANCE,
     Model,
+    X,
+    Y,
     period_deg,
 )
 
@@ -39,7 +41,8 @@ class Touches:
     unknown : tuple of str
         What was sought; the order of the covariances.
     covariances : ndarray, shape (n, unknown, unknown)
-        As for `Touch`.
+        As for `Touch`: by the likelihood's curvature. Calibrated ones, which take other touches
+        into account, are those of `Location`.
     determined : ndarray of bool, shape (n,)
         Whether the charges determine every unknown.
     chi_square, p_value : ndarray, shape (n,)
@@ -159,10 +162,19 @@ def _nearest_end(
     for quantity, values in held.items():
         if values is not None:
             at[..., quantity] = values[rows, None]
-    ends = descend(problem, at.reshape(-1, 4), np.repeat(rows, count), 0.0)
+    at = at.reshape(-1, 4)
+    # neighbours one after the other share what the model reads
+    order = np.lexsort((at[:, Y], at[:, X]))
+    found = descend(problem, at[order], np.repeat(rows, count)[order], 0.0)
+    back = np.argsort(order)
+    ends = _taken(found, back)
     values = np.where(ends.arrived, ends.chi_square, np.inf).reshape(-1, count)
     best = count * np.arange(len(rows)) + values.argmin(axis=1)
-    return Descent(ends.at[best], ends.slopes[best], ends.chi_square[best], ends.arrived[best])
+    return _taken(ends, best)
+
+
+def _taken(ends: Descent, rows: NDArray[np.intp]) -> Descent:
+    return Descent(ends.at[rows], ends.slopes[rows], ends.chi_square[rows], ends.arrived[rows])
 
 
 def _unexplained(ends: Descent, freedom: int, significance: float) -> NDArray[np.intp]:
@@ -185,8 +197,7 @@ def _search_everywhere(problem: Problem, ends: Descent, row: int) -> None:
         known[FORCE] = float(np.exp(ends.at[row, FORCE]))
     found = search(problem, row, known)
     k = np.array([np.where(found.arrived, found.chi_square, np.inf).argmin()])
-    best = Descent(found.at[k], found.slopes[k], found.chi_square[k], found.arrived[k])
-    _improve(ends, np.array([row]), best)
+    _improve(ends, np.array([row]), _taken(found, k))
 
 
 def _p_values(chi_square: Array, freedom: int) -> Array:

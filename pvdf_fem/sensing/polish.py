@@ -18,7 +18,8 @@ from pvdf_fem.newton import Status
 from pvdf_fem.scene import Scene
 from pvdf_fem.sensing.descent import Descent, Problem, descend
 from pvdf_fem.sensing.locate import deviations, location
-from pvdf_fem.sensing.touch import FORCE, QUANTITIES, Domain, Location, Model, Touch
+from pvdf_fem.sensing.location import Location
+from pvdf_fem.sensing.touch import FORCE, QUANTITIES, Domain, Model, Touch
 from pvdf_fem.solution import Solution, solve
 
 Array = NDArray[np.float64]

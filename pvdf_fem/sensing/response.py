@@ -47,14 +47,25 @@ class Domain:
 
     def scaled(self, force_N: Array) -> Array:
         """The force as an argument of Chebyshev polynomials, -1 to 1."""
-        low, high = np.power(self.force_N, POWER)
-        return (2.0 * force_N**POWER - low - high) / (high - low)
+        return self.scaled_with_rate(force_N)[0]
+
+    def scaled_with_rate(self, force_N: Array) -> tuple[Array, Array]:
+        """The same with its derivative by the force."""
+        low, high = self._ends
+        root = force_N**POWER
+        rate = 2.0 * POWER / (high - low) * root / force_N
+        return (2.0 * root - low - high) / (high - low), rate
 
     def force_nodes_N(self, count: int) -> Array:
         """The forces at Chebyshev's points, from the largest to the least."""
-        low, high = np.power(self.force_N, POWER)
+        low, high = self._ends
         at = np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))
         return (0.5 * (low + high) + 0.5 * (high - low) * at) ** (1.0 / POWER)
+
+    @property
+    def _ends(self) -> tuple[float, float]:
+        low, high = self.force_N
+        return low**POWER, high**POWER
 
     def refuse_others(self, touches: Array) -> None:
         """Raise `ValueError` for touches (n, 4) outside."""
@@ -124,14 +135,14 @@ class Response:
         place = self.spline.with_gradient(touches[:, :3])
         # (n, value and derivatives by place, polynomials, electrodes)
         place = place.reshape(len(touches), 4, -1, len(self.names))
-        powers = self.domain.scaled(force)[:, None] ** self._orders
+        scaled, rate = self.domain.scaled_with_rate(force)
+        powers = scaled[:, None] ** self._orders
         by_place = np.matmul((powers @ self._polynomials)[:, None, None], place)[:, :, 0]
-        low, high = np.power(self.domain.force_N, POWER)
-        rate = 2.0 * POWER / (high - low) * force ** (POWER - 1.0)
         slopes = (powers[:, :-1] @ self._slopes) * rate[:, None]
-        by_force = np.matmul(slopes[:, None], place[:, 0])
-        jacobian = np.concatenate([by_place[:, 1:], by_force], axis=1)
-        return by_place[:, 0], jacobian.transpose(0, 2, 1)
+        jacobian = np.empty((len(touches), len(self.names), 4))
+        jacobian[:, :, :3] = by_place[:, 1:].transpose(0, 2, 1)
+        jacobian[:, :, 3] = np.matmul(slopes[:, None], place[:, 0])[:, 0]
+        return by_place[:, 0], jacobian
 
     def with_thickness(self, thickness_um: float) -> Response:
         """The response of a film of another thickness: without bending, F/h alone counts."""

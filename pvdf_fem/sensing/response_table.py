@@ -27,7 +27,7 @@ RADII = (4, 7)
 # Polynomials of the force where it varies by e; their coefficients fall by 4 from one to the next.
 FORCES_PER_E = 1.5
 # Cell of the table over the root of the probe's area, and the largest.
-CELL, LARGEST_CELL_MM = 1 / 12, 0.375
+CELL, LARGEST_CELL_MM = 1 / 16, 0.375
 # Way of the corners in a step of the rotation, over the cell.
 TURN = 0.8
 # Step of the raster of stress over the table's cell.
@@ -37,7 +37,7 @@ BEYOND = 3
 # Touches for the error, and the tolerance of their solves over that of the response.
 HELD_OUT, EXACTER = 40, 0.02
 # The bound over the largest error among the touches held out.
-MARGIN = 3.0
+MARGIN = 5.0
 
 
 def built(

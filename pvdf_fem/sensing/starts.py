@@ -2,24 +2,25 @@
 
 Everywhere on the table's lattice of places and rotations the force that fits best is found on the
 chords between tabulated forces. At each rotation the places where what is left has a local minimum
-are the starts, so that each valley wider than the lattice's pitch has one. A ring of places on the
-edge of the reach is searched too: beyond the electrodes charges fall again, and a valley there may
-be narrower.
+are taken, so that each valley wider than the lattice's pitch has one. A ring of places on the edge
+of the reach is looked at too: beyond the electrodes charges fall again, and a valley there may be
+narrower. A Gauss-Newton step with tabulated slopes leads from these to the starts; the best of
+them are kept.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import minimum_filter
 from scipy.spatial import cKDTree
 
 from pvdf_fem.sensing.touch import FORCE, ROTATION, Model, X, Y, period_deg
 
 Array = NDArray[np.float64]
+Single = NDArray[np.float32]
 Indices = NDArray[np.intp]
 
 # The lattice: places across the reach, rotations in the probe's period, forces in the domain's.
@@ -28,110 +29,158 @@ _AROUND = 48
 # At each rotation the search starts from local minima with at most so many times the least
 # chi-square, and from so many places with the lowest: long valleys have several bottoms.
 _PROMISING, _LOWEST = 1e3, 8
+# The step that follows is damped by this share and not longer than so many mm and factors of the
+# force; of starts of one rotation that it brings as close as this only the best one is kept, and
+# no more than so many.
+_MOVING = np.array([X, Y, FORCE])
+_DAMPING = 1e-3
+_LONGEST = np.array([1.5, 1.5, 0.5])
+_CLOSE = np.array([0.3, 0.3, 1e-9, 0.1])
+_KEPT = 6
+# By how much more the touch with the nearest ratios may be off than the very nearest.
+_NEARLY = 0.5
 # Rows that the model is asked for at once.
 _CHUNK = 20_000
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Charges on a lattice of touches.
+    """Charges on a lattice of touches, and their slopes by x, y and the logarithm of the force.
 
     Attributes
     ----------
-    x_mm, y_mm, rotations_deg, log_forces : ndarray
-        The axes.
-    inside : ndarray of bool, shape (len(x_mm), len(y_mm))
-        Which places the model reaches.
-    ring_mm : ndarray, shape (n, 2)
-        Places on the edge of the reach, in order; none if x or y is known.
-    charges_pC : ndarray, shape (places, rotations, forces, electrodes)
-        At the places inside and on the ring.
+    places_mm : ndarray, shape (places, 2)
+        Those of the lattice within the reach, and on its edge unless x or y is known.
+    neighbours : ndarray of int, shape (most neighbours, places)
+        Of each place; the number of places where there are fewer.
+    rotations_deg, log_forces : ndarray
+        The other axes.
+    charges_pC : ndarray, shape (rotations, electrodes, places, forces)
+    slopes : ndarray, shape (rotations, electrodes, places, forces, 3)
     period_deg : float
         Of the rotation, when the axis is the whole period; else 0.
     """
 
-    x_mm: Array
-    y_mm: Array
+    places_mm: Array
+    neighbours: Indices
     rotations_deg: Array
     log_forces: Array
-    inside: NDArray[np.bool_]
-    ring_mm: Array
-    charges_pC: Array
+    charges_pC: Single
+    slopes: Single
     period_deg: float
 
-    @property
-    def spacing_deg(self) -> float:
-        """Distance of neighbouring rotations."""
-        return self.period_deg / len(self.rotations_deg)
-
-    @cached_property
-    def places(self) -> Array:
-        """The places inside and on the ring, (n, 2)."""
-        i, j = np.nonzero(self.inside)
-        return np.concatenate([np.stack([self.x_mm[i], self.y_mm[j]], axis=1), self.ring_mm])
+    def of(self, electrodes: Indices) -> Table:
+        """The table of some electrodes."""
+        charges, slopes = self.charges_pC[:, electrodes], self.slopes[:, electrodes]
+        return replace(self, charges_pC=charges, slopes=slopes)
 
     def turned(self, rotation_deg: float) -> Table:
-        """The table of one rotation, interpolated linearly."""
-        if len(self.rotations_deg) == 1:
+        """The table of one rotation: charges interpolated linearly, slopes of the nearest one."""
+        count = len(self.rotations_deg)
+        if count == 1:
             return self
-        at = (rotation_deg % self.period_deg) / self.spacing_deg
-        k, t = int(at), at - int(at)
-        k, following = k % len(self.rotations_deg), (k + 1) % len(self.rotations_deg)
+        at = (rotation_deg % self.period_deg) / self.period_deg * count
+        k, t = int(at) % count, np.float32(at % 1.0)
+        following = (k + 1) % count
         Q = self.charges_pC
-        charges = (1.0 - t) * Q[:, k : k + 1] + t * Q[:, following : following + 1]
-        axes = self.x_mm, self.y_mm, np.array([rotation_deg]), self.log_forces
-        return Table(*axes, self.inside, self.ring_mm, charges, 0.0)
+        charges = (1 - t) * Q[k] + t * Q[following]
+        near = k if t < 0.5 else following
+        turn, slopes = np.array([rotation_deg]), self.slopes[near : near + 1]
+        axes = self.places_mm, self.neighbours, turn, self.log_forces
+        return Table(*axes, charges[None], slopes, 0.0)
 
-    def starts(self, charges_pC: Array, deviations_pC: Array, electrodes: Indices) -> Array:
-        """Coordinates (n, 4) of the local minima of chi-square over places, at each rotation."""
-        chi_square, log_force = self._fitted(charges_pC, deviations_pC, electrodes)
-        within = len(chi_square) - len(self.ring_mm)
-        lattice = np.full((*self.inside.shape, len(self.rotations_deg)), np.inf)
-        lattice[self.inside] = chi_square[:within]
-        least = minimum_filter(lattice, (3, 3, 1), mode="nearest")
-        ring = chi_square[within:]
-        bottom = (ring <= np.roll(ring, 1, axis=0)) & (ring <= np.roll(ring, -1, axis=0))
-        chosen = np.concatenate([(lattice == least)[self.inside], bottom])
-        chosen &= chi_square < _PROMISING * chi_square.min(axis=0)
-        lowest = np.argsort(chi_square, axis=0)[:_LOWEST]
-        np.put_along_axis(chosen, lowest, True, axis=0)
-        place, turn = np.nonzero(chosen)
+    def starts(self, charges_pC: Array, deviations_pC: Array, sought: Indices) -> Array:
+        """Coordinates (n, 4) near the local minima of chi-square over places, at each rotation.
+
+        A Gauss-Newton step in what is `sought` of `_MOVING`, with the table's slopes, leads from
+        the places of the minima to the starts.
+        """
+        weights: Single = (1.0 / deviations_pC).astype(np.float32)
+        target = charges_pC.astype(np.float32) * weights
+        chi_square, interval, along = self._fitted(weights, target)
+        turn, place = np.nonzero(self._bottoms(chi_square))
+        f, t = interval[turn, place], along[turn, place]
+        nearest = f + (t > 0.5)
+        lower = self.charges_pC[turn, :, place, f] * weights
+        upper = self.charges_pC[turn, :, place, f + 1] * weights if self._chords else lower
         at = np.empty((len(place), 4))
-        at[:, :ROTATION] = self.places[place]
+        at[:, :ROTATION] = self.places_mm[place]
         at[:, ROTATION] = self.rotations_deg[turn]
-        at[:, FORCE] = log_force[place, turn]
-        return at
+        at[:, FORCE] = self.log_forces[f] + self._beyond(lower, upper, t)
+        if not sought.size:
+            return at
+        residual = (1.0 - t)[:, None] * lower + t[:, None] * upper - target
+        slopes = self.slopes[turn, :, place, nearest] * weights[:, None]
+        step, left = _steps(residual, slopes[:, :, sought])
+        stretch = np.abs(step / _LONGEST[sought]).max(axis=1)
+        at[:, _MOVING[sought]] += step / np.maximum(stretch, 1.0)[:, None]
+        return at[_chosen(at, left)]
 
-    def _fitted(
-        self, charges_pC: Array, deviations_pC: Array, electrodes: Indices
-    ) -> tuple[Array, Array]:
-        """Least chi-square over the force at (places, rotations), and that force's logarithm."""
-        Q = self.charges_pC[..., electrodes] / deviations_pC
-        target = charges_pC / deviations_pC
-        if Q.shape[2] == 1:
-            return np.square(Q[:, :, 0] - target).sum(axis=-1), np.full(
-                Q.shape[:2], self.log_forces[0]
-            )
-        chord = Q[:, :, 1:] - Q[:, :, :-1]
-        rest = target - Q[:, :, :-1]
-        along = np.einsum("prfe,prfe->prf", rest, chord)
-        along /= np.einsum("prfe,prfe->prf", chord, chord)
-        np.clip(along, 0.0, 1.0, out=along)
-        rest -= along[..., None] * chord
-        chi_square = np.einsum("prfe,prfe->prf", rest, rest)
-        best = chi_square.argmin(axis=2)[..., None]
-        t, f = np.take_along_axis(along, best, axis=2)[..., 0], best[..., 0]
-        least = np.take_along_axis(chi_square, best, axis=2)[..., 0]
-        return least, self._log_force(Q, t, f)
+    @property
+    def _chords(self) -> int:
+        return len(self.log_forces) - 1
 
-    def _log_force(self, Q: Array, t: Array, f: Indices) -> Array:
-        """Force at a point of a chord if charges are a power of the force between its ends."""
-        size = np.linalg.norm(Q, axis=-1)
-        lower = np.take_along_axis(size, f[..., None], axis=2)[..., 0]
-        upper = np.take_along_axis(size, f[..., None] + 1, axis=2)[..., 0]
-        growth = upper / lower
-        step = self.log_forces[1] - self.log_forces[0]
-        return self.log_forces[f] + step * np.log(1.0 + t * (growth - 1.0)) / np.log(growth)
+    def _beyond(self, lower: Single, upper: Single, t: Single) -> Single | float:
+        """How far a part of a chord is along it, by the logarithm of the force.
+
+        Charges are a power of the force between tabulated ones.
+        """
+        if not self._chords:
+            return 0.0
+        growth = np.sqrt(np.square(upper).sum(axis=1) / np.square(lower).sum(axis=1))
+        length = (self.log_forces[-1] - self.log_forces[0]) / self._chords
+        return length * np.log1p(t * (growth - 1.0)) / np.log(growth)
+
+    def _fitted(self, weights: Single, target: Single) -> tuple[Single, Indices, Single]:
+        """Least chi-square over the force at (rotations, places), and where on which chord."""
+        Q = self.charges_pC * weights[:, None, None]
+        rest = target[:, None, None] - Q
+        chi_square = np.square(rest).sum(axis=1)
+        if not self._chords:
+            flat = chi_square[..., 0]
+            return flat, np.zeros(flat.shape, dtype=np.intp), np.zeros_like(flat)
+        chord = Q[..., 1:] - Q[..., :-1]
+        reached, length = (rest[..., :-1] * chord).sum(axis=1), np.square(chord).sum(axis=1)
+        along = np.minimum(np.maximum(reached / length, 0.0), 1.0)
+        chi_square = chi_square[..., :-1] - along * (2.0 * reached - along * length)
+        best = chi_square.argmin(axis=2)
+        index = np.arange(best.size) * chi_square.shape[2] + best.ravel()
+        least, along = (v.ravel()[index].reshape(best.shape) for v in (chi_square, along))
+        return least, best, along
+
+    def _bottoms(self, chi_square: Single) -> NDArray[np.bool_]:
+        """Places (rotations, places) without a better neighbour, and the best ones."""
+        padded = np.full((len(chi_square), chi_square.shape[1] + 1), np.inf, dtype=np.float32)
+        padded[:, :-1] = chi_square
+        chosen = chi_square <= padded.take(self.neighbours, axis=1).min(axis=1)
+        chosen &= chi_square <= _PROMISING * chi_square.min(axis=1, keepdims=True)
+        count = min(_LOWEST, chi_square.shape[1])
+        lowest = np.argpartition(chi_square, count - 1, axis=1)[:, :count]
+        np.put_along_axis(chosen, lowest, True, axis=1)
+        return chosen
+
+
+def _steps(residuals: Single, derivatives: Single) -> tuple[Array, Array]:
+    """Damped Gauss-Newton steps (n, moving), and the chi-square that they leave, (n,)."""
+    residual, slopes = residuals.astype(np.float64), derivatives.astype(np.float64)
+    normal = np.matmul(slopes.swapaxes(1, 2), slopes)
+    gradient = np.matmul(slopes.swapaxes(1, 2), residual[:, :, None])
+    diagonal = normal.reshape(len(normal), -1)[:, :: normal.shape[1] + 1]  # a view
+    diagonal += _DAMPING * diagonal + 1e-12 * diagonal.max(axis=1, keepdims=True) + 1e-300
+    step = np.linalg.solve(normal, -gradient)
+    left = residual[:, :, None] + np.matmul(slopes, step)
+    return step[:, :, 0], np.square(left).sum(axis=(1, 2))
+
+
+def _chosen(at: Array, chi_square: Array) -> Indices:
+    """The best starts of each rotation, without those close to a better one."""
+    order = np.lexsort((chi_square, at[:, ROTATION]))
+    place = at[order]
+    same = (np.abs(place[:, None] - place) < _CLOSE).all(axis=2)
+    rank = np.arange(len(order))
+    rows = np.flatnonzero(~(same & (rank < rank[:, None])).any(axis=1))
+    turn = place[rows, ROTATION]
+    return order[rows[rank[: len(rows)] - np.searchsorted(turn, turn) < _KEPT]]
 
 
 def tabulate(
@@ -155,24 +204,48 @@ def tabulate(
     forces = np.geomspace(lowest, highest, _FORCES)
     if FORCE in known:
         forces = np.array([known[FORCE]])
-    inside = np.hypot(x[:, None], y) <= reach * (1 + 1e-9)
-    angles = 2.0 * np.pi * np.arange(0 if {X, Y} & set(known) else _AROUND) / _AROUND
-    ring = reach * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    empty = np.empty((0, len(turns), len(forces), 0))
-    table = Table(x, y, turns, np.log(forces), inside, ring, empty, period)
-    at = np.empty((len(table.places), len(turns), len(forces), 4))
-    at[..., :ROTATION] = table.places[:, None, None]
-    at[..., ROTATION], at[..., FORCE] = turns[:, None], forces
+    places, neighbours = _lattice(x, y, reach, 0 if {X, Y} & set(known) else _AROUND)
+    at = np.empty((len(turns), len(places), len(forces), 4))
+    at[..., :ROTATION] = places[:, None]
+    at[..., ROTATION], at[..., FORCE] = turns[:, None, None], forces
     rows = at.reshape(-1, 4)
-    chunks = [model.evaluate(rows[k : k + _CHUNK])[0] for k in range(0, len(rows), _CHUNK)]
-    charges = np.concatenate(chunks).reshape(*at.shape[:3], -1)
-    return replace(table, charges_pC=charges)
+    chunks = [model.evaluate(rows[k : k + _CHUNK]) for k in range(0, len(rows), _CHUNK)]
+    charges, slopes = (
+        np.moveaxis(np.concatenate(parts).reshape(*at.shape[:3], *parts[0].shape[1:]), 3, 1)
+        for parts in zip(*chunks, strict=True)
+    )
+    slopes = slopes[..., _MOVING] * np.stack([1.0 + 0.0 * forces] * 2 + [forces], axis=1)
+    single = np.ascontiguousarray(charges, np.float32), np.ascontiguousarray(slopes, np.float32)
+    return Table(places, neighbours, turns, np.log(forces), *single, period)
+
+
+def _lattice(x: Array, y: Array, reach: float, around: int) -> tuple[Array, Indices]:
+    """Places of the lattice within the reach, then `around` on its edge, and their neighbours."""
+    inside = np.pad(np.hypot(x[:, None], y) <= reach * (1 + 1e-9), 1)
+    i, j = np.nonzero(inside)
+    none = len(i) + around
+    number = np.full(inside.shape, none)
+    number[inside] = np.arange(len(i))
+    near = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if a or b]
+    neighbours = np.full((len(near), none), none)
+    neighbours[:, : len(i)] = [number[i + a, j + b] for a, b in near]
+    angles = 2.0 * np.pi * np.arange(around) / max(around, 1)
+    ring = reach * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    for k, shift in enumerate((1, -1)):
+        neighbours[k, len(i) :] = len(i) + np.roll(np.arange(around), shift)
+    lattice = np.stack([x[i - 1], y[j - 1]], axis=1)
+    return np.concatenate([lattice, ring]), neighbours
 
 
 @lru_cache(maxsize=8)
 def table_of(model: Model) -> Table:
     """The table of a model over places, rotations and forces, made once."""
     return tabulate(model, {})
+
+
+@lru_cache(maxsize=32)
+def _table_of(model: Model, electrodes: tuple[int, ...]) -> Table:
+    return table_of(model).of(np.array(electrodes))
 
 
 def starts(
@@ -187,12 +260,13 @@ def starts(
     A sought rotation starts from all values of the table's.
     """
     if set(known) <= {ROTATION}:
-        table = table_of(model)
+        table = _table_of(model, tuple(electrodes.tolist()))
         if known:
             table = table.turned(known[ROTATION])
     else:
-        table = tabulate(model, known)
-    at = table.starts(charges_pC, deviations_pC, electrodes)
+        table = tabulate(model, known).of(electrodes)
+    sought = np.array([k for k, i in enumerate((X, Y, FORCE)) if i not in known], dtype=np.intp)
+    at = table.starts(charges_pC, deviations_pC, sought)
     at[:, list(known)] = [np.log(v) if i == FORCE else v for i, v in known.items()]
     return at
 
@@ -213,7 +287,7 @@ class Nearest:
         ratios = charges_pC / sizes[:, None]
         if rotations_deg is not None:
             ratios = np.concatenate([ratios, _circle(rotations_deg, self.period_deg)], axis=1)
-        _, row = self.tree.query(ratios, np.arange(1, count + 1))
+        _, row = self.tree.query(ratios, np.arange(1, count + 1), eps=_NEARLY)
         at = self.at[row]
         at[..., FORCE] += np.log(sizes[:, None] / self.sizes_pC[row]) / self.exponents[row]
         return at
@@ -223,12 +297,13 @@ class Nearest:
 def nearest_of(model: Model, electrodes: tuple[int, ...], with_rotation: bool) -> Nearest:
     """A `Nearest` of a model's table; with the rotation known its distance counts too."""
     table = table_of(model)
-    Q = table.charges_pC[..., list(electrodes)]
+    # (places, rotations, forces, electrodes)
+    Q = table.charges_pC[:, list(electrodes)].transpose(2, 0, 3, 1).astype(float)
     sizes = np.linalg.norm(Q, axis=-1)
     growth = np.diff(np.log(sizes), axis=-1) / np.diff(table.log_forces)
     exponents = np.concatenate([growth, growth[..., -1:]], axis=-1)
     at = np.empty((*sizes.shape, 4))
-    at[..., :ROTATION] = table.places[:, None, None]
+    at[..., :ROTATION] = table.places_mm[:, None, None]
     at[..., ROTATION] = table.rotations_deg[:, None]
     at[..., FORCE] = table.log_forces
     features = (Q / sizes[..., None]).reshape(-1, len(electrodes))

@@ -1,4 +1,4 @@
-"""A touch recovered from charges, what is said about it, and the model it is recovered with."""
+"""A touch recovered from charges, and the model it is recovered with."""
 
 from __future__ import annotations
 
@@ -23,8 +23,6 @@ X, Y, ROTATION, FORCE = range(4)
 SIGNIFICANCE = 1e-3
 #: A direction is determined if the domain is so many standard deviations wide along it.
 DETERMINED = 3.0
-#: A second touch with at least this share of the likelihood makes a location ambiguous.
-SHARE = 0.01
 
 
 class Domain(Protocol):
@@ -127,15 +125,21 @@ class Touch:
         return bool(self._singular[0][-1] >= DETERMINED)
 
     @cached_property
-    def covariance(self) -> Array:
-        """Covariance (unknown, unknown).
-
-        Along a direction that the charges do not determine, that of the domain is added: its
-        extent is a standard deviation.
-        """
+    def root(self) -> Array:
+        """A square root of the covariance, its columns along the singular vectors."""
         values, vectors = self._singular
         precision = values**2 + (values < DETERMINED)
-        return (vectors.T / precision) @ vectors * np.outer(self.extent, self.extent)
+        return vectors.T / np.sqrt(precision) * self.extent[:, None]
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance (unknown, unknown) by the curvature of the likelihood at this touch.
+
+        That of the errors where the charges are as good as linear over them; if not, see
+        `Location.covariance`. Along a direction that the charges do not determine, that of the
+        domain is added: its extent is a standard deviation.
+        """
+        return self.root @ self.root.T
 
     @property
     def deviations(self) -> dict[str, float]:
@@ -162,11 +166,11 @@ class Touch:
         """Plain values for JSON, None for what is infinite or not defined."""
         return {
             **{name: float(getattr(self, name)) for name in QUANTITIES},
-            "standard_deviations": {k: _finite(v) for k, v in self.deviations.items()},
-            "covariance": [[_finite(v) for v in row] for row in self.covariance.tolist()],
-            "condition": _finite(self.condition),
+            "standard_deviations": {k: finite(v) for k, v in self.deviations.items()},
+            "covariance": [[finite(v) for v in row] for row in self.covariance.tolist()],
+            "condition": finite(self.condition),
             "chi_square": self.chi_square,
-            "p_value": _finite(self.p_value),
+            "p_value": finite(self.p_value),
             "explained": self.explained,
             "weight": self.weight,
             "determined": self.determined,
@@ -177,83 +181,6 @@ class Touch:
         }
 
 
-def _finite(value: float) -> float | None:
+def finite(value: float) -> float | None:
+    """The value, or None where JSON has no number for it."""
     return float(value) if np.isfinite(value) else None
-
-
-@dataclass(frozen=True, eq=False)
-class Location:
-    """All touches that may have given some charges.
-
-    Attributes
-    ----------
-    touches : tuple of Touch
-        The likeliest first; empty when no search ended.
-    unknown : tuple of str
-        What was sought.
-    degrees_of_freedom : int
-        Charges less unknown quantities; negative when there are too few charges.
-    log_evidence : float
-        Logarithm of the probability density of the charges, whatever the touch is, with all
-        places, rotations and magnitudes of the force in the model's domain equally likely before.
-    """
-
-    touches: tuple[Touch, ...]
-    unknown: tuple[str, ...]
-    degrees_of_freedom: int
-    log_evidence: float
-
-    @property
-    def best(self) -> Touch:
-        """The likeliest touch."""
-        return self.touches[0]
-
-    @property
-    def ambiguous(self) -> bool:
-        """Whether another touch is likely as well."""
-        return len(self.touches) > 1 and self.touches[1].weight > SHARE
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """What keeps the best touch from being the answer, in sentences."""
-        if not self.touches:
-            return ("no search ended: the charges fit no touch of the model's domain",)
-        best, texts = self.best, []
-        if not best.explained:
-            texts.append(
-                f"unexplained: a touch of this probe gives such charges once in "
-                f"{1 / max(best.p_value, 1e-99):.0e} cases (chi-square {best.chi_square:.1f} with "
-                f"{self.degrees_of_freedom} degrees of freedom)"
-            )
-        if self.ambiguous:
-            likely = sum(touch.weight > SHARE for touch in self.touches)
-            texts.append(f"ambiguous: {likely} touches are likely")
-        if not best.determined:
-            short = (
-                "" if self.degrees_of_freedom >= 0 else "fewer charges than unknown quantities; "
-            )
-            free = " and ".join(_direction(best.unknown, row) for row in best.null_directions)
-            texts.append(f"undetermined: {short}free along {free}")
-        if best.at_edge:
-            limits = ", ".join(best.at_edge)
-            texts.append(f"at the edge of the model's domain ({limits}): the touch may lie beyond")
-        return tuple(texts)
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        return {
-            "unknown": list(self.unknown),
-            "degrees_of_freedom": self.degrees_of_freedom,
-            "ambiguous": self.ambiguous,
-            "remarks": list(self.remarks),
-            "touches": [touch.to_json() for touch in self.touches],
-        }
-
-
-def _direction(unknown: tuple[str, ...], row: Array) -> str:
-    parts = [
-        f"{value:+.3g} {name}"
-        for name, value in zip(unknown, row, strict=True)
-        if abs(value) > 1e-6
-    ]
-    return "(" + ", ".join(parts) + ")"
