@@ -121,10 +121,16 @@ class SizeField:
 
 
 def element_sizes(mesh: MeshTri2) -> NDArray[np.float64]:
-    """Edge of the equilateral triangle of each element's area, m."""
-    (x0, x1, x2), (y0, y1, y2) = mesh.p[:, mesh.t]
+    """Edge of the equilateral triangle of each element's area, m; of a sliver, half its longest.
+
+    A sliver's area says nothing about its neighbours: meshes as fine as that would not end in the
+    cusp between a rim and an electrode's edge with both ends on it.
+    """
+    corners = mesh.p[:, mesh.t]
+    (x0, x1, x2), (y0, y1, y2) = corners
     area = 0.5 * np.abs((x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0))
-    return np.sqrt(4.0 / np.sqrt(3.0) * area)
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=0).max(axis=0)
+    return np.maximum(np.sqrt(4.0 / np.sqrt(3.0) * area), 0.5 * longest)
 
 
 def compression(mesh: MeshTri2) -> NDArray[np.float64]:
@@ -321,15 +327,25 @@ def _read(patches: dict[str, list[int]], unit: float, circles: list[Circle]) -> 
         raise MeshError(f"patches without elements: {empty}; patches found: {found}")
     points = coordinates.reshape(-1, 3)[:, :2].T * unit
     triangles = _with_sorted_vertices(np.concatenate(blocks))
+    curved = np.zeros(len(tags), dtype=bool)
+    for _, curve in gmsh.model.getEntities(1):
+        if gmsh.model.getType(1, curve) != "Line":
+            curved[row[gmsh.model.mesh.getNodes(1, curve)[0]]] = True
     for circle in circles:
-        _bulge(points, triangles, circle)
+        _bulge(points, triangles, circle, curved)
     mesh = MeshTri2(points, triangles.T)
     return mesh.with_subdomains(subdomains).with_boundaries({RIM: mesh.boundary_facets()})
 
 
-def _bulge(points: NDArray[np.float64], triangles: NDArray[np.int64], circle: Circle) -> None:
+def _bulge(
+    points: NDArray[np.float64],
+    triangles: NDArray[np.int64],
+    circle: Circle,
+    curved: NDArray[np.bool_],
+) -> None:
     """Move the midside nodes on a circle outwards, so that it has its area.
 
+    They are among the nodes `curved`, inside of arcs: a short chord is as near to the circle.
     A quadratic arc through three points of a circle lies inside it. With the area right, what is
     left of the error changes sign along the arc, and is not felt away from it.
     """
@@ -337,7 +353,7 @@ def _bulge(points: NDArray[np.float64], triangles: NDArray[np.int64], circle: Ci
     radius = np.linalg.norm(points - centre, axis=0)
     on = np.abs(radius / circle.radius - 1.0) < ON_CIRCLE
     ends, middle = triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), triangles[:, 3:].ravel()
-    arcs = on[middle] & on[ends].all(axis=1)
+    arcs = curved[middle] & on[middle] & on[ends].all(axis=1)
     (a, b), middle = ends[arcs].T, middle[arcs]
     half = np.arcsin(0.5 * np.linalg.norm(points[:, a] - points[:, b], axis=0) / circle.radius)
     # Between the arc and its chord: (4/3) (r - cos) sin = half - sin cos, of a unit circle.
