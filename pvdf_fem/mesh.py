@@ -41,8 +41,9 @@ GROWTH = 0.5
 # a series of meshes would end in a cusp so fine that its elements do fold.
 DISTORTED, SMALLER, ATTEMPTS, BETTER = 0.2, 0.4, 4, 1.2
 
-# How near to a circle a node counts as on it, relative to the radius.
-ON_CIRCLE = 1e-8
+# How near to a circle a node counts as on it, relative to the film's radius: well above rounding,
+# and far below the distance of two circles that touch, an element's size away.
+ON_CIRCLE = 1e-12
 # gmsh has one state for all threads, of which the worker of a cluster may have several.
 _ONE_MODEL = threading.Lock()
 
@@ -332,7 +333,7 @@ def _read(patches: dict[str, list[int]], unit: float, circles: list[Circle]) -> 
         if gmsh.model.getType(1, curve) != "Line":
             curved[row[gmsh.model.mesh.getNodes(1, curve)[0]]] = True
     for circle in circles:
-        _bulge(points, triangles, circle, curved)
+        _bulge(points, triangles, circle, curved, 100.0 * unit)
     mesh = MeshTri2(points, triangles.T)
     return mesh.with_subdomains(subdomains).with_boundaries({RIM: mesh.boundary_facets()})
 
@@ -342,16 +343,18 @@ def _bulge(
     triangles: NDArray[np.int64],
     circle: Circle,
     curved: NDArray[np.bool_],
+    film: float,
 ) -> None:
     """Move the midside nodes on a circle outwards, so that it has its area.
 
     They are among the nodes `curved`, inside of arcs: a short chord is as near to the circle.
+    `film` is the film's radius.
     A quadratic arc through three points of a circle lies inside it. With the area right, what is
     left of the error changes sign along the arc, and is not felt away from it.
     """
     centre = circle.centre[:, None]
     radius = np.linalg.norm(points - centre, axis=0)
-    on = np.abs(radius / circle.radius - 1.0) < ON_CIRCLE
+    on = np.abs(radius - circle.radius) < ON_CIRCLE * film
     ends, middle = triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), triangles[:, 3:].ravel()
     arcs = curved[middle] & on[middle] & on[ends].all(axis=1)
     (a, b), middle = ends[arcs].T, middle[arcs]

@@ -50,9 +50,9 @@ USUAL = 1e-3
 MAX_UNKNOWNS = {"refuse": 60_000, "tension-field": 20_000}
 # The largest deflection is sought on this many points around the best one, on ever smaller scales.
 ZOOM, ROUNDS = 8, 5
-# Nor is another one after so many iterations: tension that concentrates in lines, as in a film that
-# a load is far too small to pull taut, needs ever more of them.
-HARD = 90
+# Nor of so many iterations times unknowns: tension that concentrates in lines, as in a film that a
+# load is far too small to pull taut, needs ever more of both.
+HARD = 1e6
 # A film that wrinkles has kinks that a coarse mesh shows in the wrong places, so that the next one
 # has at most so many times its unknowns.
 GROWTH = 5.0
@@ -287,10 +287,12 @@ def solve_goals(
                 sizes = _refined(attempt, SAFETY * tolerance)
             unknowns = attempt.fields.equilibrium.unknowns.count
             most = MAX_UNKNOWNS[scene.film.compression] * max(1.0, USUAL / tolerance) ** 0.5
-            if unknowns > 0.7 * most or len(attempt.result.iterations) > HARD:
+            if unknowns > 0.7 * most:
                 break
             if scene.film.compression == "tension-field":
                 most = min(most, GROWTH * unknowns)
+                if len(attempt.result.iterations) * most > HARD:
+                    break
             sizes = sizes.coarsened(most / UNKNOWNS[order])
             finer = _solve_on(scene, goals, _meshed(scene, sizes, clock), order, clock, attempt)
             if finer.result.status is Status.MAX_ITERATIONS:
