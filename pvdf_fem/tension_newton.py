@@ -42,8 +42,8 @@ DAMPING = 1e-2
 REMAINDER = 0.2
 # Of Newton's last step in the richer space of an error estimate.
 RICH_TOLERANCE = 1e-3
-# Strain of the load over the thermal one below which the tension may concentrate in lines, which no
-# mesh resolves. Set after 13 heated scenes of `reports/extremes.py`: 7 below fail, 6 above do not.
+# Strain of the load over the thermal one below which a film that no solve balances is called slack.
+# Its tension runs in lines as wide as the root of that ratio times its radius.
 BARELY = 0.1
 # Newton's last step, as a part of the tolerance of the charges: where the film's state changes from
 # point to point steps shrink but linearly, and rounding in a stiff film ends that early.
