@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
+TYPE_CHECKING = False  # as in `typing`, whose import is as slow as Python's own start
 if TYPE_CHECKING:
+    from typing import Any
+
     from pvdf_fem.scene import Scene, SceneError
     from pvdf_fem.solution import NotConvergedError, Solution, solve
 

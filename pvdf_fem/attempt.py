@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from skfem import MeshTri2
@@ -24,6 +25,8 @@ from pvdf_fem.tension_newton import corrected, equilibrate
 
 # Newton's last step in the orders below, whose discretisation errors are larger.
 START_TOLERANCE = 3e-2
+# Of the charge that the film's mean stress would make: less is none, whose error is not relative.
+NOTHING = 1e-6
 # Charges that a refined mesh follows, those with the largest errors.
 MOST_DUALS = 32
 # The next order takes away only 0.55 to 0.8 of the error that the singular edge of a rigid probe
@@ -54,10 +57,18 @@ class Attempt:
         """Estimated error of each charge over the sizes of its two contributions, (goals,)."""
         return np.abs((self.fields.force_errors * self._d).sum(axis=1)) / self.charge_sizes
 
-    @property
+    @cached_property
     def charge_sizes(self) -> Array:
-        """|d31 X| + |d32 Y| of each electrode in C, (goals,)."""
+        """|d31 X| + |d32 Y| of each electrode in C, (goals,), or what is nothing beside the film's.
+
+        An electrode on slack film, or under a probe that holds it, has next to none.
+        """
+        membrane, state = self.fields.solved.membrane, self.fields.solved_state
+        stress = np.abs(membrane.stress(state.strain)[..., :2]) * membrane.weights[..., None]
+        mean = stress.sum(axis=(0, 1)) / membrane.weights.sum()
+        areas = np.array([goal.outline.area for goal in self.goals])
         sizes = np.abs(self.fields.forces * self._d).sum(axis=1)
+        sizes = np.maximum(sizes, NOTHING * areas * (np.abs(self._d) @ mean))
         return np.where(sizes > 0.0, sizes, 1.0)
 
     @property

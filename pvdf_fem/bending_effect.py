@@ -31,7 +31,7 @@ from pvdf_fem.scene import Scene
 INDUCED = 0.24
 # Fitted: of l/a at the rim for an electrode at the centre and, with the square of its distance,
 # elsewhere; of l/b and (l/b)^2 at the probe.
-RIM, RIM_FAR, PROBE = 0.4, 4.0, 0.4
+RIM, RIM_FAR, PROBE, WIDE = 0.4, 4.0, 0.4, 0.1
 # A layer in which bending acts is resolved where leaving it out would change a result by more than
 # this times the tolerance, by elements of this many bending lengths, fewer for small tolerances:
 # what elements of 100, 10, 5 and 3 bending lengths leave is a third, a tenth, a twentieth and a
@@ -117,7 +117,8 @@ def bending_effect(scene: Scene) -> BendingEffect:
     changes = [(0.0, 0.0)]
     if scene.probe is not None and force > 0.0:
         probe = scene.probe.outline
-        gap = max(1.0 - probe.reach / a, 1e-9)
+        # a probe that touches the rim is as far from it, on an average, as it is wide
+        gap = max(1.0 - probe.reach / a, WIDE * b / a)
         power = 1 if scene.load.kind == "rigid" else 2
         distances = [
             max(math.dist(outline.centroid, probe.centroid) - _radius(outline), b)

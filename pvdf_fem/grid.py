@@ -204,7 +204,7 @@ def _axis(where: str, table: Mapping[str, Any], scene: Scene, problems: list[str
         lines = rest.pop("mapping")
         if rest:
             reason = "cannot vary together with a mapping; give it an axis of its own"
-            problems += [problem(f"{where}.{key}", value, reason) for key, value in rest.items()]
+            problems += [problem(f"{where}.{key}", value, reason) for key, value in _flat(rest)]
         return _mapped(f"{where}.mapping", lines, scene, name or "place", problems)
     values = {}
     for key, value in _flat(rest):

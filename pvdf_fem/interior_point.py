@@ -94,7 +94,7 @@ class _InteriorPoint:
     def start(self, q: Array) -> Iterate:
         """Stress and wrinkling strain of about the right size, equal in all directions."""
         state, film = self.equilibrium.state(q), self.membrane.film
-        density = self.equilibrium.work(state, q) / self.weights.sum()
+        density = abs(self.equilibrium.work(state, q)) / self.weights.sum()
         elastic = np.sqrt(density * self.compliance[0, 0])
         tension = density / max(abs(film.thermal_strain), elastic)
         widest = np.abs(self.membrane.elastic(state.strain)).max()

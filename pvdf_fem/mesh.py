@@ -43,9 +43,10 @@ GROWTH = 0.5
 # a series of meshes would end in a cusp so fine that its elements do fold.
 DISTORTED, SMALLER, ATTEMPTS, BETTER = 0.2, 0.4, 4, 1.2
 
-# How near to a circle a node counts as on it, relative to the radius.
-ON_CIRCLE = 1e-8
-# The same for a mirror line, relative to the film's radius.
+# How near to a circle a node counts as on it, relative to the film's radius: well above rounding,
+# and far below the distance of two circles that touch, an element's size away.
+ON_CIRCLE = 1e-12
+# The same for a mirror line.
 ON_LINE = 1e-8
 # gmsh has one state for all threads, of which the worker of a cluster may have several.
 _ONE_MODEL = threading.Lock()
@@ -127,10 +128,16 @@ class SizeField:
 
 
 def element_sizes(mesh: MeshTri2) -> NDArray[np.float64]:
-    """Edge of the equilateral triangle of each element's area, m."""
-    (x0, x1, x2), (y0, y1, y2) = mesh.p[:, mesh.t]
+    """Edge of the equilateral triangle of each element's area, m; of a sliver, half its longest.
+
+    A sliver's area says nothing about its neighbours: meshes as fine as that would not end in the
+    cusp between a rim and an electrode's edge with both ends on it.
+    """
+    corners = mesh.p[:, mesh.t]
+    (x0, x1, x2), (y0, y1, y2) = corners
     area = 0.5 * np.abs((x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0))
-    return np.sqrt(4.0 / np.sqrt(3.0) * area)
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=0).max(axis=0)
+    return np.maximum(np.sqrt(4.0 / np.sqrt(3.0) * area), 0.5 * longest)
 
 
 def compression(mesh: MeshTri2) -> NDArray[np.float64]:
@@ -364,8 +371,12 @@ def _read(
     for axis in part.mirrored:
         points[axis, np.abs(points[axis]) < ON_LINE * 100.0 * unit] = 0.0
     triangles = with_sorted_vertices(np.concatenate(blocks))
+    curved = np.zeros(len(tags), dtype=bool)
+    for _, curve in gmsh.model.getEntities(1):
+        if gmsh.model.getType(1, curve) != "Line":
+            curved[row[gmsh.model.mesh.getNodes(1, curve)[0]]] = True
     for circle in circles:
-        _bulge(points, triangles, circle)
+        _bulge(points, triangles, circle, curved, 100.0 * unit)
     return named(MeshTri2(points, triangles.T), subdomains, part)
 
 
@@ -378,17 +389,25 @@ def named(mesh: MeshTri2, subdomains: dict[str, NDArray[np.int64]], part: Part) 
     return mesh.with_subdomains(subdomains).with_boundaries({RIM: rim, **boundaries})
 
 
-def _bulge(points: NDArray[np.float64], triangles: NDArray[np.int64], circle: Circle) -> None:
+def _bulge(
+    points: NDArray[np.float64],
+    triangles: NDArray[np.int64],
+    circle: Circle,
+    curved: NDArray[np.bool_],
+    film: float,
+) -> None:
     """Move the midside nodes on a circle outwards, so that it has its area.
 
+    They are among the nodes `curved`, inside of arcs: a short chord is as near to the circle.
+    `film` is the film's radius.
     A quadratic arc through three points of a circle lies inside it. With the area right, what is
     left of the error changes sign along the arc, and is not felt away from it.
     """
     centre = circle.centre[:, None]
     radius = np.linalg.norm(points - centre, axis=0)
-    on = np.abs(radius / circle.radius - 1.0) < ON_CIRCLE
+    on = np.abs(radius - circle.radius) < ON_CIRCLE * film
     ends, middle = triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), triangles[:, 3:].ravel()
-    arcs = on[middle] & on[ends].all(axis=1)
+    arcs = curved[middle] & on[middle] & on[ends].all(axis=1)
     (a, b), middle = ends[arcs].T, middle[arcs]
     half = np.arcsin(0.5 * np.linalg.norm(points[:, a] - points[:, b], axis=0) / circle.radius)
     # Between the arc and its chord: (4/3) (r - cos) sin = half - sin cos, of a unit circle.

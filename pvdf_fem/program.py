@@ -63,6 +63,9 @@ def run_program(name: str, job: Callable[[], int]) -> int:
             sys.stdout.flush()
     except KeyboardInterrupt:
         warnings.simplefilter("ignore")  # of what was cut short
+        # an import that was interrupted has noted that nobody waits for Ctrl-C, for which Python
+        # would end by the signal; the next code that runs is what makes it forget
+        exec("")
         _tell(f"{name}: interrupted")
         return INTERRUPTED
     except BrokenPipeError:

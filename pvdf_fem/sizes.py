@@ -15,6 +15,9 @@ from pvdf_fem.scene import Scene
 REACHED = {1: 2e-2, 2: 2e-3, 3: 1e-4}
 # Elements along a needle's outline may be this part of it, however thin the needle is.
 SLENDER = 1.0 / 200.0
+# Most elements along an outline in whose layer bending acts; where that matters the next mesh is
+# finer, but only there.
+MOST_ALONG = 250
 # A film that wrinkles has kinks, which only the next mesh can follow; the first one is coarser.
 KINKS = 1.7
 
@@ -66,8 +69,11 @@ def _with_layers(scene: Scene, sizes: Sizes) -> Sizes:
     layers = {FILM: layer_size(effect.rim_length, effect.rim, tolerance)}
     if scene.load.kind == "rigid":
         layers[PROBE] = layer_size(effect.probe_length, effect.probe, tolerance)
+    lengths = {FILM: 2.0 * np.pi * scene.film.radius}
+    if scene.probe is not None:
+        lengths[PROBE] = scene.probe.outline.perimeter
     finer = {
-        name: min(sizes.patches.get(name, np.inf), size)
+        name: min(sizes.patches.get(name, np.inf), max(size, lengths[name] / MOST_ALONG))
         for name, size in layers.items()
         if size < sizes.film
     }

@@ -43,11 +43,12 @@ MAX_MESHES = 6
 # usual tolerance; a finer one may take longer.
 USUAL = 1e-3
 MAX_UNKNOWNS = {"refuse": 60_000, "tension-field": 20_000}
-# Nor is another one after so many iterations: tension that concentrates in lines, as in a film that
-# a load is far too small to pull taut, needs ever more of them.
-HARD = 60
-# Nor where the load is as small and the error so many times the tolerance, or was not halved.
-HOPELESS = 100.0
+# Nor is another one after so many iterations times unknowns: tension that concentrates in lines, as
+# in a film that a load is far too small to pull taut, needs ever more of both.
+HARD = 1e6
+# A film that wrinkles has kinks that a coarse mesh shows in the wrong places, so that the next one
+# has at most so many times its unknowns.
+GROWTH = 5.0
 # Unknowns of an element, by order of the displacement.
 UNKNOWNS = {1: 1.5, 2: 6.0, 3: 13.5}
 
@@ -236,7 +237,7 @@ def solve_goals(
     if solution.status is Status.CONVERGED and attempt.worst > tolerance:
         reason = f"{Status.TOLERANCE.advice} to at least {attempt.worst:.1e}, which was reached"
         solution = replace(solution, status=Status.TOLERANCE, reason=reason)
-    missed = solution.status in (Status.TOLERANCE, Status.MAX_ITERATIONS, Status.UNBALANCED)
+    missed = solution.status in (Status.MAX_ITERATIONS, Status.UNBALANCED)
     if missed and barely_loaded(scene):
         solution = replace(solution, status=Status.SLACK, reason=Status.SLACK.advice)
     return solution
@@ -266,18 +267,23 @@ def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock:
         return solve_on(scene, goals, mesh, part, order, clock, coarser)
 
     attempt = solved(first_sizes(scene, order))
-    hopeless = HOPELESS * tolerance if barely_loaded(scene) else np.inf
     for _ in range(MAX_MESHES - 1):
         if attempt.result.status is not Status.CONVERGED or attempt.worst <= tolerance:
             break
         with clock("refine"):
             sizes = refined(attempt, SAFETY * tolerance)
+        unknowns = attempt.fields.solved.unknowns.count
         most = MAX_UNKNOWNS[scene.film.compression] * max(1.0, USUAL / tolerance) ** 0.5
-        large = attempt.fields.solved.unknowns.count > 0.7 * most
-        if large or len(attempt.result.iterations) > HARD or attempt.worst > hopeless:
+        if unknowns > 0.7 * most:
             break
-        hopeless = min(hopeless, 0.5 * attempt.worst) if barely_loaded(scene) else np.inf
-        attempt = solved(sizes.coarsened(most / UNKNOWNS[order]), attempt)
+        if scene.film.compression == "tension-field":
+            most = min(most, GROWTH * unknowns)
+            if len(attempt.result.iterations) * most > HARD:
+                break
+        finer = solved(sizes.coarsened(most / UNKNOWNS[order]), attempt)
+        if finer.result.status is Status.MAX_ITERATIONS:
+            break
+        attempt = finer
     return attempt
 
 

@@ -31,20 +31,28 @@ from pvdf_fem.newton import (
 from pvdf_fem.scene import Scene
 from pvdf_fem.tension_field import GivenModuli, WrinklingMembrane
 
-MAX_ITERATIONS = 80
+MAX_ITERATIONS = 120
+# Of a film with many unknowns fewer: iterations times unknowns, some 20 s of one core.
+MOST_WORK = 1e6
 # Integral of S : P over the work, at which Newton's method for the exact law is tried.
-GAPS = (1e-6, 1e-9, 1e-12)
+GAPS = (1e-6, 1e-8, 1e-10, 1e-12)
 # Damping of Newton's steps, as a part of the mean tension and of the size of the last step.
 DAMPING = 1e-2
 # Of the richer space's residual, after which a correction is taken for its solution.
 REMAINDER = 0.2
 # Of Newton's last step in the richer space of an error estimate.
 RICH_TOLERANCE = 1e-3
-# Strain of the load over the thermal one below which the tension may concentrate in lines, which no
-# mesh resolves. Set after 13 heated scenes of `reports/extremes.py`: 7 below fail, 6 above do not.
+# Strain of the load over the thermal one below which a film that no solve balances is called slack.
+# Its tension runs in lines as wide as the root of that ratio times its radius.
 BARELY = 0.1
+# Newton's last step, as a part of the tolerance of the charges: where the film's state changes from
+# point to point steps shrink but linearly, and rounding in a stiff film ends that early.
+LEFT = 1e-2
 # Newton's method is given up after this many steps, or when a step is larger than that.
-MOST_STEPS, LARGEST_STEP = 20, 3.0
+MOST_STEPS, LARGEST_STEP = 25, 3.0
+# Of the slope of the energy at the start of a step, that which may be left at its end, and the
+# lengths that are tried for it.
+SLACKENED, MOST_LENGTHS = 0.5, 6
 
 
 def barely_loaded(scene: Scene) -> bool:
@@ -74,6 +82,7 @@ def equilibrate(
         return NewtonResult(flat, Status.CONVERGED, (), None)
     table: list[Iteration] = []
     start = deflected(equilibrium) if q is None else q
+    tolerance = max(tolerance, LEFT * equilibrium.scene.numerics.tolerance)
     try:
         if q is not None and near and (result := _newton(equilibrium, q, None, tolerance, table)):
             return result
@@ -134,7 +143,8 @@ def _from_afar(
 ) -> NewtonResult:
     gaps = list(GAPS)
     points = interior_points(_dead(equilibrium), q)
-    while len(table) < MAX_ITERATIONS and gaps:
+    most = np.clip(MOST_WORK / equilibrium.unknowns.count, MOST_STEPS, MAX_ITERATIONS)
+    while len(table) < most and gaps:
         point = next(points)
         table.append(Iteration(point.gap, point.length, True, True))
         if point.gap < gaps[0]:
@@ -175,17 +185,40 @@ def _newton(
         factors = factorise(equilibrium.assembly.matrix(tangent))
         residual = equilibrium.residual(state)
         step = -factors.solve(residual)
-        work = equilibrium.work(state, q)
-        size = float(np.sqrt(abs(residual @ step / work)))
-        table.append(Iteration(size, 1.0, False, True))
+        scale = min(equilibrium.work(state, q), 2.0 * membrane.energy(state))
+        size = float(np.sqrt(abs(residual @ step) / abs(scale)))
+        length = 1.0
+        if equilibrium.load.conservative:
+            length = _length(equilibrium, q, step, float(residual @ step))
+        table.append(Iteration(size, length, False, True))
         if not size < LARGEST_STEP:
             return None
-        gradient = membrane.gradient(equilibrium.unknowns.expand(step))
+        gradient = membrane.gradient(equilibrium.unknowns.expand(length * step))
         strain = strain + strain_rate(state.deformation_gradient, gradient)
         predicted = membrane.law.stress(strain)
-        q = q + step
+        q = q + length * step
         state = equilibrium.state(q)
         if size < tolerance:
             tangent = equilibrium.tangent(state)
             return NewtonResult(q, Status.CONVERGED, tuple(table), factorise(tangent))
     return None
+
+
+def _length(equilibrium: Equilibrium, q: Array, step: Array, slope: float) -> float:
+    """Where along a step the energy, which is convex, stops falling; 1 if that is near."""
+
+    def slope_at(length: float) -> float:
+        return float(equilibrium.residual(equilibrium.state(q + length * step)) @ step)
+
+    low, high = (0.0, slope), (1.0, slope_at(1.0))
+    if not high[1] > SLACKENED * abs(slope):
+        return 1.0
+    for _ in range(MOST_LENGTHS):
+        width = high[0] - low[0]
+        length = low[0] - width * low[1] / (high[1] - low[1])
+        length = float(np.clip(length, low[0] + 0.1 * width, high[0] - 0.1 * width))
+        found = length, slope_at(length)
+        if abs(found[1]) < SLACKENED * abs(slope):
+            break
+        low, high = (low, found) if found[1] > 0.0 else (found, high)
+    return length

@@ -1,10 +1,11 @@
 """Scenes from the ends of what a file may ask for: what becomes of each, and the laws they obey.
 
-    python reports/extremes.py [--count N] [--checked N] [--seconds S] [--out DIR]
+    python reports/extremes.py [--seed N] [--count N] [--checked N] [--seconds S] [--out DIR]
 
 Scenes are drawn with a seed (`reports.extremes_scenes`). Those that end as ``unstable`` because
-the film will not carry the compression are solved again as films that wrinkle. The first converged
-ones are solved once more to a tenth of the tolerance. Rows are kept, and found again.
+the film will not carry the compression are solved again as films that wrinkle, without bending.
+Some of those with a result are solved once more to a tenth of the tolerance: the first with
+bending and the first without, so many of each. Rows are kept, and found again by later runs.
 """
 
 from __future__ import annotations
@@ -25,12 +26,14 @@ if str(ROOT) not in sys.path:  # when run as a script, only its own directory is
     sys.path.insert(0, str(ROOT))
 
 from pvdf_fem import Scene  # noqa: E402
+from pvdf_fem.bending_effect import bending_joins  # noqa: E402
 from pvdf_fem.newton import Status  # noqa: E402
 from pvdf_fem.page import Cell, Column, Page, Picture, Section, Table  # noqa: E402
+from pvdf_fem.program import ArgumentParser, run_program  # noqa: E402
 from pvdf_fem.tension_newton import barely_loaded  # noqa: E402
 from reports.extremes_figures import draw_scenes, draw_times  # noqa: E402
 from reports.extremes_laws import laws  # noqa: E402
-from reports.extremes_runs import TIME_LIMIT, Row, rows  # noqa: E402
+from reports.extremes_runs import CRASHED, DIED, HUNG, TIME_LIMIT, Row, rows  # noqa: E402
 from reports.extremes_scenes import SEED, scenes  # noqa: E402
 from reports.options import number_of  # noqa: E402
 
@@ -42,8 +45,12 @@ TRUST = 10.0
 def main(arguments: Sequence[str] | None = None) -> int:
     """Solve, check, write the page; 0 if nothing crashed and no result was wrong."""
     options = _options(arguments)
+    return run_program("reports/extremes.py", lambda: _report(options))
+
+
+def _report(options: argparse.Namespace) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
-    given = scenes(options.count)
+    given = scenes(options.count, options.seed)
     first = _kept("drawn", given, options)
     again = [n for n, row in enumerate(first) if row.status == Status.UNSTABLE]
     wrinkling = {"film.bending": False, "film.compression": "tension-field"}
@@ -51,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     best_scenes, best = list(given), list(first)
     for n, row in zip(again, second, strict=True):
         best_scenes[n], best[n] = given[n].with_(**wrinkling), row
-    checked = [n for n, row in enumerate(best) if row.converged][: options.checked]
+    checked = _to_check(best_scenes, best, options.checked)
     finer = _kept("finer", [_finer(best_scenes[n]) for n in checked], options)
     excess = [_excess(best[n], row) for n, row in zip(checked, finer, strict=True)]
     wrong = [n for n, e in zip(checked, excess, strict=True) if e > TRUST]
@@ -59,16 +66,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _shares(given, first, best),
         _counts(given, first, best),
         _pictures(given, best, options.out),
-        _unfinished(given, best),
-        _trust(checked, excess, wrong),
+        _unfinished(given, first, best),
+        _trust(best_scenes, checked, excess, wrong),
         laws(),
     ]
     for section in sections:
         for table in section.tables:
             table.write_csv(options.out)
-    introduction = f"{len(given)} scenes drawn with the seed {SEED}; times are of one thread."
-    print(Page("Scenes of extreme proportions", [introduction], sections).write(options.out))
-    return 1 if wrong or any(row.status == "crashed" for row in best) else 0
+    drawn = f"{len(given)} scenes drawn with the seed {options.seed}; times are of one thread."
+    print(Page("Scenes of extreme proportions", [drawn], sections).write(options.out))
+    bad = (CRASHED, DIED, HUNG)
+    return 1 if wrong or any(row.status in bad for row in [*first, *best]) else 0
+
+
+def _to_check(given: list[Scene], best: list[Row], count: int) -> list[int]:
+    """The first results with bending and those without, `count` in all."""
+    converged = [n for n, row in enumerate(best) if row.converged]
+    bent = [n for n in converged if bending_joins(given[n])]
+    plain = [n for n in converged if n not in bent]
+    some = min(len(bent), max(count // 2, count - len(plain)))
+    return sorted(bent[:some] + plain[: count - some])
 
 
 def _finer(scene: Scene) -> Scene:
@@ -161,44 +178,67 @@ def _pictures(given: list[Scene], best: list[Row], out: Path) -> Section:
     )
 
 
-def _unfinished(given: list[Scene], best: list[Row]) -> Section:
+def _unfinished(given: list[Scene], first: list[Row], best: list[Row]) -> Section:
     columns = [
         Column("number", "scene", 0),
         Column("film", "film"),
-        Column("status", "status"),
+        Column("load", "load"),
+        Column("drawn", "as drawn"),
+        Column("status", "finally"),
         Column("reason", "reason"),
         Column("seconds", "seconds"),
     ]
     cells: list[list[Cell]] = [
-        [n, _group(scene), row.status, row.reason.splitlines()[-1], row.seconds]
-        for n, (scene, row) in enumerate(zip(given, best, strict=True))
+        [
+            n,
+            _group(scene),
+            scene.load.kind,
+            before.status,
+            row.status,
+            row.reason.strip().splitlines()[-1],
+            row.seconds,
+        ]
+        for n, (scene, before, row) in enumerate(zip(given, first, best, strict=True))
         if not row.converged
     ]
     table = Table("extremes-unfinished", "Scenes without a result.", columns, cells)
     return Section("unfinished", "Without a result", (), [table])
 
 
-def _trust(checked: list[int], excess: list[float], wrong: list[int]) -> Section:
-    known = [e for e in excess if np.isfinite(e)]
-    text = f"{len(checked)} results compared with those at a tenth of the tolerance"
-    if known:
-        text += (
-            f", of which {len(known)} could be had: differences are {np.median(known):.2f} times"
-            f" the estimated errors in the median, {max(known):.1f} times at the most;"
-            f" {len(wrong)} above {TRUST:g} times: {wrong}"
-        )
-    return Section("errors", "Estimated errors", [text + "."])
+def _trust(
+    given: list[Scene], checked: list[int], excess: list[float], wrong: list[int]
+) -> Section:
+    columns = [
+        Column("film", "film"),
+        Column("compared", "compared", 0),
+        Column("known", "with a result at a tenth of the tolerance", 0),
+        Column("median", "difference over estimated error, median", 2),
+        Column("largest", "largest", 1),
+        Column("above", f"above {TRUST:g}", 0),
+    ]
+    bent = [bending_joins(given[n]) for n in checked]
+    kinds = {
+        "with bending": bent,
+        "that wrinkles": [given[n].film.compression == "tension-field" for n in checked],
+    }
+    kinds["any other"] = [not any(chosen) for chosen in zip(*kinds.values(), strict=True)]
+    cells: list[list[Cell]] = []
+    for kind, chosen in kinds.items():
+        those = [e for e, mine in zip(excess, chosen, strict=True) if mine]
+        known = [e for e in those if np.isfinite(e)]
+        found = [float(np.median(known)), max(known)] if known else [np.nan, np.nan]
+        cells.append([kind, len(those), len(known), *found, sum(e > TRUST for e in known)])
+    text = f"Scenes that differ by more than {TRUST:g} times their estimated error: {wrong or '-'}."
+    caption = "Results beside those at a tenth of the tolerance."
+    return Section(
+        "errors", "Estimated errors", [text], [Table("extremes-errors", caption, columns, cells)]
+    )
 
 
 def _kept(name: str, wanted: list[Scene], options: argparse.Namespace) -> list[Row]:
     """Rows of scenes; those in the file of earlier runs with the same scenes are not made again."""
     path: Path = options.out / f"extremes-{name}.jsonl"
-    known: dict[str, Row] = {}
-    for line in path.read_text().splitlines() if path.exists() else []:
-        entry = json.loads(line)
-        row: dict[str, Any] = entry["row"]
-        row |= {name: tuple(value) for name, value in row.items() if isinstance(value, list)}
-        known[entry["scene"]] = Row(**row)
+    known = _read(path)
     keys = [scene.model_dump_json() for scene in wanted]
     missing = [n for n, key in enumerate(keys) if key not in known]
     with path.open("a", encoding="utf-8") as stream:
@@ -206,7 +246,7 @@ def _kept(name: str, wanted: list[Scene], options: argparse.Namespace) -> list[R
         def keep(number: int, row: Row) -> None:
             key = keys[missing[number]]
             known[key] = row
-            stream.write(json.dumps({"scene": key, "row": asdict(row)}) + "\n")
+            stream.write("\n" + json.dumps({"scene": key, "row": asdict(row)}))
             stream.flush()
             print(
                 f"{name} {number + 1}/{len(missing)} {row.status} {row.seconds:.1f} s", flush=True
@@ -216,14 +256,42 @@ def _kept(name: str, wanted: list[Scene], options: argparse.Namespace) -> list[R
     return [known[key] for key in keys]
 
 
+def _read(path: Path) -> dict[str, Row]:
+    """Rows by their scenes; the line that an interrupted run left half written is passed over."""
+    known: dict[str, Row] = {}
+    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
+        try:
+            entry = json.loads(line)
+        except ValueError:
+            continue
+        values: dict[str, Any] = entry["row"]
+        values |= {key: tuple(value) for key, value in values.items() if isinstance(value, list)}
+        known[entry["scene"]] = Row(**values)
+    return known
+
+
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
+    parser = ArgumentParser(
         prog="reports/extremes.py", description="Scenes from the ends of every range."
     )
-    parser.add_argument("--count", type=number_of("scenes"), default=2000, metavar="N")
-    parser.add_argument("--checked", type=number_of("scenes"), default=200, metavar="N")
-    parser.add_argument("--seconds", type=float, default=TIME_LIMIT, metavar="S")
-    parser.add_argument("--out", type=Path, default=ROOT / "reports" / "out", metavar="DIR")
+    scenes_wanted = number_of("scenes", 100_000)
+    parser.add_argument("--seed", type=number_of("seed", 10**9), default=SEED, metavar="N")
+    parser.add_argument("--count", type=scenes_wanted, default=2000, metavar="N")
+    parser.add_argument("--checked", type=scenes_wanted, default=200, metavar="N")
+    parser.add_argument(
+        "--seconds",
+        type=number_of("seconds", 86_400),
+        default=int(TIME_LIMIT),
+        metavar="S",
+        help="of processor time, after which a solve is ended",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=ROOT / "reports" / "out" / "extremes",
+        metavar="DIR",
+        help="output directory",
+    )
     return parser.parse_args(arguments)
 
 

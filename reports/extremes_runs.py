@@ -131,6 +131,7 @@ class _Worker:
 
 
 def _serve(connection: Connection) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks
     while True:
         scene, time_limit = connection.recv()
         # the processor's time, since other processes may be busy; the signal ends this one

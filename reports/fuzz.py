@@ -2,7 +2,7 @@
 
     python reports/fuzz.py [--count N] [--seed N] [--processes N]
 
-Gives every program damaged scene files, changes, measurements, stores and command lines
+Gives every program damaged scene and sweep files, changes, measurements, stores and command lines
 (`reports/fuzz_inputs.py`), in this process and stopped where work on a valid input would begin; a
 sample also as processes of their own. Prints counts by corpus and every input that was handled
 badly: an exception, another exit code than 2, a complaint that does not name key and value, is not
@@ -49,7 +49,13 @@ from pvdf_fem.scene import Scene  # noqa: E402
 from pvdf_fem.store import Record, Store, StoreError  # noqa: E402
 from reports import benchmark, compare, error_vs_time, thesis  # noqa: E402
 from reports.fuzz_inputs import CORPORA, FILE, Input, decayed  # noqa: E402
-from reports.fuzz_oracle import lost_values, wrong_measurement, wrong_scene  # noqa: E402
+from reports.fuzz_oracle import (  # noqa: E402
+    lost_values,
+    spread,
+    wrong_grid,
+    wrong_measurement,
+    wrong_scene,
+)
 from reports.options import number_of  # noqa: E402
 
 #: A refusal takes less of processor time, and no input more than `HANG` before it is stopped.
@@ -116,6 +122,7 @@ PROGRAMS = {
     "solve": Program(cli.main, ("solve",), ("pvdf_fem.solution.solve",)),
     "mesh": Program(cli.main, ("mesh",), ("pvdf_fem.mesh.mesh_scene",)),
     "modes": Program(cli.main, ("modes",), ("pvdf_fem.modal.modes",)),
+    "sweep": Program(cli.main, ("sweep",), ("pvdf_fem.sweep.planned",)),
     "locate": Program(cli.main, ("locate",), ("pvdf_fem.cli_locate.model_of",)),
     "compare": Program(compare.main, (), ("reports.compare._scenes",)),
     "thesis": Program(thesis.main, (), ("reports.thesis.Thesis.read",)),
@@ -231,6 +238,11 @@ def _accepted_faults(given: Input, taken: Any) -> list[str]:
         if not any(argument == "--set" for argument in given.arguments):
             written = tomllib.loads(given.data.decode("utf-8-sig"))
             found += [wrong_scene(written), lost_values(written, tables)]
+        return [f"accepted: {text}" for text in found if text]
+    if given.program == "sweep":
+        scenes = [tomllib.loads(scene.to_toml()) for scene in spread(taken)]
+        written = tomllib.loads(given.data.decode("utf-8-sig"))
+        found = [*map(wrong_scene, scenes), wrong_grid(written, scenes, len(taken))]
         return [f"accepted: {text}" for text in found if text]
     if isinstance(taken, list):
         return [f"accepted: {text}" for row in taken if (text := wrong_measurement(row))]

@@ -1,4 +1,4 @@
-"""Damaged inputs: scene files, changes, measurements, stores and command lines.
+"""Damaged inputs: scene and sweep files, changes, measurements, stores and command lines.
 
 A corpus is a function of a random generator. Its inputs are either certainly invalid, and then
 often the key and the value are known that a complaint must name, or damaged at random.
@@ -275,6 +275,85 @@ def damaged_change(rng: Random) -> Input:
     return Input("solve", (FILE, *texts), rng.choice(scenes()).encode())
 
 
+# -------------------------------------------------------------------------------------- sweeps
+
+_AXES = (
+    "film.thickness_um = [9, 25, 110]",
+    'load.force_N = { start = 0.1, stop = 10, count = 3, spacing = "log" }',
+    'name = "place"\nprobe.x_mm = { start = 0, stop = 10, count = 3 }\nprobe.y_mm = [0, 1, 2]',
+    'mapping = { electrode = "A", angles_deg = [0, 45], distances_mm = [0, 4, 8] }',
+    "electrodes.ring_radius_mm = [6, 10, 14]",
+    'film.bending = [true, false, "auto"]',
+    "[axes.numerics]\ntolerance = [1e-2, 1e-3]",
+)
+# a wrong axis, and what its complaint begins with; {} is its number
+_NO_AXES = {
+    "": "axes[{}] = (nothing): ",
+    'name = ""\nfilm.d31_pC_N = [8]': "axes[{}].name = ",
+    "film.d31_pC_N = []": "axes[{}].film.d31_pC_N = ",
+    "film.d31_pC_N = 8": "axes[{}].film.d31_pC_N = 8: ",
+    "film.d31_pC_N = [8, 9]\nfilm.d32_pC_N = [8]": "axes[{}]: ",
+    "film.d31_pC_N = [8, nan]": "film.d31_pC_N = nan: ",
+    "film.d33_pC_N = [8]": "film.d33_pC_N = 8: ",
+    "d31_pC_N = [8]": "d31_pC_N",
+    "film.d31_pC_N = { start = 1, stop = 2 }": "axes[{}].film.d31_pC_N.count = (nothing): ",
+    "film.d31_pC_N = { start = 1, stop = 2, count = 1 }": "axes[{}].film.d31_pC_N.count = 1: ",
+    "film.d31_pC_N = { start = 1, stop = 2, count = 2.0 }": "axes[{}].film.d31_pC_N.count = 2.0: ",
+    "film.d31_pC_N = { start = inf, stop = 2, count = 2 }": "axes[{}].film.d31_pC_N.start = inf: ",
+    "film.d31_pC_N = { start = 1, stop = 2, count = 2, by = 1 }": "axes[{}].film.d31_pC_N.by = 1: ",
+    'film.d31_pC_N = { start = 0, stop = 2, count = 2, spacing = "log" }': (
+        "axes[{}].film.d31_pC_N.start = 0"
+    ),
+    "film.d31_pC_N = { start = 1, stop = 2, count = 1000000000 }": (
+        "axes[{}].film.d31_pC_N.count = 1000000000: "
+    ),
+    'mapping = { electrode = "Z", angles_deg = [0] }': "axes[{}].mapping.electrode 'Z': ",
+    'mapping = { electrode = "A", angles_deg = [] }': "axes[{}].mapping.angles_deg = ",
+    'mapping = { electrode = "A", angles_deg = [0] }\nfilm.d31_pC_N = [8]': (
+        "axes[{}].film.d31_pC_N = "
+    ),
+    'name = "electrode"\nfilm.d31_pC_N = [8]': 'axes[{}].name = "electrode": ',
+}
+
+
+def wrong_sweep(rng: Random) -> Input:
+    """A sweep file with one axis that is none, or with one value that its key cannot have."""
+    axes, number = _axes(rng), rng.randrange(3)
+    number = min(number, len(axes))
+    if rng.random() < 0.5:
+        axis, named = rng.choice(list(_NO_AXES.items()))
+        named = named.format(number)
+    else:
+        _, key, name = rng.choice(_leaves({"film": _full()["film"], "load": _full()["load"]}))
+        toml, shown = _wrong_value(rng, key)
+        axis, named = f'name = "wrong"\n{name} = [{toml}]', f"{name} = {shown}: "
+        # an axis before has the key, or a table as an item is a change of keys below
+        axes = [each for each in axes if name not in each]
+        number = min(number, len(axes))
+    axes.insert(number, axis)
+    return Input("sweep", _planned(), _swept(axes), True, named)
+
+
+def damaged_sweep(rng: Random) -> Input:
+    """A sweep file after accidents."""
+    return Input("sweep", _planned(), damaged(rng, _swept(_axes(rng))))
+
+
+def _axes(rng: Random) -> list[str]:
+    chosen = rng.sample(_AXES, rng.randrange(1, 4))
+    places = [axis for axis in chosen if "mapping" in axis or "probe" in axis]
+    return [axis for axis in chosen if axis not in places[1:]]
+
+
+def _swept(axes: list[str]) -> bytes:
+    probe = '[scene.probe]\nshape = "triangle"\n'
+    return "\n".join([probe, *(f"[[axes]]\n{axis}\n" for axis in axes)]).encode()
+
+
+def _planned() -> tuple[str, ...]:
+    return (FILE, "--plan", "--output", "{folder}/charges.nc")
+
+
 # -------------------------------------------------------------------- measurements, stores, options
 
 _NO_NUMBERS_CSV = ("nan", "inf", "-inf", "1e999", "", "1,5", "1_000", "٣", "0x10", "true", "1 2")
@@ -320,6 +399,7 @@ _OPTIONS = {
     "error_vs_time": ["--quick="],
     "modes": ["--count"],
     "locate": ["--charges", "--unknown", "--force-range"],
+    "sweep": ["--processes", "--output"],
 }
 _NO_OPTIONS = (
     *("0", "-1", "1.5", "²", "٣", "1_0", "nan", "9" * 30, "9" * 5000, "", " ", "\x1b[31m"),
@@ -334,7 +414,7 @@ def wrong_option(rng: Random) -> Input:
     arguments: tuple[str, ...] = (option, value)
     if rng.random() < 0.2:
         arguments = (f"--{value or 'x'}x",)
-    if program in ("compare", "modes"):
+    if program in ("compare", "modes", "sweep"):
         arguments = (FILE, *arguments)
     if program == "locate":
         arguments = (FILE, "--charges", "A=905,B=731,C=600,D=641", *arguments)
@@ -355,6 +435,8 @@ CORPORA: dict[Corpus, float] = {
     unknown_key: 1.0,
     damaged_scene: 7.0,
     damaged_change: 2.0,
+    wrong_sweep: 2.0,
+    damaged_sweep: 3.0,
     wrong_cell: 1.0,
     damaged_measurements: 1.5,
     wrong_option: 0.5,

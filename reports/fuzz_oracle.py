@@ -173,6 +173,64 @@ def lost_values(given: Any, kept: Any, key: str = "") -> str:
     return next((lost for pair in pairs if (lost := lost_values(*pair))), "")
 
 
+def spread(scenes: Sequence[Any], most: int = 12) -> list[Any]:
+    """The first, the last and some scenes between them."""
+    step = max(1, (len(scenes) - 1) // (most - 1))
+    return [*scenes[:-1:step], scenes[-1]]
+
+
+def wrong_grid(given: Mapping[str, Any], scenes: Sequence[Mapping[str, Any]], count: int) -> str:
+    """What a sweep file's scenes lack; empty if nothing.
+
+    Parameters
+    ----------
+    given : mapping
+        The file's tables.
+    scenes : sequence of mapping
+        Tables of scenes, the first and the last among them.
+    count : int
+        Number of all scenes.
+    """
+    if given.keys() - {"scene", "axes"} or not isinstance(given.get("scene"), str | Mapping):
+        return f"a sweep file with {sorted(given)}"
+    expected, known = 1, True
+    for axis in given["axes"]:
+        table = {key: value for key, value in axis.items() if key != "name"}
+        if "mapping" in table:
+            known = False  # its places depend on the film's reach
+            continue
+        values = list(_varied(table))
+        lengths = {len(along) for _, along in values}
+        if len(lengths) != 1:
+            return f"an axis of lengths {sorted(lengths)}"
+        expected *= lengths.pop()
+        for keys, along in values:
+            for scene, value in ((scenes[0], along[0]), (scenes[-1], along[-1])):
+                if lost := lost_values(_nested(keys, value), scene):
+                    return lost
+    return "" if not known or expected == count else f"{count} scenes, not {expected}"
+
+
+def _varied(
+    table: Mapping[str, Any], keys: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], Sequence[Any]]]:
+    """Keys of an axis, with a sequence of the right length and ends."""
+    for key, value in table.items():
+        if isinstance(value, list):
+            yield (*keys, *key.split(".")), value
+        elif isinstance(value, Mapping) and {"start", "stop", "count"} <= value.keys():
+            between = [None] * (value["count"] - 2)
+            yield (*keys, *key.split(".")), [value["start"], *between, value["stop"]]
+        elif isinstance(value, Mapping):
+            yield from _varied(value, (*keys, *key.split(".")))
+        else:
+            yield (*keys, key), ()
+
+
+def _nested(keys: Sequence[str], value: Any) -> Any:
+    return {keys[0]: _nested(keys[1:], value)} if keys else value
+
+
 def wrong_measurement(row: Any) -> str:
     """What is certainly wrong with an accepted row of measurements; empty if nothing is."""
     numbers = (row.x_mm, row.y_mm, row.rotation_deg, row.force_N, row.charge_pC)

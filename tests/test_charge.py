@@ -210,3 +210,19 @@ def test_observables_differ_by_a_few_percent():
     ratio = np.array(list(charges[1].values())) / np.array(list(charges[0].values()))
     assert np.abs(ratio - 1).max() < 0.025
     assert np.abs(ratio - 1).max() > 0.002
+
+
+def test_a_charge_that_is_nothing_needs_no_relative_accuracy():
+    """A probe that sticks holds the film under it, but for too thin a rim of the electrode."""
+    held = {"name": "A", "shape": "circle", "radius_mm": 5.0 - 1e-9, "x_mm": 0.0, "y_mm": 0.0}
+    free = {"name": "B", "x_mm": 20.0, "y_mm": 0.0}
+    scene = Scene().with_(
+        electrodes=[held, free],
+        probe={"shape": "circle", "radius_mm": 5.0},
+        load={"kind": "rigid", "contact": "stuck"},
+        **{"film.temperature_change_K": 0.0},
+    )
+    solution = solve(scene)
+    charges, errors = solution.charges_pC, solution.charge_errors_pC
+    assert abs(charges["A"]) < 1e-9 * charges["B"]
+    assert errors["B"] < 1e-3 * charges["B"]

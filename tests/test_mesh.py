@@ -23,6 +23,7 @@ from pvdf_fem.mesh import (
     outlines,
 )
 from pvdf_fem.outline import Circle
+from pvdf_fem.sizes import first_sizes
 
 ON_A = "x_mm = 10\nwidth_mm = 3\nheight_mm = 3"
 PLACES = {
@@ -267,3 +268,27 @@ def test_a_cusp_between_arcs_takes_few_elements():
     again = mesh_scene(scene, SizeField.of_elements(mesh, element_sizes(mesh)))
     assert compression(again).min() > 0.1
     assert again.nelements < 2 * mesh.nelements
+
+
+def test_a_short_chord_of_the_rim_is_no_arc():
+    """An electrode with two corners on the rim: its edge is a millionth of its length from it."""
+    radius, side = 268.5, 0.0514
+    far = math.sqrt(radius**2 - side**2 / 4) - side / 2
+    electrode = {"name": "A", "x_mm": far, "y_mm": 0.0, "side_mm": side}
+    scene = Scene().with_(**{"film.radius_mm": radius, "electrodes": [electrode]})
+    mesh = mesh_scene(scene, first_sizes(scene, 3))
+    assert compression(mesh).min() > 0.2
+    assert mesh.nelements < 3000
+
+
+def test_touching_circles_are_told_apart():
+    """Where a disc touches the rim, a node of one is as near to the other as rounding to itself."""
+    electrode = {"name": "A", "shape": "circle", "radius_mm": 3.0, "x_mm": 42.0, "y_mm": 0.0}
+    scene = Scene().with_(electrodes=[electrode])
+    mesh = mesh_scene(scene, first_sizes(scene, 3))
+    for _ in range(6):
+        sizes = element_sizes(mesh)
+        sizes[compression(mesh).argsort()[:6]] *= 0.1
+        mesh = mesh_scene(scene, SizeField.of_elements(mesh, sizes))
+    assert element_sizes(mesh).min() < 1e-6
+    assert compression(mesh).min() > 0.0
