@@ -365,7 +365,11 @@ def _solve_on(
 ) -> Attempt:
     with clock("solve"):
         equilibrium = Equilibrium(scene, mesh, order)
-        start = _carried_over(coarser, equilibrium) if coarser else _start(equilibrium)
+        # what a change of mesh leaves of a heated film's stress leads nowhere
+        if coarser is not None and scene.film.thermal_strain <= 0.0:
+            start = _carried_over(coarser, equilibrium)
+        else:
+            start = _start(equilibrium)
         result = equilibrate(equilibrium, start, near=start is not None)
         x = equilibrium.unknowns.expand(result.q)
         forces = goal_forces(goals, equilibrium.membrane, x)
