@@ -366,10 +366,10 @@ def _solve_on(
     with clock("solve"):
         equilibrium = Equilibrium(scene, mesh, order)
         # what a change of mesh leaves of a heated film's stress leads nowhere
-        if coarser is not None and scene.film.thermal_strain <= 0.0:
-            start = _carried_over(coarser, equilibrium)
-        else:
+        if coarser is None or scene.film.thermal_strain > 0.0:
             start = _start(equilibrium)
+        else:
+            start = _carried_over(coarser, equilibrium)
         result = equilibrate(equilibrium, start, near=start is not None)
         x = equilibrium.unknowns.expand(result.q)
         forces = goal_forces(goals, equilibrium.membrane, x)
