@@ -88,7 +88,11 @@ def solve_on(
     """Solve on the mesh of a part of the film, from the solution on a coarser one if there is."""
     with clock("solve"):
         equilibrium = Equilibrium(scene, mesh, order, part)
-        start = _carried_over(coarser, equilibrium) if coarser else _start(equilibrium)
+        # what a change of mesh leaves of a heated film's stress leads nowhere
+        if coarser is None or scene.film.thermal_strain > 0.0:
+            start = _start(equilibrium)
+        else:
+            start = _carried_over(coarser, equilibrium)
         result = equilibrate(equilibrium, start, near=start is not None)
         x = equilibrium.unknowns.expand(result.q)
         forces = goal_forces(goals, equilibrium.membrane, x, part)

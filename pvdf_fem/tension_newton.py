@@ -147,7 +147,7 @@ def _from_afar(
     while len(table) < most and gaps:
         point = next(points)
         table.append(Iteration(point.gap, point.length, True, True))
-        if point.gap < gaps[0]:
+        if 0.0 < point.gap < gaps[0]:
             if result := _newton(equilibrium, point.q, point.stress, tolerance, table):
                 return result
             gaps = gaps[1:]
@@ -188,7 +188,7 @@ def _newton(
         scale = min(equilibrium.work(state, q), 2.0 * membrane.energy(state))
         size = float(np.sqrt(abs(residual @ step) / abs(scale)))
         length = 1.0
-        if equilibrium.load.conservative:
+        if size < LARGEST_STEP and equilibrium.load.conservative:
             length = _length(equilibrium, q, step, float(residual @ step))
         table.append(Iteration(size, length, False, True))
         if not size < LARGEST_STEP:
