@@ -108,7 +108,7 @@ def test_the_report_of_locations(tmp_path, monkeypatch):
     page = (tmp_path / "index.html").read_text()
     assert "100.0 % of the touches are found within 0.01 mm" in page
     rows = (tmp_path / "errors_triangle.csv").read_text().splitlines()
-    assert len(rows) == 1 + 5 * 4
+    assert len(rows) == 1 + 5 * 5
     assert any(row.split(",")[1] == LOCATED for row in rows)
     assert any(TURNED in row for row in rows)
     assert {"resolution.svg", "ambiguity.svg"} <= {file.name for file in tmp_path.iterdir()}
