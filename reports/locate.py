@@ -277,7 +277,7 @@ def _random_section(probe: str, trial: Trial, drawn: int, out: Path, processes: 
     told = listed(trial, count)
     texts = [_sentence(found, trial), _listed_sentence(shape, told)]
     if failed := drawn - len(trial.touches):
-        texts.append(f"Of {drawn} touches {failed} have no solution and are left out.")
+        texts.append(f"Left out for want of a solution: {failed} of {drawn} touches.")
     blocks: list[Table | Picture] = [
         Picture(f"{name}.svg", caption),
         _table(name, shape, found, trial),
@@ -326,13 +326,16 @@ def _table(name: str, shape: str, found: Sequence[Errors], trial: Trial) -> Tabl
         Column("median_mm", "median (mm)", 4),
         Column("p90_mm", "90 % (mm)", 3),
         Column("largest_mm", "largest (mm)", 3),
-        Column("force_percent", "median error of the force (%)", 3),
-        Column("bound_mm", "median by the bound (mm)", 4),
+        Column("force_percent", "force (%)", 3),
+        Column("bound_mm", "bound (mm)", 4),
         Column("x_percent", "x", 1, "within the stated σ (%)"),
         Column("y_percent", "y", 1, "within the stated σ (%)"),
         Column("within_percent", "force", 1, "within the stated σ (%)"),
     ]
-    caption = f"{shape}: errors of the position; percentiles are of all touches, failures included."
+    caption = (
+        f"{shape}: errors of the position, percentiles of all touches with failures included; "
+        "median error of the force; median by the Cramér-Rao bound."
+    )
     return Table(name, caption, columns, list(_error_rows(found, trial)))
 
 
