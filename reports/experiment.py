@@ -333,6 +333,7 @@ def _share_picture(found: Sequence[Predicted], names: Sequence[str], path: Path)
     with style():
         figure = new_figure(160, 90)
         ax = figure.subplots()
+        ax.set_axisbelow(True)
         for y, name in enumerate(names):
             known, scaled = (np.sqrt(mean_square(found, name, way)) for way in (GIVEN, SCALED))
             ax.barh(y, known, color=COLOURS[4], height=0.6)

@@ -38,6 +38,7 @@ from reports.locate_errors import (  # noqa: E402
     LEAST_SIGMA,
     LOCATED,
     NOISES,
+    SOUGHT,
     TRIANGULATED,
     TURNED,
     WAYS,
@@ -276,7 +277,7 @@ def _random_section(probe: str, trial: Trial, drawn: int, out: Path, processes: 
     told = listed(trial, count)
     texts = [_sentence(found, trial), _listed_sentence(shape, told)]
     if failed := drawn - len(trial.touches):
-        texts.append(f"Of {drawn} touches {failed} have no solution and are left out.")
+        texts.append(f"Left out for want of a solution: {failed} of {drawn} touches.")
     blocks: list[Table | Picture] = [
         Picture(f"{name}.svg", caption),
         _table(name, shape, found, trial),
@@ -287,7 +288,7 @@ def _random_section(probe: str, trial: Trial, drawn: int, out: Path, processes: 
 def _by(trial: Trial, noise: float, way: str) -> Errors:
     if way in (TRIANGULATED, TURNED):
         return triangulated(trial, noise, way == TURNED)
-    return located(trial, noise, way == FREE)
+    return located(trial, noise, way)
 
 
 def _sentence(found: Sequence[Errors], trial: Trial) -> str:
@@ -325,13 +326,16 @@ def _table(name: str, shape: str, found: Sequence[Errors], trial: Trial) -> Tabl
         Column("median_mm", "median (mm)", 4),
         Column("p90_mm", "90 % (mm)", 3),
         Column("largest_mm", "largest (mm)", 3),
-        Column("force_percent", "median error of the force (%)", 3),
-        Column("bound_mm", "median by the bound (mm)", 4),
+        Column("force_percent", "force (%)", 3),
+        Column("bound_mm", "bound (mm)", 4),
         Column("x_percent", "x", 1, "within the stated σ (%)"),
         Column("y_percent", "y", 1, "within the stated σ (%)"),
         Column("within_percent", "force", 1, "within the stated σ (%)"),
     ]
-    caption = f"{shape}: errors of the position; percentiles are of all touches, failures included."
+    caption = (
+        f"{shape}: errors of the position, percentiles of all touches with failures included; "
+        "median error of the force; median by the Cramér-Rao bound."
+    )
     return Table(name, caption, columns, list(_error_rows(found, trial)))
 
 
@@ -340,8 +344,8 @@ def _error_rows(found: Sequence[Errors], trial: Trial) -> Iterator[list[Cell]]:
         errors = np.where(np.isnan(one.place_mm), np.inf, one.place_mm)
         middle, most = np.quantile(errors, [0.5, 0.9], method="inverted_cdf")
         bound = None
-        if one.way in (LOCATED, FREE):
-            bound = float(np.median(bounds_mm(trial, one.noise, one.way == FREE)))
+        if one.way in SOUGHT:
+            bound = float(np.median(bounds_mm(trial, one.noise, one.way)))
         yield [
             100.0 * one.noise,
             one.way,
@@ -359,8 +363,8 @@ def _shares(one: Errors) -> list[Cell]:
     """Percent of the errors of x, y and force within their standard deviations."""
     if not one.within.size:
         return [None, None, None]
-    x, y, *_, force = (100.0 * one.within.mean(axis=0)).tolist()
-    return [x, y, force]
+    x, y, *others = (100.0 * one.within.mean(axis=0)).tolist()
+    return [x, y, others[-1] if others else None]
 
 
 def _picture(found: Sequence[Errors], trial: Trial, path: Path) -> None:
@@ -372,11 +376,14 @@ def _picture(found: Sequence[Errors], trial: Trial, path: Path) -> None:
             for way, ink in zip(WAYS, COLOURS, strict=False):
                 one = next(e for e in found if (e.way, e.noise) == (way, noise))
                 ax.plot(*fractions(one.place_mm), color=ink, label=way)
-            ax.plot(*fractions(bounds_mm(trial, noise, draws=8)), ":", color="black", label="bound")
-            ax.set(xscale="log", xlim=(1e-4, 20.0), ylim=(0.0, 1.0), xlabel="error (mm)")
+            if noise:
+                bound = fractions(bounds_mm(trial, noise, draws=8))
+                ax.plot(*bound, ":", color="black", label=f"Cramér-Rao bound of {LOCATED}")
+            ax.set(xscale="log", xlim=(1e-2 if noise else 1e-4, 20.0), ylim=(0.0, 1.0))
+            ax.set_xlabel("error (mm)")
             ax.set_title("exact charges" if not noise else f"{100 * noise:g} % noise")
         axes[0].set_ylabel("share of the touches")
-        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=3)
+        figure.legend(*axes[-1].get_legend_handles_labels(), loc="outside upper left", ncols=3)
         save(figure, path)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvdf_fem.sensing.isocharge import contour
-from pvdf_fem.sensing.locate import locate
+from pvdf_fem.sensing.locate import PLACE_AND_FORCE, locate
 from pvdf_fem.sensing.location import Location
 from pvdf_fem.sensing.touch import QUANTITIES, Model, Touch, period_deg
 from pvdf_fem.sensing.triangulation import triangulate
@@ -22,14 +22,17 @@ NOISES = (0.0, 0.005, 0.01, 0.02, 0.05)
 #: What a model is told of exact charges: those of a solve have errors too.
 LEAST_SIGMA = 2e-4
 TRIANGULATED, TURNED = "triangulation, unturned", "triangulation, turned"
-LOCATED, FREE = "locate", "locate, rotation unknown"
+TOLD, LOCATED, FREE = "locate, force known", "locate", "locate, rotation unknown"
 #: The ways, and what each knows.
 WAYS = {
     TRIANGULATED: "the thesis's way: contours of the unturned probe at the known force",
     TURNED: "the same with contours of the probe as it is turned",
+    TOLD: "maximum likelihood of the place, force and rotation known: as much as that is told",
     LOCATED: "maximum likelihood of place and force, the rotation known",
     FREE: "maximum likelihood of place, force and rotation: the likeliest touch",
 }
+#: What maximum likelihood seeks.
+SOUGHT = {TOLD: ("x_mm", "y_mm"), LOCATED: PLACE_AND_FORCE, FREE: QUANTITIES}
 _STEP_MM = 1.0
 _NONE: NDArray[np.bool_] = np.zeros((0, 0), dtype=bool)
 
@@ -118,26 +121,23 @@ def _triangulated(trial: Trial, touch: Array, charges: Array, rotation_deg: floa
     return triangulate(contours).position_mm
 
 
-def located(trial: Trial, noise: float, with_rotation: bool = False) -> Errors:
-    """Maximum likelihood, told the rotation unless that is sought."""
+def located(trial: Trial, noise: float, way: str = LOCATED) -> Errors:
+    """Maximum likelihood, told what it does not seek."""
     names = list(trial.electrodes.values())
     sigma = max(noise, LEAST_SIGMA)
     found = []
     for touch, charges in zip(trial.touches, trial.noisy(noise), strict=True):
         given = dict(zip(names, charges.tolist(), strict=True))
-        if with_rotation:
-            found.append(locate(trial.model, given, sigma, unknown=QUANTITIES))
-        else:
-            known = {"rotation_deg": float(touch[2])}
-            found.append(locate(trial.model, given, sigma, known=known))
+        values = dict(zip(QUANTITIES, touch.tolist(), strict=True))
+        known = {name: value for name, value in values.items() if name not in SOUGHT[way]}
+        found.append(locate(trial.model, given, sigma, unknown=SOUGHT[way], known=known))
     errors = np.array(
         [_error(trial, touch, one) for touch, one in zip(trial.touches, found, strict=True)]
     )
     place, force = np.hypot(errors[:, 0], errors[:, 1]), errors[:, 3] / trial.touches[:, 3]
-    way = FREE if with_rotation else LOCATED
     if not noise:
         return Errors(way, noise, place, force, _NONE, _NONE)
-    sought = [0, 1, 2, 3] if with_rotation else [0, 1, 3]
+    sought = [QUANTITIES.index(name) for name in SOUGHT[way]]
     stated = np.array(
         [
             [list(of.deviations.values()) for of in (one, one.best)]
@@ -159,12 +159,12 @@ def _error(trial: Trial, touch: Array, found: Location) -> Array:
     return apart
 
 
-def bounds_mm(trial: Trial, noise: float, with_rotation: bool = False, draws: int = 64) -> Array:
+def bounds_mm(trial: Trial, noise: float, way: str = LOCATED, draws: int = 64) -> Array:
     """Errors (n·draws,) of the place that the Cramér-Rao bound of each touch gives.
 
     Normal errors with the bound's covariance: what an unbiased way could do at best.
     """
-    sought = [0, 1, 2, 3] if with_rotation else [0, 1, 3]
+    sought = [QUANTITIES.index(name) for name in SOUGHT[way]]
     slopes = trial.model.evaluate(trial.touches)[1][:, trial.rows][:, :, sought]
     scaled = slopes / (max(noise, LEAST_SIGMA) * trial.charges_pC)[:, :, None]
     covariance = np.linalg.pinv(scaled.swapaxes(1, 2) @ scaled, hermitian=True)[:, :2, :2]

@@ -14,7 +14,7 @@ from pvdf_fem import Scene, solve
 from pvdf_fem.circuit import Circuit
 from reports.experiment_film import taped, uneven_charges
 from reports.experiment_sources import SOURCES, Changed, Pressed
-from reports.locate_errors import LOCATED, TURNED, Trial, bounds_mm, located, triangulated
+from reports.locate_errors import FREE, LOCATED, TURNED, Trial, bounds_mm, located, triangulated
 from reports.locate_models import electrodes_of, sensor
 from reports.thesis_data import Thesis
 
@@ -96,7 +96,7 @@ def test_exact_charges_give_the_place_either_way(trial):
 def test_the_bound_grows_with_the_noise(trial):
     one, two = bounds_mm(trial, 0.01), bounds_mm(trial, 0.02)
     assert two == pytest.approx(2.0 * one, rel=1e-6)
-    assert np.all(bounds_mm(trial, 0.01, True).mean() > one.mean())
+    assert np.all(bounds_mm(trial, 0.01, FREE).mean() > one.mean())
 
 
 def test_the_report_of_locations(tmp_path, monkeypatch):
@@ -108,7 +108,7 @@ def test_the_report_of_locations(tmp_path, monkeypatch):
     page = (tmp_path / "index.html").read_text()
     assert "100.0 % of the touches are found within 0.01 mm" in page
     rows = (tmp_path / "errors_triangle.csv").read_text().splitlines()
-    assert len(rows) == 1 + 5 * 4
+    assert len(rows) == 1 + 5 * 5
     assert any(row.split(",")[1] == LOCATED for row in rows)
     assert any(TURNED in row for row in rows)
     assert {"resolution.svg", "ambiguity.svg"} <= {file.name for file in tmp_path.iterdir()}
