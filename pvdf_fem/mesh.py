@@ -41,7 +41,7 @@ GROWTH = 0.5
 # a series of meshes would end in a cusp so fine that its elements do fold.
 DISTORTED, SMALLER, ATTEMPTS, BETTER = 0.2, 0.4, 4, 1.2
 # Size of a sliver, as a part of its longest edge.
-SLIVER = 0.1
+SLIVER = 0.5
 # How near to a circle a node counts as on it, relative to the film's radius: well above rounding,
 # and far below the distance of two circles that touch, an element's size away.
 ON_CIRCLE = 1e-12
@@ -122,8 +122,8 @@ class SizeField:
         return SizeField(self.mesh, self.sizes * np.sqrt(max(count / most, 1.0)))
 
 
-def element_sizes(mesh: MeshTri2) -> NDArray[np.float64]:
-    """Edge of the equilateral triangle of each element's area, m; of a sliver, a tenth of its own.
+def element_sizes(mesh: MeshTri2, sliver: float = SLIVER) -> NDArray[np.float64]:
+    """Edge of the equilateral triangle of each element's area, m; of a sliver, `sliver` of its longest.
 
     A sliver's area says nothing about its neighbours: in the cusp between arcs that touch, meshes
     as fine as that would take gmsh minutes.
@@ -132,7 +132,7 @@ def element_sizes(mesh: MeshTri2) -> NDArray[np.float64]:
     (x0, x1, x2), (y0, y1, y2) = corners
     area = 0.5 * np.abs((x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0))
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=0).max(axis=0)
-    return np.maximum(np.sqrt(4.0 / np.sqrt(3.0) * area), SLIVER * longest)
+    return np.maximum(np.sqrt(4.0 / np.sqrt(3.0) * area), sliver * longest)
 
 
 def compression(mesh: MeshTri2) -> NDArray[np.float64]:
@@ -183,6 +183,8 @@ def mesh_scene(scene: Scene, sizes: Sizes | SizeField) -> MeshTri2:
             return mesh
         last = mesh, float(least.min())
         smaller = element_sizes(mesh) * np.where(bad, SMALLER, 1.0)
+        folded = least <= 0.0
+        smaller[folded] = SMALLER * element_sizes(mesh, 0.0)[folded]
         sizes = SizeField.of_elements(mesh, smaller)
     if least.min() > 0.0:
         return mesh
