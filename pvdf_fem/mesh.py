@@ -123,9 +123,9 @@ class SizeField:
 
 
 def element_sizes(mesh: MeshTri2, sliver: float = SLIVER) -> NDArray[np.float64]:
-    """Edge of the equilateral triangle of each element's area, m; of a sliver, `sliver` of its longest.
+    """Edge of the equilateral triangle of an element's area, or `sliver` of its longest edge, m.
 
-    A sliver's area says nothing about its neighbours: in the cusp between arcs that touch, meshes
+    The larger one: a sliver's area says nothing of its neighbours; in the cusp between arcs that touch, meshes
     as fine as that would take gmsh minutes.
     """
     corners = mesh.p[:, mesh.t]
