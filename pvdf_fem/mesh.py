@@ -125,8 +125,8 @@ class SizeField:
 def element_sizes(mesh: MeshTri2, sliver: float = SLIVER) -> NDArray[np.float64]:
     """Edge of the equilateral triangle of an element's area, or `sliver` of its longest edge, m.
 
-    The larger one: a sliver's area says nothing of its neighbours; in the cusp between arcs that touch, meshes
-    as fine as that would take gmsh minutes.
+    The larger one: a sliver's area says nothing of its neighbours, and in the cusp between arcs
+    that touch meshes as fine as that would take gmsh minutes.
     """
     corners = mesh.p[:, mesh.t]
     (x0, x1, x2), (y0, y1, y2) = corners
