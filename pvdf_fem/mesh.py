@@ -42,7 +42,8 @@ GROWTH = 0.5
 # folds. Of a refined mesh, smaller ones are taken only if they are better by that factor; otherwise
 # a series of meshes would end in a cusp so fine that its elements do fold.
 DISTORTED, SMALLER, ATTEMPTS, BETTER = 0.2, 0.4, 4, 1.2
-
+# Size of a sliver, as a part of its longest edge.
+SLIVER = 0.5
 # How near to a circle a node counts as on it, relative to the film's radius: well above rounding,
 # and far below the distance of two circles that touch, an element's size away.
 ON_CIRCLE = 1e-12
@@ -127,17 +128,17 @@ class SizeField:
         return SizeField(self.mesh, self.sizes * np.sqrt(max(count / most, 1.0)))
 
 
-def element_sizes(mesh: MeshTri2) -> NDArray[np.float64]:
-    """Edge of the equilateral triangle of each element's area, m; of a sliver, half its longest.
+def element_sizes(mesh: MeshTri2, sliver: float = SLIVER) -> NDArray[np.float64]:
+    """Edge of the equilateral triangle of an element's area, or `sliver` of its longest edge, m.
 
-    A sliver's area says nothing about its neighbours: meshes as fine as that would not end in the
-    cusp between a rim and an electrode's edge with both ends on it.
+    The larger one: a sliver's area says nothing of its neighbours, and in the cusp between arcs
+    that touch meshes as fine as that would take gmsh minutes.
     """
     corners = mesh.p[:, mesh.t]
     (x0, x1, x2), (y0, y1, y2) = corners
     area = 0.5 * np.abs((x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0))
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=0).max(axis=0)
-    return np.maximum(np.sqrt(4.0 / np.sqrt(3.0) * area), 0.5 * longest)
+    return np.maximum(np.sqrt(4.0 / np.sqrt(3.0) * area), sliver * longest)
 
 
 def compression(mesh: MeshTri2) -> NDArray[np.float64]:
@@ -190,6 +191,8 @@ def mesh_scene(scene: Scene, sizes: Sizes | SizeField, part: Part = WHOLE) -> Me
             return mesh
         last = mesh, float(least.min())
         smaller = element_sizes(mesh) * np.where(bad, SMALLER, 1.0)
+        folded = least <= 0.0
+        smaller[folded] = SMALLER * element_sizes(mesh, 0.0)[folded]
         sizes = SizeField.of_elements(mesh, smaller)
     if least.min() > 0.0:
         return mesh

@@ -98,7 +98,7 @@ def _excess(row: Row, finer: Row) -> float:
         return np.nan
     charges, better = np.array(row.charges_pC), np.array(finer.charges_pC)
     errors = np.array(row.errors_pC) + np.array(finer.errors_pC)
-    floor = 1e-6 * np.abs(better).max()
+    floor = max(1e-6 * np.abs(better).max(), np.finfo(float).tiny)
     return float((np.abs(charges - better) / np.maximum(errors, floor)).max())
 
 

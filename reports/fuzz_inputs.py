@@ -120,6 +120,8 @@ def _leaves(tables: Mapping[str, Any]) -> list[tuple[dict[str, Any], str, str]]:
 def _wrong_value(rng: Random, key: str) -> tuple[str, str]:
     """TOML of a value that a key cannot have, and how it is shown."""
     choices = dict(_NO_WORDS if key in WORDS or key == "shape" else _NO_NUMBERS)
+    if key == "bending":
+        del choices["true"]
     if key not in WORDS and key != "shape" and key not in SIGNED:
         choices |= _NOT_POSITIVE
         if key == "force_N":

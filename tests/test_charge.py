@@ -213,7 +213,7 @@ def test_observables_differ_by_a_few_percent():
 
 
 def test_a_charge_that_is_nothing_needs_no_relative_accuracy():
-    """A probe that sticks holds the film under it, but for too thin a rim of the electrode."""
+    """A probe that sticks holds the film under it, but for a rim too thin to see."""
     held = {"name": "A", "shape": "circle", "radius_mm": 5.0 - 1e-9, "x_mm": 0.0, "y_mm": 0.0}
     free = {"name": "B", "x_mm": 20.0, "y_mm": 0.0}
     scene = Scene().with_(

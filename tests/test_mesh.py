@@ -282,7 +282,7 @@ def test_a_short_chord_of_the_rim_is_no_arc():
 
 
 def test_touching_circles_are_told_apart():
-    """Where a disc touches the rim, a node of one is as near to the other as rounding to itself."""
+    """Where a disc touches the rim, nodes of one are as near to the other as rounding."""
     electrode = {"name": "A", "shape": "circle", "radius_mm": 3.0, "x_mm": 42.0, "y_mm": 0.0}
     scene = Scene().with_(electrodes=[electrode])
     mesh = mesh_scene(scene, first_sizes(scene, 3))
