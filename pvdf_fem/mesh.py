@@ -16,7 +16,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gmsh
 import numpy as np
@@ -35,15 +35,16 @@ FRONTAL_DELAUNAY = 6
 CURVE_PRECISION = 1e-2
 # Sizes of a `SizeField` grow by no more than this per unit of length.
 GROWTH = 0.5
-# A curved element is distorted whose area is compressed to less than this part somewhere. Between
-# an arc and an electrode's edge that it nearly touches it even folds; elements there are made
-# smaller by the factor, and the scene is meshed again, a few times at the most. The cusp between
-# an arc and its own tangent, or another arc, stays distorted, which does no harm as long as nothing
-# folds. Of a refined mesh, smaller ones are taken only if they are better by that factor; otherwise
-# a series of meshes would end in a cusp so fine that its elements do fold.
-DISTORTED, SMALLER, ATTEMPTS, BETTER = 0.2, 0.4, 4, 1.2
-# Size of a sliver, as a part of its longest edge.
-SLIVER = 0.5
+# A curved element is distorted whose area is compressed to less than this part somewhere. The cusp
+# between an arc and its own tangent, or another arc that it touches, has 0.15 at any size.
+# Between an arc and a corner or an edge that it nearly touches, elements are worse, or fold; they
+# are made smaller by the factor, and the scene is meshed again, a few times at the most; what is
+# still distorted, which is tiny then, gets straight sides.
+DISTORTED, SMALLER, ATTEMPTS = 0.14, 0.4, 6
+# Size of a sliver, as a part of its longest edge; of one that is distorted.
+SLIVER, DISTORTED_SLIVER = 0.5, 0.1
+# Ends of the sides of a six-node triangle, in the order of its midside nodes.
+SIDES = [[0, 1], [1, 2], [0, 2]]
 # How near to a circle a node counts as on it, relative to the film's radius: well above rounding,
 # and far below the distance of two circles that touch, an element's size away.
 ON_CIRCLE = 1e-12
@@ -178,25 +179,30 @@ def mesh_scene(scene: Scene, sizes: Sizes | SizeField, part: Part = WHOLE) -> Me
     Raises
     ------
     MeshError
-        When gmsh fails, a patch has got no element, or curved elements fold.
+        When gmsh fails, a patch has got no element, or elements fold although they are straight.
     """
-    refined, last = isinstance(sizes, SizeField), None
     for _ in range(ATTEMPTS):
         mesh = _mesh_once(scene, sizes, part)
-        least = compression(mesh)
-        if refined and last and last[1] > 0.0 and least.min() < BETTER * last[1]:
-            return last[0]
-        bad = least < DISTORTED
+        bad = compression(mesh) < DISTORTED
         if not bad.any():
             return mesh
-        last = mesh, float(least.min())
-        smaller = element_sizes(mesh) * np.where(bad, SMALLER, 1.0)
-        folded = least <= 0.0
-        smaller[folded] = SMALLER * element_sizes(mesh, 0.0)[folded]
-        sizes = SizeField.of_elements(mesh, smaller)
-    if least.min() > 0.0:
-        return mesh
-    raise MeshError(f"{(least <= 0).sum()} curved elements fold: an outline nearly touches another")
+        wanted = element_sizes(mesh)
+        wanted[bad] = SMALLER * element_sizes(mesh, DISTORTED_SLIVER)[bad]
+        sizes = SizeField.of_elements(mesh, wanted)
+    while (bad := compression(mesh) < DISTORTED).any():
+        straight = _straightened(mesh, bad)
+        if np.array_equal(straight.doflocs, mesh.doflocs):
+            raise MeshError(f"{bad.sum()} elements fold: an outline nearly touches another")
+        mesh = straight
+    return mesh
+
+
+def _straightened(mesh: MeshTri2, elements: NDArray[np.bool_]) -> MeshTri2:
+    """The mesh with straight sides of some elements, those in cusps too narrow for an arc."""
+    points, nodes = mesh.doflocs.copy(), mesh.dofs.element_dofs[:, elements]
+    for middle, (a, b) in enumerate(SIDES, start=3):
+        points[:, nodes[middle]] = 0.5 * (points[:, nodes[a]] + points[:, nodes[b]])
+    return replace(mesh, doflocs=points)
 
 
 def _mesh_once(scene: Scene, sizes: Sizes | SizeField, part: Part) -> MeshTri2:
@@ -409,7 +415,7 @@ def _bulge(
     centre = circle.centre[:, None]
     radius = np.linalg.norm(points - centre, axis=0)
     on = np.abs(radius - circle.radius) < ON_CIRCLE * film
-    ends, middle = triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), triangles[:, 3:].ravel()
+    ends, middle = triangles[:, SIDES].reshape(-1, 2), triangles[:, 3:].ravel()
     arcs = curved[middle] & on[middle] & on[ends].all(axis=1)
     (a, b), middle = ends[arcs].T, middle[arcs]
     half = np.arcsin(0.5 * np.linalg.norm(points[:, a] - points[:, b], axis=0) / circle.radius)
