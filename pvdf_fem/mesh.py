@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from skfem import MeshTri2
 from skfem.quadrature import get_quadrature
 
+from pvdf_fem.bending_effect import bending_joins
 from pvdf_fem.outline import Circle, Outline, mapped
 from pvdf_fem.scene import Scene
 from pvdf_fem.symmetry import WHOLE, Part
@@ -39,8 +40,9 @@ GROWTH = 0.5
 # between an arc and its own tangent, or another arc that it touches, has 0.15 at any size.
 # Between an arc and a corner or an edge that it nearly touches, elements are worse, or fold; they
 # are made smaller by the factor, and the scene is meshed again, a few times at the most; what is
-# still distorted, which is tiny then, gets straight sides.
-DISTORTED, SMALLER, ATTEMPTS = 0.14, 0.4, 6
+# still distorted, which is tiny then, gets straight sides. Films that bend do not bear the cusps.
+DISTORTED, DISTORTED_BENT = 0.14, 0.2
+SMALLER, ATTEMPTS = 0.4, 6
 # Size of a sliver, as a part of its longest edge; of one that is distorted.
 SLIVER, DISTORTED_SLIVER = 0.5, 0.1
 # Ends of the sides of a six-node triangle, in the order of its midside nodes.
@@ -181,15 +183,16 @@ def mesh_scene(scene: Scene, sizes: Sizes | SizeField, part: Part = WHOLE) -> Me
     MeshError
         When gmsh fails, a patch has got no element, or elements fold although they are straight.
     """
+    least = DISTORTED_BENT if bending_joins(scene) else DISTORTED
     for _ in range(ATTEMPTS):
         mesh = _mesh_once(scene, sizes, part)
-        bad = compression(mesh) < DISTORTED
+        bad = compression(mesh) < least
         if not bad.any():
             return mesh
         wanted = element_sizes(mesh)
         wanted[bad] = SMALLER * element_sizes(mesh, DISTORTED_SLIVER)[bad]
         sizes = SizeField.of_elements(mesh, wanted)
-    while (bad := compression(mesh) < DISTORTED).any():
+    while (bad := compression(mesh) < least).any():
         straight = _straightened(mesh, bad)
         if np.array_equal(straight.doflocs, mesh.doflocs):
             raise MeshError(f"{bad.sum()} elements fold: an outline nearly touches another")
