@@ -1,6 +1,7 @@
 """Scenes from the ends of what a file may ask for: what becomes of each, and the laws they obey.
 
     python reports/extremes.py [--seed N] [--count N] [--checked N] [--seconds S] [--out DIR]
+                               [--processes N]
 
 Scenes are drawn with a seed (`reports.extremes_scenes`). Those that end as ``unstable`` because
 the film will not carry the compression are solved again as films that wrinkle, without bending.
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections import Counter
 from collections.abc import Sequence
@@ -252,7 +254,7 @@ def _kept(name: str, wanted: list[Scene], options: argparse.Namespace) -> list[R
                 f"{name} {number + 1}/{len(missing)} {row.status} {row.seconds:.1f} s", flush=True
             )
 
-        rows([wanted[n] for n in missing], keep, options.seconds)
+        rows([wanted[n] for n in missing], keep, options.seconds, options.processes)
     return [known[key] for key in keys]
 
 
@@ -291,6 +293,13 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         default=ROOT / "reports" / "out" / "extremes",
         metavar="DIR",
         help="output directory",
+    )
+    parser.add_argument(
+        "--processes",
+        type=number_of("processes"),
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="default: cores",
     )
     return parser.parse_args(arguments)
 

@@ -8,8 +8,9 @@ import time
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
-from typing import Any
+from itertools import islice
+from multiprocessing.connection import Connection, wait
+from typing import Any, cast
 
 import numpy as np
 
@@ -88,20 +89,27 @@ def rows(
     scenes: Sequence[Scene],
     progress: Callable[[int, Row], None] = lambda number, row: None,
     time_limit: float = TIME_LIMIT,
+    processes: int = 1,
 ) -> list[Row]:
-    """Rows of scenes, in their order, solved one after the other."""
-    found: list[Row] = []
-    worker: _Worker | None = None
-    for number, scene in enumerate(scenes):
-        worker = worker or _Worker()
-        row = worker.solve(scene, time_limit)
-        if row.status in (HUNG, DIED):
-            worker = None
-        found.append(row)
-        progress(number, row)
-    if worker:
+    """Rows of scenes, in their order; `progress` is told of each as it ends."""
+    waiting = iter(enumerate(scenes))
+    idle: list[_Worker] = []
+    busy: dict[Connection, tuple[_Worker, int]] = {}
+    found: dict[int, Row] = {}
+    while len(found) < len(scenes):
+        for number, scene in islice(waiting, processes - len(busy)):
+            worker = idle.pop() if idle else _Worker()
+            worker.begin(scene, time_limit)
+            busy[worker.connection] = worker, number
+        for ended in wait(list(busy)):
+            worker, number = busy.pop(cast(Connection, ended))
+            row = found[number] = worker.row(time_limit)
+            if row.status not in (HUNG, DIED):
+                idle.append(worker)
+            progress(number, row)
+    for worker in idle:
         worker.end()
-    return found
+    return [found[number] for number in range(len(scenes))]
 
 
 class _Worker:
@@ -109,15 +117,17 @@ class _Worker:
 
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")
-        self._here, there = context.Pipe()
+        self.connection, there = context.Pipe()
         self._process = context.Process(target=_serve, args=(there,), daemon=True)
         self._process.start()
         there.close()
 
-    def solve(self, scene: Scene, time_limit: float) -> Row:
-        self._here.send((scene, time_limit))
+    def begin(self, scene: Scene, time_limit: float) -> None:
+        self.connection.send((scene, time_limit))
+
+    def row(self, time_limit: float) -> Row:
         try:
-            row: Row = self._here.recv()
+            row: Row = self.connection.recv()
         except EOFError:
             self._process.join()
             if self._process.exitcode == -signal.SIGPROF:

@@ -68,6 +68,21 @@ def test_a_solve_that_takes_too_long_is_ended():
     assert time.perf_counter() - start < 60.0
 
 
+def test_processes_give_rows_in_order_and_replace_one_that_is_ended():
+    slow = Scene.parse(
+        '[probe]\nshape = "rectangle"\n[film]\nbending = true\n[numerics]\ntolerance = 1e-7'
+    )
+    quick = [Scene(), Scene().with_(**{"load.force_N": 2.0})]
+    told = []
+    found = extremes_runs.rows(
+        [slow, quick[0], slow, quick[1]], lambda number, _: told.append(number), 1.0, processes=2
+    )
+    assert [row.status for row in found] == ["hung", "converged"] * 2
+    assert [row.charges_pC for row in found[1::2]] == [row_of(one).charges_pC for one in quick]
+    assert told[0] == 1
+    assert sorted(told) == [0, 1, 2, 3]
+
+
 @pytest.mark.parametrize("law", [cube_root, charge_power, linear, similarity, rounding])
 def test_laws_hold_to_rounding(law):
     _, found, wanted = law()
