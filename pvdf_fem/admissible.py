@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.equilibrium import Equilibrium
-from pvdf_fem.membrane import Array, MembraneState
+from pvdf_fem.membrane import Array, MembraneState, principal
 from pvdf_fem.newton import Status, compressed, factorise, negative_pivots
 from pvdf_fem.tension_field import WrinklingMembrane
 from pvdf_fem.tension_newton import LEFT
@@ -90,13 +90,6 @@ def warnings(equilibrium: Equilibrium, state: MembraneState) -> Iterator[str]:
             f"slope: up to {steepest:.3g} at {_place(equilibrium, slope)}; above {SLOPE_LIMIT:g}"
             " it matters how the probe's pressure follows the film"
         )
-
-
-def principal(tensor: Array) -> tuple[Array, Array]:
-    """Smaller and larger principal values of (..., 11, 22, 12)."""
-    mean = 0.5 * (tensor[..., 0] + tensor[..., 1])
-    radius = np.hypot(0.5 * (tensor[..., 0] - tensor[..., 1]), tensor[..., 2])
-    return mean - radius, mean + radius
 
 
 def _compression(equilibrium: Equilibrium, least: Array, largest: Array) -> Iterator[str]:

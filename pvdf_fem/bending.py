@@ -26,7 +26,8 @@ from skfem import Element, MeshTri2
 from pvdf_fem.charge import COMPLEX_STEP
 from pvdf_fem.film import Film
 from pvdf_fem.membrane import ELEMENTS, Array, Membrane
-from pvdf_fem.mesh import RIM, compression
+from pvdf_fem.mesh import RIM
+from pvdf_fem.six_node import compression
 
 # The reference triangle's edges: origin, direction, outward normal of the edge's length.
 EDGES = (

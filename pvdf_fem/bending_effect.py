@@ -47,17 +47,16 @@ class BendingEffect:
 
     Attributes
     ----------
-    rest_tension, rim_tension, probe_tension : float
-        Of the flat film, and under load at the rim and at the probe's edge, N/m.
+    rim_tension, probe_tension : float
+        Under load at the rim and at the probe's edge, N/m.
     rest_length, rim_length, probe_length : float
-        sqrt(D/N) for these, m; infinite without tension.
+        sqrt(D/N) of the flat film and for these, m; infinite without tension.
     film_radius, probe_radius, electrode_radius : float
         What to compare them with; of discs of the same area, the smallest electrode's, m.
     rim, probe : float
         Relative changes of the worst charge by what happens at the rim and at the probe.
     """
 
-    rest_tension: float
     rim_tension: float
     probe_tension: float
     rest_length: float
@@ -132,7 +131,7 @@ def bending_effect(scene: Scene) -> BendingEffect:
             changes.append((made * at_rim, made * at_probe))
     rim, at_probe = max(changes, key=sum)
     return BendingEffect(
-        *tensions,
+        *tensions[1:],
         rest_length,
         rim_length,
         probe_length,

@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 from skfem import Basis, ElementTriP2, MeshTri2
 
 from pvdf_fem.files import FileError, replacing
-from pvdf_fem.membrane import Array, strain_of
-from pvdf_fem.mesh import RIM
+from pvdf_fem.membrane import Array, principal, strain_of
+from pvdf_fem.mesh import FILM, RIM
 
 if TYPE_CHECKING:
     from pvdf_fem.solution import Solution
-
-FILM = "film"
 
 
 class ExportError(FileError):
@@ -63,7 +61,7 @@ def write_vtu(solution: Solution, path: str | Path) -> None:
     weights = membrane.weights[..., None]
     mean = (state.stress * weights).sum(axis=1) / weights.sum(axis=1)
     point_data = {"displacement": displacement, **_components(nodal)}
-    point_data["principal_tension"] = _principal_tension(nodal)
+    point_data["principal_tension"] = principal(nodal)[1]
     cell_data = {**_components(mean), **_masks(solution.mesh)}
     _write(_grid(solution.mesh, point_data=point_data, cell_data=cell_data), path, "vtu")
 
@@ -89,11 +87,6 @@ def _at_nodes(solution: Solution) -> tuple[Array, Array]:
 
 def _components(stress: Array) -> dict[str, Array]:
     return dict(zip(("S11", "S22", "S12"), np.moveaxis(stress, -1, 0), strict=True))
-
-
-def _principal_tension(stress: Array) -> Array:
-    s11, s22, s12 = np.moveaxis(stress, -1, 0)
-    return np.asarray(0.5 * (s11 + s22) + np.hypot(0.5 * (s11 - s22), s12))
 
 
 # ---------------------------------------------------------------------------------------- meshes

@@ -125,7 +125,7 @@ class Membrane:
 
     def stress(self, strain: Array) -> Array:
         """Second Piola-Kirchhoff stress in Pa of a Green-Lagrange strain."""
-        return _times(self.stiffness, self.elastic(strain))
+        return times(self.stiffness, self.elastic(strain))
 
     def elastic(self, strain: Array) -> Array:
         """Strain without the free thermal one."""
@@ -141,7 +141,7 @@ class Membrane:
         Added up, it would leave rounding that drowns a small load.
         """
         F, flat = state.deformation_gradient, self.elastic(np.zeros(3)) @ self.stiffness
-        added = self._first_piola(F, _times(self.stiffness, state.strain))
+        added = self._first_piola(F, times(self.stiffness, state.strain))
         turned = self._first_piola(F - IDENTITY, flat)
         return self._forces(added + turned)
 
@@ -152,7 +152,7 @@ class Membrane:
     def tangent_action(self, state: MembraneState, x: Array) -> Array:
         """Change of `residual` with the dofs by `x`, without the tangent's matrices."""
         F, step = state.deformation_gradient, self.gradient(x)
-        stress = _times(self.moduli(state), strain_rate(F, step))
+        stress = times(self.moduli(state), strain_rate(F, step))
         return self._forces(self._first_piola(step, state.stress) + self._first_piola(F, stress))
 
     def tangent_diagonal(self, state: MembraneState) -> Array:
@@ -290,11 +290,11 @@ def _last(components: Array, axes: int) -> Array:
     return np.moveaxis(components, range(axes), range(-axes, 0))
 
 
-def _times(moduli: Array, strain: Array) -> Array:
-    """Stress (..., 3) of a strain, with moduli (3, 3) or (..., 3, 3)."""
-    if moduli.ndim > 2:
-        return np.matmul(moduli, strain[..., None])[..., 0]
-    return _last(np.tensordot(moduli, _first(strain, 1), 1), 1)
+def times(matrix: Array, vector: Array) -> Array:
+    """The product (..., 3) of a matrix, (3, 3) or (..., 3, 3), and a vector (..., 3)."""
+    if matrix.ndim > 2:
+        return np.matmul(matrix, vector[..., None])[..., 0]
+    return _last(np.tensordot(matrix, _first(vector, 1), 1), 1)
 
 
 def strain_of(gradient: Array) -> Array:
@@ -312,6 +312,13 @@ def strain_rate(deformation_gradient: Array, step: Array) -> Array:
 def _dot(a: Array, b: Array) -> Array:
     """a . b over the last axis; three terms in full take less time than a sum."""
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
+
+
+def principal(tensor: Array) -> tuple[Array, Array]:
+    """Smaller and larger principal values of (..., 11, 22, 12)."""
+    mean = 0.5 * (tensor[..., 0] + tensor[..., 1])
+    radius = np.hypot(0.5 * (tensor[..., 0] - tensor[..., 1]), tensor[..., 2])
+    return mean - radius, mean + radius
 
 
 def tensile_part(stress: Array) -> Array:

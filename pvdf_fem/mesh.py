@@ -16,17 +16,17 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import gmsh
 import numpy as np
 from numpy.typing import NDArray
 from skfem import MeshTri2
-from skfem.quadrature import get_quadrature
 
 from pvdf_fem.bending_effect import bending_joins
 from pvdf_fem.outline import Circle, Outline, mapped
 from pvdf_fem.scene import Scene
+from pvdf_fem.six_node import bulge, compression, straightened, with_sorted_vertices
 from pvdf_fem.symmetry import WHOLE, Part
 
 # gmsh's other sources of element sizes, all switched off.
@@ -45,12 +45,7 @@ DISTORTED, DISTORTED_BENT = 0.14, 0.2
 SMALLER, ATTEMPTS = 0.4, 6
 # Size of a sliver, as a part of its longest edge; of one that is distorted.
 SLIVER, DISTORTED_SLIVER = 0.5, 0.1
-# Ends of the sides of a six-node triangle, in the order of its midside nodes.
-SIDES = [[0, 1], [1, 2], [0, 2]]
-# How near to a circle a node counts as on it, relative to the film's radius: well above rounding,
-# and far below the distance of two circles that touch, an element's size away.
-ON_CIRCLE = 1e-12
-# The same for a mirror line.
+# How near to a mirror line a node counts as on it, relative to the film's radius.
 ON_LINE = 1e-8
 # gmsh has one state for all threads, of which the worker of a cluster may have several.
 _ONE_MODEL = threading.Lock()
@@ -144,14 +139,6 @@ def element_sizes(mesh: MeshTri2, sliver: float = SLIVER) -> NDArray[np.float64]
     return np.maximum(np.sqrt(4.0 / np.sqrt(3.0) * area), sliver * longest)
 
 
-def compression(mesh: MeshTri2) -> NDArray[np.float64]:
-    """Least Jacobian over the mean one of each element, (elements,); below 0 where it folds."""
-    points, _ = get_quadrature(mesh.elem.refdom, 8)
-    jacobian = mesh.mapping().detDF(points)
-    mean = jacobian.mean(axis=1, keepdims=True)
-    return (jacobian / mean).min(axis=1)
-
-
 def outlines(scene: Scene) -> dict[str, Outline]:
     """The outlines that the mesh follows, by patch name: the electrodes, then the probe."""
     found: dict[str, Outline] = {electrode_patch(e.name): e.outline for e in scene.electrode_list}
@@ -193,19 +180,11 @@ def mesh_scene(scene: Scene, sizes: Sizes | SizeField, part: Part = WHOLE) -> Me
         wanted[bad] = SMALLER * element_sizes(mesh, DISTORTED_SLIVER)[bad]
         sizes = SizeField.of_elements(mesh, wanted)
     while (bad := compression(mesh) < least).any():
-        straight = _straightened(mesh, bad)
+        straight = straightened(mesh, bad)
         if np.array_equal(straight.doflocs, mesh.doflocs):
             raise MeshError(f"{bad.sum()} elements fold: an outline nearly touches another")
         mesh = straight
     return mesh
-
-
-def _straightened(mesh: MeshTri2, elements: NDArray[np.bool_]) -> MeshTri2:
-    """The mesh with straight sides of some elements, those in cusps too narrow for an arc."""
-    points, nodes = mesh.doflocs.copy(), mesh.dofs.element_dofs[:, elements]
-    for middle, (a, b) in enumerate(SIDES, start=3):
-        points[:, nodes[middle]] = 0.5 * (points[:, nodes[a]] + points[:, nodes[b]])
-    return replace(mesh, doflocs=points)
 
 
 def _mesh_once(scene: Scene, sizes: Sizes | SizeField, part: Part) -> MeshTri2:
@@ -388,7 +367,7 @@ def _read(
         if gmsh.model.getType(1, curve) != "Line":
             curved[row[gmsh.model.mesh.getNodes(1, curve)[0]]] = True
     for circle in circles:
-        _bulge(points, triangles, circle, curved, 100.0 * unit)
+        bulge(points, triangles, circle, curved, 100.0 * unit)
     return named(MeshTri2(points, triangles.T), subdomains, part)
 
 
@@ -399,40 +378,3 @@ def named(mesh: MeshTri2, subdomains: dict[str, NDArray[np.int64]], part: Part) 
         along = (mesh.p[axis, mesh.facets[:, rim]] == 0.0).all(axis=0)
         boundaries[MIRRORS[axis]], rim = rim[along], rim[~along]
     return mesh.with_subdomains(subdomains).with_boundaries({RIM: rim, **boundaries})
-
-
-def _bulge(
-    points: NDArray[np.float64],
-    triangles: NDArray[np.int64],
-    circle: Circle,
-    curved: NDArray[np.bool_],
-    film: float,
-) -> None:
-    """Move the midside nodes on a circle outwards, so that it has its area.
-
-    They are among the nodes `curved`, inside of arcs: a short chord is as near to the circle.
-    `film` is the film's radius.
-    A quadratic arc through three points of a circle lies inside it. With the area right, what is
-    left of the error changes sign along the arc, and is not felt away from it.
-    """
-    centre = circle.centre[:, None]
-    radius = np.linalg.norm(points - centre, axis=0)
-    on = np.abs(radius - circle.radius) < ON_CIRCLE * film
-    ends, middle = triangles[:, SIDES].reshape(-1, 2), triangles[:, 3:].ravel()
-    arcs = curved[middle] & on[middle] & on[ends].all(axis=1)
-    (a, b), middle = ends[arcs].T, middle[arcs]
-    half = np.arcsin(0.5 * np.linalg.norm(points[:, a] - points[:, b], axis=0) / circle.radius)
-    # Between the arc and its chord: (4/3) (r - cos) sin = half - sin cos, of a unit circle.
-    sine, cosine = np.sin(half), np.cos(half)
-    bulged = cosine + 0.75 * (half - sine * cosine) / sine
-    points[:, middle] = centre + (points[:, middle] - centre) / radius[middle] * (
-        bulged * circle.radius
-    )
-
-
-def with_sorted_vertices(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Six-node triangles with their vertices in ascending order, as cubic elements need them."""
-    order = np.argsort(triangles[:, :3], axis=1)
-    midside = np.array([[-1, 3, 5], [3, -1, 4], [5, 4, -1]])
-    edges = midside[order, np.roll(order, -1, axis=1)]
-    return np.take_along_axis(triangles, np.hstack([order, edges]), axis=1)

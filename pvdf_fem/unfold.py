@@ -9,7 +9,8 @@ from skfem import MeshTri2
 
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.membrane import Array
-from pvdf_fem.mesh import electrode_patch, named, with_sorted_vertices
+from pvdf_fem.mesh import electrode_patch, named
+from pvdf_fem.six_node import with_sorted_vertices
 from pvdf_fem.symmetry import WHOLE, Part
 
 

@@ -19,9 +19,10 @@ from pvdf_fem.circular_plate import (
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.estimate import prolongation
 from pvdf_fem.membrane import Membrane
-from pvdf_fem.mesh import RIM, compression, mesh_scene
+from pvdf_fem.mesh import RIM, mesh_scene
 from pvdf_fem.modal import modes
 from pvdf_fem.newton import factorise, negative_pivots
+from pvdf_fem.six_node import compression
 from pvdf_fem.sizes import first_sizes
 
 NONE = np.empty(0, dtype=np.int64)

@@ -19,12 +19,12 @@ from pvdf_fem.mesh import (
     MeshError,
     SizeField,
     Sizes,
-    compression,
     element_sizes,
     mesh_scene,
     outlines,
 )
 from pvdf_fem.outline import Circle
+from pvdf_fem.six_node import compression
 from pvdf_fem.sizes import first_sizes
 
 ON_A = "x_mm = 10\nwidth_mm = 3\nheight_mm = 3"
