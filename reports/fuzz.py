@@ -48,7 +48,8 @@ from pvdf_fem.program import (  # noqa: E402
 from pvdf_fem.scene import Scene  # noqa: E402
 from pvdf_fem.store import Record, Store, StoreError  # noqa: E402
 from reports import benchmark, compare, error_vs_time, thesis  # noqa: E402
-from reports.fuzz_inputs import CORPORA, FILE, Input, decayed  # noqa: E402
+from reports.fuzz_damage import decayed  # noqa: E402
+from reports.fuzz_inputs import CORPORA, FILE, Input  # noqa: E402
 from reports.fuzz_oracle import (  # noqa: E402
     lost_values,
     spread,
