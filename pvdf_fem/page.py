@@ -114,14 +114,15 @@ class Section:
     note: str = ""
 
     @property
-    def tables(self) -> list[Table]:
-        """The tables of the section."""
-        return [block for block in self.blocks if isinstance(block, Table)]
-
-    @property
     def state(self) -> str:
         """What the contents list says behind the title: nothing if all is well."""
         return "failed" if self.error else self.note
+
+    def write_tables(self, directory: Path) -> None:
+        """Write the CSV files of its tables."""
+        for block in self.blocks:
+            if isinstance(block, Table):
+                block.write_csv(directory)
 
 
 @dataclass(frozen=True)

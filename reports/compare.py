@@ -9,7 +9,6 @@ beside them. The help lists the columns of the file; `reports/data/example_measu
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
@@ -44,7 +43,7 @@ from reports.measurements import (  # noqa: E402
     MeasurementError,
     read_measurements,
 )
-from reports.options import number_of  # noqa: E402
+from reports.options import add_out, add_processes  # noqa: E402
 from reports.results import MATERIAL, THESIS_EDGE, Results  # noqa: E402
 from reports.thesis_contact import CONTACTS, pressed  # noqa: E402
 from reports.thesis_scene import TOLERANCE  # noqa: E402
@@ -120,8 +119,6 @@ def _beside(one: Measurement, contact: str, results: Results) -> Beside:
 
 def _page(file: Path, contact: str, found: Sequence[Beside], out: Path) -> Page:
     _overview(found, out / "comparison.svg")
-    table = _table(found)
-    table.write_csv(out)
     caption = (
         "Above: measured charge over the computed one (material); line: equal. Below: measured "
         "less computed in percent of computed, for three readings of a charge."
@@ -136,12 +133,10 @@ def _page(file: Path, contact: str, found: Sequence[Beside], out: Path) -> Page:
         *(f"{name.replace('_', '-')}: {text}." for name, text in READINGS.items()),
         *_summary(found),
     ]
-    sections = [Section("charges", "Charges", [], [*blocks, table])]
-    return Page("Measured charges beside computed ones", introduction, sections, _provenance())
-
-
-def _provenance() -> dict[str, str]:
-    return {"pvdf_fem": __version__, "Tolerance": f"{TOLERANCE:g} (relative)"}
+    section = Section("charges", "Charges", [], [*blocks, _table(found)])
+    section.write_tables(out)
+    made = {"pvdf_fem": __version__, "Tolerance": f"{TOLERANCE:g} (relative)"}
+    return Page("Measured charges beside computed ones", introduction, [section], made)
 
 
 def _summary(found: Sequence[Beside]) -> list[str]:
@@ -279,13 +274,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("file", type=Path, metavar="FILE.csv", help="measured charges")
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=ROOT / "reports" / "out" / "measurements",
-        metavar="DIR",
-        help="output directory",
-    )
+    add_out(parser, "measurements")
     parser.add_argument(
         "--contact",
         choices=tuple(CONTACTS),
@@ -293,13 +282,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         help="how the probe presses: uniform pressure as in the thesis (default), or rigid, "
         "sliding on the film or stuck to it",
     )
-    parser.add_argument(
-        "--processes",
-        type=number_of("processes"),
-        default=os.cpu_count() or 1,
-        metavar="N",
-        help="default: cores",
-    )
+    add_processes(parser)
     return parser.parse_args(arguments)
 
 

@@ -10,7 +10,6 @@ film; maps over the film; a recommended design. Solved scenes are kept in ``resu
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -40,7 +39,7 @@ from reports.design_study import (  # noqa: E402
     shapes,
     thicknesses,
 )
-from reports.options import number_of  # noqa: E402
+from reports.options import add_out, add_processes  # noqa: E402
 from reports.results import Results  # noqa: E402
 
 Solve = Callable[[Sequence[Sensor]], None]
@@ -84,13 +83,15 @@ def _page(study: Study, solve: Solve, options: argparse.Namespace) -> Page:
         raise InputError(str(error)) from error
     out = options.out
     sections = [
-        page.recommendation(study, found, out),
+        page.recommendation(found, out),
         page.maps(study, found.sensor, out),
         page.number_of_electrodes(study, out),
         page.film(study, found, out),
-        page.future_work(study, found, out),
-        checks(study, found, quick=options.quick, out=out),
+        page.future_work(study, found),
+        checks(study, found, quick=options.quick),
     ]
+    for section in sections:
+        section.write_tables(out)
     provenance = {"pvdf_fem": __version__, "Tolerance": f"{study.lattice.tolerance:g} (relative)"}
     return Page("What a sensor's design does", page.introduction(study), sections, provenance)
 
@@ -123,22 +124,10 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         prog="reports/design.py",
         description="Position error and charge sensitivity by the sensor's design.",
     )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=ROOT / "reports" / "out" / "design",
-        metavar="DIR",
-        help="output directory",
-    )
+    add_out(parser, "design")
     parser.add_argument("--quick", action="store_true", help="few designs, a coarse lattice")
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
-    parser.add_argument(
-        "--processes",
-        type=number_of("processes"),
-        default=os.cpu_count() or 1,
-        metavar="N",
-        help="default: cores",
-    )
+    add_processes(parser)
     return parser.parse_args(arguments)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from reports.design_sensor import Sensor
 from reports.design_study import LIGHT_N, THESIS, Study, light
 
 
-def checks(study: Study, found: Recommendation, *, quick: bool, out: Path) -> Section:
+def checks(study: Study, found: Recommendation, *, quick: bool) -> Section:
     """Position errors again, with smaller steps and a smaller tolerance, and with bending."""
     lattice = study.lattice
     finer = Study(study.results, lattice.finer(), study.axes, study.noise)
@@ -42,7 +41,6 @@ def checks(study: Study, found: Recommendation, *, quick: bool, out: Path) -> Se
     table = Table(
         "checks", "The study's position errors, and the same computed again.", columns, rows
     )
-    table.write_csv(out)
     fine = lattice.finer()
     text = [
         "The Jacobian comes from charges at places of the probe on circles "

@@ -90,7 +90,7 @@ def number_of_electrodes(study: Study, out: Path) -> Section:
         [[s.count, s.spacing_mm, s.width_mm, *_cells(study.performance(s))] for s in every],
     )
     text = f"The smallest position errors: {'; '.join(told)}."
-    return _section(
+    return Section(
         "electrodes",
         "Number, spacing and size of the electrodes",
         [text],
@@ -101,7 +101,6 @@ def number_of_electrodes(study: Study, out: Path) -> Section:
             ),
             table,
         ],
-        out,
     )
 
 
@@ -123,7 +122,7 @@ def maps(study: Study, recommended: Sensor, out: Path) -> Section:
         f"Position error under 1 N by the place of the probe, with that kept on {MOST} of the "
         "area. Orange: electrodes; the drawn axis of uniaxial film is x."
     )
-    return _section("maps", "Resolution over the film", [], [Picture(MAPS, caption)], out)
+    return Section("maps", "Resolution over the film", [], [Picture(MAPS, caption)])
 
 
 def film(study: Study, recommended: Recommendation, out: Path) -> Section:
@@ -144,24 +143,6 @@ def film(study: Study, recommended: Recommendation, out: Path) -> Section:
         recommended.temperature.taken.sensor,
         out / PRETENSION,
     )
-    rows: list[list[Cell]] = []
-    for one in dict.fromkeys([*thick, *tight]):
-        stress = study.stress_MPa(one, 1.0), study.stress_MPa(one, OVERLOAD)
-        soft = _cells(study.performance(light(one)))
-        firm = _cells(study.performance(one))
-        rows.append([one.thickness_um, -one.temperature_change_K, *firm, *soft, *stress])
-    columns = [
-        Column("thickness_um", "film (µm)", None),
-        Column("cooling_K", "cooling (K)", None),
-        *(replace(column, key=f"{column.key}_firm", group="1 N") for column in _PERFORMANCE),
-        *(
-            replace(column, key=f"{column.key}_light", group=f"{LIGHT_N:g} N")
-            for column in _PERFORMANCE
-        ),
-        Column("stress_1_N_MPa", "1 N", 1, "stress (MPa)"),
-        Column("stress_overload_MPa", f"{OVERLOAD:g} N", 1, "stress (MPa)"),
-    ]
-    caption = "Thickness and pretension of the film under the thesis's electrodes."
     pictures = [
         Picture(name, f"Against {what}; dotted: the recommended value.")
         for name, what in ((THICKNESS, "the thickness"), (PRETENSION, "the cooling"))
@@ -176,11 +157,29 @@ def film(study: Study, recommended: Recommendation, out: Path) -> Section:
         f"{study.performance(thick[-1]).position_mm:.2f} mm. The stress under 1 N is "
         f"{study.stress_MPa(thick[0], 1.0):.0f} and {study.stress_MPa(thick[-1], 1.0):.0f} MPa."
     )
-    tables = [Table("films", caption, columns, rows)]
-    return _section("film", "Thickness and pretension", [text], [*pictures, *tables], out)
+    table = _film_table(study, list(dict.fromkeys([*thick, *tight])))
+    return Section("film", "Thickness and pretension", [text], [*pictures, table])
 
 
-def recommendation(study: Study, found: Recommendation, out: Path) -> Section:
+def _film_table(study: Study, sensors: Sequence[Sensor]) -> Table:
+    columns = [
+        Column("thickness_um", "film (µm)", None),
+        Column("cooling_K", "cooling (K)", None),
+        *_AT_BOTH_FORCES,
+        Column("stress_1_N_MPa", "1 N", 1, "stress (MPa)"),
+        Column("stress_overload_MPa", f"{OVERLOAD:g} N", 1, "stress (MPa)"),
+    ]
+    rows: list[list[Cell]] = []
+    for one in sensors:
+        stress = study.stress_MPa(one, 1.0), study.stress_MPa(one, OVERLOAD)
+        soft = _cells(study.performance(light(one)))
+        firm = _cells(study.performance(one))
+        rows.append([one.thickness_um, -one.temperature_change_K, *firm, *soft, *stress])
+    caption = "Thickness and pretension of the film under the thesis's electrodes."
+    return Table("films", caption, columns, rows)
+
+
+def recommendation(found: Recommendation, out: Path) -> Section:
     """The recommended sensor and its reasons."""
     steps, sensor = found.steps, found.sensor
     firm, soft = (np.array([getattr(s, k).position_mm for s in steps]) for k in ("firm", "soft"))
@@ -202,14 +201,13 @@ def recommendation(study: Study, found: Recommendation, out: Path) -> Section:
         "The recommended sensor, the same with one choice as the thesis has it, and the thesis's.",
         [
             Column("sensor", "sensor"),
-            *(replace(c, key=f"{c.key}_firm", group="1 N") for c in _PERFORMANCE),
-            *(replace(c, key=f"{c.key}_light", group=f"{LIGHT_N:g} N") for c in _PERFORMANCE),
+            *_AT_BOTH_FORCES,
             Column("stress_overload_MPa", f"stress at {OVERLOAD:g} N (MPa)", 1),
         ],
         [_step_row(step) for step in steps],
     )
     picture = Picture(STEPS, "The recommended sensor, and what undoing one choice makes of it.")
-    return _section("recommendation", "Recommended design", told, [picture, table], out)
+    return Section("recommendation", "Recommended design", told, [picture, table])
 
 
 def _reasons(found: Recommendation) -> list[str]:
@@ -244,7 +242,7 @@ def _all(choice: Choice) -> str:
     return "; ".join(f"{one.label}: {one.merit:.2f} mm" for one in choice.candidates)
 
 
-def future_work(study: Study, found: Recommendation, out: Path) -> Section:
+def future_work(study: Study, found: Recommendation) -> Section:
     """The parameters that section 6.3 of the thesis leaves to others, one after the other."""
     here = study.performance(THESIS)
     same = [s for s in rings(study, THESIS.count) if s.width_mm == THESIS.width_mm]
@@ -272,7 +270,7 @@ def future_work(study: Study, found: Recommendation, out: Path) -> Section:
         [[name, *_cells(study.performance(one))] for name, one in {**shapes(), **poled()}.items()],
     )
     title = "The thesis's future work (section 6.3, item 3)"
-    return _section("future-work", title, text, [table], out)
+    return Section("future-work", title, text, [table])
 
 
 def _directions(study: Study) -> list[str]:
@@ -318,6 +316,11 @@ _PERFORMANCE = [
     Column("sensitivity_pC_N", "charge per force (pC/N)", 0),
     Column("slope_pC_mm", "charge per place (pC/mm)", 1),
 ]
+_AT_BOTH_FORCES = [
+    replace(column, key=f"{column.key}_{key}", group=force)
+    for key, force in (("firm", "1 N"), ("light", f"{LIGHT_N:g} N"))
+    for column in _PERFORMANCE
+]
 
 
 def _cells(one: Performance) -> list[Cell]:
@@ -330,16 +333,3 @@ def _step_row(step: Step) -> list[Cell]:
 
 def _poling(sensor: Sensor) -> str:
     return "biaxial" if sensor.is_biaxial else "uniaxial"
-
-
-def _section(
-    name: str,
-    title: str,
-    paragraphs: Sequence[str],
-    blocks: Sequence[Table | Picture],
-    out: Path,
-) -> Section:
-    for block in blocks:
-        if isinstance(block, Table):
-            block.write_csv(out)
-    return Section(name, title, paragraphs, blocks)

@@ -42,6 +42,7 @@ from reports import error_vs_time_tables as tables  # noqa: E402
 from reports.cases import Case, Reference, reference  # noqa: E402
 from reports.error_vs_time_plan import FULL, QUICK, Plan  # noqa: E402
 from reports.growth import LARGE_FACTOR, Size, measure  # noqa: E402
+from reports.options import add_out  # noqa: E402
 from reports.peers import Peers  # noqa: E402
 from reports.runs import GOAL, OURS, Run, effectivities, our_jobs, timed  # noqa: E402
 from reports.stages import STAGES, stages  # noqa: E402
@@ -157,8 +158,7 @@ def _made(
     try:
         paragraphs, blocks = compose(plan, found, out)
         section = Section(name, title, paragraphs, blocks)
-        for table in section.tables:
-            table.write_csv(out)
+        section.write_tables(out)
         return section
     except Exception as error:
         traceback.print_exc()
@@ -378,13 +378,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         prog="reports/error_vs_time.py",
         description="Measure errors and run times of fixed scenes, beside other codes.",
     )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=ROOT / "reports" / "out" / "error_vs_time",
-        metavar="DIR",
-        help="output directory",
-    )
+    add_out(parser, "error_vs_time")
     parser.add_argument("--quick", action="store_true", help="a few runs of two scenes")
     parser.add_argument("--large", action="store_true", help="one solve of a million unknowns too")
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")

@@ -10,7 +10,6 @@ measured errors, and the share of each source. Writes ``index.html`` with figure
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,17 +29,15 @@ from pvdf_fem.figures import COLOURS, GREY, new_figure, save, style  # noqa: E40
 from pvdf_fem.files import make_directory  # noqa: E402
 from pvdf_fem.page import Cell, Column, Page, Picture, Section, Table  # noqa: E402
 from pvdf_fem.program import ArgumentParser, run_program  # noqa: E402
-from pvdf_fem.sensing.isocharge import contour  # noqa: E402
 from pvdf_fem.sensing.locate_many import locate_many  # noqa: E402
-from pvdf_fem.sensing.triangulation import triangulate  # noqa: E402
 from reports.experiment_sources import SOURCES, Job, Pressed, Source, changes  # noqa: E402
 from reports.locate_models import (  # noqa: E402
     electrodes_of,
-    functions_of,
     response_of,
     sensor,
+    triangulated_mm,
 )
-from reports.options import number_of  # noqa: E402
+from reports.options import add_out, add_processes, number_of  # noqa: E402
 from reports.results import MATERIAL  # noqa: E402
 from reports.thesis_data import Position, Thesis  # noqa: E402
 from reports.thesis_experiments import thesis_circuit  # noqa: E402
@@ -57,7 +54,6 @@ GIVEN, SCALED = "least squares", "least squares, one factor"
 _SIGMA = 0.01
 # Triangulations take milliseconds, least squares microseconds.
 _TRIANGULATED_SHARE = 20
-_STEP_MM = 1.0
 _BAND = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
@@ -117,8 +113,7 @@ def _predict(options: argparse.Namespace) -> int:
         _verdict_section(found),
     ]
     for section in sections:
-        for table in section.tables:
-            table.write_csv(options.out)
+        section.write_tables(options.out)
     made = {"pvdf_fem": __version__, "Samples": f"{options.samples} of each source and scene"}
     page = Page(
         "The thesis's experiments, errors and their causes", _introduction(), sections, made
@@ -174,7 +169,7 @@ def _predicted(scene: Pressed, number: int, samples: int) -> Predicted:
     random = np.random.default_rng([number, *scene.row.case.encode()])
     mine: Sequence[Source] = SOURCES if number == len(SOURCES) else SOURCES[number : number + 1]
     factors = np.prod([source.draw(scene, random, samples) for source in mine], axis=0)
-    right = scene.charges_pC(scene.touch[None])
+    right = scene.charges_pC(scene.row.touch[None])
     charges = right * factors
     some = charges[: max(1, samples // _TRIANGULATED_SHARE)]
     scaled = some * (right.sum() / some.sum(axis=1, keepdims=True))
@@ -188,15 +183,11 @@ def _predicted(scene: Pressed, number: int, samples: int) -> Predicted:
 
 
 def _triangulated(scene: Pressed, charges: Array) -> Array:
-    functions = functions_of(scene.model, scene.electrodes, 0.0, scene.row.force_N)
-    places = []
-    for row in charges.tolist():
-        contours = [
-            contour(name, one, charge, _STEP_MM)
-            for (name, one), charge in zip(functions.items(), row, strict=True)
-        ]
-        places.append(triangulate(contours).position_mm)
-    return np.linalg.norm(np.array(places) - scene.touch[:2], axis=1)
+    places = [
+        triangulated_mm(scene.model, scene.electrodes, row, 0.0, scene.row.force_N)
+        for row in charges
+    ]
+    return np.linalg.norm(np.array(places) - scene.row.touch[:2], axis=1)
 
 
 def _squares(scene: Pressed, charges: Array) -> Array:
@@ -209,7 +200,7 @@ def _squares(scene: Pressed, charges: Array) -> Array:
         electrodes=tuple(scene.electrodes.values()),
         significance=0.0,
     )
-    return np.linalg.norm(found.values[:, :2] - scene.touch[:2], axis=1)
+    return np.linalg.norm(found.values[:, :2] - scene.row.touch[:2], axis=1)
 
 
 # ----------------------------------------------------------------------------------------- page
@@ -392,13 +383,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         prog="reports/experiment.py",
         description="Propagate the thesis's sources of error into its measured positions.",
     )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=ROOT / "reports" / "out" / "experiment",
-        metavar="DIR",
-        help="output directory",
-    )
+    add_out(parser, "experiment")
     parser.add_argument(
         "--samples",
         type=number_of("samples"),
@@ -406,13 +391,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         metavar="N",
         help="of each source and scene; a twentieth of it by triangulation (default: 2000)",
     )
-    parser.add_argument(
-        "--processes",
-        type=number_of("processes"),
-        default=os.cpu_count() or 1,
-        metavar="N",
-        help="default: cores",
-    )
+    add_processes(parser)
     return parser.parse_args(arguments)
 
 

@@ -20,6 +20,8 @@ from pvdf_fem.circuit import Circuit
 from pvdf_fem.newton import Status
 from pvdf_fem.sensing.touch import Model
 from reports.experiment_film import taped, uneven_charges
+from reports.locate_errors import over_disc
+from reports.locate_models import rows_of
 from reports.thesis_contact import pressed
 from reports.thesis_data import Position
 
@@ -83,16 +85,9 @@ class Pressed:
     capacitance_pF: float
     changed: Changed
 
-    @property
-    def touch(self) -> Array:
-        """Where the probe is meant to press, (4,)."""
-        row = self.row
-        return np.array([row.x_mm, row.y_mm, row.rotation_deg, row.force_N])
-
     def charges_pC(self, touches: Array) -> Array:
         """Charges (n, electrodes) of touches (n, 4)."""
-        columns = [self.model.names.index(name) for name in self.electrodes.values()]
-        return self.model.evaluate(touches)[0][:, columns]
+        return self.model.evaluate(touches)[0][:, rows_of(self.model, self.electrodes)]
 
 
 @dataclass(frozen=True)
@@ -115,16 +110,15 @@ def changes(scene: Scene, workers: Callable[[Sequence[Job]], list[Array]]) -> Ch
     steps = 0.5 * np.concatenate([np.eye(3), -np.eye(3)])
     displaced = [_displaced(scene, at) for at in offsets]
     rigid = [pressed(scene, contact) for contact in ("sliding", "stuck")]
-    jobs = [partial(_solved, one) for one in (scene, _resting(scene), *displaced, *rigid)]
+    resting = scene.with_(probe=None)
+    jobs = [partial(_solved, one) for one in (scene, resting, *displaced, *rigid)]
     jobs += [partial(_stretched, scene, step) for step in steps]
     jobs.append(partial(uneven_charges, taped(scene), factors=(1.0, *TAPE_FACTORS)))
     base, rest, *others, tape = workers(jobs)
     moved, punched, stretched = np.split(np.log(np.array(others)), [len(offsets), len(offsets) + 2])
-    x, y = offsets.T
-    powers = np.stack([x, y, x * x, x * y, y * y], axis=1)
     return Changed(
         np.log1p(-rest / base),
-        np.linalg.lstsq(powers, moved - np.log(base))[0],
+        np.linalg.lstsq(_powers(offsets), moved - np.log(base))[0],
         stretched[:3] - stretched[3:],
         np.log(tape / tape[0]),
         punched - np.log(base),
@@ -138,8 +132,10 @@ def _solved(scene: Scene) -> Array:
     return np.array(list(solution.charges_pC.values()))
 
 
-def _resting(scene: Scene) -> Scene:
-    return scene.with_(probe=None)
+def _powers(offsets_mm: Array) -> Array:
+    """Of displacements (n, 2), as in `Changed.film`, (n, 5)."""
+    x, y = offsets_mm.T
+    return np.stack([x, y, x * x, x * y, y * y], axis=1)
 
 
 def _displaced(scene: Scene, offset_mm: Array) -> Scene:
@@ -160,21 +156,14 @@ def _stretched(scene: Scene, step: Array) -> Array:
 # -------------------------------------------------------------------------------------- draws
 
 
-def _disc(random: np.random.Generator, count: int, radius_mm: float) -> Array:
-    r, a = radius_mm * np.sqrt(random.random(count)), 2.0 * np.pi * random.random(count)
-    return np.stack([r * np.cos(a), r * np.sin(a)], axis=1)
-
-
 def _probe(scene: Pressed, random: np.random.Generator, count: int) -> Array:
-    touches = np.tile(scene.touch, (count, 1))
-    touches[:, :2] += _disc(random, count, PROBE_MM)
-    return scene.charges_pC(touches) / scene.charges_pC(scene.touch[None])
+    touches = np.tile(scene.row.touch, (count, 1))
+    touches[:, :2] += over_disc(random, count, PROBE_MM)
+    return scene.charges_pC(touches) / scene.charges_pC(scene.row.touch[None])
 
 
 def _film(scene: Pressed, random: np.random.Generator, count: int) -> Array:
-    x, y = _disc(random, count, FILM_MM).T
-    powers = np.stack([x, y, x * x, x * y, y * y], axis=1)
-    return np.exp(powers @ scene.changed.film)
+    return np.exp(_powers(over_disc(random, count, FILM_MM)) @ scene.changed.film)
 
 
 def _capacitance(scene: Pressed, random: np.random.Generator, count: int) -> Array:
@@ -200,9 +189,9 @@ def _load(scene: Pressed, random: np.random.Generator, count: int) -> Array:
 
 
 def _force(scene: Pressed, random: np.random.Generator, count: int) -> Array:
-    touches = np.tile(scene.touch, (count, 1))
+    touches = np.tile(scene.row.touch, (count, 1))
     touches[:, 3] *= 1.0 + FORCE_SHARE * random.standard_normal(count)
-    return scene.charges_pC(touches) / scene.charges_pC(scene.touch[None])
+    return scene.charges_pC(touches) / scene.charges_pC(scene.row.touch[None])
 
 
 def _tapes(scene: Pressed, random: np.random.Generator, count: int) -> Array:

@@ -13,11 +13,10 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -37,11 +36,29 @@ from reports.extremes_figures import draw_scenes, draw_times  # noqa: E402
 from reports.extremes_laws import laws  # noqa: E402
 from reports.extremes_runs import CRASHED, DIED, HUNG, TIME_LIMIT, Row, rows  # noqa: E402
 from reports.extremes_scenes import SEED, scenes  # noqa: E402
-from reports.options import number_of  # noqa: E402
+from reports.options import add_out, add_processes, number_of  # noqa: E402
 
 FINER = 0.1
 #: Results may differ from finer ones by so many times their estimated error.
 TRUST = 10.0
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A scene as drawn and its row, and those of the film that wrinkles where it had to."""
+
+    scene: Scene
+    first: Row
+    final_scene: Scene
+    final: Row
+
+    @property
+    def group(self) -> str:
+        """The film by its temperature."""
+        change = self.scene.film.temperature_change_K
+        if change > 0.0:
+            return "hot, barely loaded" if barely_loaded(self.scene) else "hot"
+        return "cold" if change < -1e-6 else "without pretension"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -52,39 +69,47 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _report(options: argparse.Namespace) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
-    given = scenes(options.count, options.seed)
-    first = _kept("drawn", given, options)
-    again = [n for n, row in enumerate(first) if row.status == Status.UNSTABLE]
-    wrinkling = {"film.bending": False, "film.compression": "tension-field"}
-    second = _kept("wrinkling", [given[n].with_(**wrinkling) for n in again], options)
-    best_scenes, best = list(given), list(first)
-    for n, row in zip(again, second, strict=True):
-        best_scenes[n], best[n] = given[n].with_(**wrinkling), row
-    checked = _to_check(best_scenes, best, options.checked)
-    finer = _kept("finer", [_finer(best_scenes[n]) for n in checked], options)
-    excess = [_excess(best[n], row) for n, row in zip(checked, finer, strict=True)]
+    drawn = _drawn(options)
+    checked = _to_check(drawn, options.checked)
+    finer = _kept("finer", [_finer(drawn[n].final_scene) for n in checked], options)
+    excess = [_excess(drawn[n].final, row) for n, row in zip(checked, finer, strict=True)]
     wrong = [n for n, e in zip(checked, excess, strict=True) if e > TRUST]
     sections = [
-        _shares(given, first, best),
-        _counts(given, first, best),
-        _pictures(given, best, options.out),
-        _unfinished(given, first, best),
-        _trust(best_scenes, checked, excess, wrong),
+        _shares(drawn),
+        _counts(drawn),
+        _pictures(drawn, options.out),
+        _unfinished(drawn),
+        _trust([drawn[n].final_scene for n in checked], excess, wrong),
         laws(),
     ]
     for section in sections:
-        for table in section.tables:
-            table.write_csv(options.out)
-    drawn = f"{len(given)} scenes drawn with the seed {options.seed}; times are of one thread."
-    print(Page("Scenes of extreme proportions", [drawn], sections).write(options.out))
+        section.write_tables(options.out)
+    text = f"{len(drawn)} scenes drawn with the seed {options.seed}; times are of one thread."
+    print(Page("Scenes of extreme proportions", [text], sections).write(options.out))
     bad = (CRASHED, DIED, HUNG)
-    return 1 if wrong or any(row.status in bad for row in [*first, *best]) else 0
+    return 1 if wrong or any({d.first.status, d.final.status} & {*bad} for d in drawn) else 0
 
 
-def _to_check(given: list[Scene], best: list[Row], count: int) -> list[int]:
+def _drawn(options: argparse.Namespace) -> list[Drawn]:
+    given = scenes(options.count, options.seed)
+    first = _kept("drawn", given, options)
+    wrinkling = {"film.bending": False, "film.compression": "tension-field"}
+    again = {
+        n: given[n].with_(**wrinkling)
+        for n, row in enumerate(first)
+        if row.status == Status.UNSTABLE
+    }
+    second = dict(zip(again, _kept("wrinkling", list(again.values()), options), strict=True))
+    return [
+        Drawn(scene, row, again.get(n, scene), second.get(n, row))
+        for n, (scene, row) in enumerate(zip(given, first, strict=True))
+    ]
+
+
+def _to_check(drawn: list[Drawn], count: int) -> list[int]:
     """The first results with bending and those without, `count` in all."""
-    converged = [n for n, row in enumerate(best) if row.converged]
-    bent = [n for n in converged if bending_joins(given[n])]
+    converged = [n for n, one in enumerate(drawn) if one.final.converged]
+    bent = [n for n in converged if bending_joins(drawn[n].final_scene)]
     plain = [n for n in converged if n not in bent]
     some = min(len(bent), max(count // 2, count - len(plain)))
     return sorted(bent[:some] + plain[: count - some])
@@ -104,13 +129,7 @@ def _excess(row: Row, finer: Row) -> float:
     return float((np.abs(charges - better) / np.maximum(errors, floor)).max())
 
 
-def _group(scene: Scene) -> str:
-    if scene.film.temperature_change_K > 0.0:
-        return "hot, barely loaded" if barely_loaded(scene) else "hot"
-    return "cold" if scene.film.temperature_change_K < -1e-6 else "without pretension"
-
-
-def _shares(given: list[Scene], first: list[Row], best: list[Row]) -> Section:
+def _shares(drawn: list[Drawn]) -> Section:
     """Of each group, how many converge as drawn, and how many when films may wrinkle."""
     columns = [
         Column("group", "film"),
@@ -122,37 +141,30 @@ def _shares(given: list[Scene], first: list[Row], best: list[Row]) -> Section:
         Column("seconds", "longest, s", 1),
     ]
     cells: list[list[Cell]] = []
-    groups = [_group(scene) for scene in given]
-    for name in sorted(set(groups)):
-        these = [n for n, group in enumerate(groups) if group == name]
-        drawn = sum(first[n].converged for n in these)
-        finally_ = [n for n in these if best[n].converged]
-        most = max((best[n].iterations for n in finally_), default=0)
-        longest = max(max(first[n].seconds, best[n].seconds) for n in these)
-        more, share = len(finally_) - drawn, 100.0 * len(finally_) / len(these)
-        cells.append([name, len(these), drawn, more, share, most, longest])
+    for name in sorted({one.group for one in drawn}):
+        these = [one for one in drawn if one.group == name]
+        before = sum(one.first.converged for one in these)
+        final = [one.final for one in these if one.final.converged]
+        most = max((row.iterations for row in final), default=0)
+        longest = max(max(one.first.seconds, one.final.seconds) for one in these)
+        more, share = len(final) - before, 100.0 * len(final) / len(these)
+        cells.append([name, len(these), before, more, share, most, longest])
     text = "A film in compression has no minimum of the energy unless it may wrinkle."
     table = Table("extremes-shares", "How many have a result.", columns, cells)
     return Section("shares", "Results", [text], [table])
 
 
-def _counts(given: list[Scene], first: list[Row], best: list[Row]) -> Section:
-    found: Counter[tuple[str, str, str]] = Counter()
-    for scene, before, after in zip(given, first, best, strict=True):
-        found[_group(scene), before.status, after.status] += 1
+def _counts(drawn: list[Drawn]) -> Section:
+    found = Counter((one.group, one.first.status, one.final.status) for one in drawn)
     columns = [
         Column("group", "film"),
         Column("drawn", "as drawn"),
         Column("status", "finally"),
         Column("scenes", "scenes", 0),
     ]
-    table = Table(
-        "extremes-counts",
-        "What became of them.",
-        columns,
-        [[*key, count] for key, count in sorted(found.items())],
-    )
-    done = [row for row in best if row.converged]
+    cells: list[list[Cell]] = [[*key, count] for key, count in sorted(found.items())]
+    table = Table("extremes-counts", "What became of them.", columns, cells)
+    done = [one.final for one in drawn if one.final.converged]
     if not done:
         return Section("counts", "Endings", ["None converged."], [table])
     text = (
@@ -161,26 +173,23 @@ def _counts(given: list[Scene], first: list[Row], best: list[Row]) -> Section:
         f" {np.median([row.seconds for row in done]):.2f} s), force balance to"
         f" {max(row.force_balance for row in done):.1e}, residual over load"
         f" {max(row.residual for row in done):.1e}. Any scene took at most"
-        f" {max(row.seconds for row in best):.1f} s."
+        f" {max(one.final.seconds for one in drawn):.1f} s."
     )
     return Section("counts", "Endings", [text], [table])
 
 
-def _pictures(given: list[Scene], best: list[Row], out: Path) -> Section:
-    draw_scenes(given, best, out / "extremes-status.png")
-    draw_times(best, out / "extremes-times.png")
-    return Section(
-        "regions",
-        "Where",
-        (),
-        [
-            Picture("extremes-status.png", "Endings by the load and the pretension of the film."),
-            Picture("extremes-times.png", "Seconds against unknowns."),
-        ],
-    )
+def _pictures(drawn: list[Drawn], out: Path) -> Section:
+    final = [one.final for one in drawn]
+    draw_scenes([one.scene for one in drawn], final, out / "extremes-status.png")
+    draw_times(final, out / "extremes-times.png")
+    pictures = [
+        Picture("extremes-status.png", "Endings by the load and the pretension of the film."),
+        Picture("extremes-times.png", "Seconds against unknowns."),
+    ]
+    return Section("regions", "Where", (), pictures)
 
 
-def _unfinished(given: list[Scene], first: list[Row], best: list[Row]) -> Section:
+def _unfinished(drawn: list[Drawn]) -> Section:
     columns = [
         Column("number", "scene", 0),
         Column("film", "film"),
@@ -193,23 +202,21 @@ def _unfinished(given: list[Scene], first: list[Row], best: list[Row]) -> Sectio
     cells: list[list[Cell]] = [
         [
             n,
-            _group(scene),
-            scene.load.kind,
-            before.status,
-            row.status,
-            row.reason.strip().splitlines()[-1],
-            row.seconds,
+            one.group,
+            one.scene.load.kind,
+            one.first.status,
+            one.final.status,
+            one.final.reason.strip().splitlines()[-1],
+            one.final.seconds,
         ]
-        for n, (scene, before, row) in enumerate(zip(given, first, best, strict=True))
-        if not row.converged
+        for n, one in enumerate(drawn)
+        if not one.final.converged
     ]
     table = Table("extremes-unfinished", "Scenes without a result.", columns, cells)
     return Section("unfinished", "Without a result", (), [table])
 
 
-def _trust(
-    given: list[Scene], checked: list[int], excess: list[float], wrong: list[int]
-) -> Section:
+def _trust(checked: list[Scene], excess: list[float], wrong: list[int]) -> Section:
     columns = [
         Column("film", "film"),
         Column("compared", "compared", 0),
@@ -218,10 +225,9 @@ def _trust(
         Column("largest", "largest", 1),
         Column("above", f"above {TRUST:g}", 0),
     ]
-    bent = [bending_joins(given[n]) for n in checked]
     kinds = {
-        "with bending": bent,
-        "that wrinkles": [given[n].film.compression == "tension-field" for n in checked],
+        "with bending": [bending_joins(scene) for scene in checked],
+        "that wrinkles": [scene.film.compression == "tension-field" for scene in checked],
     }
     kinds["any other"] = [not any(chosen) for chosen in zip(*kinds.values(), strict=True)]
     cells: list[list[Cell]] = []
@@ -232,9 +238,8 @@ def _trust(
         cells.append([kind, len(those), len(known), *found, sum(e > TRUST for e in known)])
     text = f"Scenes that differ by more than {TRUST:g} times their estimated error: {wrong or '-'}."
     caption = "Results beside those at a tenth of the tolerance."
-    return Section(
-        "errors", "Estimated errors", [text], [Table("extremes-errors", caption, columns, cells)]
-    )
+    table = Table("extremes-errors", caption, columns, cells)
+    return Section("errors", "Estimated errors", [text], [table])
 
 
 def _kept(name: str, wanted: list[Scene], options: argparse.Namespace) -> list[Row]:
@@ -287,20 +292,8 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         metavar="S",
         help="of processor time, after which a solve is ended",
     )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=ROOT / "reports" / "out" / "extremes",
-        metavar="DIR",
-        help="output directory",
-    )
-    parser.add_argument(
-        "--processes",
-        type=number_of("processes"),
-        default=os.cpu_count() or 1,
-        metavar="N",
-        help="default: cores",
-    )
+    add_out(parser, "extremes")
+    add_processes(parser)
     return parser.parse_args(arguments)
 
 

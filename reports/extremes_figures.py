@@ -28,7 +28,6 @@ def draw_scenes(given: list[Scene], found: list[Row], path: Path) -> None:
         ax.set_ylim(-0.05, 0.05)
         ax.set_xlabel("load number (F/(E h a))$^{2/3}$, the strain that the load makes")
         ax.set_ylabel("thermal strain αΔT")
-        ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=8)
         save(figure, path)
 
 
@@ -44,7 +43,6 @@ def draw_times(found: list[Row], path: Path) -> None:
         ax.set_yscale("log")
         ax.set_xlabel("unknowns on the last mesh")
         ax.set_ylabel("seconds of the whole solve")
-        ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=8)
         save(figure, path)
 
 
@@ -60,3 +58,4 @@ def _by_status(ax: Axes, x: NDArray[np.float64], y: NDArray[np.float64], found: 
         these = np.array([row.status == kind for row in found])
         label = f"{kind.replace('_', ' ')} ({these.sum()})"
         ax.plot(x[these], y[these], mark, color=ink, label=label, alpha=0.7)
+    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=8)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -68,6 +69,7 @@ def rounding() -> Law:
     return "charge over force at the same F/E", b.charges_pC["A"] / a.charges_pC["A"] / 4e5, 1.0
 
 
+@cache
 def _on(**changes: Any) -> Solution:
     """All on one mesh, so that the laws hold to rounding."""
     mesh = mesh_scene(BASE, first_sizes(BASE, 3))

@@ -8,12 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pvdf_fem.sensing.isocharge import contour
 from pvdf_fem.sensing.locate import PLACE_AND_FORCE, locate
 from pvdf_fem.sensing.location import Location
 from pvdf_fem.sensing.touch import QUANTITIES, Model, Touch, period_deg
-from pvdf_fem.sensing.triangulation import triangulate
-from reports.locate_models import functions_of
+from reports.locate_models import distance_mm, rows_of, triangulated_mm
 
 Array = NDArray[np.float64]
 
@@ -33,17 +31,21 @@ WAYS = {
 }
 #: What maximum likelihood seeks.
 SOUGHT = {TOLD: ("x_mm", "y_mm"), LOCATED: PLACE_AND_FORCE, FREE: QUANTITIES}
-_STEP_MM = 1.0
 _NONE: NDArray[np.bool_] = np.zeros((0, 0), dtype=bool)
 
 
 def random_touches(count: int, seed: int, reach_mm: float, forces_N: tuple[float, float]) -> Array:
     """Touches (count, 4): places evenly over a disc, any rotation, any magnitude of the force."""
     draw = np.random.default_rng(seed)
-    r, a = reach_mm * np.sqrt(draw.random(count)), 2.0 * np.pi * draw.random(count)
-    lowest, highest = forces_N
+    places, (lowest, highest) = over_disc(draw, count, reach_mm), forces_N
     forces = lowest * (highest / lowest) ** draw.random(count)
-    return np.stack([r * np.cos(a), r * np.sin(a), 360.0 * draw.random(count), forces], axis=1)
+    return np.column_stack([places, 360.0 * draw.random(count), forces])
+
+
+def over_disc(random: np.random.Generator, count: int, radius_mm: float) -> Array:
+    """Places (count, 2) drawn evenly over a disc about the origin."""
+    r, a = radius_mm * np.sqrt(random.random(count)), 2.0 * np.pi * random.random(count)
+    return np.stack([r * np.cos(a), r * np.sin(a)], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +75,7 @@ class Trial:
     @property
     def rows(self) -> list[int]:
         """Places of the electrodes in the model's charges."""
-        return [self.model.names.index(name) for name in self.electrodes.values()]
+        return rows_of(self.model, self.electrodes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,21 +106,14 @@ class Errors:
 def triangulated(trial: Trial, noise: float, turned: bool) -> Errors:
     """The thesis's way, which is told the force, and the rotation if `turned`."""
     places = [
-        _triangulated(trial, touch, charges, touch[2] if turned else 0.0)
-        for touch, charges in zip(trial.touches, trial.noisy(noise), strict=True)
+        triangulated_mm(trial.model, trial.electrodes, charges, rotation if turned else 0.0, force)
+        for (*_, rotation, force), charges in zip(
+            trial.touches.tolist(), trial.noisy(noise), strict=True
+        )
     ]
     errors = np.linalg.norm(np.array(places) - trial.touches[:, :2], axis=1)
     none = np.full(len(errors), np.nan)
     return Errors(TURNED if turned else TRIANGULATED, noise, errors, none, _NONE, _NONE)
-
-
-def _triangulated(trial: Trial, touch: Array, charges: Array, rotation_deg: float) -> Array:
-    functions = functions_of(trial.model, trial.electrodes, rotation_deg, float(touch[3]))
-    contours = [
-        contour(name, one, charge, _STEP_MM)
-        for (name, one), charge in zip(functions.items(), charges.tolist(), strict=True)
-    ]
-    return triangulate(contours).position_mm
 
 
 def located(trial: Trial, noise: float, way: str = LOCATED) -> Errors:
@@ -209,9 +204,8 @@ def listed(trial: Trial, count: int, near_mm: float = 0.1) -> Listed:
 
 
 def _near(one: Touch, touch: Array, near_mm: float) -> bool:
-    distance = float(np.hypot(*(one.values - touch)[:2]))
     spread = np.hypot(one.deviations["x_mm"], one.deviations["y_mm"])
-    return distance < max(near_mm, 3.0 * float(spread))
+    return distance_mm(one.values, touch) < max(near_mm, 3.0 * float(spread))
 
 
 def fractions(errors: Sequence[float] | Array) -> tuple[Array, Array]:

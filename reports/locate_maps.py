@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pvdf_fem.figures import new_figure, save, style
 from pvdf_fem.sensing.locate import locate
 from pvdf_fem.sensing.touch import QUANTITIES, Model
+from reports.locate_models import distance_mm, rows_of
 
 Array = NDArray[np.float64]
 Extend: TypeAlias = Literal["both", "max"]
@@ -72,8 +73,7 @@ def judged(
 ) -> dict[bool, Place]:
     """What the charges of a touch at 1 N say, the rotation known (False) or sought (True)."""
     touch = np.array([*at_mm, rotation_deg, FORCE_N])
-    rows = [model.names.index(name) for name in electrodes.values()]
-    charges = model.evaluate(touch[None])[0][0][rows]
+    charges = model.evaluate(touch[None])[0][0][rows_of(model, electrodes)]
     given = dict(zip(electrodes.values(), charges.tolist(), strict=True))
     found = {}
     for sought in (False, True):
@@ -81,8 +81,8 @@ def judged(
         known = {} if sought else {"rotation_deg": rotation_deg}
         result = locate(model, given, noise, unknown=unknown, known=known)
         likely = [one for one in result.touches if one.weight > 0.01]
-        true = min(result.touches, key=lambda one: np.hypot(*(one.values - touch)[:2]))
-        apart = [float(np.hypot(*(one.values - touch)[:2])) for one in likely]
+        true = min(result.touches, key=lambda one: distance_mm(one.values, touch))
+        apart = [distance_mm(one.values, touch) for one in likely]
         worst = float(np.sqrt(np.linalg.eigvalsh(true.covariance[:2, :2])[-1]))
         found[sought] = Place(worst, true.determined, true.condition, len(likely), max(apart))
     return found

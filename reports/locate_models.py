@@ -14,19 +14,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvdf_fem import Scene
+from pvdf_fem.sensing.isocharge import contour
 from pvdf_fem.sensing.response import Response, build
 from pvdf_fem.sensing.touch import Model
+from pvdf_fem.sensing.triangulation import triangulate
 from pvdf_fem.store import key
-from reports.results import MATERIAL
+from reports.results import MATERIAL, Results
 from reports.thesis_calibration import DIRECTIONS_DEG
 from reports.thesis_data import Thesis
 from reports.thesis_scene import PROBES
 
 Array = NDArray[np.float64]
 
+#: Relative error of the finite-element charges.
+TOLERANCE = 1e-4
 REACH_MM = 12.0
 FORCES_N = (0.1, 5.0)
 _RING_MM, _SIDE_MM = 10.0, 3.0
+# Between points of a contour.
+_STEP_MM = 1.0
 _ALL_DEG = sorted({d for layout in DIRECTIONS_DEG.values() for d in layout.values()})
 
 
@@ -59,6 +65,16 @@ def electrodes_of(layout: str) -> dict[str, str]:
     return {name: str(direction) for name, direction in DIRECTIONS_DEG[layout].items()}
 
 
+def rows_of(model: Model, electrodes: Mapping[str, str]) -> list[int]:
+    """Places of electrodes in the model's charges."""
+    return [model.names.index(name) for name in electrodes.values()]
+
+
+def distance_mm(values: Array, touch: Array) -> float:
+    """Between the places of two touches (4,)."""
+    return float(np.hypot(*(values - touch)[:2]))
+
+
 def response_of(
     scene: Scene,
     folder: Path,
@@ -81,6 +97,19 @@ def placed(scene: Scene, touch: Array) -> Scene:
     x, y, rotation, force = (round(float(value), 9) for value in touch)
     place = {"probe.x_mm": x, "probe.y_mm": y, "probe.rotation_deg": rotation}
     return scene.with_(**place, **{"load.force_N": force})
+
+
+def scene_at(thesis: Thesis, probe: str, film: str, touch: Array) -> Scene:
+    """The scene of a touch (4,), whose charges a model is compared with."""
+    scene = sensor(thesis, probe, film).with_(**{"numerics.tolerance": TOLERANCE})
+    return placed(scene, touch)
+
+
+def charges_of(results: Results, scene: Scene, electrodes: Mapping[str, str]) -> list[float]:
+    """Charges in pC of a solved scene."""
+    film, record = scene.film, results[scene]
+    charges = record.charges_pC(film.d31_pC_N, film.d32_pC_N, MATERIAL)
+    return [charges[own] for own in electrodes.values()]
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,8 +144,16 @@ class Layered:
         return charges[:, k] + beyond, slope
 
 
-def functions_of(
-    model: Model, names: Mapping[str, str], rotation_deg: float, force_N: float
-) -> dict[str, Layered]:
-    """Charge functions by the thesis's names of the electrodes."""
-    return {n: Layered(model, own, rotation_deg, force_N) for n, own in names.items()}
+def triangulated_mm(
+    model: Model,
+    electrodes: Mapping[str, str],
+    charges_pC: Array,
+    rotation_deg: float,
+    force_N: float,
+) -> Array:
+    """The thesis's place (2,) of charges, in the order of the electrodes; NaN if there is none."""
+    contours = [
+        contour(name, Layered(model, own, rotation_deg, force_N), charge, _STEP_MM)
+        for (name, own), charge in zip(electrodes.items(), charges_pC.tolist(), strict=True)
+    ]
+    return triangulate(contours).position_mm

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Callable
+from pathlib import Path
+
+OUT = Path(__file__).resolve().parent / "out"
 
 
 def number_of(what: str, most: int = 1000) -> Callable[[str], int]:
@@ -17,3 +21,21 @@ def number_of(what: str, most: int = 1000) -> Callable[[str], int]:
         return int(text)
 
     return parse
+
+
+def add_out(parser: argparse.ArgumentParser, folder: str = "") -> None:
+    """``--out``, by default a folder of `OUT`."""
+    parser.add_argument(
+        "--out", type=Path, default=OUT / folder, metavar="DIR", help="output directory"
+    )
+
+
+def add_processes(parser: argparse.ArgumentParser) -> None:
+    """``--processes``, by default as many as there are cores."""
+    parser.add_argument(
+        "--processes",
+        type=number_of("processes"),
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="default: cores",
+    )

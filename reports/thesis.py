@@ -34,7 +34,7 @@ from pvdf_fem.files import FileError, make_directory, printable  # noqa: E402
 from pvdf_fem.page import Page, Section  # noqa: E402
 from pvdf_fem.program import ArgumentParser, run_program  # noqa: E402
 from reports.kept import kept  # noqa: E402
-from reports.options import number_of  # noqa: E402
+from reports.options import add_out, add_processes  # noqa: E402
 from reports.part import Part  # noqa: E402
 from reports.results import Results  # noqa: E402
 from reports.thesis_angle import ANGLE_PART  # noqa: E402
@@ -246,8 +246,7 @@ def _section(
         content = part.compose(thesis, results, out)
         note = _failures(results, scenes)
         section = Section(part.name, part.title, content.paragraphs, content.blocks, note=note)
-        for table in section.tables:
-            table.write_csv(out)
+        section.write_tables(out)
         return section
 
     try:
@@ -282,9 +281,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         prog="reports/thesis.py",
         description="Compute the thesis's sensor and compare it with the thesis's numbers.",
     )
-    parser.add_argument(
-        "--out", type=Path, default=ROOT / "reports" / "out", metavar="DIR", help="output directory"
-    )
+    add_out(parser)
     parser.add_argument(
         "--only",
         action="append",
@@ -295,13 +292,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--quick", action="store_true", help="only a few of the scenes")
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
-    parser.add_argument(
-        "--processes",
-        type=number_of("processes"),
-        default=os.cpu_count() or 1,
-        metavar="N",
-        help="default: cores",
-    )
+    add_processes(parser)
     return parser.parse_args(arguments)
 
 

@@ -10,6 +10,9 @@ from math import nan
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pvdf_fem.sensing.polynomial import Polynomial, Product, read_polynomials
 
 DATA = Path(__file__).parent / "data"
@@ -91,6 +94,11 @@ class Position:
     def case(self) -> str:
         """Name: table, row and number of electrodes."""
         return f"{self.source} row {self.row}, {self.layout} electrodes"
+
+    @property
+    def touch(self) -> NDArray[np.float64]:
+        """Where the probe presses, (4,): x and y in mm, rotation in degrees, force in N."""
+        return np.array([self.x_mm, self.y_mm, self.rotation_deg, self.force_N])
 
 
 @dataclass(frozen=True)
