@@ -23,8 +23,8 @@ CRASHED = "crashed"
 Progress = Callable[[int, int], None]
 
 
-def _silent(done: int, total: int) -> None:
-    pass
+def silent(done: int, total: int) -> None:
+    """A `Progress` that tells nobody."""
 
 
 def sweep(
@@ -34,7 +34,7 @@ def sweep(
     *,
     processes: int = -1,
     scheduler: str | None = None,
-    progress: Progress = _silent,
+    progress: Progress = silent,
 ) -> xarray.Dataset:
     """Charges of a scene over a grid.
 
@@ -71,7 +71,7 @@ def solve_all(
     *,
     processes: int = -1,
     scheduler: str | None = None,
-    progress: Progress = _silent,
+    progress: Progress = silent,
 ) -> list[Record]:
     """Records of scenes, in their order.
 
@@ -104,7 +104,7 @@ def records(
     *,
     processes: int = -1,
     scheduler: str | None = None,
-    progress: Progress = _silent,
+    progress: Progress = silent,
 ) -> Iterator[tuple[int, Record]]:
     """The records of a plan as they come: index of the first of equal scenes, and its record.
 

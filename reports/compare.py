@@ -1,6 +1,7 @@
 """Your own measured charges beside ours, of the same scenes.
 
     python reports/compare.py FILE.csv [--out DIR] [--contact pressure|sliding|stuck]
+                              [--processes N]
 
 Writes ``index.html`` with figures (SVG) and a table (CSV). Solved scenes are kept in ``results/``
 beside them. The help lists the columns of the file; `reports/data/example_measurements.csv` is one.

@@ -13,7 +13,6 @@ import argparse
 import sys
 import time
 from collections.abc import Callable, Sequence
-from importlib import import_module
 from pathlib import Path
 
 from tqdm import tqdm
@@ -132,5 +131,4 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    # by its own name, so that other processes find its functions
-    sys.exit(import_module("reports.design").main())
+    sys.exit(main())

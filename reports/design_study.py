@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pvdf_fem import Scene, SceneError
+from pvdf_fem.sweep import Progress, silent
 from reports.design_resolution import Noise, PolarMap, Response, polar_map, response
 from reports.design_sensor import PROBE_RADIUS_MM, Lattice, Sensor
 from reports.results import Results
 
 Array = NDArray[np.float64]
-Progress = Callable[[int, int], None]
 
 THESIS = Sensor()
 LIGHT_N = 0.1
@@ -129,18 +129,16 @@ class Study:
             return False
         return True
 
-    def solve(self, sensors: Iterable[Sensor], progress: Progress | None = None) -> None:
+    def solve(self, sensors: Iterable[Sensor], progress: Progress = silent) -> None:
         """Solve what the maps of these sensors still need."""
         needed = list(self._needed(sensors).items())
         for start in range(0, len(needed), BATCH):
             self._solve(dict(needed[start : start + BATCH]), progress)
 
-    def _solve(
-        self, needed: dict[tuple[Scene, float], list[Scene]], progress: Progress | None
-    ) -> None:
+    def _solve(self, needed: dict[tuple[Scene, float], list[Scene]], progress: Progress) -> None:
         every = [alone for alone, _ in needed]
         every += [scene for scenes in needed.values() for scene in scenes]
-        self.results.solve(every, progress or (lambda done, total: None))
+        self.results.solve(every, progress)
         for (alone, force_N), scenes in needed.items():
             records = [self.results[scene] for scene in scenes]
             rest = self.results[alone]

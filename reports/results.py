@@ -5,13 +5,13 @@ What is solved stays in a store, so that an interrupted report goes on where it 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 
 from pvdf_fem import Scene
 from pvdf_fem.sensing.carried import CarriedField, carried_field
 from pvdf_fem.store import Record, Store
-from pvdf_fem.sweep import planned, solve_all
+from pvdf_fem.sweep import Progress, planned, silent, solve_all
 
 #: The charges that the thesis's post-processor computes, and those of the electrode's material.
 THESIS_EDGE = "thesis-edge"
@@ -38,11 +38,7 @@ class Results:
         """The record of a scene that was solved."""
         return self._records[scene]
 
-    def solve(
-        self,
-        scenes: Iterable[Scene],
-        progress: Callable[[int, int], None] = lambda done, total: None,
-    ) -> None:
+    def solve(self, scenes: Iterable[Scene], progress: Progress = silent) -> None:
         """Solve those of the scenes that are neither here nor in the store."""
         wanted = [one for one in dict.fromkeys(scenes) if one not in self._records]
         with self._store() as store:

@@ -98,8 +98,12 @@ class RimPlaces:
     @property
     def unique_centres_mm(self) -> Array:
         """Those that are not copies, (n, 2): by radius, then by angle."""
-        unique = sorted({copy.angle for copy in self.copies})
-        return self.centres_mm[:, unique].reshape(-1, 2)
+        return self.centres_mm[:, self.unique_angles].reshape(-1, 2)
+
+    @property
+    def unique_angles(self) -> list[int]:
+        """Indices of the angles whose places are not copies."""
+        return sorted({copy.angle for copy in self.copies})
 
     @cached_property
     def copies(self) -> tuple[Copy, ...]:
@@ -182,7 +186,7 @@ class ProbeCharges:
         uniaxial : bool
             Whether d31 differs from d32, so that the deviator counts.
         """
-        unique = sorted({copy.angle for copy in places.copies})
+        unique = places.unique_angles
         stress = np.reshape(fields, (places.radii, len(unique), *np.shape(fields)[1:]))
         trace = stress[:, :, :, 0] + stress[:, :, :, 1]
         deviator = (stress[:, :, :, 0] - stress[:, :, :, 1]) / 2.0 + 1j * stress[:, :, :, 2]
