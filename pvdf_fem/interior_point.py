@@ -22,7 +22,7 @@ import numpy as np
 from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.equilibrium import Equilibrium
-from pvdf_fem.membrane import Array, MembraneState, strain_rate, times
+from pvdf_fem.membrane import Array, MembraneState, strain_rate
 from pvdf_fem.newton import factorise
 from pvdf_fem.tension_field import GivenModuli, WrinklingMembrane
 
@@ -110,7 +110,7 @@ class _InteriorPoint:
         missing = 1.0 - length
         centring = missing**3 if length > SHORT else 0.5 * missing
         ds, dp = predicted[1:]
-        second = _jordan(times(step.inverse, ds), times(step.scaling, dp))
+        second = _jordan(_times(step.inverse, ds), _times(step.scaling, dp))
         wanted = max(centring, LEAST_CENTRING) * step.mu * UNIT - second
         dq, ds, dp = step.solve(_jordan_inverse(step.scaled, wanted) - step.scaled)
         length = min(1.0, SHORTER * _longest(at, (dq, ds, dp)))
@@ -128,7 +128,7 @@ class _Linearised:
         weights = points.weights
         self.mu = float(((at.s * at.p).sum(axis=-1) * weights).sum() / weights.sum())
         self.scaling, self.inverse = _nesterov_todd(at.s, at.p)
-        self.scaled = times(self.inverse, at.s)
+        self.scaled = _times(self.inverse, at.s)
         compliance = self.scaling @ points.compliance @ self.scaling + np.eye(3)
         self.root = np.linalg.solve(np.linalg.cholesky(compliance), self.scaling)
         self.state = points.equilibrium.state(at.q)
@@ -145,7 +145,7 @@ class _Linearised:
     def solve(self, right: Array) -> tuple[Array, Array, Array]:
         """dq, ds, dp with W^-1 ds + W dp = `right`."""
         equilibrium, state = self.points.equilibrium, self.state
-        known = self._moduli(self.mismatch + times(self.inverse, right))
+        known = self._moduli(self.mismatch + _times(self.inverse, right))
         stress: MembraneState = replace(state, stress=(self.at.s + known) @ STRAIN)
         dq = -self.factors.solve(equilibrium.residual(stress))
         gradient = equilibrium.membrane.gradient(equilibrium.unknowns.expand(dq))
@@ -154,7 +154,7 @@ class _Linearised:
         return dq, ds, ds @ self.points.compliance - strain - self.mismatch
 
     def _moduli(self, strain: Array) -> Array:
-        return times(self.root.swapaxes(-1, -2), times(self.root, strain))
+        return _times(self.root.swapaxes(-1, -2), _times(self.root, strain))
 
 
 def _nesterov_todd(s: Array, p: Array) -> tuple[Array, Array]:
@@ -213,3 +213,7 @@ def _jordan_inverse(a: Array, b: Array) -> Array:
     x[..., 0] = (a[..., 0] * b[..., 0] - dot) / _determinant(a)
     x[..., 1:] = (b[..., 1:] - a[..., 1:] * x[..., :1]) / a[..., :1]
     return x
+
+
+def _times(matrix: Array, vector: Array) -> Array:
+    return np.asarray(np.matmul(matrix, vector[..., None])[..., 0])

@@ -291,7 +291,7 @@ def _last(components: Array, axes: int) -> Array:
 
 
 def times(matrix: Array, vector: Array) -> Array:
-    """The product (..., 3) of a matrix, (3, 3) or (..., 3, 3), and a vector (..., 3)."""
+    """Vectors (..., n) times one matrix (n, n), or times one (..., n, n) each."""
     if matrix.ndim > 2:
         return np.matmul(matrix, vector[..., None])[..., 0]
     return _last(np.tensordot(matrix, _first(vector, 1), 1), 1)

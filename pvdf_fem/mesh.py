@@ -16,7 +16,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gmsh
 import numpy as np
@@ -26,7 +26,7 @@ from skfem import MeshTri2
 from pvdf_fem.bending_effect import bending_joins
 from pvdf_fem.outline import Circle, Outline, mapped
 from pvdf_fem.scene import Scene
-from pvdf_fem.six_node import bulge, compression, straightened, with_sorted_vertices
+from pvdf_fem.six_node import SIDES, bulge, compression, with_sorted_vertices
 from pvdf_fem.symmetry import WHOLE, Part
 
 # gmsh's other sources of element sizes, all switched off.
@@ -180,11 +180,19 @@ def mesh_scene(scene: Scene, sizes: Sizes | SizeField, part: Part = WHOLE) -> Me
         wanted[bad] = SMALLER * element_sizes(mesh, DISTORTED_SLIVER)[bad]
         sizes = SizeField.of_elements(mesh, wanted)
     while (bad := compression(mesh) < least).any():
-        straight = straightened(mesh, bad)
+        straight = _straightened(mesh, bad)
         if np.array_equal(straight.doflocs, mesh.doflocs):
             raise MeshError(f"{bad.sum()} elements fold: an outline nearly touches another")
         mesh = straight
     return mesh
+
+
+def _straightened(mesh: MeshTri2, elements: NDArray[np.bool_]) -> MeshTri2:
+    """The mesh with straight sides of some elements, those in cusps too narrow for an arc."""
+    points, nodes = mesh.doflocs.copy(), mesh.dofs.element_dofs[:, elements]
+    for middle, (a, b) in enumerate(SIDES, start=3):
+        points[:, nodes[middle]] = 0.5 * (points[:, nodes[a]] + points[:, nodes[b]])
+    return replace(mesh, doflocs=points)
 
 
 def _mesh_once(scene: Scene, sizes: Sizes | SizeField, part: Part) -> MeshTri2:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 from skfem import MeshTri2
@@ -61,11 +59,3 @@ def compression(mesh: MeshTri2) -> NDArray[np.float64]:
     jacobian = mesh.mapping().detDF(points)
     mean = jacobian.mean(axis=1, keepdims=True)
     return (jacobian / mean).min(axis=1)
-
-
-def straightened(mesh: MeshTri2, elements: NDArray[np.bool_]) -> MeshTri2:
-    """The mesh with straight sides of some elements, those in cusps too narrow for an arc."""
-    points, nodes = mesh.doflocs.copy(), mesh.dofs.element_dofs[:, elements]
-    for middle, (a, b) in enumerate(SIDES, start=3):
-        points[:, nodes[middle]] = 0.5 * (points[:, nodes[a]] + points[:, nodes[b]])
-    return replace(mesh, doflocs=points)

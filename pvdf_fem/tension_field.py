@@ -29,7 +29,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import eigh
 
-from pvdf_fem.membrane import Array, Membrane, MembraneState
+from pvdf_fem.membrane import Array, Membrane, MembraneState, times
 
 # adj S = S22, S11, -S12 of a stress S11, S22, S12, as a strain with engineering shear.
 ADJUGATE: Array = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -2.0]])
@@ -65,8 +65,7 @@ class TensionField:
         if np.iscomplexobj(strain):
             real = self.stress(strain.real)
             root = self.root(strain.real, real)
-            along = np.matmul(root, strain.imag[..., None])
-            return real + 1j * np.matmul(root.swapaxes(-1, -2), along)[..., 0]
+            return real + 1j * times(root.swapaxes(-1, -2), times(root, strain.imag))
         stress = strain @ self.stiffness
         taut = _is_tensile(stress)
         slack = ~taut & _is_tensile(-strain * [1.0, 1.0, 0.5])
@@ -195,7 +194,7 @@ class WrinklingMembrane(Membrane):
 
     def tangent_action(self, state: MembraneState, x: Array) -> Array:
         """Change of `residual` with the dofs by `x`, the floor of `tangent` included."""
-        floor = np.matmul(self.damping(state, FLOOR), x[self.element_dofs][..., None])[..., 0]
+        floor = times(self.damping(state, FLOOR), x[self.element_dofs])
         return super().tangent_action(state, x) + floor
 
     def tangent_diagonal(self, state: MembraneState) -> Array:
