@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from skfem import Basis, MeshTri2
 
@@ -42,12 +43,24 @@ def refined_sizes(mesh: MeshTri2, shares: Array, reduction: float) -> SizeField:
 def transferred(basis: Basis, x: Array, target: Basis) -> Array:
     """Dofs on the basis `target` of the displacement that has the dofs `x` on `basis`.
 
-    A starting guess, so points are sought in the straight-sided triangles with the nearest
-    centroids, and those in none of them are extrapolated from the closest.
+    A starting guess: see `located` for points that are in none of the triangles tried.
     """
-    mesh, points = basis.mesh, target.doflocs
+    elements, values = located(basis, target.doflocs)
+    nodal = x.reshape(-1, 3)[basis.element_dofs[:, elements]]
+    return np.einsum("pi,ipc->pc", values, nodal).ravel()
+
+
+def located(
+    basis: Basis, points: Array, candidates: int = CANDIDATES
+) -> tuple[NDArray[np.int64], Array]:
+    """Triangles (n,) of points (2, n), and the values (n, functions) of their shape functions.
+
+    Points are sought in the straight-sided triangles with the nearest centroids, and those in none
+    of them are extrapolated from the closest.
+    """
+    mesh = basis.mesh
     corners = mesh.p[:, mesh.t]
-    _, near = cKDTree(corners.mean(axis=1).T).query(points.T, k=min(CANDIDATES, mesh.nelements))
+    _, near = cKDTree(corners.mean(axis=1).T).query(points.T, k=min(candidates, mesh.nelements))
     near = near.reshape(points.shape[1], -1)
     origin = corners[:, 0][:, near]
     edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=-1)
@@ -58,6 +71,4 @@ def transferred(basis: Basis, x: Array, target: Basis) -> Array:
     element = np.take_along_axis(near, best, axis=1)[:, 0]
     place = np.take_along_axis(local, best[None], axis=2)[..., 0]
     functions = range(basis.Nbfun)
-    values = np.stack([basis.elem.lbasis(place, i)[0] for i in functions], axis=-1)
-    nodal = x.reshape(-1, 3)[basis.element_dofs[:, element]]
-    return np.einsum("pi,ipc->pc", values, nodal).ravel()
+    return element, np.stack([basis.elem.lbasis(place, i)[0] for i in functions], axis=-1)

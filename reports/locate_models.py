@@ -92,17 +92,12 @@ def response_of(
     return model
 
 
-def placed(scene: Scene, touch: Array) -> Scene:
-    """The scene with its probe at a touch (4,)."""
-    x, y, rotation, force = (round(float(value), 9) for value in touch)
-    place = {"probe.x_mm": x, "probe.y_mm": y, "probe.rotation_deg": rotation}
-    return scene.with_(**place, **{"load.force_N": force})
-
-
 def scene_at(thesis: Thesis, probe: str, film: str, touch: Array) -> Scene:
     """The scene of a touch (4,), whose charges a model is compared with."""
-    scene = sensor(thesis, probe, film).with_(**{"numerics.tolerance": TOLERANCE})
-    return placed(scene, touch)
+    x, y, rotation, force = (round(float(value), 9) for value in touch)
+    place = {"probe.x_mm": x, "probe.y_mm": y, "probe.rotation_deg": rotation}
+    accurate = {"load.force_N": force, "numerics.tolerance": TOLERANCE}
+    return sensor(thesis, probe, film).with_(**place, **accurate)
 
 
 def charges_of(results: Results, scene: Scene, electrodes: Mapping[str, str]) -> list[float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from types import TracebackType
 from typing import Self
 
@@ -78,7 +79,9 @@ class Peers:
         if peer_calculix.NAME in self.versions:
             plan = calculix.everywhere + (calculix.closely if close else ())
             for element, factor in sorted(plan, key=lambda one: (one[0], -one[1])):
-                run = _calculix(case, element, factor, calculix.limit)
+                run = partial(
+                    peer_calculix.solve_calculix, case.scene, element, factor, calculix.limit
+                )
                 found.append(Job(case, peer_calculix.NAME, element, factor, run))
         return found
 
@@ -88,7 +91,3 @@ class Peers:
         worker = self._worker
         assert worker is not None
         return lambda: Outcome(**worker.solve(case.scene, order, sizes.patches, sizes.film))
-
-
-def _calculix(case: Case, element: str, factor: float, limit: float) -> Callable[[], Outcome]:
-    return lambda: peer_calculix.solve_calculix(case.scene, element, factor, limit)

@@ -11,6 +11,7 @@ import statistics
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.mesh import mesh_scene
@@ -142,21 +143,15 @@ def our_jobs(
     jobs = []
     for order, sizes in factors.items():
         for factor in sizes:
-            run = _bound(solve_uniform, case.scene, order, factor)
+            run = partial(solve_uniform, case.scene, order, factor)
             jobs.append(Job(case, OURS, f"order {order}, {UNIFORM}", factor, run))
     for order, wanted in tolerances.items():
         for tolerance in wanted:
             if case.exact is None and tolerance < 2.0 * case.tolerances[0]:
                 continue  # as fine as the reference
-            run = _bound(solve_to_tolerance, case.scene, order, tolerance)
+            run = partial(solve_to_tolerance, case.scene, order, tolerance)
             jobs.append(Job(case, OURS, f"order {order}, {GOAL}", tolerance, run))
     return jobs
-
-
-def _bound(
-    function: Callable[[Scene, int, float], Outcome], scene: Scene, order: int, value: float
-) -> Callable[[], Outcome]:
-    return lambda: function(scene, order, value)
 
 
 def attempt(job: Job) -> Outcome:

@@ -14,7 +14,6 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 from skfem import Basis, asm
 from skfem.models import mass
 
@@ -22,6 +21,7 @@ from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.mesh import PROBE, Sizes, mesh_scene, outlines
 from pvdf_fem.newton import Status, factorise, newton, seed
 from pvdf_fem.outline import Circle
+from pvdf_fem.refine import located
 from pvdf_fem.scene import Scene
 from pvdf_fem.solution import NotConvergedError
 
@@ -216,20 +216,7 @@ class _Projection:
 
 def _sampling(basis: Basis, points: Array) -> sp.csr_matrix:
     """Matrix (points, dofs) that takes nodal values to values at points (n, 2)."""
-    mesh = basis.mesh
-    corners = mesh.p[:, mesh.t]
-    _, near = cKDTree(corners.mean(axis=1).T).query(points, k=CANDIDATES)
-    inverse = np.linalg.inv(
-        np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], -1).transpose(
-            1, 0, 2
-        )
-    )
-    local = np.einsum("pcij,pcj->pci", inverse[near], points[:, None] - corners[:, 0].T[near])
-    depth = np.minimum(local.min(axis=-1), 1.0 - local.sum(axis=-1))
-    best = depth.argmax(axis=1)[:, None]
-    elements = np.take_along_axis(near, best, axis=1)[:, 0]
-    place = np.take_along_axis(local, best[..., None], axis=1)[:, 0]
-    values = np.stack([basis.elem.lbasis(place.T, i)[0] for i in range(basis.Nbfun)], axis=-1)
+    elements, values = located(basis, points.T, CANDIDATES)
     rows = np.broadcast_to(np.arange(len(points))[:, None], values.shape)
     columns = basis.element_dofs.T[elements]
     shape = (len(points), basis.N)
