@@ -16,7 +16,7 @@ import json
 import sys
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +69,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _report(options: argparse.Namespace) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
-    drawn = _drawn(options)
+    given = scenes(options.count, options.seed)
+    first = _kept("drawn", given, options)
+    again = [n for n, row in enumerate(first) if row.status == Status.UNSTABLE]
+    wrinkling = {"film.bending": False, "film.compression": "tension-field"}
+    second = _kept("wrinkling", [given[n].with_(**wrinkling) for n in again], options)
+    drawn = [Drawn(*each, *each) for each in zip(given, first, strict=True)]
+    for n, row in zip(again, second, strict=True):
+        drawn[n] = replace(drawn[n], final_scene=given[n].with_(**wrinkling), final=row)
     checked = _to_check(drawn, options.checked)
     finer = _kept("finer", [_finer(drawn[n].final_scene) for n in checked], options)
     excess = [_excess(drawn[n].final, row) for n, row in zip(checked, finer, strict=True)]
@@ -88,22 +95,6 @@ def _report(options: argparse.Namespace) -> int:
     print(Page("Scenes of extreme proportions", [text], sections).write(options.out))
     bad = (CRASHED, DIED, HUNG)
     return 1 if wrong or any({d.first.status, d.final.status} & {*bad} for d in drawn) else 0
-
-
-def _drawn(options: argparse.Namespace) -> list[Drawn]:
-    given = scenes(options.count, options.seed)
-    first = _kept("drawn", given, options)
-    wrinkling = {"film.bending": False, "film.compression": "tension-field"}
-    again = {
-        n: given[n].with_(**wrinkling)
-        for n, row in enumerate(first)
-        if row.status == Status.UNSTABLE
-    }
-    second = dict(zip(again, _kept("wrinkling", list(again.values()), options), strict=True))
-    return [
-        Drawn(scene, row, again.get(n, scene), second.get(n, row))
-        for n, (scene, row) in enumerate(zip(given, first, strict=True))
-    ]
 
 
 def _to_check(drawn: list[Drawn], count: int) -> list[int]:
