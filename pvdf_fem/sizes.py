@@ -16,8 +16,8 @@ REACHED = {1: 2e-2, 2: 2e-3, 3: 1e-4}
 # Elements along a needle's outline may be this part of it, however thin the needle is.
 SLENDER = 1.0 / 200.0
 # Most elements along an outline in whose layer bending acts; where that matters the next mesh is
-# finer, but only there.
-MOST_ALONG = 250
+# finer, but only there. What the rim's layer does is far from most electrodes.
+MOST_ALONG = {FILM: 80, PROBE: 250}
 # A film that wrinkles has kinks, which only the next mesh can follow; the first one is coarser.
 KINKS = 1.7
 
@@ -73,7 +73,7 @@ def _with_layers(scene: Scene, sizes: Sizes) -> Sizes:
     if scene.probe is not None:
         lengths[PROBE] = scene.probe.outline.perimeter
     finer = {
-        name: min(sizes.patches.get(name, np.inf), max(size, lengths[name] / MOST_ALONG))
+        name: min(sizes.patches.get(name, np.inf), max(size, lengths[name] / MOST_ALONG[name]))
         for name, size in layers.items()
         if size < sizes.film
     }

@@ -38,17 +38,18 @@ from pvdf_fem.tension_newton import barely_loaded
 
 # Sizes aim at this part of the tolerance.
 SAFETY = 0.5
-MAX_MESHES = 6
-# Meshes of more unknowns are not made, so that a solve takes less than 20 s on one core at the
-# usual tolerance; a finer one may take longer.
+MAX_MESHES = 8
+# Meshes of more unknowns are not made, nor more than twice as many on all meshes, so that a solve
+# takes less than 20 s on one core at the usual tolerance; a finer one may take longer.
 USUAL = 1e-3
 MAX_UNKNOWNS = {"refuse": 60_000, "tension-field": 20_000}
 # Nor is another one after so many iterations times unknowns: tension that concentrates in lines, as
 # in a film that a load is far too small to pull taut, needs ever more of both.
 HARD = 1e6
-# A film that wrinkles has kinks that a coarse mesh shows in the wrong places, so that the next one
-# has at most so many times its unknowns.
-GROWTH = 5.0
+# A coarse mesh shows singular corners, and the kinks of a film that wrinkles, larger than they are
+# and in the wrong places, so that the next one has at most so many times its unknowns. One that
+# may only have less than the second part of them would not be better.
+GROWTH, LEAST = 3.0, 0.5
 # Unknowns of an element, by order of the displacement.
 UNKNOWNS = {1: 1.5, 2: 6.0, 3: 13.5}
 
@@ -266,6 +267,8 @@ def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock:
             mesh = mesh_scene(scene, sizes, part)
         return solve_on(scene, goals, mesh, part, order, clock, coarser)
 
+    spent = 0
+    largest_mesh = MAX_UNKNOWNS[scene.film.compression] * max(1.0, USUAL / tolerance) ** 0.5
     attempt = solved(first_sizes(scene, order))
     for _ in range(MAX_MESHES - 1):
         if attempt.result.status is not Status.CONVERGED or attempt.worst <= tolerance:
@@ -273,13 +276,13 @@ def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock:
         with clock("refine"):
             sizes = refined(attempt, SAFETY * tolerance)
         unknowns = attempt.fields.solved.unknowns.count
-        most = MAX_UNKNOWNS[scene.film.compression] * max(1.0, USUAL / tolerance) ** 0.5
-        if unknowns > 0.7 * most:
+        spent += unknowns
+        most = min(GROWTH * unknowns, largest_mesh, 2.0 * largest_mesh - spent)
+        if most < LEAST * unknowns:
             break
-        if scene.film.compression == "tension-field":
-            most = min(most, GROWTH * unknowns)
-            if len(attempt.result.iterations) * most > HARD:
-                break
+        wrinkles = scene.film.compression == "tension-field"
+        if wrinkles and len(attempt.result.iterations) * most > HARD:
+            break
         finer = solved(sizes.coarsened(most / UNKNOWNS[order]), attempt)
         if finer.result.status is Status.MAX_ITERATIONS:
             break
