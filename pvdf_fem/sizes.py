@@ -10,6 +10,8 @@ from pvdf_fem.bending_effect import bending_effect, bending_joins, layer_size
 from pvdf_fem.mesh import FILM, PROBE, Sizes, outlines
 from pvdf_fem.scene import Scene
 
+# Of the displacement, unless another one is asked for.
+ORDER = 3
 # Relative error of the worst charge that element sizes of `first_sizes` without their factor leave,
 # by order of the displacement.
 REACHED = {1: 2e-2, 2: 2e-3, 3: 1e-4}
@@ -20,18 +22,6 @@ SLENDER = 1.0 / 200.0
 MOST_ALONG = {FILM: 80, PROBE: 250}
 # A film that wrinkles has kinks, which only the next mesh can follow; the first one is coarser.
 KINKS = 1.7
-
-
-def order_for(scene: Scene) -> int:
-    """The order that `solve` takes: 3, or 2 at the singular edge of a rigid probe.
-
-    Bending rounds that edge off, and quadratic deflections bend too stiffly. In a hot film that
-    wrinkles it is not the edge that needs most elements.
-    """
-    film = scene.film
-    hot = film.compression == "tension-field" and film.thermal_strain > 0.0
-    singular = scene.load.kind == "rigid" and not bending_joins(scene) and not hot
-    return 2 if singular else 3
 
 
 def first_sizes(scene: Scene, order: int) -> Sizes:

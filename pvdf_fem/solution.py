@@ -32,11 +32,12 @@ from pvdf_fem.mesh import MeshError, SizeField, Sizes, mesh_scene
 from pvdf_fem.newton import Iteration, Status
 from pvdf_fem.scene import Scene
 from pvdf_fem.scene_file import quote
-from pvdf_fem.sizes import first_sizes, order_for
+from pvdf_fem.sizes import ORDER, first_sizes
 from pvdf_fem.symmetry import WHOLE, Part, part_of
 from pvdf_fem.tension_newton import barely_loaded
 
-# Sizes aim at this part of the tolerance.
+# Sizes aim at this part of the tolerance, the next ones at its square and so on: at corners that
+# are singular errors fall slower than sizes are chosen for.
 SAFETY = 0.5
 MAX_MESHES = 8
 # Meshes of more unknowns are not made, nor more than twice as many on all meshes, so that a solve
@@ -189,7 +190,7 @@ def solve(
     scene: Scene,
     *,
     mesh: MeshTri2 | None = None,
-    order: int | None = None,
+    order: int = ORDER,
 ) -> Solution:
     """Charges and fields of a scene.
 
@@ -200,8 +201,7 @@ def solve(
         Solve on this mesh of `mesh_scene`, of the whole film, whatever the error, instead of
         meshing for ``scene.numerics.tolerance``.
     order : int, optional
-        Polynomial order of the displacement, 1, 2 or 3. When not given 3, or 2 for a rigid probe,
-        whose singular edge needs small elements rather than a high order.
+        Polynomial order of the displacement, 1, 2 or 3.
 
     Returns
     -------
@@ -216,7 +216,7 @@ def solve_goals(
     goals: Sequence[Goal],
     *,
     mesh: MeshTri2 | None = None,
-    order: int | None = None,
+    order: int = ORDER,
 ) -> Solution:
     """`solve` for other charges than those of the scene's electrodes.
 
@@ -224,7 +224,6 @@ def solve_goals(
     `fields`, are those of the goals; a solution's charges by electrode have no meaning here.
     """
     clock, tolerance = Clock(), scene.numerics.tolerance
-    order = order or order_for(scene)
     if mesh is not None:
         return _finish(solve_on(scene, goals, mesh, WHOLE, order, clock), clock)
     try:
@@ -270,11 +269,11 @@ def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock:
     spent = 0
     largest_mesh = MAX_UNKNOWNS[scene.film.compression] * max(1.0, USUAL / tolerance) ** 0.5
     attempt = solved(first_sizes(scene, order))
-    for _ in range(MAX_MESHES - 1):
+    for number in range(1, MAX_MESHES):
         if attempt.result.status is not Status.CONVERGED or attempt.worst <= tolerance:
             break
         with clock("refine"):
-            sizes = refined(attempt, SAFETY * tolerance)
+            sizes = refined(attempt, SAFETY**number * tolerance)
         unknowns = attempt.fields.solved.unknowns.count
         spent += unknowns
         most = min(GROWTH * unknowns, largest_mesh, 2.0 * largest_mesh - spent)

@@ -105,9 +105,7 @@ WRITERS: dict[str, Callable[[Path, Solution], None]] = {
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_full_disk_leaves_the_old_file(
-    solution: Solution, tmp_path: Path, name: str
-) -> None:
+def test_a_full_disk_leaves_the_old_file(solution: Solution, tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_text("old")
     # numpy, which writes .vtk, has its own words for a full disk
