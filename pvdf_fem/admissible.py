@@ -12,6 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.sparse.linalg import SuperLU
 
+from pvdf_fem.continuation import beyond_limit
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.membrane import Array, MembraneState, principal
 from pvdf_fem.newton import Status, compressed, factorise, negative_pivots
@@ -48,6 +49,8 @@ def refusal(
         allowed = max(allowed, LEFT * equilibrium.scene.numerics.tolerance)
     if not (lacking <= allowed**2 * work and balance <= allowed * equilibrium.load.force):
         return Status.UNBALANCED
+    if not equilibrium.load.conservative and beyond_limit(factors):
+        return Status.UNSTABLE
     # Without compression the energy has no other stationary point.
     unsure = equilibrium.load.conservative and compressed(state)
     if unsure and negative_pivots(factors) > 0:

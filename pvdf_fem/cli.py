@@ -272,10 +272,10 @@ def _mesh(options: argparse.Namespace) -> int:
 
     scene = _scene(options, *output_mistakes(options.file, list(FORMATS)))
     from pvdf_fem.mesh import MeshError, mesh_scene
-    from pvdf_fem.sizes import first_sizes, order_for
+    from pvdf_fem.sizes import ORDER, first_sizes
 
     try:
-        mesh = mesh_scene(scene, first_sizes(scene, order_for(scene)))
+        mesh = mesh_scene(scene, first_sizes(scene, ORDER))
         write_mesh(mesh, options.file)
     except MeshError as error:
         print(f"not meshed: {error}; move or resize the probe slightly", file=sys.stderr)

@@ -3,7 +3,8 @@
 All three press on the probe's patch Omega_p with the total force F along +z:
 
 - dead: pressure F/A_p along z per reference area;
-- follower: pressure F/A_p normal to the deformed film, per deformed area (ANSYS's SFA);
+- follower: pressure F/A_p normal to the deformed film, per deformed area (ANSYS's SFA); on the way
+  to it the traction may be a mean of this and the dead one (`Load.following`);
 - rigid: a flat face that stays horizontal, so the deflection is one unknown over the patch. The
   face either slides or sticks; a sticking face is held by the probe's guide, so u = v = 0 on it.
 """
@@ -41,6 +42,8 @@ class Load:
         Where the forces act.
     images : int
         Of the membrane, which together are the film that bears the force.
+    following : float
+        Part of the traction that follows the film, 0 of a dead load to 1 of a follower.
     """
 
     kind: str
@@ -51,6 +54,7 @@ class Load:
     weights: Array
     membrane: Membrane
     images: int
+    following: float
 
     @classmethod
     def of(cls, scene: Scene, membrane: Membrane, images: int = 1) -> Load:
@@ -62,12 +66,13 @@ class Load:
         shapes = np.stack([value[patch] for value in values], axis=-1)
         weights = membrane.weights[patch]
         kind, contact = scene.load.kind, scene.load.contact
-        return cls(kind, contact, force, patch, shapes, weights, membrane, images)
+        following = 1.0 if kind == "follower" else 0.0
+        return cls(kind, contact, force, patch, shapes, weights, membrane, images, following)
 
     @property
     def conservative(self) -> bool:
         """Whether the forces do not depend on the displacement, so that an energy exists."""
-        return self.kind != "follower"
+        return self.following == 0.0
 
     @property
     def pressure(self) -> float:
@@ -105,9 +110,11 @@ class Load:
 
     def direction(self, deformation_gradient: Array) -> Array:
         """Traction over pressure, (..., 3), per reference area."""
-        if self.kind == "follower":
-            return np.cross(deformation_gradient[..., 0], deformation_gradient[..., 1])
-        return np.broadcast_to([0.0, 0.0, 1.0], deformation_gradient.shape[:-1])
+        along = np.broadcast_to([0.0, 0.0, 1.0], deformation_gradient.shape[:-1])
+        if self.conservative:
+            return along
+        normal = np.cross(deformation_gradient[..., 0], deformation_gradient[..., 1])
+        return (1.0 - self.following) * along + self.following * normal
 
     def stiffness(self, deformation_gradient: Array) -> Array:
         """Derivative of `forces` on the patch, (patch elements, dofs, dofs of an element)."""
@@ -118,7 +125,7 @@ class Load:
         normal = np.einsum("epij,epb->epibj", turned[0], gradients[..., 1]) - np.einsum(
             "epij,epb->epibj", turned[1], gradients[..., 0]
         )
-        scaled = self.shapes * (self.pressure * self.weights)[..., None]
+        scaled = self.shapes * (self.following * self.pressure * self.weights)[..., None]
         stiffness = np.einsum("epa,epibj->eaibj", scaled, normal)
         dofs = 3 * self.shapes.shape[-1]
         return stiffness.reshape(len(self.patch), dofs, dofs)

@@ -39,10 +39,15 @@ GROWTH = 0.5
 # A curved element is distorted whose area is compressed to less than this part somewhere. The cusp
 # between an arc and its own tangent, or another arc that it touches, has 0.15 at any size.
 # Between an arc and a corner or an edge that it nearly touches, elements are worse, or fold; they
-# are made smaller by the factor, and the scene is meshed again, a few times at the most; what is
-# still distorted, which is tiny then, gets straight sides. Films that bend do not bear the cusps.
+# are made smaller by the factor, and the scene is meshed again, a few times at the most. Their sides
+# become straight where that moves them by less than a part of the smallest outline, which changes
+# its area by less than 1e-6, and at last wherever else they are distorted, tiny as they are then.
+# Films that bend do not bear the cusps.
 DISTORTED, DISTORTED_BENT = 0.14, 0.2
 SMALLER, ATTEMPTS = 0.4, 6
+FLAT = 1e-5
+# gmsh's elements are smaller than the sizes that they are asked for by about this.
+SPARE = 1.15
 # Size of a sliver, as a part of its longest edge; of one that is distorted.
 SLIVER, DISTORTED_SLIVER = 0.5, 0.1
 # How near to a mirror line a node counts as on it, relative to the film's radius.
@@ -171,28 +176,36 @@ def mesh_scene(scene: Scene, sizes: Sizes | SizeField, part: Part = WHOLE) -> Me
         When gmsh fails, a patch has got no element, or elements fold although they are straight.
     """
     least = DISTORTED_BENT if bending_joins(scene) else DISTORTED
+    smallest = min((shape.perimeter for shape in outlines(scene).values()), default=0.0)
     for _ in range(ATTEMPTS):
-        mesh = _mesh_once(scene, sizes, part)
+        mesh = _straightened(_mesh_once(scene, sizes, part), least, FLAT * smallest)
         bad = compression(mesh) < least
         if not bad.any():
             return mesh
-        wanted = element_sizes(mesh)
+        wanted = SPARE * element_sizes(mesh)
         wanted[bad] = SMALLER * element_sizes(mesh, DISTORTED_SLIVER)[bad]
         sizes = SizeField.of_elements(mesh, wanted)
-    while (bad := compression(mesh) < least).any():
-        straight = _straightened(mesh, bad)
-        if np.array_equal(straight.doflocs, mesh.doflocs):
-            raise MeshError(f"{bad.sum()} elements fold: an outline nearly touches another")
-        mesh = straight
+    mesh = _straightened(mesh, least, np.inf)
+    if (bad := compression(mesh) < least).any():
+        raise MeshError(f"{bad.sum()} elements fold: an outline nearly touches another")
     return mesh
 
 
-def _straightened(mesh: MeshTri2, elements: NDArray[np.bool_]) -> MeshTri2:
-    """The mesh with straight sides of some elements, those in cusps too narrow for an arc."""
-    points, nodes = mesh.doflocs.copy(), mesh.dofs.element_dofs[:, elements]
-    for middle, (a, b) in enumerate(SIDES, start=3):
-        points[:, nodes[middle]] = 0.5 * (points[:, nodes[a]] + points[:, nodes[b]])
-    return replace(mesh, doflocs=points)
+def _straightened(mesh: MeshTri2, least: float, most: float) -> MeshTri2:
+    """Straight sides of the elements compressed to `least`, where that moves them by up to `most`.
+
+    They lie in cusps too narrow for an arc.
+    """
+    while True:
+        points = mesh.doflocs.copy()
+        nodes = mesh.dofs.element_dofs[:, compression(mesh) < least]
+        for middle, (a, b) in enumerate(SIDES, start=3):
+            halfway = 0.5 * (points[:, nodes[a]] + points[:, nodes[b]])
+            near = np.linalg.norm(halfway - points[:, nodes[middle]], axis=0) <= most
+            points[:, nodes[middle][near]] = halfway[:, near]
+        if np.array_equal(points, mesh.doflocs):
+            return mesh
+        mesh = replace(mesh, doflocs=points)
 
 
 def _mesh_once(scene: Scene, sizes: Sizes | SizeField, part: Part) -> MeshTri2:

@@ -45,6 +45,8 @@ CONTRACTION = 0.5
 MAX_ITERATIONS = 60
 # A film that is still in compression after so many finds no equilibrium that is a minimum.
 PATIENCE = 20
+# Full steps from near by: so many, and none larger.
+MOST_FULL, LARGEST_FULL = 8, 3.0
 
 
 class Status(StrEnum):
@@ -54,6 +56,7 @@ class Status(StrEnum):
     MAX_ITERATIONS = "max_iterations"
     SINGULAR = "singular_tangent"
     UNSTABLE = "unstable"
+    LIMIT = "limit_point"
     UNBALANCED = "unbalanced"
     TOLERANCE = "tolerance_not_reached"
     SLACK = "slack"
@@ -69,6 +72,9 @@ ADVICE = {
     Status.CONVERGED: "the Newton iteration converged",
     Status.MAX_ITERATIONS: f"no convergence in {MAX_ITERATIONS} Newton iterations; lower"
     " load.force_N, or give the film more tension (film.temperature_change_K below zero)",
+    Status.LIMIT: "the pressure, which follows the film, blows its patch up or turns it over until"
+    " no equilibrium is found any more; lower load.force_N, make the probe larger, or let it press"
+    ' along z (load.kind = "dead")',
     Status.SINGULAR: "the tangent is singular: the film has no tension; cool it"
     " (film.temperature_change_K below zero)",
     Status.UNBALANCED: "the forces on the film found do not balance to 1e-6 of the load, which"
@@ -240,6 +246,27 @@ def compressed(state: MembraneState) -> bool:
     """Whether a principal stress is compressive anywhere."""
     s11, s22, s12 = np.moveaxis(state.stress, -1, 0)
     return bool(np.any((s11 + s22 < 0.0) | (s11 * s22 < s12**2)))
+
+
+def full_steps(equilibrium: Equilibrium, q: Array, tolerance: float) -> NewtonResult:
+    """A few steps of Newton's method from a near `q`, as long as they do not grow."""
+    table: list[Iteration] = []
+    while len(table) < MOST_FULL:
+        state = equilibrium.state(q)
+        residual = equilibrium.residual(state)
+        try:
+            factors = factorise(equilibrium.tangent(state))
+        except RuntimeError:  # SuperLU: exactly singular
+            return NewtonResult(q, Status.SINGULAR, tuple(table), None)
+        step = -factors.solve(residual)
+        size = float(np.sqrt(abs(residual @ step / equilibrium.work(state, q))))
+        table.append(Iteration(size, 1.0, False, True))
+        if not size < LARGEST_FULL:
+            break
+        q = q + step
+        if size < tolerance:
+            return NewtonResult(q, Status.CONVERGED, tuple(table), factors)
+    return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
 
 
 def _stable(equilibrium: Equilibrium, factors: SuperLU) -> bool:

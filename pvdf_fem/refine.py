@@ -14,7 +14,7 @@ from pvdf_fem.mesh import SizeField, element_sizes
 # lower than the 4 of smooth solutions, since corners of the patches make them less smooth.
 ORDER = 3.0
 # A size changes by no more than this in one go.
-CHANGE = (0.15, 1.6)
+CHANGE = (0.05, 2.0)
 # Triangles in which a point is sought.
 CANDIDATES = 8
 

@@ -10,28 +10,18 @@ from pvdf_fem.bending_effect import bending_effect, bending_joins, layer_size
 from pvdf_fem.mesh import FILM, PROBE, Sizes, outlines
 from pvdf_fem.scene import Scene
 
+# Of the displacement, unless another one is asked for.
+ORDER = 3
 # Relative error of the worst charge that element sizes of `first_sizes` without their factor leave,
 # by order of the displacement.
 REACHED = {1: 2e-2, 2: 2e-3, 3: 1e-4}
 # Elements along a needle's outline may be this part of it, however thin the needle is.
 SLENDER = 1.0 / 200.0
 # Most elements along an outline in whose layer bending acts; where that matters the next mesh is
-# finer, but only there.
-MOST_ALONG = 250
+# finer, but only there. What the rim's layer does is far from most electrodes.
+MOST_ALONG = {FILM: 80, PROBE: 250}
 # A film that wrinkles has kinks, which only the next mesh can follow; the first one is coarser.
 KINKS = 1.7
-
-
-def order_for(scene: Scene) -> int:
-    """The order that `solve` takes: 3, or 2 at the singular edge of a rigid probe.
-
-    Bending rounds that edge off, and quadratic deflections bend too stiffly. In a hot film that
-    wrinkles it is not the edge that needs most elements.
-    """
-    film = scene.film
-    hot = film.compression == "tension-field" and film.thermal_strain > 0.0
-    singular = scene.load.kind == "rigid" and not bending_joins(scene) and not hot
-    return 2 if singular else 3
 
 
 def first_sizes(scene: Scene, order: int) -> Sizes:
@@ -73,7 +63,7 @@ def _with_layers(scene: Scene, sizes: Sizes) -> Sizes:
     if scene.probe is not None:
         lengths[PROBE] = scene.probe.outline.perimeter
     finer = {
-        name: min(sizes.patches.get(name, np.inf), max(size, lengths[name] / MOST_ALONG))
+        name: min(sizes.patches.get(name, np.inf), max(size, lengths[name] / MOST_ALONG[name]))
         for name, size in layers.items()
         if size < sizes.film
     }

@@ -32,23 +32,25 @@ from pvdf_fem.mesh import MeshError, SizeField, Sizes, mesh_scene
 from pvdf_fem.newton import Iteration, Status
 from pvdf_fem.scene import Scene
 from pvdf_fem.scene_file import quote
-from pvdf_fem.sizes import first_sizes, order_for
+from pvdf_fem.sizes import ORDER, first_sizes
 from pvdf_fem.symmetry import WHOLE, Part, part_of
 from pvdf_fem.tension_newton import barely_loaded
 
-# Sizes aim at this part of the tolerance.
+# Sizes aim at this part of the tolerance, the next ones at its square and so on: at corners that
+# are singular errors fall slower than sizes are chosen for.
 SAFETY = 0.5
-MAX_MESHES = 6
-# Meshes of more unknowns are not made, so that a solve takes less than 20 s on one core at the
-# usual tolerance; a finer one may take longer.
+MAX_MESHES = 8
+# Meshes of more unknowns are not made, nor more than twice as many on all meshes, so that a solve
+# takes less than 20 s on one core at the usual tolerance; a finer one may take longer.
 USUAL = 1e-3
 MAX_UNKNOWNS = {"refuse": 60_000, "tension-field": 20_000}
 # Nor is another one after so many iterations times unknowns: tension that concentrates in lines, as
 # in a film that a load is far too small to pull taut, needs ever more of both.
 HARD = 1e6
-# A film that wrinkles has kinks that a coarse mesh shows in the wrong places, so that the next one
-# has at most so many times its unknowns.
-GROWTH = 5.0
+# A coarse mesh shows singular corners, and the kinks of a film that wrinkles, larger than they are
+# and in the wrong places, so that the next one has at most so many times its unknowns. One that
+# may only have less than the second part of them would not be better.
+GROWTH, LEAST = 3.0, 0.5
 # Unknowns of an element, by order of the displacement.
 UNKNOWNS = {1: 1.5, 2: 6.0, 3: 13.5}
 
@@ -188,7 +190,7 @@ def solve(
     scene: Scene,
     *,
     mesh: MeshTri2 | None = None,
-    order: int | None = None,
+    order: int = ORDER,
 ) -> Solution:
     """Charges and fields of a scene.
 
@@ -199,8 +201,7 @@ def solve(
         Solve on this mesh of `mesh_scene`, of the whole film, whatever the error, instead of
         meshing for ``scene.numerics.tolerance``.
     order : int, optional
-        Polynomial order of the displacement, 1, 2 or 3. When not given 3, or 2 for a rigid probe,
-        whose singular edge needs small elements rather than a high order.
+        Polynomial order of the displacement, 1, 2 or 3.
 
     Returns
     -------
@@ -215,7 +216,7 @@ def solve_goals(
     goals: Sequence[Goal],
     *,
     mesh: MeshTri2 | None = None,
-    order: int | None = None,
+    order: int = ORDER,
 ) -> Solution:
     """`solve` for other charges than those of the scene's electrodes.
 
@@ -223,7 +224,6 @@ def solve_goals(
     `fields`, are those of the goals; a solution's charges by electrode have no meaning here.
     """
     clock, tolerance = Clock(), scene.numerics.tolerance
-    order = order or order_for(scene)
     if mesh is not None:
         return _finish(solve_on(scene, goals, mesh, WHOLE, order, clock), clock)
     try:
@@ -266,20 +266,22 @@ def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock:
             mesh = mesh_scene(scene, sizes, part)
         return solve_on(scene, goals, mesh, part, order, clock, coarser)
 
+    spent = 0
+    largest_mesh = MAX_UNKNOWNS[scene.film.compression] * max(1.0, USUAL / tolerance) ** 0.5
     attempt = solved(first_sizes(scene, order))
-    for _ in range(MAX_MESHES - 1):
+    for number in range(1, MAX_MESHES):
         if attempt.result.status is not Status.CONVERGED or attempt.worst <= tolerance:
             break
         with clock("refine"):
-            sizes = refined(attempt, SAFETY * tolerance)
+            sizes = refined(attempt, SAFETY**number * tolerance)
         unknowns = attempt.fields.solved.unknowns.count
-        most = MAX_UNKNOWNS[scene.film.compression] * max(1.0, USUAL / tolerance) ** 0.5
-        if unknowns > 0.7 * most:
+        spent += unknowns
+        most = min(GROWTH * unknowns, largest_mesh, 2.0 * largest_mesh - spent)
+        if most < LEAST * unknowns:
             break
-        if scene.film.compression == "tension-field":
-            most = min(most, GROWTH * unknowns)
-            if len(attempt.result.iterations) * most > HARD:
-                break
+        wrinkles = scene.film.compression == "tension-field"
+        if wrinkles and len(attempt.result.iterations) * most > HARD:
+            break
         finer = solved(sizes.coarsened(most / UNKNOWNS[order]), attempt)
         if finer.result.status is Status.MAX_ITERATIONS:
             break

@@ -9,12 +9,10 @@ comes from `pvdf_fem.interior_point` unless it is known to be near.
 
 from __future__ import annotations
 
-from copy import copy
-from dataclasses import replace
-
 import numpy as np
 from scipy.sparse.linalg import SuperLU
 
+from pvdf_fem.continuation import ON_THE_WAY, follow, turned
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.estimate import Correction, correct, prolongation
 from pvdf_fem.interior_point import interior_points
@@ -25,6 +23,7 @@ from pvdf_fem.newton import (
     NewtonResult,
     Status,
     factorise,
+    full_steps,
     newton,
     seed,
 )
@@ -75,6 +74,19 @@ def equilibrate(
 
     Parameters and result are those of `newton.newton`.
     """
+    result = _equilibrate(equilibrium, q, tolerance, near=near)
+    if result.status is Status.CONVERGED or equilibrium.load.conservative:
+        return result
+    dead = _equilibrate(turned(equilibrium, 0.0), None, ON_THE_WAY, near=False)
+    if dead.status is not Status.CONVERGED:
+        return dead
+    wrinkles = isinstance(equilibrium.membrane, WrinklingMembrane)
+    return follow(equilibrium, dead.q, tolerance, _nearby if wrinkles else full_steps)
+
+
+def _equilibrate(
+    equilibrium: Equilibrium, q: Array | None, tolerance: float, *, near: bool
+) -> NewtonResult:
     if not isinstance(equilibrium.membrane, WrinklingMembrane):
         return newton(equilibrium, seed(equilibrium) if q is None else q, tolerance, near=near)
     if equilibrium.load.force == 0.0:
@@ -86,9 +98,19 @@ def equilibrate(
     try:
         if q is not None and near and (result := _newton(equilibrium, q, None, tolerance, table)):
             return result
+        if not equilibrium.load.conservative:  # interior points are for a dead load
+            return NewtonResult(start, Status.MAX_ITERATIONS, tuple(table), None)
         return _from_afar(equilibrium, start, tolerance, table)
     except (RuntimeError, np.linalg.LinAlgError):  # SuperLU, Cholesky: what rounding leaves
         return NewtonResult(start, Status.MAX_ITERATIONS, tuple(table), None)
+
+
+def _nearby(equilibrium: Equilibrium, q: Array, tolerance: float) -> NewtonResult:
+    """`_newton` from a near `q` with its own stresses."""
+    table: list[Iteration] = []
+    tolerance = max(tolerance, LEFT * equilibrium.scene.numerics.tolerance)
+    found = _newton(equilibrium, q, None, tolerance, table)
+    return found or NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
 
 
 def corrected(
@@ -142,7 +164,7 @@ def _from_afar(
     equilibrium: Equilibrium, q: Array, tolerance: float, table: list[Iteration]
 ) -> NewtonResult:
     gaps = list(GAPS)
-    points = interior_points(_dead(equilibrium), q)
+    points = interior_points(equilibrium, q)
     most = np.clip(MOST_WORK / equilibrium.unknowns.count, MOST_STEPS, MAX_ITERATIONS)
     while len(table) < most and gaps:
         point = next(points)
@@ -152,15 +174,6 @@ def _from_afar(
                 return result
             gaps = gaps[1:]
     return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
-
-
-def _dead(equilibrium: Equilibrium) -> Equilibrium:
-    """The same with a load that does not follow the film: near enough, and convex."""
-    if equilibrium.load.conservative:
-        return equilibrium
-    dead = copy(equilibrium)
-    dead.load = replace(equilibrium.load, kind="dead")
-    return dead
 
 
 def _newton(

@@ -36,7 +36,7 @@ from pvdf_fem import __version__  # noqa: E402
 from pvdf_fem.files import make_directory  # noqa: E402
 from pvdf_fem.page import Page, Picture, Section, Table  # noqa: E402
 from pvdf_fem.program import ArgumentParser, run_program  # noqa: E402
-from pvdf_fem.sizes import order_for  # noqa: E402
+from pvdf_fem.sizes import ORDER  # noqa: E402
 from reports import error_vs_time_figures as figures  # noqa: E402
 from reports import error_vs_time_tables as tables  # noqa: E402
 from reports.cases import Case, Reference, reference  # noqa: E402
@@ -248,11 +248,7 @@ def _tolerance(plan: Plan, found: Measured, out: Path) -> Content:
     cases = found.known(plan.cases)
     if not found.of(cases):
         return NOTHING
-    runs = [
-        run
-        for run in found.of(cases)
-        if run.job.method == f"order {order_for(run.job.case.scene)}, {GOAL}"
-    ]
+    runs = [run for run in found.of(cases) if run.job.method == f"order {ORDER}, {GOAL}"]
     figures.against_tolerance(out / "tolerance.svg", runs)
     caption = "Left: cost of a tolerance. Right: the true error over it; above the line: missed."
     told = ["The order is the one that a solve takes when none is given."]

@@ -20,7 +20,7 @@ from pvdf_fem.film import Film
 from pvdf_fem.membrane import Membrane, MembraneState
 from pvdf_fem.mesh import electrode_patch, mesh_scene
 from pvdf_fem.newton import Status, newton, seed
-from pvdf_fem.sizes import first_sizes, order_for
+from pvdf_fem.sizes import ORDER, first_sizes
 
 Array = NDArray[np.float64]
 
@@ -118,7 +118,7 @@ def uneven_charges(
     """
     electrodes = scene.electrode_list
     tapes = [e.name for e in electrodes if e.name.startswith(TAPE)]
-    order = TAPED_ORDER if tapes else order_for(scene)
+    order = TAPED_ORDER if tapes else ORDER
     equilibrium = Equilibrium(scene, mesh_scene(scene, first_sizes(scene, order)), order)
     if free_strain is None:
         free_strain = scene.film.thermal_strain * np.array([1.0, 1.0, 0.0])

@@ -53,8 +53,8 @@ def plate(thickness_um, patch_radius=1.0, tension=0.0, **changes):
 
 def solved(scene):
     """On a mesh of fixed sizes, as charges of a nearly flat plate are second-order small."""
-    patch_mm = min(2.0, scene.probe.radius_mm)
-    return solve(scene, mesh=graded_mesh(scene, patch_mm, 4.0), order=3)
+    patch_mm = min(1.0, scene.probe.radius_mm)
+    return solve(scene, mesh=graded_mesh(scene, patch_mm, 2.0), order=3)
 
 
 def profile(solution):

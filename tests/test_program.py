@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -47,13 +48,18 @@ def scene(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.fixture
-def small_disk() -> Iterator[None]:
-    """Files hold 500 bytes, whatever comes after them is refused by the system."""
+@contextmanager
+def small_disk(most: int = 500) -> Iterator[None]:
+    """Files hold `most` bytes, whatever comes after them is refused by the system.
+
+    Not a fixture: the tests' own output may go to a file.
+    """
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (500, before[1]))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 # --------------------------------------------------------------------------------------- writers
@@ -99,13 +105,12 @@ WRITERS: dict[str, Callable[[Path, Solution], None]] = {
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_full_disk_leaves_the_old_file(
-    solution: Solution, tmp_path: Path, small_disk: None, name: str
-) -> None:
+def test_a_full_disk_leaves_the_old_file(solution: Solution, tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_text("old")
     # numpy, which writes .vtk, has its own words for a full disk
-    with pytest.raises(FileError, match=f"{NO_SPACE}|problem writing") as caught:
+    problem = pytest.raises(FileError, match=f"{NO_SPACE}|problem writing")
+    with small_disk(), problem as caught:
         WRITERS[name](path, solution)
     assert str(caught.value).startswith(f"{path}: cannot be written")
     assert [file.name for file in tmp_path.iterdir()] == [name]
@@ -113,13 +118,13 @@ def test_a_full_disk_leaves_the_old_file(
 
 
 def test_a_full_disk_leaves_no_half_section_or_field(
-    solution: Solution, tmp_path: Path, small_disk: None, monkeypatch: pytest.MonkeyPatch
+    solution: Solution, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with pytest.raises(FileError, match=NO_SPACE):
+    with small_disk(), pytest.raises(FileError, match=NO_SPACE):
         _section(tmp_path / "any", solution)
     field = carried.CarriedField(np.zeros(500), {"material": np.zeros((500, 500, 3))})
     monkeypatch.setattr(carried, "_field", lambda scene: field)
-    with pytest.raises(FileError, match=NO_SPACE):
+    with small_disk(), pytest.raises(FileError, match=NO_SPACE):
         carried.carried_field(solution.scene, tmp_path)
     assert not list(tmp_path.iterdir())
 
@@ -128,13 +133,8 @@ def test_a_full_disk_loses_no_record(solution: Solution, tmp_path: Path) -> None
     record = record_of(solution)
     with Store(tmp_path / "results.db") as store:
         store.put([(solution.scene, record)])
-        before = resource.getrlimit(resource.RLIMIT_FSIZE)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
-        try:
-            with pytest.raises(StoreError, match="see to its disk"):
-                store.put([(Scene(), record)])
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        with small_disk(100), pytest.raises(StoreError, match="see to its disk"):
+            store.put([(Scene(), record)])
     with Store(tmp_path / "results.db") as store:
         assert store.get(solution.scene) == record
         assert store.get(Scene()) is None

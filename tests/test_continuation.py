@@ -1,0 +1,60 @@
+"""A pressure turned by degrees: balloons, and where no equilibrium is left."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from discs import free_disc
+
+from pvdf_fem import solve
+from pvdf_fem.axisymmetric import axisymmetric_membrane
+from pvdf_fem.continuation import follow, turned
+from pvdf_fem.equilibrium import Equilibrium
+from pvdf_fem.mesh import mesh_scene
+from pvdf_fem.newton import Status, full_steps, newton, seed
+from pvdf_fem.sizes import first_sizes
+
+
+def equilibrium_of(scene, order=3):
+    return Equilibrium(scene, mesh_scene(scene, first_sizes(scene, order)), order)
+
+
+def test_a_balloon_is_that_of_the_axisymmetric_membrane():
+    scene = free_disc(0.3, poisson_ratio=0.3, patch_radius=0.05, **{"load.kind": "follower"})
+    equilibrium = equilibrium_of(scene)
+    upright = turned(equilibrium, 0.0)
+    dead = newton(upright, seed(upright))
+    result = follow(equilibrium, dead.q, 1e-6, full_steps)
+    assert result.status is Status.CONVERGED
+    exact = axisymmetric_membrane(0.3, poisson_ratio=0.3, patch_radius=0.05, kind="follower")
+    largest = np.abs(result.q[equilibrium.unknowns.deflections()]).max() / scene.film.radius
+    # the film's area is 1e-3 off where the first mesh's rim has a dozen arcs
+    assert largest == pytest.approx(exact.deflection(0.0), rel=1e-3)
+    assert largest > 1.25 * np.abs(dead.q[equilibrium.unknowns.deflections()]).max() / 0.05
+
+
+@pytest.mark.parametrize("following", [0.0, 0.3, 1.0])
+def test_forces_in_part_dead_have_their_derivative(following):
+    scene = free_disc(0.01, poisson_ratio=0.3, patch_radius=0.3, **{"load.kind": "follower"})
+    equilibrium = turned(equilibrium_of(scene, 2), following)
+    rng = np.random.default_rng(1)
+    q, step = 1e-4 * rng.standard_normal((2, equilibrium.unknowns.count))
+    tangent = equilibrium.tangent(equilibrium.state(q))
+    ahead, behind = (equilibrium.residual(equilibrium.state(q + s * step)) for s in (1e-4, -1e-4))
+    change = (ahead - behind) / 2e-4
+    assert tangent @ step == pytest.approx(change, abs=1e-6 * np.abs(change).max())
+
+
+def test_beyond_a_limit_point_the_status_says_so():
+    """A patch near the rim under 2.9 E h a is turned over before its pressure is normal to it."""
+    scene = free_disc(
+        2.87,
+        poisson_ratio=0.179,
+        patch_radius=0.078,
+        centre=(0.2068, 0.7046),
+        **{"load.kind": "follower", "film.compression": "tension-field"},
+    )
+    solution = solve(scene)
+    assert solution.status is Status.LIMIT
+    assert "load.kind" in solution.reason
+    assert not solution.to_json().get("charges_pC")
