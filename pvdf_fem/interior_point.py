@@ -9,8 +9,9 @@ useless far from the solution, the stress is known from the balance of forces.
 
 S and P are vectors s = (S11 + S22, S11 - S22, 2 S12)/sqrt 2, likewise p, of the cone x0 >= |x1, x2|
 with s . p = S : P. Nesterov and Todd's scaling, Mehrotra's predictor and corrector: Andersen, Roos,
-Terlaky, Math. Program. B 95 (2003) 249-277. The unknowns s and p are eliminated point by point;
-what is left is a membrane's tangent with moduli (C^-1 + W^-2)^-1 and the stress S.
+Terlaky, Math. Program. B 95 (2003) 249-277; then Gondzio's corrections for the few points that keep
+a step short (Comput. Optim. Appl. 6 (1996) 137-156). The unknowns s and p are eliminated point by
+point; what is left is a membrane's tangent with moduli (C^-1 + W^-2)^-1 and the stress S.
 """
 
 from __future__ import annotations
@@ -31,6 +32,14 @@ SHORTER = 0.95
 # A predictor shorter than this asks for more centring than Mehrotra's (1 - length)^3.
 SHORT = 0.5
 LEAST_CENTRING = 1e-6
+# Gondzio's corrections at the most, how much longer than the step they try, and the eigenvalues of
+# S P over mu that they leave alone. One that gains less than a part of the trial ends them.
+CORRECTIONS, FARTHER, CENTRAL = 3, 0.3, (0.1, 10.0)
+GAIN = 0.1
+# Part of a tensor's other components by which its trace is larger at the least.
+ROUNDING = 1e-15
+# A wrinkling strain may be put right at once by the exact strain up to this factor.
+EXACT = 2.0
 # The start is so many times larger than mean values, since under a small probe they say little.
 LARGER = 100.0
 
@@ -108,16 +117,39 @@ class _InteriorPoint:
         predicted = step.solve(-step.scaled)
         length = _longest(at, predicted)
         missing = 1.0 - length
-        centring = missing**3 if length > SHORT else 0.5 * missing
+        centring = max(missing**3 if length > SHORT else 0.5 * missing, LEAST_CENTRING)
         ds, dp = predicted[1:]
         second = _jordan(_times(step.inverse, ds), _times(step.scaling, dp))
-        wanted = max(centring, LEAST_CENTRING) * step.mu * UNIT - second
-        dq, ds, dp = step.solve(_jordan_inverse(step.scaled, wanted) - step.scaled)
+        wanted = centring * step.mu * UNIT - second
+        dq, ds, dp = self._corrected(step, wanted, centring * step.mu)
         length = min(1.0, SHORTER * _longest(at, (dq, ds, dp)))
         q, s, p = at.q + length * dq, at.s + length * ds, at.p + length * dp
+        s, p = _inside(s), _inside(p)
         state = self.equilibrium.state(q)
+        p = _closer(p, s @ self.compliance - self.membrane.elastic(state.strain) @ STRAIN.T)
         gap = float(((s * p).sum(axis=-1) * self.weights).sum())
         return Iterate(q, s, p, gap / self.equilibrium.work(state, q), length)
+
+    def _corrected(
+        self, step: _Linearised, wanted: Array, mu: float
+    ) -> tuple[Array, Array, Array]:
+        """The step to the products `wanted`, made longer by Gondzio's corrections."""
+        at = step.at
+        best = step.solve(_jordan_inverse(step.scaled, wanted) - step.scaled)
+        length = _longest(at, best)
+        for _ in range(CORRECTIONS):
+            if length > 1.0 - GAIN:
+                break
+            trial = min(1.0, length + FARTHER)
+            s, p = at.s + trial * best[1], at.p + trial * best[2]
+            products = _jordan(_times(step.inverse, s), _times(step.scaling, p))
+            wanted = wanted + _into(products, CENTRAL[0] * mu, CENTRAL[1] * mu)
+            other = step.solve(_jordan_inverse(step.scaled, wanted) - step.scaled)
+            longer = _longest(at, other)
+            if longer < length + GAIN * FARTHER:
+                break
+            best, length = other, longer
+        return best
 
 
 class _Linearised:
@@ -197,6 +229,33 @@ def _to_boundary(x: Array, d: Array) -> float:
     with np.errstate(divide="ignore", invalid="ignore"):
         lengths = np.where(leaves, numerator / denominator, np.inf)
     return float(lengths.min())
+
+
+def _inside(x: Array) -> Array:
+    """`x`, which rounding may have moved out of the cone, inside of it."""
+    x[..., 0] = np.maximum(x[..., 0], (1.0 + ROUNDING) * np.hypot(x[..., 1], x[..., 2]))
+    return x
+
+
+def _closer(p: Array, exact: Array) -> Array:
+    """`exact` where it is in the cone and about as large as `p`, elsewhere `p`."""
+    below, above = exact - p / EXACT, EXACT * p - exact
+    inside = [(_determinant(x) > 0.0) & (x[..., 0] > 0.0) for x in (below, above)]
+    return np.where((inside[0] & inside[1])[..., None], exact, p)
+
+
+def _into(x: Array, low: float, high: float) -> Array:
+    """What brings the eigenvalues of `x` between the bounds, each down by `high` at the most."""
+    radius = np.hypot(x[..., 1], x[..., 2])
+    smaller, larger = (
+        np.maximum(np.clip(value, low, high) - value, -high)
+        for value in (x[..., 0] - radius, x[..., 0] + radius)
+    )
+    change = np.empty_like(x)
+    change[..., 0] = 0.5 * (smaller + larger)
+    along = x[..., 1:] / np.where(radius > 0.0, radius, 1.0)[..., None]
+    change[..., 1:] = 0.5 * (larger - smaller)[..., None] * along
+    return change
 
 
 def _jordan(a: Array, b: Array) -> Array:

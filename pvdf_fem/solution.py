@@ -267,6 +267,9 @@ def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock:
         return solve_on(scene, goals, mesh, part, order, clock, coarser)
 
     attempt = solved(first_sizes(scene, order))
+    while attempt.result.status is Status.MAX_ITERATIONS and barely_loaded(scene) and order > 1:
+        order -= 1
+        attempt = solved(first_sizes(scene, order + 1))
     for _ in range(MAX_MESHES - 1):
         if attempt.result.status is not Status.CONVERGED or attempt.worst <= tolerance:
             break

@@ -34,8 +34,10 @@ from pvdf_fem.tension_field import GivenModuli, WrinklingMembrane
 MAX_ITERATIONS = 120
 # Of a film with many unknowns fewer: iterations times unknowns, some 20 s of one core.
 MOST_WORK = 1e6
-# Integral of S : P over the work, at which Newton's method for the exact law is tried.
-GAPS = (1e-6, 1e-8, 1e-10, 1e-12)
+# Integral of S : P over the work, below which Newton's method for the exact law is tried, and again
+# when it is smaller by a factor, in the end at every step: what the load barely reaches of a slack
+# film carries so little that only then the strain there makes a stress in balance.
+FIRST_GAP, NARROWER, SMALL_GAP, LAST_GAP = 1e-6, 1e-2, 1e-12, 1e-15
 # Damping of Newton's steps, as a part of the mean tension and of the size of the last step.
 DAMPING = 1e-2
 # Of the richer space's residual, after which a correction is taken for its solution.
@@ -47,9 +49,11 @@ RICH_TOLERANCE = 1e-3
 BARELY = 0.1
 # Newton's last step, as a part of the tolerance of the charges: where the film's state changes from
 # point to point steps shrink but linearly, and rounding in a stiff film ends that early.
-LEFT = 1e-2
+LEFT, LEFT_SLACK = 1e-2, 1e-1
 # Newton's method is given up after this many steps, or when a step is larger than that.
 MOST_STEPS, LARGEST_STEP = 25, 3.0
+# Nor does it lead anywhere if a step has to be shortened to this part.
+SHORTEST = 0.02
 # Of the slope of the energy at the start of a step, that which may be left at its end, and the
 # lengths that are tried for it.
 SLACKENED, MOST_LENGTHS = 0.5, 6
@@ -82,7 +86,8 @@ def equilibrate(
         return NewtonResult(flat, Status.CONVERGED, (), None)
     table: list[Iteration] = []
     start = deflected(equilibrium) if q is None else q
-    tolerance = max(tolerance, LEFT * equilibrium.scene.numerics.tolerance)
+    left = LEFT_SLACK if barely_loaded(equilibrium.scene) else LEFT
+    tolerance = max(tolerance, left * equilibrium.scene.numerics.tolerance)
     try:
         if q is not None and near and (result := _newton(equilibrium, q, None, tolerance, table)):
             return result
@@ -141,16 +146,15 @@ def deflected(equilibrium: Equilibrium) -> Array:
 def _from_afar(
     equilibrium: Equilibrium, q: Array, tolerance: float, table: list[Iteration]
 ) -> NewtonResult:
-    gaps = list(GAPS)
-    points = interior_points(_dead(equilibrium), q)
+    points, gap = interior_points(_dead(equilibrium), q), FIRST_GAP
     most = np.clip(MOST_WORK / equilibrium.unknowns.count, MOST_STEPS, MAX_ITERATIONS)
-    while len(table) < most and gaps:
+    while len(table) < most and gap > LAST_GAP:
         point = next(points)
         table.append(Iteration(point.gap, point.length, True, True))
-        if 0.0 < point.gap < gaps[0]:
+        if 0.0 < point.gap < gap:
             if result := _newton(equilibrium, point.q, point.stress, tolerance, table):
                 return result
-            gaps = gaps[1:]
+            gap = point.gap if point.gap < SMALL_GAP else NARROWER * point.gap
     return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
 
 
@@ -191,7 +195,7 @@ def _newton(
         if size < LARGEST_STEP and equilibrium.load.conservative:
             length = _length(equilibrium, q, step, float(residual @ step))
         table.append(Iteration(size, length, False, True))
-        if not size < LARGEST_STEP:
+        if not size < LARGEST_STEP or length < SHORTEST and size >= tolerance:
             return None
         gradient = membrane.gradient(equilibrium.unknowns.expand(length * step))
         strain = strain + strain_rate(state.deformation_gradient, gradient)
