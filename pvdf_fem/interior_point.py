@@ -23,7 +23,7 @@ import numpy as np
 from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.equilibrium import Equilibrium
-from pvdf_fem.membrane import Array, MembraneState, strain_rate
+from pvdf_fem.membrane import IDENTITY, Array, MembraneState, strain_of, strain_rate
 from pvdf_fem.newton import factorise
 from pvdf_fem.tension_field import GivenModuli, WrinklingMembrane
 
@@ -38,6 +38,8 @@ CORRECTIONS, FARTHER, CENTRAL = 3, 0.3, (0.1, 10.0)
 GAIN = 0.1
 # Part of a tensor's other components by which its trace is larger at the least.
 ROUNDING = 1e-15
+# Part of a step that has to be left of it when the second order is taken into account.
+SHORTENED = 0.7
 # A wrinkling strain may be put right at once by the exact strain up to this factor.
 EXACT = 2.0
 # The start is so many times larger than mean values, since under a small probe they say little.
@@ -48,6 +50,10 @@ _ROOT = np.sqrt(2.0)
 STRESS: Array = np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 0.0, 2.0]]) / _ROOT
 STRAIN: Array = np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 0.0, 1.0]]) / _ROOT
 UNIT: Array = np.array([1.0, 0.0, 0.0])
+
+
+# dq, ds, dp
+Step = tuple[Array, Array, Array]
 
 
 @dataclass(frozen=True)
@@ -63,6 +69,8 @@ class Iterate:
         Integral of S : P over the work of the load.
     length : float
         Part of Newton's step that was taken.
+    factors : SuperLU or None
+        The tangent of that step, factorised.
     """
 
     q: Array
@@ -70,6 +78,7 @@ class Iterate:
     p: Array
     gap: float
     length: float
+    factors: SuperLU | None
 
     @property
     def stress(self) -> Array:
@@ -109,7 +118,7 @@ class _InteriorPoint:
         widest = np.abs(self.membrane.elastic(state.strain)).max()
         strain = max(widest, tension * self.compliance[0, 0])
         ones = np.broadcast_to(LARGER * UNIT, state.strain.shape)
-        return Iterate(q, tension * ones, strain * ones, np.inf, 1.0)
+        return Iterate(q, tension * ones, strain * ones, np.inf, 1.0, None)
 
     def next(self, at: Iterate) -> Iterate:
         """Mehrotra's step: the predictor's length says how far to go, the corrector goes."""
@@ -128,12 +137,16 @@ class _InteriorPoint:
         state = self.equilibrium.state(q)
         p = _closer(p, s @ self.compliance - self.membrane.elastic(state.strain) @ STRAIN.T)
         gap = float(((s * p).sum(axis=-1) * self.weights).sum())
-        return Iterate(q, s, p, gap / self.equilibrium.work(state, q), length)
+        return Iterate(q, s, p, gap / self.equilibrium.work(state, q), length, step.factors)
 
     def _corrected(
         self, step: _Linearised, wanted: Array, mu: float
-    ) -> tuple[Array, Array, Array]:
-        """The step to the products `wanted`, made longer by Gondzio's corrections."""
+    ) -> Step:
+        """The step to the products `wanted`, made longer by Gondzio's corrections.
+
+        At last the strain's and the forces' second order is made up for: where the film is slack
+        steps are so large that it would stay in tension somewhere.
+        """
         at = step.at
         best = step.solve(_jordan_inverse(step.scaled, wanted) - step.scaled)
         length = _longest(at, best)
@@ -149,7 +162,9 @@ class _InteriorPoint:
             if longer < length + GAIN * FARTHER:
                 break
             best, length = other, longer
-        return best
+        right = _jordan_inverse(step.scaled, wanted) - step.scaled
+        other = step.solve(right, step.second_order(best, length))
+        return best if _longest(at, other) < SHORTENED * length else other
 
 
 class _Linearised:
@@ -174,16 +189,28 @@ class _Linearised:
         state = GivenModuli(now.deformation_gradient, now.strain, self.at.stress, now.dofs, root)
         return factorise(self.points.equilibrium.tangent(state))
 
-    def solve(self, right: Array) -> tuple[Array, Array, Array]:
-        """dq, ds, dp with W^-1 ds + W dp = `right`."""
+    def solve(
+        self, right: Array, second_order: tuple[Array | float, Array | float] = (0.0, 0.0)
+    ) -> Step:
+        """dq, ds, dp with W^-1 ds + W dp = `right`, and what `second_order` adds."""
         equilibrium, state = self.points.equilibrium, self.state
-        known = self._moduli(self.mismatch + _times(self.inverse, right))
+        mismatch = self.mismatch + second_order[0]
+        known = self._moduli(mismatch + _times(self.inverse, right))
         stress: MembraneState = replace(state, stress=(self.at.s + known) @ STRAIN)
-        dq = -self.factors.solve(equilibrium.residual(stress))
+        dq = -self.factors.solve(equilibrium.residual(stress) + second_order[1])
         gradient = equilibrium.membrane.gradient(equilibrium.unknowns.expand(dq))
         strain = strain_rate(state.deformation_gradient, gradient) @ STRAIN.T
         ds = self._moduli(strain) + known
-        return dq, ds, ds @ self.points.compliance - strain - self.mismatch
+        return dq, ds, ds @ self.points.compliance - strain - mismatch
+
+    def second_order(self, step: Step, length: float) -> tuple[Array, Array]:
+        """Strain and forces in N of second order that a part of `step` adds, over that part."""
+        membrane, equilibrium = self.points.membrane, self.points.equilibrium
+        gradient = membrane.gradient(equilibrium.unknowns.expand(step[0]))
+        strain = (strain_of(gradient) - strain_rate(IDENTITY, gradient)) @ STRAIN.T
+        state = replace(self.state, deformation_gradient=gradient, stress=step[1] @ STRAIN)
+        forces = equilibrium.assembly.vector(membrane.residual(state))
+        return length * strain, length * forces
 
     def _moduli(self, strain: Array) -> Array:
         return _times(self.root.swapaxes(-1, -2), _times(self.root, strain))
@@ -213,7 +240,7 @@ def _determinant(x: Array) -> Array:
     return np.asarray((x[..., 0] - radius) * (x[..., 0] + radius))
 
 
-def _longest(at: Iterate, step: tuple[Array, Array, Array]) -> float:
+def _longest(at: Iterate, step: Step) -> float:
     """Longest step, up to 1, that leaves s and p in their cones."""
     return min(1.0, _to_boundary(at.s, step[1]), _to_boundary(at.p, step[2]))
 

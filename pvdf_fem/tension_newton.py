@@ -17,7 +17,7 @@ from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.estimate import Correction, correct, prolongation
-from pvdf_fem.interior_point import interior_points
+from pvdf_fem.interior_point import Iterate, interior_points
 from pvdf_fem.membrane import Array, strain_rate
 from pvdf_fem.newton import (
     STEP_TOLERANCE,
@@ -35,9 +35,8 @@ MAX_ITERATIONS = 120
 # Of a film with many unknowns fewer: iterations times unknowns, some 20 s of one core.
 MOST_WORK = 1e6
 # Integral of S : P over the work, below which Newton's method for the exact law is tried, and again
-# when it is smaller by a factor, in the end at every step: what the load barely reaches of a slack
-# film carries so little that only then the strain there makes a stress in balance.
-FIRST_GAP, NARROWER, SMALL_GAP, LAST_GAP = 1e-6, 1e-2, 1e-12, 1e-15
+# when it is smaller by a factor; below which an interior point may be the solution; the last.
+FIRST_GAP, NARROWER, LEFT_GAP, LAST_GAP = 1e-6, 1e-2, 1e-9, 1e-15
 # Damping of Newton's steps, as a part of the mean tension and of the size of the last step.
 DAMPING = 1e-2
 # Of the richer space's residual, after which a correction is taken for its solution.
@@ -148,14 +147,34 @@ def _from_afar(
 ) -> NewtonResult:
     points, gap = interior_points(_dead(equilibrium), q), FIRST_GAP
     most = np.clip(MOST_WORK / equilibrium.unknowns.count, MOST_STEPS, MAX_ITERATIONS)
-    while len(table) < most and gap > LAST_GAP:
+    while len(table) < most and gap > NARROWER * LAST_GAP:
         point = next(points)
         table.append(Iteration(point.gap, point.length, True, True))
         if 0.0 < point.gap < gap:
             if result := _newton(equilibrium, point.q, point.stress, tolerance, table):
                 return result
-            gap = point.gap if point.gap < SMALL_GAP else NARROWER * point.gap
+            gap = NARROWER * point.gap
+        if 0.0 < point.gap < LEFT_GAP and _agrees(equilibrium, point, tolerance):
+            return NewtonResult(point.q, Status.CONVERGED, tuple(table), point.factors)
     return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
+
+
+def _agrees(equilibrium: Equilibrium, point: Iterate, tolerance: float) -> bool:
+    """Whether the stress of the strain is that which is in balance, in the energy norm.
+
+    Their distance is the error in the constitutive relation (Ladeveze and Leguillon, SIAM J. Numer.
+    Anal. 20 (1983) 485-509), which bounds that of the solution, also where the film is slack and
+    has no stiffness to measure a residual with.
+    """
+    membrane = equilibrium.membrane
+    assert isinstance(membrane, WrinklingMembrane)
+    compliance = membrane.law.compliance
+
+    def square(stress: Array) -> float:
+        return float((((stress @ compliance) * stress).sum(axis=-1) * membrane.weights).sum())
+
+    stress = equilibrium.state(point.q).stress
+    return square(stress - point.stress) < tolerance**2 * square(stress)
 
 
 def _dead(equilibrium: Equilibrium) -> Equilibrium:
