@@ -46,9 +46,15 @@ MAX_UNKNOWNS = {"refuse": 60_000, "tension-field": 20_000}
 # Nor is another one after so many iterations times unknowns: tension that concentrates in lines, as
 # in a film that a load is far too small to pull taut, needs ever more of both.
 HARD = 1e6
+# The same, over all meshes and with the richer space of each estimate, of a film that is barely
+# loaded, each of whose solves begins afresh: some 20 s.
+BUDGET, RICHER = 1e6, 2.8
 # A film that wrinkles has kinks that a coarse mesh shows in the wrong places, so that the next one
 # has at most so many times its unknowns.
 GROWTH = 5.0
+LEAST_GROWTH = 1.3
+# Relative error of a charge above which a film that is barely loaded is called slack.
+UNKNOWN = 0.1
 # Unknowns of an element, by order of the displacement.
 UNKNOWNS = {1: 1.5, 2: 6.0, 3: 13.5}
 
@@ -238,7 +244,8 @@ def solve_goals(
         reason = f"{Status.TOLERANCE.advice} to at least {attempt.worst:.1e}, which was reached"
         solution = replace(solution, status=Status.TOLERANCE, reason=reason)
     missed = solution.status in (Status.MAX_ITERATIONS, Status.UNBALANCED)
-    if missed and barely_loaded(scene):
+    unknown = solution.status is Status.TOLERANCE and attempt.worst > UNKNOWN
+    if (missed or unknown) and barely_loaded(scene):
         solution = replace(solution, status=Status.SLACK, reason=Status.SLACK.advice)
     return solution
 
@@ -266,10 +273,8 @@ def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock:
             mesh = mesh_scene(scene, sizes, part)
         return solve_on(scene, goals, mesh, part, order, clock, coarser)
 
-    attempt = solved(first_sizes(scene, order))
-    while attempt.result.status is Status.MAX_ITERATIONS and barely_loaded(scene) and order > 1:
-        order -= 1
-        attempt = solved(first_sizes(scene, order + 1))
+    attempt, barely = solved(first_sizes(scene, order)), barely_loaded(scene)
+    spent = _work(attempt)
     for _ in range(MAX_MESHES - 1):
         if attempt.result.status is not Status.CONVERGED or attempt.worst <= tolerance:
             break
@@ -283,11 +288,21 @@ def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock:
             most = min(most, GROWTH * unknowns)
             if len(attempt.result.iterations) * most > HARD:
                 break
+        if barely:
+            most = min(most, unknowns * (BUDGET - spent) / _work(attempt))
+            if most < LEAST_GROWTH * unknowns:
+                break
         finer = solved(sizes.coarsened(most / UNKNOWNS[order]), attempt)
         if finer.result.status is Status.MAX_ITERATIONS:
             break
-        attempt = finer
+        attempt, spent = finer, spent + _work(finer)
     return attempt
+
+
+def _work(attempt: Attempt) -> float:
+    """Iterations times unknowns, those of the estimate included."""
+    unknowns = attempt.fields.solved.unknowns.count
+    return RICHER * len(attempt.result.iterations) * unknowns
 
 
 def _finish(attempt: Attempt, clock: Clock) -> Solution:

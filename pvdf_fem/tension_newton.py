@@ -32,11 +32,11 @@ from pvdf_fem.scene import Scene
 from pvdf_fem.tension_field import GivenModuli, WrinklingMembrane
 
 MAX_ITERATIONS = 120
-# Of a film with many unknowns fewer: iterations times unknowns, some 20 s of one core.
-MOST_WORK = 1e6
+# Of a film with many unknowns fewer: iterations times unknowns, some 10 s of one core.
+MOST_WORK = 5e5
 # Integral of S : P over the work, below which Newton's method for the exact law is tried, and again
-# when it is smaller by a factor; below which an interior point may be the solution; the last.
-FIRST_GAP, NARROWER, LEFT_GAP, LAST_GAP = 1e-6, 1e-2, 1e-9, 1e-15
+# when it is smaller by a factor; the last of them.
+FIRST_GAP, NARROWER, LAST_GAP = 1e-6, 1e-2, 1e-15
 # Damping of Newton's steps, as a part of the mean tension and of the size of the last step.
 DAMPING = 1e-2
 # Of the richer space's residual, after which a correction is taken for its solution.
@@ -67,6 +67,11 @@ def barely_loaded(scene: Scene) -> bool:
     return bool(wrinkles and strain < BARELY * film.thermal_strain)
 
 
+def last_step(scene: Scene) -> float:
+    """What may be left of the solution, in the energy norm, where the film wrinkles."""
+    return (LEFT_SLACK if barely_loaded(scene) else LEFT) * scene.numerics.tolerance
+
+
 def equilibrate(
     equilibrium: Equilibrium,
     q: Array | None,
@@ -85,8 +90,7 @@ def equilibrate(
         return NewtonResult(flat, Status.CONVERGED, (), None)
     table: list[Iteration] = []
     start = deflected(equilibrium) if q is None else q
-    left = LEFT_SLACK if barely_loaded(equilibrium.scene) else LEFT
-    tolerance = max(tolerance, left * equilibrium.scene.numerics.tolerance)
+    tolerance = max(tolerance, last_step(equilibrium.scene))
     try:
         if q is not None and near and (result := _newton(equilibrium, q, None, tolerance, table)):
             return result
@@ -154,7 +158,7 @@ def _from_afar(
             if result := _newton(equilibrium, point.q, point.stress, tolerance, table):
                 return result
             gap = NARROWER * point.gap
-        if 0.0 < point.gap < LEFT_GAP and _agrees(equilibrium, point, tolerance):
+        if 0.0 < point.gap < tolerance**2 and _agrees(equilibrium, point, tolerance):
             return NewtonResult(point.q, Status.CONVERGED, tuple(table), point.factors)
     return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
 
@@ -162,7 +166,7 @@ def _from_afar(
 def _agrees(equilibrium: Equilibrium, point: Iterate, tolerance: float) -> bool:
     """Whether the stress of the strain is that which is in balance, in the energy norm.
 
-    Their distance is the error in the constitutive relation (Ladeveze and Leguillon, SIAM J. Numer.
+    And whether the rim holds the load by it. The distance is the error in the constitutive relation (Ladeveze and Leguillon, SIAM J. Numer.
     Anal. 20 (1983) 485-509), which bounds that of the solution, also where the film is slack and
     has no stiffness to measure a residual with.
     """
@@ -173,8 +177,13 @@ def _agrees(equilibrium: Equilibrium, point: Iterate, tolerance: float) -> bool:
     def square(stress: Array) -> float:
         return float((((stress @ compliance) * stress).sum(axis=-1) * membrane.weights).sum())
 
-    stress = equilibrium.state(point.q).stress
-    return square(stress - point.stress) < tolerance**2 * square(stress)
+    state = equilibrium.state(point.q)
+    balance = equilibrium.rim_reaction(state) + equilibrium.applied_force(state)
+    return (
+        equilibrium.load.conservative  # the interior points are those of a dead load
+        and square(state.stress - point.stress) < tolerance**2 * square(state.stress)
+        and abs(balance) < tolerance * equilibrium.load.force
+    )
 
 
 def _dead(equilibrium: Equilibrium) -> Equilibrium:
@@ -208,8 +217,8 @@ def _newton(
         factors = factorise(equilibrium.assembly.matrix(tangent))
         residual = equilibrium.residual(state)
         step = -factors.solve(residual)
-        scale = min(equilibrium.work(state, q), 2.0 * membrane.energy(state))
-        size = float(np.sqrt(abs(residual @ step) / abs(scale)))
+        scale = abs(min(equilibrium.work(state, q), 2.0 * membrane.energy(state)))
+        size = float(np.sqrt(abs(residual @ step) / scale)) if scale > 0.0 else np.inf
         length = 1.0
         if size < LARGEST_STEP and equilibrium.load.conservative:
             length = _length(equilibrium, q, step, float(residual @ step))
