@@ -16,7 +16,7 @@ from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.membrane import Array, MembraneState
 from pvdf_fem.newton import Status, compressed, factorise, negative_pivots
 from pvdf_fem.tension_field import WrinklingMembrane
-from pvdf_fem.tension_newton import last_step
+from pvdf_fem.tension_newton import disagreement
 
 # What rounding and Newton's last step may leave: of the displacement, in the energy norm, by the
 # residual, and of the load by the rim's reaction.
@@ -45,7 +45,7 @@ def refusal(
     balance = abs(equilibrium.rim_reaction(state) + equilibrium.applied_force(state))
     allowed = IMBALANCE
     if isinstance(equilibrium.membrane, WrinklingMembrane):
-        allowed = max(allowed, last_step(equilibrium.scene))
+        allowed = max(allowed, disagreement(equilibrium.scene))
     if not (lacking <= allowed**2 * work and balance <= allowed * equilibrium.load.force):
         return Status.UNBALANCED
     # Without compression the energy has no other stationary point.

@@ -139,9 +139,7 @@ class _InteriorPoint:
         gap = float(((s * p).sum(axis=-1) * self.weights).sum())
         return Iterate(q, s, p, gap / self.equilibrium.work(state, q), length, step.factors)
 
-    def _corrected(
-        self, step: _Linearised, wanted: Array, mu: float
-    ) -> Step:
+    def _corrected(self, step: _Linearised, wanted: Array, mu: float) -> Step:
         """The step to the products `wanted`, made longer by Gondzio's corrections.
 
         At last the strain's and the forces' second order is made up for: where the film is slack

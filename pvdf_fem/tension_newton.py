@@ -48,7 +48,9 @@ RICH_TOLERANCE = 1e-3
 BARELY = 0.1
 # Newton's last step, as a part of the tolerance of the charges: where the film's state changes from
 # point to point steps shrink but linearly, and rounding in a stiff film ends that early.
-LEFT, LEFT_SLACK = 1e-2, 1e-1
+LEFT = 1e-2
+# The same of interior points: the stress of their strain against that in balance.
+DISAGREEMENT = 1e-1
 # Newton's method is given up after this many steps, or when a step is larger than that.
 MOST_STEPS, LARGEST_STEP = 25, 3.0
 # Nor does it lead anywhere if a step has to be shortened to this part.
@@ -67,9 +69,9 @@ def barely_loaded(scene: Scene) -> bool:
     return bool(wrinkles and strain < BARELY * film.thermal_strain)
 
 
-def last_step(scene: Scene) -> float:
-    """What may be left of the solution, in the energy norm, where the film wrinkles."""
-    return (LEFT_SLACK if barely_loaded(scene) else LEFT) * scene.numerics.tolerance
+def disagreement(scene: Scene) -> float:
+    """What a film that wrinkles may lack of balance, in the energy norm."""
+    return DISAGREEMENT * scene.numerics.tolerance
 
 
 def equilibrate(
@@ -90,7 +92,7 @@ def equilibrate(
         return NewtonResult(flat, Status.CONVERGED, (), None)
     table: list[Iteration] = []
     start = deflected(equilibrium) if q is None else q
-    tolerance = max(tolerance, last_step(equilibrium.scene))
+    tolerance = max(tolerance, LEFT * equilibrium.scene.numerics.tolerance)
     try:
         if q is not None and near and (result := _newton(equilibrium, q, None, tolerance, table)):
             return result
@@ -151,6 +153,7 @@ def _from_afar(
 ) -> NewtonResult:
     points, gap = interior_points(_dead(equilibrium), q), FIRST_GAP
     most = np.clip(MOST_WORK / equilibrium.unknowns.count, MOST_STEPS, MAX_ITERATIONS)
+    allowed = max(tolerance, disagreement(equilibrium.scene))
     while len(table) < most and gap > NARROWER * LAST_GAP:
         point = next(points)
         table.append(Iteration(point.gap, point.length, True, True))
@@ -158,7 +161,7 @@ def _from_afar(
             if result := _newton(equilibrium, point.q, point.stress, tolerance, table):
                 return result
             gap = NARROWER * point.gap
-        if 0.0 < point.gap < tolerance**2 and _agrees(equilibrium, point, tolerance):
+        if 0.0 < point.gap < allowed**2 and _agrees(equilibrium, point, allowed):
             return NewtonResult(point.q, Status.CONVERGED, tuple(table), point.factors)
     return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
 
@@ -166,9 +169,9 @@ def _from_afar(
 def _agrees(equilibrium: Equilibrium, point: Iterate, tolerance: float) -> bool:
     """Whether the stress of the strain is that which is in balance, in the energy norm.
 
-    And whether the rim holds the load by it. The distance is the error in the constitutive relation (Ladeveze and Leguillon, SIAM J. Numer.
-    Anal. 20 (1983) 485-509), which bounds that of the solution, also where the film is slack and
-    has no stiffness to measure a residual with.
+    And whether the rim holds the load by it. The distance of the two stresses is the error in the
+    constitutive relation (Ladeveze and Leguillon, SIAM J. Numer. Anal. 20 (1983) 485-509), which
+    bounds that of the solution, also where the film is slack and has no stiffness.
     """
     membrane = equilibrium.membrane
     assert isinstance(membrane, WrinklingMembrane)
@@ -223,7 +226,7 @@ def _newton(
         if size < LARGEST_STEP and equilibrium.load.conservative:
             length = _length(equilibrium, q, step, float(residual @ step))
         table.append(Iteration(size, length, False, True))
-        if not size < LARGEST_STEP or length < SHORTEST and size >= tolerance:
+        if not size < LARGEST_STEP or (length < SHORTEST and size >= tolerance):
             return None
         gradient = membrane.gradient(equilibrium.unknowns.expand(length * step))
         strain = strain + strain_rate(state.deformation_gradient, gradient)
