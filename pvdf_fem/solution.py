@@ -48,7 +48,7 @@ MAX_UNKNOWNS = {"refuse": 60_000, "tension-field": 20_000}
 HARD = 1e6
 # The same, over all meshes and with the richer space of each estimate, of a film that is barely
 # loaded, each of whose solves begins afresh: some 20 s.
-BUDGET, RICHER = 1e6, 2.8
+BUDGET, RICHER = 1.8e6, 2.8
 # A film that wrinkles has kinks that a coarse mesh shows in the wrong places, so that the next one
 # has at most so many times its unknowns.
 GROWTH = 5.0
