@@ -17,7 +17,7 @@ from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.membrane import Array, MembraneState, principal
 from pvdf_fem.newton import Status, compressed, factorise, negative_pivots
 from pvdf_fem.tension_field import WrinklingMembrane
-from pvdf_fem.tension_newton import LEFT
+from pvdf_fem.tension_newton import disagreement
 
 # What rounding and Newton's last step may leave: of the displacement, in the energy norm, by the
 # residual, and of the load by the rim's reaction.
@@ -46,7 +46,7 @@ def refusal(
     balance = abs(equilibrium.rim_reaction(state) + equilibrium.applied_force(state))
     allowed = IMBALANCE
     if isinstance(equilibrium.membrane, WrinklingMembrane):
-        allowed = max(allowed, LEFT * equilibrium.scene.numerics.tolerance)
+        allowed = max(allowed, disagreement(equilibrium.scene))
     if not (lacking <= allowed**2 * work and balance <= allowed * equilibrium.load.force):
         return Status.UNBALANCED
     if not equilibrium.load.conservative and beyond_limit(factors):

@@ -21,7 +21,7 @@ from pvdf_fem.newton import NewtonResult, Status
 from pvdf_fem.refine import refined_sizes, transferred
 from pvdf_fem.scene import Scene
 from pvdf_fem.symmetry import Part
-from pvdf_fem.tension_newton import corrected, equilibrate
+from pvdf_fem.tension_newton import barely_loaded, corrected, equilibrate
 
 # Newton's last step in the orders below, whose discretisation errors are larger.
 START_TOLERANCE = 3e-2
@@ -120,6 +120,8 @@ def _start(equilibrium: Equilibrium) -> Array | None:
     """The solution of the order below, which costs less than the iterations that it saves."""
     order = equilibrium.membrane.order
     if order == (1 if equilibrium.bending is None else LOWEST_ORDER):
+        return None
+    if barely_loaded(equilibrium.scene):  # whose solution of another order is far away
         return None
     mesh = equilibrium.membrane.mesh
     lower = Equilibrium(equilibrium.scene, mesh, order - 1, equilibrium.part)

@@ -22,6 +22,8 @@ from pvdf_fem.newton import Iteration, NewtonResult, Status, negative_pivots
 
 # First step in `Load.following`; factors after one that Newton's method makes and does not make.
 FIRST, LONGER, SHORTER = 1.0, 2.0, 0.3
+# Steps are not made shorter than this.
+SHORTEST = 1e-4
 # Newton steps of all solves on the way, by their unknowns: some 5 s of one core.
 MOST_WORK, MOST_STEPS = 3e5, 60
 # Newton's last step on the way.
@@ -39,7 +41,7 @@ def follow(equilibrium: Equilibrium, q: Array, tolerance: float, solver: Solver)
     path, step, here = [(0.0, q)], FIRST, q
     table: tuple[Iteration, ...] = ()
     most = min(MOST_STEPS, MOST_WORK / equilibrium.unknowns.count)
-    while len(table) < most:
+    while len(table) < most and step > SHORTEST:
         (earlier, before), (reached, here) = path[0], path[-1]
         following = min(reached + step, 1.0)
         guess = here

@@ -39,7 +39,7 @@ GROWTH = 0.5
 # A curved element is distorted whose area is compressed to less than this part somewhere. The cusp
 # between an arc and its own tangent, or another arc that it touches, has 0.15 at any size.
 # Between an arc and a corner or an edge that it nearly touches, elements are worse, or fold; they
-# are made smaller by the factor, and the scene is meshed again, a few times at the most. Their sides
+# are made smaller by the factor, and the scene is meshed again, a few times at the most. Sides
 # become straight where that moves them by less than a part of the smallest outline, which changes
 # its area by less than 1e-6, and at last wherever else they are distorted, tiny as they are then.
 # Films that bend do not bear the cusps.

@@ -36,21 +36,23 @@ from pvdf_fem.sizes import ORDER, first_sizes
 from pvdf_fem.symmetry import WHOLE, Part, part_of
 from pvdf_fem.tension_newton import barely_loaded
 
-# Sizes aim at this part of the tolerance, the next ones at its square and so on: at corners that
-# are singular errors fall slower than sizes are chosen for.
-SAFETY = 0.5
+# Sizes aim at this part of the tolerance, and at this part of that whenever a mesh leaves more than
+# the second part of the error: at singular corners it falls slower than sizes are chosen for.
+SAFETY, SLOW = 0.5, 0.7
 MAX_MESHES = 8
 # Meshes of more unknowns are not made, nor more than twice as many on all meshes, so that a solve
 # takes less than 20 s on one core at the usual tolerance; a finer one may take longer.
 USUAL = 1e-3
 MAX_UNKNOWNS = {"refuse": 60_000, "tension-field": 20_000}
-# Nor is another one after so many iterations times unknowns: tension that concentrates in lines, as
-# in a film that a load is far too small to pull taut, needs ever more of both.
-HARD = 1e6
+# Of a film that wrinkles, neither so many iterations times unknowns on all meshes: tension that
+# concentrates in lines, as in a film that a load is far too small to pull taut, needs ever more.
+HARD = 6.5e5
 # A coarse mesh shows singular corners, and the kinks of a film that wrinkles, larger than they are
 # and in the wrong places, so that the next one has at most so many times its unknowns. One that
 # may only have less than the second part of them would not be better.
-GROWTH, LEAST = 3.0, 0.5
+GROWTH, LEAST = 3.0, 0.7
+# Relative error of a charge above which a film that is barely loaded is called slack.
+UNKNOWN = 0.1
 # Unknowns of an element, by order of the displacement.
 UNKNOWNS = {1: 1.5, 2: 6.0, 3: 13.5}
 
@@ -238,7 +240,8 @@ def solve_goals(
         reason = f"{Status.TOLERANCE.advice} to at least {attempt.worst:.1e}, which was reached"
         solution = replace(solution, status=Status.TOLERANCE, reason=reason)
     missed = solution.status in (Status.MAX_ITERATIONS, Status.UNBALANCED)
-    if missed and barely_loaded(scene):
+    unknown = solution.status is Status.TOLERANCE and attempt.worst > UNKNOWN
+    if (missed or unknown) and barely_loaded(scene):
         solution = replace(solution, status=Status.SLACK, reason=Status.SLACK.advice)
     return solution
 
@@ -266,25 +269,25 @@ def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock:
             mesh = mesh_scene(scene, sizes, part)
         return solve_on(scene, goals, mesh, part, order, clock, coarser)
 
-    spent = 0
     largest_mesh = MAX_UNKNOWNS[scene.film.compression] * max(1.0, USUAL / tolerance) ** 0.5
-    attempt = solved(first_sizes(scene, order))
-    for number in range(1, MAX_MESHES):
+    attempt, aim, spent, work = solved(first_sizes(scene, order)), SAFETY * tolerance, 0, 0
+    for _ in range(MAX_MESHES - 1):
         if attempt.result.status is not Status.CONVERGED or attempt.worst <= tolerance:
             break
         with clock("refine"):
-            sizes = refined(attempt, SAFETY**number * tolerance)
-        unknowns = attempt.fields.solved.unknowns.count
-        spent += unknowns
+            sizes = refined(attempt, aim)
+        unknowns, iterations = attempt.fields.solved.unknowns.count, len(attempt.result.iterations)
+        spent, work = spent + unknowns, work + iterations * unknowns
         most = min(GROWTH * unknowns, largest_mesh, 2.0 * largest_mesh - spent)
+        if scene.film.compression == "tension-field":
+            most = min(most, (HARD - work) / iterations)
         if most < LEAST * unknowns:
-            break
-        wrinkles = scene.film.compression == "tension-field"
-        if wrinkles and len(attempt.result.iterations) * most > HARD:
             break
         finer = solved(sizes.coarsened(most / UNKNOWNS[order]), attempt)
         if finer.result.status is Status.MAX_ITERATIONS:
             break
+        if finer.worst > SLOW * attempt.worst:
+            aim *= SAFETY
         attempt = finer
     return attempt
 

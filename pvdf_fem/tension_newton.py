@@ -15,7 +15,7 @@ from scipy.sparse.linalg import SuperLU
 from pvdf_fem.continuation import ON_THE_WAY, follow, turned
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.estimate import Correction, correct, prolongation
-from pvdf_fem.interior_point import interior_points
+from pvdf_fem.interior_point import Iterate, interior_points
 from pvdf_fem.membrane import Array, strain_rate
 from pvdf_fem.newton import (
     STEP_TOLERANCE,
@@ -31,10 +31,11 @@ from pvdf_fem.scene import Scene
 from pvdf_fem.tension_field import GivenModuli, WrinklingMembrane
 
 MAX_ITERATIONS = 120
-# Of a film with many unknowns fewer: iterations times unknowns, some 20 s of one core.
-MOST_WORK = 1e6
-# Integral of S : P over the work, at which Newton's method for the exact law is tried.
-GAPS = (1e-6, 1e-8, 1e-10, 1e-12)
+# Of a film with many unknowns fewer: iterations times unknowns, some 10 s of one core.
+MOST_WORK = 5e5
+# Integral of S : P over the work, below which Newton's method for the exact law is tried, and again
+# when it is smaller by a factor; the last of them.
+FIRST_GAP, NARROWER, LAST_GAP = 1e-6, 1e-2, 1e-15
 # Damping of Newton's steps, as a part of the mean tension and of the size of the last step.
 DAMPING = 1e-2
 # Of the richer space's residual, after which a correction is taken for its solution.
@@ -47,8 +48,12 @@ BARELY = 0.1
 # Newton's last step, as a part of the tolerance of the charges: where the film's state changes from
 # point to point steps shrink but linearly, and rounding in a stiff film ends that early.
 LEFT = 1e-2
+# The same of interior points: the stress of their strain against that in balance.
+DISAGREEMENT = 1e-1
 # Newton's method is given up after this many steps, or when a step is larger than that.
 MOST_STEPS, LARGEST_STEP = 25, 3.0
+# Nor does it lead anywhere if a step has to be shortened to this part.
+SHORTEST = 0.02
 # Of the slope of the energy at the start of a step, that which may be left at its end, and the
 # lengths that are tried for it.
 SLACKENED, MOST_LENGTHS = 0.5, 6
@@ -61,6 +66,11 @@ def barely_loaded(scene: Scene) -> bool:
     strain = np.cbrt(scene.load.force / (stiffness * film.radius)) ** 2
     wrinkles = film.compression == "tension-field"
     return bool(wrinkles and strain < BARELY * film.thermal_strain)
+
+
+def disagreement(scene: Scene) -> float:
+    """What a film that wrinkles may lack of balance, in the energy norm."""
+    return DISAGREEMENT * scene.numerics.tolerance
 
 
 def equilibrate(
@@ -163,17 +173,41 @@ def deflected(equilibrium: Equilibrium) -> Array:
 def _from_afar(
     equilibrium: Equilibrium, q: Array, tolerance: float, table: list[Iteration]
 ) -> NewtonResult:
-    gaps = list(GAPS)
-    points = interior_points(equilibrium, q)
+    points, gap = interior_points(equilibrium, q), FIRST_GAP
     most = np.clip(MOST_WORK / equilibrium.unknowns.count, MOST_STEPS, MAX_ITERATIONS)
-    while len(table) < most and gaps:
+    allowed = max(tolerance, disagreement(equilibrium.scene))
+    while len(table) < most and gap > NARROWER * LAST_GAP:
         point = next(points)
         table.append(Iteration(point.gap, point.length, True, True))
-        if 0.0 < point.gap < gaps[0]:
+        if 0.0 < point.gap < gap:
             if result := _newton(equilibrium, point.q, point.stress, tolerance, table):
                 return result
-            gaps = gaps[1:]
+            gap = NARROWER * point.gap
+        if 0.0 < point.gap < allowed**2 and _agrees(equilibrium, point, allowed):
+            return NewtonResult(point.q, Status.CONVERGED, tuple(table), point.factors)
     return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
+
+
+def _agrees(equilibrium: Equilibrium, point: Iterate, tolerance: float) -> bool:
+    """Whether the stress of the strain is that which is in balance, in the energy norm.
+
+    And whether the rim holds the load by it. The distance of the two stresses is the error in the
+    constitutive relation (Ladeveze and Leguillon, SIAM J. Numer. Anal. 20 (1983) 485-509), which
+    bounds that of the solution, also where the film is slack and has no stiffness.
+    """
+    membrane = equilibrium.membrane
+    assert isinstance(membrane, WrinklingMembrane)
+    compliance = membrane.law.compliance
+
+    def square(stress: Array) -> float:
+        return float((((stress @ compliance) * stress).sum(axis=-1) * membrane.weights).sum())
+
+    state = equilibrium.state(point.q)
+    balance = equilibrium.rim_reaction(state) + equilibrium.applied_force(state)
+    return (
+        square(state.stress - point.stress) < tolerance**2 * square(state.stress)
+        and abs(balance) < tolerance * equilibrium.load.force
+    )
 
 
 def _newton(
@@ -198,13 +232,13 @@ def _newton(
         factors = factorise(equilibrium.assembly.matrix(tangent))
         residual = equilibrium.residual(state)
         step = -factors.solve(residual)
-        scale = min(equilibrium.work(state, q), 2.0 * membrane.energy(state))
-        size = float(np.sqrt(abs(residual @ step) / abs(scale)))
+        scale = abs(min(equilibrium.work(state, q), 2.0 * membrane.energy(state)))
+        size = float(np.sqrt(abs(residual @ step) / scale)) if scale > 0.0 else np.inf
         length = 1.0
         if size < LARGEST_STEP and equilibrium.load.conservative:
             length = _length(equilibrium, q, step, float(residual @ step))
         table.append(Iteration(size, length, False, True))
-        if not size < LARGEST_STEP:
+        if not size < LARGEST_STEP or (length < SHORTEST and size >= tolerance):
             return None
         gradient = membrane.gradient(equilibrium.unknowns.expand(length * step))
         strain = strain + strain_rate(state.deformation_gradient, gradient)

@@ -128,7 +128,7 @@ def solve_uniform(scene: Scene, order: int, factor: float) -> Outcome:
     return outcome_of(solution, {**stages, "total": meshed + solution.seconds["total"]})
 
 
-def solve_to_tolerance(scene: Scene, order: int | None, tolerance: float) -> Outcome:
+def solve_to_tolerance(scene: Scene, order: int, tolerance: float) -> Outcome:
     """On meshes that follow the error of the charges until it is within `tolerance`."""
     solution = solve(scene.with_(**{"numerics.tolerance": tolerance}), order=order)
     return outcome_of(solution, solution.seconds)

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import islice
+
 import numpy as np
 import pytest
 from discs import RECTANGLE, TRIANGLE, free_disc, graded_mesh
 
-from pvdf_fem import solve
+from pvdf_fem import solve, tension_newton
 from pvdf_fem.axisymmetric import axisymmetric_membrane
 from pvdf_fem.axisymmetric_wrinkled import wrinkled_membrane
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.film import Film
+from pvdf_fem.interior_point import interior_points
 from pvdf_fem.newton import Status, negative_pivots
 from pvdf_fem.tension_field import FLOOR, TensionField
-from pvdf_fem.tension_newton import equilibrate
+from pvdf_fem.tension_newton import barely_loaded, deflected, equilibrate
+from reports.extremes_scenes import scene_of
 
 WRINKLING = {"film.compression": "tension-field"}
 FILMS = {
@@ -119,6 +124,47 @@ def test_solution_is_a_minimum(slack):
         assert energy(result.q + size * np.abs(result.q).max() * step) > least
 
 
+@pytest.fixture(scope="module")
+def barely():
+    scene = TRIANGLE.with_(**WRINKLING, **{"film.temperature_change_K": 10.0, "load.force_N": 1e-3})
+    assert barely_loaded(scene)
+    return Equilibrium(scene, graded_mesh(TRIANGLE, 3.0, 15.0), 3)
+
+
+def test_interior_points_approach_the_minimum(barely):
+    """Their stress is in balance and is that of their strain: no other state has both."""
+    film, load = barely.film, barely.load.force
+    points = islice(interior_points(barely, deflected(barely)), 25)
+    point = next(point for point in points if 0.0 < point.gap < 1e-10)
+    state = barely.state(point.q)
+    balanced = barely.residual(replace(state, stress=point.stress))
+    assert np.linalg.norm(balanced) < 1e-8 * load
+    compliance = np.linalg.inv(film.stiffness)
+    squares = [
+        float((((s @ compliance) * s).sum(axis=-1) * barely.membrane.weights).sum())
+        for s in (state.stress - point.stress, point.stress)
+    ]
+    assert squares[0] < 1e-10 * squares[1]
+
+
+def test_an_interior_point_is_a_solution_where_newton_finds_none(barely, monkeypatch):
+    found = equilibrate(barely, None)
+    monkeypatch.setattr(tension_newton, "_newton", lambda *arguments: None)
+    other = equilibrate(barely, None)
+    assert found.status is other.status is Status.CONVERGED
+    assert negative_pivots(other.factors) == 0
+    stresses = barely.state(found.q).stress, barely.state(other.q).stress
+    assert np.abs(stresses[0] - stresses[1]).max() < 1e-3 * np.abs(stresses[0]).max()
+
+
+def test_interior_points_of_a_follower_are_no_solution(barely, monkeypatch):
+    """They are those of a dead load."""
+    scene = barely.scene.with_(**{"load.kind": "follower"})
+    follower = Equilibrium(scene, barely.membrane.mesh, 1)
+    monkeypatch.setattr(tension_newton, "_newton", lambda *arguments: None)
+    assert equilibrate(follower, None).status is Status.LIMIT
+
+
 def test_start_does_not_matter(slack):
     q = equilibrate(slack, None).q
     other = equilibrate(slack, 3.0 * q, near=True)
@@ -214,10 +260,20 @@ def test_taut_centre_and_wrinkled_surroundings(force, strain):
     assert result.deflection_max_mm == pytest.approx(deflection, rel=5e-4)
 
 
+def test_electrodes_on_slack_film_have_no_charge():
+    """Beside a rigid probe of 0.01 mm at the rim, in a film that the load hardly reaches."""
+    scene = scene_of(57, 515151)
+    assert barely_loaded(scene)
+    solution = solve(scene)
+    assert solution.status is Status.CONVERGED
+    assert solution.charges_pC == dict.fromkeys("ABCD", 0.0)
+    assert solution.force_balance < 1e-4
+
+
 def test_a_load_far_too_small_is_named():
     """Tension runs in a few lines: more elements only make them thinner."""
     changes = {"film.temperature_change_K": 5.0, "load.force_N": 1e-12, **WRINKLING}
-    solution = solve(TRIANGLE.with_(**changes, **{"numerics.tolerance": 1e-2}))
+    solution = solve(TRIANGLE.with_(**changes, **{"numerics.tolerance": 1e-2}), order=1)
     assert solution.status is Status.SLACK
     assert "load.force_N" in solution.reason
     assert "charges_pC" not in solution.to_json()
