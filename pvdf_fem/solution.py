@@ -46,7 +46,7 @@ USUAL = 1e-3
 MAX_UNKNOWNS = {"refuse": 60_000, "tension-field": 20_000}
 # Of a film that wrinkles, neither so many iterations times unknowns on all meshes: tension that
 # concentrates in lines, as in a film that a load is far too small to pull taut, needs ever more.
-HARD = 6.5e5
+HARD = 4e5
 # A coarse mesh shows singular corners, and the kinks of a film that wrinkles, larger than they are
 # and in the wrong places, so that the next one has at most so many times its unknowns. One that
 # may only have less than the second part of them would not be better.
