@@ -207,99 +207,83 @@ def known_mistakes(
 
 def location(problem: Problem, ends: Descent) -> Location:
     """The distinct touches among the ends of searches for one touch."""
+    keep = _distinct(problem, ends)
+    names = tuple(QUANTITIES[i] for i in problem.unknown.tolist())
+    freedom = len(problem.electrodes) - len(names)
+    if not keep.size:
+        return Location((), names, freedom, -np.inf, problem)
+    at, slopes, chi_square = ends.at[keep], ends.slopes[keep], ends.chi_square[keep]
+    extent = extents(problem)
+    logs = _log_masses(slopes * extent, chi_square)
+    total = float(np.logaddexp.reduce(logs))
+    values, scale = at.copy(), np.ones(at.shape)
+    values[:, FORCE] = scale[:, FORCE] = np.exp(at[:, FORCE])
+    if ROTATION in problem.unknown:
+        values[:, ROTATION] %= period_deg(problem.model)
+    columns = (
+        (slopes / scale[:, None])[:, :, problem.unknown],
+        (extent * scale)[:, problem.unknown],
+        chi_square.tolist(),
+        p_values(chi_square, freedom).tolist(),
+        np.exp(logs - total).tolist(),
+        edges(problem, at),
+    )
+    touches = (Touch(*v, names, *row) for v, *row in zip(values.tolist(), *columns, strict=True))
+    spread = np.log(np.sqrt(2.0 * np.pi) * problem.deviations_pC[0]).sum()
+    return Location(tuple(touches), names, freedom, total - float(spread), problem)
+
+
+def _distinct(problem: Problem, ends: Descent) -> Indices:
+    """The likely ends of searches that are no repetition of a better one, the best first."""
     keep = np.flatnonzero(ends.arrived)
     keep = keep[np.argsort(ends.chi_square[keep], kind="stable")]
-    unknown = tuple(QUANTITIES[i] for i in problem.unknown)
-    freedom = len(problem.electrodes) - len(unknown)
-    if not keep.size:
-        return Location((), unknown, freedom, -np.inf, problem)
-    keep = keep[ends.chi_square[keep] <= ends.chi_square[keep[0]] + _LISTED]
-    keep = _distinct(problem, ends, keep)
-    size = extents(problem)
-    logs = _log_masses(ends, keep, size)
-    total = float(np.logaddexp.reduce(logs))
-    weights = np.exp(logs - total)
-    held = edges(problem, ends.at[keep])
-    touches = tuple(
-        _touch(problem, ends, k, size, weight, limits)
-        for k, weight, limits in zip(keep.tolist(), weights.tolist(), held, strict=True)
-    )
-    spread = np.log(np.sqrt(2.0 * np.pi) * problem.deviations_pC[0]).sum()
-    return Location(touches, unknown, freedom, total - float(spread), problem)
-
-
-def _distinct(problem: Problem, ends: Descent, keep: Indices) -> Indices:
-    """The ends that are no repetition of a better one."""
+    keep = keep[ends.chi_square[keep] <= ends.chi_square[keep[:1]] + _LISTED]
     period = period_deg(problem.model)
-    found = []
-    while keep.size:
-        best, keep = keep[0], keep[1:]
-        found.append(best)
-        apart = ends.at[keep] - ends.at[best]
+    k = 1
+    while k < len(keep):
+        best, others = keep[k - 1], keep[k:]
+        apart = ends.at[others] - ends.at[best]
         apart[:, ROTATION] -= period * np.round(apart[:, ROTATION] / period)
         # by the slopes of the better one
-        change = apart[:, problem.unknown] @ ends.slopes[best].T
-        same = np.square(change).sum(axis=1) < _SAME_CHI_SQUARE
+        same = np.square(apart @ ends.slopes[best].T).sum(axis=1) < _SAME_CHI_SQUARE
         same &= (np.abs(apart) < _SAME).all(axis=1)
-        keep = keep[~same]
-    return np.array(found)
+        keep = np.concatenate([keep[:k], others[~same]])
+        k += 1
+    return keep
 
 
 def extents(problem: Problem) -> Array:
-    """Size of the domain in the coordinates of each unknown, (unknown,)."""
+    """Size of the domain in each coordinate, (4,)."""
     domain = problem.model.domain
     lowest, highest = domain.force_N
     turn = 0.5 * period_deg(problem.model)
-    sizes = np.array([domain.reach_mm, domain.reach_mm, turn, math.log(highest / lowest)])
-    return sizes[problem.unknown]
+    return np.array([domain.reach_mm, domain.reach_mm, turn, math.log(highest / lowest)])
 
 
-def _log_masses(ends: Descent, keep: Indices, extent: Array) -> Array:
+def _log_masses(slopes: Array, chi_square: Array) -> Array:
     """Logarithm of likelihood times prior integrated about each touch (Laplace), (n,).
 
     The prior is normal with the domain's extents about the touch, so that a direction which the
-    charges do not determine counts with the domain's size and not with infinity.
+    charges do not determine counts with the domain's size and not with infinity. `slopes`
+    (n, electrodes, 4) are by coordinates over these.
     """
-    J = ends.slopes[keep] * extent
-    normal = J.swapaxes(1, 2) @ J + np.eye(J.shape[2])
-    return -0.5 * (ends.chi_square[keep] + np.log(np.linalg.det(normal)))
+    normal = np.matmul(slopes.swapaxes(1, 2), slopes) + np.eye(slopes.shape[2])
+    return -0.5 * (chi_square + np.log(np.linalg.det(normal)))
 
 
-def _touch(
-    problem: Problem,
-    ends: Descent,
-    k: int,
-    extent: Array,
-    weight: float,
-    limits: tuple[str, ...],
-) -> Touch:
-    x, y, rotation, log_force = ends.at[k].tolist()
-    if ROTATION in problem.unknown:
-        rotation %= period_deg(problem.model)
-    force = math.exp(log_force)
-    scale = np.where(problem.unknown == FORCE, force, 1.0)  # of the coordinates' slopes
-    chi_square, freedom = float(ends.chi_square[k]), len(problem.electrodes) - len(problem.unknown)
-    p_value = float(gammaincc(0.5 * freedom, 0.5 * chi_square)) if freedom > 0 else math.nan
-    return Touch(
-        x,
-        y,
-        rotation,
-        force,
-        tuple(QUANTITIES[i] for i in problem.unknown),
-        ends.slopes[k] / scale,
-        extent * scale,
-        chi_square,
-        p_value,
-        weight,
-        limits,
-    )
+def p_values(chi_square: Array, freedom: int) -> Array:
+    """Probabilities of a larger chi-square if the model is right; NaN without freedom."""
+    if freedom <= 0:
+        return np.full(len(chi_square), np.nan)
+    return gammaincc(0.5 * freedom, 0.5 * chi_square)
 
 
 def edges(problem: Problem, at: Array) -> list[tuple[str, ...]]:
     """Which limits of the domain touches (n, 4) are at, or beyond."""
     domain, held = problem.model.domain, []
     lowest, highest = map(math.log, domain.force_N)
-    placed, pressed = {X, Y} & set(problem.unknown.tolist()), FORCE in problem.unknown
+    sought = problem.unknown.tolist()
+    placed, pressed = X in sought or Y in sought, FORCE in sought
     for x, y, _, force in at.tolist():
         far = placed and math.hypot(x, y) >= domain.reach_mm
         limits = (("reach_mm", far), ("force_N", pressed and not lowest < force < highest))
