@@ -40,6 +40,8 @@ _LONGEST = np.array([0.25, 0.25, 25.0, 1.0])
 _CLOSE = np.array([0.1, 0.1, 2.0, 0.03])
 # Marquardt's damping: where it begins after a step uphill, and where a search gives up. A step
 # counts as the last one only if it was damped no more than to about half.
+_BENT, _LEAST_CURVATURE = 0.2, 0.1
+_PATIENCE = 4
 _LEAST_DAMPING, _DAMPED, _GIVEN_UP, _FREE = 1e-10, 1e-3, 1e8, 1.0
 
 
@@ -77,7 +79,9 @@ class Problem:
         slopes = slopes.take(self.electrodes, axis=1)
         slopes[:, :, FORCE] *= force[:, None]
         system = np.empty((len(at), len(self.electrodes), 1 + len(self._sought)))
-        system[:, :, 0] = charges.take(self.electrodes, axis=1) - self.charges_pC.take(touch, axis=0)
+        system[:, :, 0] = charges.take(self.electrodes, axis=1) - self.charges_pC.take(
+            touch, axis=0
+        )
         if edge is not at:
             system[:, :, 0] += np.matmul(slopes, (at - edge)[:, :, None])[:, :, 0]
         system[:, :, 1:] = slopes
@@ -95,7 +99,11 @@ class Problem:
         reach = room_reach * self.model.domain.reach_mm
         force, distance = at[:, FORCE], np.hypot(at[:, X], at[:, Y])
         far = distance.max(initial=0.0) > reach
-        if not far and lowest <= force.min(initial=highest) and force.max(initial=lowest) <= highest:
+        if (
+            not far
+            and lowest <= force.min(initial=highest)
+            and force.max(initial=lowest) <= highest
+        ):
             return at
         moved = at.copy()
         moved[:, FORCE] = np.minimum(np.maximum(force, lowest), highest)
@@ -199,7 +207,9 @@ class _Searches:
         """At coordinates (n, 4), whose nearest points in the domain are `edge` if known."""
         system = problem.linearised(at, touch, edge)
         normal = np.matmul(system.swapaxes(1, 2), system)
-        return cls(row, touch, at, system, normal, np.full(len(at), _LEAST_DAMPING), np.zeros(len(at)))
+        return cls(
+            row, touch, at, system, normal, np.full(len(at), _LEAST_DAMPING), np.zeros(len(at))
+        )
 
     @property
     def chi_square(self) -> Array:
@@ -218,15 +228,24 @@ class _Searches:
         normal[:, 0, 0] = (np.matmul(normal, moved[:, :, None])[:, :, 0] * moved).sum(axis=1)
         return replace(self, at=there, normal=normal)
 
-    def steps(self) -> tuple[Array, Array]:
-        """Damped Gauss-Newton steps (n, 4), and the decrease of chi-square they promise, (n,)."""
-        gradient, damped = self.normal[:, 1:, 0], self.normal[:, 1:, 1:].copy()
-        diagonal = damped.reshape(len(damped), -1)[:, ::5]  # a view
-        floor = 1e-12 * diagonal.max(axis=1) + 1e-300
-        diagonal *= (1.0 + self.damping)[:, None]
-        diagonal += floor[:, None]
-        step = np.linalg.solve(damped, -gradient[:, :, None])[:, :, 0]
-        return step, -(gradient * step).sum(axis=1)
+    def bend(self, bent: NDArray[np.bool_], before: _Searches) -> None:
+        """Add to the normal matrix what the slopes' change since `before` tells of second order.
+
+        The update of Broyden, Fletcher, Goldfarb and Shanno with the difference of gradients that
+        Dennis, Gay and Welsch (ACM Trans. Math. Softw. 7, 1981) take: it vanishes with the residual.
+        """
+        step = (self.at[bent] - before.at[bent])[:, :, None]
+        system, normal = self.system[bent], self.normal[bent, 1:, 1:]
+        change = system[:, :, 1:] - before.system[bent, :, 1:]
+        along = np.matmul(normal, step)
+        total = along + np.matmul(change.swapaxes(1, 2), system[:, :, :1])
+        curvature = np.matmul(step.swapaxes(1, 2), along)
+        bent_curvature = np.matmul(step.swapaxes(1, 2), total)
+        update = (
+            total @ total.swapaxes(1, 2) / bent_curvature - along @ along.swapaxes(1, 2) / curvature
+        )
+        update[(bent_curvature < _LEAST_CURVATURE * curvature)[:, 0, 0]] = 0.0
+        self.normal[bent, 1:, 1:] += update
 
     def move(self, better: NDArray[np.bool_], there: _Searches, promised: Array) -> None:
         """Go on from `there` where it is better, and damp the next step elsewhere."""
@@ -260,25 +279,24 @@ def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = n
     reach_mm = problem.model.domain.reach_mm
     longest = _LONGEST * [reach_mm, reach_mm, 1.0, 1.0]
     now = _Searches.start(problem, np.arange(len(starts)), touch, _held_back(problem, starts))
-    for _ in range(_MAX_STEPS):
-        step, promised = now.steps()
+    for count in range(_MAX_STEPS):
+        step, promised = damped_steps(now.normal, now.damping[:, None])
         length = np.abs(step / longest).max(axis=1)
         aim = now.at + step / np.maximum(length, 1.0)[:, None]
         edge = problem.inside(aim)
         inside = edge is aim
         there = aim if inside else _held_back(problem, aim)
-        near = (promised < _ARRIVED) | (promised < np.minimum(_CONTRACTED * now.promised, _CLOSE_BY))
+        near = (promised < _ARRIVED) | (
+            promised < np.minimum(_CONTRACTED * now.promised, _CLOSE_BY)
+        )
         last = near & (now.damping <= _FREE) & (length < _SHORT)
-        stay = ~last
-        if last.any():
-            done = now.only(last).at_once(there[last])
-            ends.put(done, True)
-            np.minimum.at(least, done.touch, done.chi_square)
-        stay &= now.chi_square - 4.0 * promised <= least[now.touch] + hopeless
+        np.minimum.at(least, now.touch[last], (now.chi_square - promised)[last])
+        leave = last | (now.chi_square - 4.0 * promised > least[now.touch] + hopeless)
         if len(least) == 1:
-            stay &= ~_repeated(there, now.chi_square, ends.at[ends.arrived])
-        if not stay.all():
-            ends.put(now.only(~(stay | last)), False)
+            leave |= repeated(there, now.chi_square, _CLOSE, ends.at[ends.arrived])
+        if leave.any():
+            ends.put(now.only(leave).at_once(there[leave]), last[leave])
+            stay = ~leave
             now, aim, there, promised = now.only(stay), aim[stay], there[stay], promised[stay]
             edge = there if inside else edge[stay]
             if not len(now.row):
@@ -287,6 +305,9 @@ def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = n
         better = found.chi_square <= now.chi_square
         stuck = (there != aim).any(axis=1) & (found.chi_square > (1.0 - _HELD) * now.chi_square)
         stuck |= ~better & (promised < _ROUNDING)
+        bent = better & (np.abs(now.chi_square - found.chi_square - promised) > _BENT * promised)
+        if count >= _PATIENCE and bent.any():
+            found.bend(bent, now)
         now.move(better, found, promised)
         on = ~stuck & (now.damping < _GIVEN_UP)
         if not on.all():
@@ -298,12 +319,30 @@ def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = n
     return ends
 
 
-def _repeated(at: Array, chi_square: Array, ends: Array) -> NDArray[np.bool_]:
-    """Which searches (n,) go where a better one goes, or where one has ended."""
-    others = np.concatenate([at, ends]) if len(ends) else at
-    better = np.concatenate([chi_square, np.full(len(ends), -np.inf)]) < chi_square[:, None]
-    near = (np.abs(at[:, None] - others) < _CLOSE).all(axis=2)
-    return np.asarray((near & better).any(axis=1))
+def damped_steps(normal: Array, damping: Array | float) -> tuple[Array, Array]:
+    """Damped Gauss-Newton steps (n, k), and the decrease of chi-square they promise, (n,).
+
+    `normal` (n, 1 + k, 1 + k) as `_Searches` has it; the damping is Marquardt's.
+    """
+    gradient, damped = normal[:, 1:, 0], normal[:, 1:, 1:].copy()
+    count = damped.shape[1]
+    diagonal = damped.reshape(len(damped), -1)[:, :: count + 1]  # a view
+    floor = 1e-12 * diagonal.max(axis=1, keepdims=True) + 1e-300
+    diagonal += damping * diagonal + floor
+    step = np.linalg.solve(damped, -gradient[:, :, None])[:, :, 0]
+    return step, -(gradient * step).sum(axis=1)
+
+
+def repeated(
+    at: Array, chi_square: Array, close: Array, ends: Array | None = None
+) -> NDArray[np.bool_]:
+    """Which of the places `at` (n, 4) are `close` to a better one, or to one of the ends."""
+    near = (np.abs(at[:, None] - at) < close).all(axis=2)
+    near &= chi_square < chi_square[:, None]
+    found: NDArray[np.bool_] = near.any(axis=1)
+    if ends is not None and len(ends):
+        found |= (np.abs(at[:, None] - ends) < close).all(axis=2).any(axis=1)
+    return found
 
 
 def _held_back(problem: Problem, at: Array) -> Array:

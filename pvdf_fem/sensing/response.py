@@ -54,9 +54,8 @@ class Domain:
     def scaled_with_rate(self, force_N: Array) -> tuple[Array, Array]:
         """The same with its derivative by the force."""
         low, high = self._ends
-        root = force_N**POWER
-        rate = 2.0 * POWER / (high - low) * root / force_N
-        return (2.0 * root - low - high) / (high - low), rate
+        scaled = 2.0 / (high - low) * force_N**POWER
+        return scaled - (low + high) / (high - low), POWER * scaled / force_N
 
     def force_nodes_N(self, count: int) -> Array:
         """The forces at Chebyshev's points, from the largest to the least."""
