@@ -9,7 +9,7 @@ move a touch near the edge across it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -166,9 +166,8 @@ class Descent:
 
     def put(self, searches: _Searches, arrived: NDArray[np.bool_] | bool) -> None:
         """Write down where searches are."""
-        row = searches.row
-        self.at[row], self.slopes[row] = searches.at, searches.system[:, :, 1:]
-        self.chi_square[row], self.arrived[row] = searches.chi_square, arrived
+        self.at[searches.row], self.slopes[searches.row] = searches.at, searches.system[:, :, 1:]
+        self.chi_square[searches.row], self.arrived[searches.row] = searches.chi_square, arrived
 
 
 @dataclass(eq=False)
@@ -220,19 +219,18 @@ class _Searches:
         rows = np.flatnonzero(chosen)
         return _Searches(*(values.take(rows, axis=0) for values in vars(self).values()))
 
-    def at_once(self, there: Array) -> _Searches:
-        """Gone `there` (n, 4) by the slopes here."""
-        moved = np.ones((len(there), 5))
-        moved[:, 1:] = there - self.at
-        normal = self.normal.copy()
-        normal[:, 0, 0] = (np.matmul(normal, moved[:, :, None])[:, :, 0] * moved).sum(axis=1)
-        return replace(self, at=there, normal=normal)
+    def gone(self, there: Array, promised: Array) -> _Searches:
+        """Gone `there` (n, 4), where slopes are as here and chi-square is less as promised."""
+        self.at = there
+        self.normal[:, 0, 0] -= promised
+        return self
 
     def bend(self, bent: NDArray[np.bool_], before: _Searches) -> None:
         """Add to the normal matrix what the slopes' change since `before` tells of second order.
 
         The update of Broyden, Fletcher, Goldfarb and Shanno with the difference of gradients that
-        Dennis, Gay and Welsch (ACM Trans. Math. Softw. 7, 1981) take: it vanishes with the residual.
+        Dennis, Gay and Welsch (ACM Trans. Math. Softw. 7, 1981) take, which vanishes with what
+        is left unexplained.
         """
         step = (self.at[bent] - before.at[bent])[:, :, None]
         system, normal = self.system[bent], self.normal[bent, 1:, 1:]
@@ -292,10 +290,10 @@ def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = n
         last = near & (now.damping <= _FREE) & (length < _SHORT)
         np.minimum.at(least, now.touch[last], (now.chi_square - promised)[last])
         leave = last | (now.chi_square - 4.0 * promised > least[now.touch] + hopeless)
-        if len(least) == 1:
+        if len(least) == 1 < len(starts):
             leave |= repeated(there, now.chi_square, _CLOSE, ends.at[ends.arrived])
         if leave.any():
-            ends.put(now.only(leave).at_once(there[leave]), last[leave])
+            ends.put(now.only(leave).gone(there[leave], promised[leave]), last[leave])
             stay = ~leave
             now, aim, there, promised = now.only(stay), aim[stay], there[stay], promised[stay]
             edge = there if inside else edge[stay]

@@ -157,7 +157,7 @@ def charge_mistakes(
     for name, charge in charges_pC.items():
         if name not in names:
             yield f"charges.{name}: no such electrode; choose from {', '.join(names)}"
-        elif not np.isfinite(charge) or abs(charge) > 1e12:
+        elif not abs(charge) <= 1e12:
             yield f"charges.{name} = {charge}: give a charge in pC"
     each = sigma if isinstance(sigma, Mapping) else {"": sigma}
     for name in charges_pC if isinstance(sigma, Mapping) else ():
@@ -166,7 +166,7 @@ def charge_mistakes(
     for name, value in each.items():
         if not 0.0 <= value <= 1.0:
             yield f"sigma{'.' * bool(name)}{name} = {value}: give a share of the charge, 0 to 1"
-    if not 0.0 <= noise_pC < np.inf:
+    if not 0.0 <= noise_pC < math.inf:
         yield f"noise_pC = {noise_pC}: give a standard deviation in pC, not negative"
     elif not noise_pC and any(charge == 0.0 for charge in charges_pC.values()):
         yield "noise_pC = 0: a charge of 0 has no deviation then; give that of the amplifier"
@@ -187,11 +187,11 @@ def known_mistakes(
             yield f"{name}: no quantity of a touch; choose from {names}"
         elif name in unknown and name in known:
             yield f"{name}: both sought and known; remove one"
-        elif name in known and not np.isfinite(known[name]):
+        elif name in known and not math.isfinite(known[name]):
             yield f"known.{name} = {known[name]}: give a finite number"
     fixed = {n: v for n, v in {**default, **known}.items() if n not in unknown}
     reach, (lowest, highest) = domain.reach_mm, domain.force_N
-    distance = np.hypot(fixed.get("x_mm", 0.0), fixed.get("y_mm", 0.0))
+    distance = math.hypot(fixed.get("x_mm", 0.0), fixed.get("y_mm", 0.0))
     if distance > reach:
         place = ", ".join(f"{n} = {fixed[n]:g}" for n in ("x_mm", "y_mm") if n in fixed)
         yield f"known {place}: beyond the {reach:g} mm that the model reaches; build a larger one"

@@ -10,6 +10,7 @@ them are kept.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -38,6 +39,9 @@ _DAMPING = 1e-3
 _LONGEST = np.array([1.5, 1.5, 0.5])
 _CLOSE = np.array([0.3, 0.3, 1e-9, 0.1])
 _KEPT = 6
+# Starts are left out whose charges, so many standard deviations and this share of all charges
+# farther than those of the best one, are more than what is neglected: chi-square's second order.
+_WORSE, _CURVED = 8.0, 0.015
 # By how much more the touch with the nearest ratios may be off than the very nearest.
 _NEARLY = 0.5
 # Rows that the model is asked for at once.
@@ -118,7 +122,8 @@ class Table:
         step, promised = damped_steps(normal, _DAMPING)
         stretch = np.abs(step / _LONGEST[sought]).max(axis=1)
         at[:, _MOVING[sought]] += step / np.maximum(stretch, 1.0)[:, None]
-        return at[_chosen(at, normal[:, 0, 0] - promised)]
+        misfit = np.sqrt(np.maximum(normal[:, 0, 0] - promised, 0.0))
+        return at[_chosen(at, misfit, _WORSE + _CURVED * math.sqrt(target @ target))]
 
     @property
     def _chords(self) -> int:
@@ -160,12 +165,17 @@ class Table:
         return chosen
 
 
-def _chosen(at: Array, chi_square: Array) -> Indices:
-    """The best starts of each rotation, without those close to a better one."""
-    rows = np.flatnonzero(~repeated(at, chi_square, _CLOSE))
-    rows = rows[np.lexsort((chi_square[rows], at[rows, ROTATION]))]
+def _chosen(at: Array, misfit: Array, more: float) -> Indices:
+    """The best starts of each rotation, with at most so much `more` misfit than the very best.
+
+    Those close to a better one are left out.
+    """
+    rows = np.flatnonzero(~repeated(at, misfit, _CLOSE))
+    rows = rows[np.lexsort((misfit[rows], at[rows, ROTATION]))]
     turn = at[rows, ROTATION]
-    return rows[np.arange(len(rows)) - np.searchsorted(turn, turn) < _KEPT]
+    best = np.searchsorted(turn, turn)
+    good = misfit[rows] <= misfit[rows[best]] + more
+    return rows[good & (np.arange(len(rows)) - best < _KEPT)]
 
 
 def tabulate(
