@@ -34,14 +34,17 @@ _ROOM_REACH, _ROOM_FORCE = 1.05, 1.1
 _ROUNDING = 1e-2
 # Held there, a search ends when a step lowers chi-square by less than this share, or raises it.
 _HELD = 1e-2
+# Slopes by coordinates that do not count are zero; others are more than this.
+_LEAST_SLOPE = 1e-150
 # Steps are no longer than this share of the reach, so many degrees, and this factor of the force.
 _LONGEST = np.array([0.25, 0.25, 25.0, 1.0])
 # Searches for one touch that are this close go on as one: charges are smooth on this scale.
 _CLOSE = np.array([0.1, 0.1, 2.0, 0.03])
+# After so many steps second order counts where chi-square falls by a promise that is off by this
+# share, unless the curvature along the step is less than this share of that of first order.
+_PATIENCE, _BENT, _LEAST_CURVATURE = 4, 0.2, 0.1
 # Marquardt's damping: where it begins after a step uphill, and where a search gives up. A step
 # counts as the last one only if it was damped no more than to about half.
-_BENT, _LEAST_CURVATURE = 0.2, 0.1
-_PATIENCE = 4
 _LEAST_DAMPING, _DAMPED, _GIVEN_UP, _FREE = 1e-10, 1e-3, 1e8, 1.0
 
 
@@ -128,8 +131,11 @@ class Problem:
 
     @cached_property
     def _sought(self) -> NDArray[np.bool_]:
+        """Whether charges tell of each coordinate: it is unknown, and no rotation of a disc."""
         sought = np.zeros(len(QUANTITIES), dtype=bool)
         sought[self.unknown] = True
+        probe = self.model.scene.probe
+        sought[ROTATION] &= probe is None or probe.shape != "circle"
         return sought
 
     @cached_property
@@ -232,18 +238,15 @@ class _Searches:
         Dennis, Gay and Welsch (ACM Trans. Math. Softw. 7, 1981) take, which vanishes with what
         is left unexplained.
         """
-        step = (self.at[bent] - before.at[bent])[:, :, None]
-        system, normal = self.system[bent], self.normal[bent, 1:, 1:]
-        change = system[:, :, 1:] - before.system[bent, :, 1:]
-        along = np.matmul(normal, step)
-        total = along + np.matmul(change.swapaxes(1, 2), system[:, :, :1])
-        curvature = np.matmul(step.swapaxes(1, 2), along)
-        bent_curvature = np.matmul(step.swapaxes(1, 2), total)
-        update = (
-            total @ total.swapaxes(1, 2) / bent_curvature - along @ along.swapaxes(1, 2) / curvature
-        )
-        update[(bent_curvature < _LEAST_CURVATURE * curvature)[:, 0, 0]] = 0.0
-        self.normal[bent, 1:, 1:] += update
+        step = (self.at - before.at)[:, :, None]
+        change = self.system[:, :, 1:] - before.system[:, :, 1:]
+        along = np.matmul(self.normal[:, 1:, 1:], step)
+        total = along + np.matmul(change.swapaxes(1, 2), self.system[:, :, :1])
+        first, second = ((step * each).sum(axis=1, keepdims=True) for each in (along, total))
+        sound = bent & (second > _LEAST_CURVATURE * first)[:, 0, 0]
+        for sign, each, curvature in ((1.0, total, second), (-1.0, along, first)):
+            root = each[sound] / np.sqrt(curvature[sound])
+            self.normal[sound, 1:, 1:] += sign * root * root.swapaxes(1, 2)
 
     def move(self, better: NDArray[np.bool_], there: _Searches, promised: Array) -> None:
         """Go on from `there` where it is better, and damp the next step elsewhere."""
@@ -278,7 +281,7 @@ def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = n
     longest = _LONGEST * [reach_mm, reach_mm, 1.0, 1.0]
     now = _Searches.start(problem, np.arange(len(starts)), touch, _held_back(problem, starts))
     for count in range(_MAX_STEPS):
-        step, promised = damped_steps(now.normal, now.damping[:, None])
+        step, promised = damped_steps(now.normal, now.damping[:, None, None])
         length = np.abs(step / longest).max(axis=1)
         aim = now.at + step / np.maximum(length, 1.0)[:, None]
         edge = problem.inside(aim)
@@ -322,13 +325,10 @@ def damped_steps(normal: Array, damping: Array | float) -> tuple[Array, Array]:
 
     `normal` (n, 1 + k, 1 + k) as `_Searches` has it; the damping is Marquardt's.
     """
-    gradient, damped = normal[:, 1:, 0], normal[:, 1:, 1:].copy()
-    count = damped.shape[1]
-    diagonal = damped.reshape(len(damped), -1)[:, :: count + 1]  # a view
-    floor = 1e-12 * diagonal.max(axis=1, keepdims=True) + 1e-300
-    diagonal += damping * diagonal + floor
-    step = np.linalg.solve(damped, -gradient[:, :, None])[:, :, 0]
-    return step, -(gradient * step).sum(axis=1)
+    downhill, unit = -normal[:, 1:, 0], np.eye(normal.shape[1] - 1)
+    damped = normal[:, 1:, 1:] * (1.0 + damping * unit) + _LEAST_SLOPE**2 * unit
+    step = np.linalg.solve(damped, downhill[:, :, None])[:, :, 0]
+    return step, (downhill * step).sum(axis=1)
 
 
 def repeated(
