@@ -34,6 +34,7 @@ _ROOM_REACH, _ROOM_FORCE = 1.05, 1.1
 _ROUNDING = 1e-2
 # Held there, a search ends when a step lowers chi-square by less than this share, or raises it.
 _HELD = 1e-2
+_UNIT = np.eye(len(QUANTITIES))
 # Slopes by coordinates that do not count are zero; others are more than this.
 _LEAST_SLOPE = 1e-150
 # Steps are no longer than this share of the reach, so many degrees, and this factor of the force.
@@ -325,7 +326,7 @@ def damped_steps(normal: Array, damping: Array | float) -> tuple[Array, Array]:
 
     `normal` (n, 1 + k, 1 + k) as `_Searches` has it; the damping is Marquardt's.
     """
-    downhill, unit = -normal[:, 1:, 0], np.eye(normal.shape[1] - 1)
+    downhill, unit = -normal[:, 1:, 0], _UNIT[: normal.shape[1] - 1, : normal.shape[1] - 1]
     damped = normal[:, 1:, 1:] * (1.0 + damping * unit) + _LEAST_SLOPE**2 * unit
     step = np.linalg.solve(damped, downhill[:, :, None])[:, :, 0]
     return step, (downhill * step).sum(axis=1)

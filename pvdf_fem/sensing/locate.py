@@ -221,8 +221,8 @@ def location(problem: Problem, ends: Descent) -> Location:
     if ROTATION in problem.unknown:
         values[:, ROTATION] %= period_deg(problem.model)
     columns = (
-        (slopes / scale[:, None])[:, :, problem.unknown],
-        (extent * scale)[:, problem.unknown],
+        (slopes / scale[:, None]).take(problem.unknown, axis=2),
+        (extent * scale).take(problem.unknown, axis=1),
         chi_square.tolist(),
         p_values(chi_square, freedom).tolist(),
         np.exp(logs - total).tolist(),

@@ -116,7 +116,9 @@ class Table:
         if not sought.size:
             return at
         system[:, :, 0] = lower + t[:, None] * (upper - lower) - target
-        slopes = self.slopes[turn, :, f + (t > 0.5), place]
+        slopes = self.slopes[turn, :, f, place]
+        if self._chords:
+            slopes = slopes + t[:, None, None] * (self.slopes[turn, :, f + 1, place] - slopes)
         system[:, :, 1:] = slopes[:, :, sought] * weights[:, None]
         normal = np.matmul(system.swapaxes(1, 2), system)
         step, promised = damped_steps(normal, _DAMPING)
