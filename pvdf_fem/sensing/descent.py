@@ -207,15 +207,18 @@ class _Searches:
     promised: Array
 
     @classmethod
-    def start(
-        cls, problem: Problem, row: Indices, touch: Indices, at: Array, edge: Array | None = None
-    ) -> _Searches:
-        """At coordinates (n, 4), whose nearest points in the domain are `edge` if known."""
-        system = problem.linearised(at, touch, edge)
-        normal = np.matmul(system.swapaxes(1, 2), system)
-        return cls(
-            row, touch, at, system, normal, np.full(len(at), _LEAST_DAMPING), np.zeros(len(at))
-        )
+    def start(cls, problem: Problem, touch: Indices, at: Array) -> _Searches:
+        """From coordinates (n, 4)."""
+        count = len(at)
+        system = problem.linearised(at, touch)
+        normal, damping = _products(system), np.full(count, _LEAST_DAMPING)
+        return cls(np.arange(count), touch, at, system, normal, damping, np.zeros(count))
+
+    def there(self, problem: Problem, at: Array, edge: Array) -> _Searches:
+        """The same at other coordinates (n, 4), nearest to which in the domain are `edge`."""
+        system = problem.linearised(at, self.touch, edge)
+        known = self.damping, self.promised
+        return _Searches(self.row, self.touch, at, system, _products(system), *known)
 
     @property
     def chi_square(self) -> Array:
@@ -280,7 +283,7 @@ def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = n
     least = np.full(len(problem.charges_pC), np.inf)
     reach_mm = problem.model.domain.reach_mm
     longest = _LONGEST * [reach_mm, reach_mm, 1.0, 1.0]
-    now = _Searches.start(problem, np.arange(len(starts)), touch, _held_back(problem, starts))
+    now = _Searches.start(problem, touch, _held_back(problem, starts))
     for count in range(_MAX_STEPS):
         step, promised = damped_steps(now.normal, now.damping[:, None, None])
         length = np.abs(step / longest).max(axis=1)
@@ -298,15 +301,17 @@ def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = n
             leave |= repeated(there, now.chi_square, _CLOSE, ends.at[ends.arrived])
         if leave.any():
             ends.put(now.only(leave).gone(there[leave], promised[leave]), last[leave])
+            if leave.all():
+                break
             stay = ~leave
             now, aim, there, promised = now.only(stay), aim[stay], there[stay], promised[stay]
             edge = there if inside else edge[stay]
-            if not len(now.row):
-                break
-        found = _Searches.start(problem, now.row, now.touch, there, edge)
+        found = now.there(problem, there, edge)
         better = found.chi_square <= now.chi_square
-        stuck = (there != aim).any(axis=1) & (found.chi_square > (1.0 - _HELD) * now.chi_square)
-        stuck |= ~better & (promised < _ROUNDING)
+        stuck = ~better & (promised < _ROUNDING)
+        if not inside:
+            held = (there != aim).any(axis=1)
+            stuck |= held & (found.chi_square > (1.0 - _HELD) * now.chi_square)
         bent = better & (np.abs(now.chi_square - found.chi_square - promised) > _BENT * promised)
         if count >= _PATIENCE and bent.any():
             found.bend(bent, now)
@@ -314,11 +319,16 @@ def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = n
         on = ~stuck & (now.damping < _GIVEN_UP)
         if not on.all():
             ends.put(now.only(~on), stuck[~on])
-            now = now.only(on)
-            if not len(now.row):
+            if not on.any():
                 break
-    ends.put(now, False)
+            now = now.only(on)
+    else:
+        ends.put(now, False)
     return ends
+
+
+def _products(system: Array) -> Array:
+    return np.matmul(system.swapaxes(1, 2), system)
 
 
 def damped_steps(normal: Array, damping: Array | float) -> tuple[Array, Array]:

@@ -41,7 +41,7 @@ _CLOSE = np.array([0.3, 0.3, 1e-9, 0.1])
 _KEPT = 6
 # Starts are left out whose charges, so many standard deviations and this share of all charges
 # farther than those of the best one, are more than what is neglected: chi-square's second order.
-_WORSE, _CURVED = 8.0, 0.015
+_WORSE, _CURVED = 5.0, 0.01
 # By how much more the touch with the nearest ratios may be off than the very nearest.
 _NEARLY = 0.5
 # Rows that the model is asked for at once.
