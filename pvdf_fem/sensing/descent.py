@@ -35,8 +35,8 @@ _ROUNDING = 1e-2
 # Held there, a search ends when a step lowers chi-square by less than this share, or raises it.
 _HELD = 1e-2
 _UNIT = np.eye(len(QUANTITIES))
-# Slopes by coordinates that do not count are zero; others are more than this.
-_LEAST_SLOPE = 1e-150
+# Squares of slopes that are zero, by coordinates that do not count; others are more than this.
+_NO_SLOPE = 1e-300
 # Steps are no longer than this share of the reach, so many degrees, and this factor of the force.
 _LONGEST = np.array([0.25, 0.25, 25.0, 1.0])
 # Searches for one touch that are this close go on as one: charges are smooth on this scale.
@@ -168,8 +168,8 @@ class Descent:
     @classmethod
     def of(cls, searches: int, electrodes: int) -> Descent:
         """Nothing written down yet."""
-        shapes = (searches, 4), (searches, electrodes, 4), (searches,)
-        return cls(*map(np.empty, shapes), np.zeros(searches, dtype=bool))
+        at, slopes = np.empty((searches, 4)), np.empty((searches, electrodes, 4))
+        return cls(at, slopes, np.empty(searches), np.zeros(searches, dtype=bool))
 
     def put(self, searches: _Searches, arrived: NDArray[np.bool_] | bool) -> None:
         """Write down where searches are."""
@@ -337,8 +337,8 @@ def damped_steps(normal: Array, damping: Array | float) -> tuple[Array, Array]:
     `normal` (n, 1 + k, 1 + k) as `_Searches` has it; the damping is Marquardt's.
     """
     downhill, unit = -normal[:, 1:, 0], _UNIT[: normal.shape[1] - 1, : normal.shape[1] - 1]
-    damped = normal[:, 1:, 1:] * (1.0 + damping * unit) + _LEAST_SLOPE**2 * unit
-    step = np.linalg.solve(damped, downhill[:, :, None])[:, :, 0]
+    damped = normal[:, 1:, 1:] * (1.0 + damping * unit) + _NO_SLOPE * unit
+    step: Array = np.linalg.solve(damped, downhill[:, :, None])[:, :, 0]
     return step, (downhill * step).sum(axis=1)
 
 
@@ -348,10 +348,10 @@ def repeated(
     """Which of the places `at` (n, 4) are `close` to a better one, or to one of the ends."""
     near = (np.abs(at[:, None] - at) < close).all(axis=2)
     near &= chi_square < chi_square[:, None]
-    found: NDArray[np.bool_] = near.any(axis=1)
-    if ends is not None and len(ends):
-        found |= (np.abs(at[:, None] - ends) < close).all(axis=2).any(axis=1)
-    return found
+    if ends is None or not len(ends):
+        return np.asarray(near.any(axis=1))
+    ended = (np.abs(at[:, None] - ends) < close).all(axis=2)
+    return np.asarray(near.any(axis=1) | ended.any(axis=1))
 
 
 def _held_back(problem: Problem, at: Array) -> Array:

@@ -86,7 +86,8 @@ def locate(
     deviations. It is taken as independent between electrodes.
     """
     mistakes = [*charge_mistakes(model.names, charges_pC, sigma, noise_pC)]
-    mistakes += known_mistakes(model.domain, unknown, known or {}, _of_scene(model))
+    default = _of_scene(model)
+    mistakes += known_mistakes(model.domain, unknown, known or {}, default)
     if not (mistakes or model.error_bound or noise_pC or np.min(_relative(sigma, charges_pC))):
         mistakes.append("sigma = 0: the model has no error of its own; give a positive one")
     if mistakes:
@@ -94,9 +95,11 @@ def locate(
     electrodes = np.array([model.names.index(name) for name in charges_pC])
     charges = np.array(list(charges_pC.values()), dtype=float)
     spread = deviations(model, charges, _relative(sigma, charges_pC), noise_pC)
-    sought, values = _split(model, unknown, known or {})
+    sought = np.array([i for i, name in enumerate(QUANTITIES) if name in unknown], dtype=np.intp)
+    values = {**default, **(known or {})}
+    rest = {i: float(values[n]) for i, n in enumerate(QUANTITIES) if n not in unknown}
     problem = Problem(model, electrodes, charges[None], spread[None], sought)
-    return location(problem, search(problem, 0, values))
+    return location(problem, search(problem, 0, rest))
 
 
 def search(problem: Problem, touch: int, known: dict[int, float]) -> Descent:
@@ -120,18 +123,8 @@ def _relative(sigma: float | Mapping[str, float], charges_pC: Mapping[str, float
 
 def deviations(model: Model, charges: Array, relative: Array, noise_pC: float) -> Array:
     """Standard deviations in pC of charges: measured, the amplifier's, and the model's own."""
-    own = model.error_bound / np.sqrt(3.0)
+    own = model.error_bound / math.sqrt(3.0)
     return np.sqrt((relative**2 + own**2) * charges**2 + noise_pC**2)
-
-
-def _split(
-    model: Model, unknown: Sequence[str], known: Mapping[str, float]
-) -> tuple[Indices, dict[int, float]]:
-    """Indices of what is sought, and values of the rest."""
-    values = {**_of_scene(model), **known}
-    sought = np.array([i for i, name in enumerate(QUANTITIES) if name in unknown], dtype=np.intp)
-    rest = {i: float(values[n]) for i, n in enumerate(QUANTITIES) if n not in unknown}
-    return sought, rest
 
 
 def _of_scene(model: Model) -> dict[str, float]:
@@ -228,7 +221,10 @@ def location(problem: Problem, ends: Descent) -> Location:
         np.exp(logs - total).tolist(),
         edges(problem, at),
     )
-    touches = (Touch(*v, names, *row) for v, *row in zip(values.tolist(), *columns, strict=True))
+    touches = (
+        Touch(x, y, rotation, force, names, *row)
+        for (x, y, rotation, force), *row in zip(values.tolist(), *columns, strict=True)
+    )
     spread = np.log(np.sqrt(2.0 * np.pi) * problem.deviations_pC[0]).sum()
     return Location(tuple(touches), names, freedom, total - float(spread), problem)
 

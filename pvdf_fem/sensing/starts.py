@@ -162,9 +162,8 @@ class Table:
         chosen = chi_square <= near.min(axis=1)
         chosen &= chi_square <= _PROMISING * chi_square.min(axis=1, keepdims=True)
         count = min(_LOWEST, places)
-        lowest = chi_square.argpartition(count - 1, axis=1)[:, :count]
-        chosen[np.arange(turns)[:, None], lowest] = True
-        return chosen
+        lowest = np.partition(chi_square, count - 1, axis=1)[:, count - 1 : count]
+        return chosen | (chi_square <= lowest)
 
 
 def _chosen(at: Array, misfit: Array, more: float) -> Indices:
@@ -265,7 +264,8 @@ def starts(
         table = tabulate(model, known).of(electrodes)
     sought = np.array([k for k, i in enumerate((X, Y, FORCE)) if i not in known], dtype=np.intp)
     at = table.starts(charges_pC, deviations_pC, sought)
-    at[:, list(known)] = [np.log(v) if i == FORCE else v for i, v in known.items()]
+    for i, value in known.items():
+        at[:, i] = math.log(value) if i == FORCE else value
     return at
 
 
