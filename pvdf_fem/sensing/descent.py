@@ -338,7 +338,7 @@ def damped_steps(normal: Array, damping: Array | float) -> tuple[Array, Array]:
     """
     downhill, unit = -normal[:, 1:, 0], _UNIT[: normal.shape[1] - 1, : normal.shape[1] - 1]
     damped = normal[:, 1:, 1:] * (1.0 + damping * unit) + _NO_SLOPE * unit
-    step: Array = np.linalg.solve(damped, downhill[:, :, None])[:, :, 0]
+    step = np.asarray(np.linalg.solve(damped, downhill[:, :, None])[:, :, 0], dtype=float)
     return step, (downhill * step).sum(axis=1)
 
 
@@ -350,7 +350,7 @@ def repeated(
     near &= chi_square < chi_square[:, None]
     if ends is None or not len(ends):
         return np.asarray(near.any(axis=1))
-    ended = (np.abs(at[:, None] - ends) < close).all(axis=2)
+    ended = np.asarray((np.abs(at[:, None] - ends) < close).all(axis=2))
     return np.asarray(near.any(axis=1) | ended.any(axis=1))
 
 
