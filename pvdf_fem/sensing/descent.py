@@ -252,8 +252,13 @@ class _Searches:
             root = each[sound] / np.sqrt(curvature[sound])
             self.normal[sound, 1:, 1:] += sign * root * root.swapaxes(1, 2)
 
-    def move(self, better: NDArray[np.bool_], there: _Searches, promised: Array) -> None:
+    def move(self, there: _Searches, promised: Array, *, second_order: bool) -> None:
         """Go on from `there` where it is better, and damp the next step elsewhere."""
+        decrease = self.chi_square - there.chi_square
+        better = decrease >= 0.0
+        bent = better & (np.abs(decrease - promised) > _BENT * promised)
+        if second_order and bent.any():
+            there.bend(bent, self)
         less = np.maximum(0.1 * self.damping, _LEAST_DAMPING)
         if better.all():
             self.at, self.system, self.normal = there.at, there.system, there.normal
@@ -307,15 +312,11 @@ def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = n
             now, aim, there, promised = now.only(stay), aim[stay], there[stay], promised[stay]
             edge = there if inside else edge[stay]
         found = now.there(problem, there, edge)
-        better = found.chi_square <= now.chi_square
-        stuck = ~better & (promised < _ROUNDING)
+        stuck = np.asarray((found.chi_square > now.chi_square) & (promised < _ROUNDING))
         if not inside:
             held = (there != aim).any(axis=1)
             stuck |= held & (found.chi_square > (1.0 - _HELD) * now.chi_square)
-        bent = better & (np.abs(now.chi_square - found.chi_square - promised) > _BENT * promised)
-        if count >= _PATIENCE and bent.any():
-            found.bend(bent, now)
-        now.move(better, found, promised)
+        now.move(found, promised, second_order=count >= _PATIENCE)
         on = ~stuck & (now.damping < _GIVEN_UP)
         if not on.all():
             ends.put(now.only(~on), stuck[~on])
