@@ -78,6 +78,19 @@ def test_all_touches_with_an_unknown_rotation_are_listed(shape):
 
 
 @pytest.mark.parametrize(
+    ("shape", "rows"), [("rectangle", [47, 168, 451]), ("triangle", [62, 128, 162, 201])]
+)
+def test_touches_at_the_end_of_winding_valleys_are_listed(shape, rows):
+    """Long steps of the rotation, and searches that go on as one too early, miss these."""
+    model, period = bumps(shape), PERIODS_DEG[shape]
+    for touch in random_touches(600, seed=1)[rows]:
+        found = locate(model, charges_of(model, touch), 1e-3, unknown=ALL)
+        apart = np.array([one.values for one in found.touches]) - touch
+        apart[:, 2] -= period * np.round(apart[:, 2] / period)
+        assert (np.abs(apart) < [0.01, 0.01, 0.1, 0.01]).all(axis=1).any()
+
+
+@pytest.mark.parametrize(
     "unknown", [("force_N",), ("x_mm",), ("rotation_deg",), ("y_mm", "force_N")]
 )
 def test_any_quantities_may_be_known(unknown):

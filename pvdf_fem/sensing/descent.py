@@ -37,10 +37,12 @@ _HELD = 1e-2
 _UNIT = np.eye(len(QUANTITIES))
 # Squares of slopes that are zero, by coordinates that do not count; others are more than this.
 _NO_SLOPE = 1e-300
-# Steps are no longer than this share of the reach, so many degrees, and this factor of the force.
-_LONGEST = np.array([0.25, 0.25, 25.0, 1.0])
-# Searches for one touch that are this close go on as one: charges are smooth on this scale.
-_CLOSE = np.array([0.1, 0.1, 2.0, 0.03])
+# Steps are no longer than this share of the reach, so many degrees, and this factor of the force:
+# valleys of chi-square wind along the rotation, and longer steps lead out of one into another.
+_LONGEST = np.array([0.25, 0.25, 5.0, 1.0])
+# Searches for one touch that are this close go on as one: charges are smooth on this scale, and a
+# larger change of the rotation leads to another touch where charges hardly change along a valley.
+_CLOSE = np.array([0.1, 0.1, 0.5, 0.03])
 # After so many steps second order counts where chi-square falls by a promise that is off by this
 # share, unless the curvature along the step is less than this share of that of first order.
 _PATIENCE, _BENT, _LEAST_CURVATURE = 4, 0.2, 0.1

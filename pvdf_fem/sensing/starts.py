@@ -26,7 +26,7 @@ Single = NDArray[np.float32]
 Indices = NDArray[np.intp]
 
 # The lattice: places across the reach, rotations in the probe's period, forces in the domain's.
-_ACROSS, _ROTATIONS, _FORCES = 25, 12, 5
+_ACROSS, _ROTATIONS, _FORCES = 25, 24, 5
 _AROUND = 48
 # At each rotation the search starts from local minima with at most so many times the least
 # chi-square, and from so many places with the lowest: long valleys have several bottoms.
