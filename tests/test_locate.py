@@ -1,12 +1,14 @@
 """Touches from charges, with made-up models whose symmetries are known."""
 
+from dataclasses import dataclass, field
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from touch_models import bumps, random_touches
+from touch_models import Bumps, bumps, random_touches
 
 from pvdf_fem.newton import Status
+from pvdf_fem.sensing.descent import Problem, _Searches
 from pvdf_fem.sensing.locate import locate, weigh
 from pvdf_fem.sensing.locate_many import locate_many
 from pvdf_fem.sensing.polish import PolishError, polish
@@ -15,6 +17,17 @@ from pvdf_fem.sensing.touch import QUANTITIES
 
 ALL = ("x_mm", "y_mm", "rotation_deg", "force_N")
 PERIODS_DEG = {"triangle": 120.0, "rectangle": 180.0}
+
+
+@dataclass(frozen=True, eq=False)
+class Counted(Bumps):
+    """A model that counts the touches of each evaluation."""
+
+    calls: list[int] = field(default_factory=list)
+
+    def evaluate(self, touches):
+        self.calls.append(len(touches))
+        return super().evaluate(touches)
 
 
 def charges_of(model, touch, noise=None):
@@ -65,6 +78,19 @@ def test_all_touches_with_an_unknown_rotation_are_listed(shape):
 
 
 @pytest.mark.parametrize(
+    ("shape", "rows"), [("rectangle", [47, 168, 451]), ("triangle", [62, 128, 162, 201])]
+)
+def test_touches_at_the_end_of_winding_valleys_are_listed(shape, rows):
+    """Long steps of the rotation, and searches that go on as one too early, miss these."""
+    model, period = bumps(shape), PERIODS_DEG[shape]
+    for touch in random_touches(600, seed=1)[rows]:
+        found = locate(model, charges_of(model, touch), 1e-3, unknown=ALL)
+        apart = np.array([one.values for one in found.touches]) - touch
+        apart[:, 2] -= period * np.round(apart[:, 2] / period)
+        assert (np.abs(apart) < [0.01, 0.01, 0.1, 0.01]).all(axis=1).any()
+
+
+@pytest.mark.parametrize(
     "unknown", [("force_N",), ("x_mm",), ("rotation_deg",), ("y_mm", "force_N")]
 )
 def test_any_quantities_may_be_known(unknown):
@@ -107,6 +133,34 @@ def test_searches_start_near_touches_at_the_edge():
         found = starts(model, charges, 0.01 * charges, electrodes, {2: 0.0})
         apart = np.hypot(*(found - touch)[:, :2].T)
         assert apart.min() < 1.01 * np.pi * reach / 48
+
+
+def test_exact_charges_take_few_evaluations():
+    """Starts are so close, and searches end so soon, that a call takes a millisecond."""
+    model, calls = Counted(**vars(bumps("triangle"))), []
+    for touch in random_touches(60, seed=8):
+        charges, known = charges_of(model, touch), {"rotation_deg": touch[2]}
+        locate(model, charges, 1e-3, known=known)  # makes the table of starts
+        model.calls.clear()
+        locate(model, charges, 1e-3, known=known)
+        calls.append(list(model.calls))
+    assert np.median([len(each) for each in calls]) <= 3
+    assert np.median([sum(each) for each in calls]) <= 12
+
+
+def test_second_order_along_the_last_step_is_that_of_chi_square():
+    """Half the difference of the gradients, but for third order, where residuals are large."""
+    model, touch = bumps("triangle"), np.array([6.0, 5.0, 30.0, 1.0])
+    charges = model.evaluate(touch[None])[0] * [1.2, 0.9, 1.1, 0.8]
+    problem = Problem(model, np.arange(4), charges, 0.01 * charges, np.array([0, 1, 3]))
+    at, step = np.array([[6.2, 5.1, 30.0, 0.1]]), np.array([0.004, -0.006, 0.0, 0.002])
+    first = _Searches.start(problem, np.zeros(1, dtype=int), at)
+    there = first.there(problem, at + step, at + step)
+    plain = there.normal[0, 1:, 1:] @ step
+    there.bend(np.ones(1, dtype=bool), first)
+    expected = there.normal[0, 1:, 0] - first.normal[0, 1:, 0]
+    bent = there.normal[0, 1:, 1:] @ step
+    assert np.abs(bent - expected).max() < 0.05 * np.abs(plain - expected).max()
 
 
 def test_mirror_images_are_both_listed():

@@ -18,6 +18,7 @@ _CUBIC = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) 
 # The same for their derivatives.
 _SLOPE = np.array([[-3, 0, 3, 0], [6, -12, 6, 0], [-3, 9, -9, 3], [0, 0, 0, 0]]) / 6.0
 _BASIS = np.concatenate([_CUBIC, _SLOPE], axis=1)
+_ORDERS = np.arange(4.0)
 # Points at a time, so that what they gather stays in the cache.
 CHUNK = 512
 
@@ -115,16 +116,12 @@ class CubicSpline:
         `slopes` (rows, axes): 1 where a row of the result has an axis's derivative, else 0.
         """
         grid, n = self._grid, len(points)
-        place = (points - grid.start) / grid.step
+        place = (points - grid.start) * grid.per_step
         for i, count in grid.periods:
             place[:, i] %= count
         cell = np.minimum(np.maximum(place.astype(np.int64), 0), grid.last)
-        powers = np.ones((*place.shape, 4))
-        powers[..., 1] = u = place - cell
-        powers[..., 2] = square = u * u
-        powers[..., 3] = square * u
-        basis = (powers @ _BASIS).reshape(n, -1, 2, 4)
-        basis[:, :, 1] /= grid.step[:, None]
+        powers = (place - cell)[:, :, None] ** _ORDERS
+        basis = (powers @ _BASIS).reshape(n, -1, 2, 4) * grid.scale
         factors = basis.astype(grid.table.dtype, copy=False)[:, grid.axes, slopes]
         weights = factors[:, :, 0]
         for i in range(1, len(self.axes)):
@@ -143,7 +140,10 @@ class _Grid:
 
     Attributes
     ----------
-    start, step : ndarray
+    start, per_step : ndarray
+        Of the grid's first values, and the inverse of its steps.
+    scale : ndarray, shape (axes, 2, 1)
+        1, and the inverse of the step, of the B-splines and of their derivatives.
     axes : ndarray of int
         0, 1, ...
     periods : tuple of (int, int)
@@ -157,7 +157,8 @@ class _Grid:
     """
 
     start: Array
-    step: Array
+    per_step: Array
+    scale: Array
     axes: NDArray[np.int64]
     periods: tuple[tuple[int, int], ...]
     last: NDArray[np.int64]
@@ -172,9 +173,11 @@ class _Grid:
         stencil = np.zeros(1, dtype=np.int64)
         for each in stride:
             stencil = (stencil[:, None] + each * np.arange(4)).ravel()
+        per_step = 1.0 / np.array([axis.step for axis in axes])
         return cls(
             start=np.array([axis.start for axis in axes]),
-            step=np.array([axis.step for axis in axes]),
+            per_step=per_step,
+            scale=np.stack([np.ones(len(axes)), per_step], axis=1)[:, :, None],
             axes=np.arange(len(axes)),
             periods=tuple((i, axis.count) for i, axis in enumerate(axes) if axis.periodic),
             last=sizes - 4,

@@ -9,13 +9,13 @@ move a touch near the edge across it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pvdf_fem.sensing.touch import FORCE, ROTATION, Model, X, Y
+from pvdf_fem.sensing.touch import FORCE, QUANTITIES, ROTATION, Model, X, Y
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -24,6 +24,9 @@ Indices = NDArray[np.intp]
 # standard deviations. It is taken, and what is left after it is of the order of its square; so it
 # must be below this share of the longest steps, too, where charges hardly change along it.
 _ARRIVED, _SHORT = 1e-3, 1e-2
+# Or where it would lower chi-square by less than this share of what the step before promised, and
+# this: it leaves no larger a share of itself (Deuflhard, Newton Methods, 2004, section 4.3).
+_CONTRACTED, _CLOSE_BY = 1e-4, 10.0
 _MAX_STEPS = 60
 # How far searches may leave the domain: this share of the reach, and this factor of the force.
 _ROOM_REACH, _ROOM_FORCE = 1.05, 1.1
@@ -31,10 +34,18 @@ _ROOM_REACH, _ROOM_FORCE = 1.05, 1.1
 _ROUNDING = 1e-2
 # Held there, a search ends when a step lowers chi-square by less than this share, or raises it.
 _HELD = 1e-2
-# Steps are no longer than this share of the reach, so many degrees, and this factor of the force.
-_LONGEST = np.array([0.25, 0.25, 25.0, 1.0])
-# Searches for one touch that are this close go on as one: charges are smooth on this scale.
-_CLOSE = np.array([0.1, 0.1, 2.0, 0.03])
+_UNIT = np.eye(len(QUANTITIES))
+# Squares of slopes that are zero, by coordinates that do not count; others are more than this.
+_NO_SLOPE = 1e-300
+# Steps are no longer than this share of the reach, so many degrees, and this factor of the force:
+# valleys of chi-square wind along the rotation, and longer steps lead out of one into another.
+_LONGEST = np.array([0.25, 0.25, 5.0, 1.0])
+# Searches for one touch that are this close go on as one: charges are smooth on this scale, and a
+# larger change of the rotation leads to another touch where charges hardly change along a valley.
+_CLOSE = np.array([0.1, 0.1, 0.5, 0.03])
+# After so many steps second order counts where chi-square falls by a promise that is off by this
+# share, unless the curvature along the step is less than this share of that of first order.
+_PATIENCE, _BENT, _LEAST_CURVATURE = 4, 0.2, 0.1
 # Marquardt's damping: where it begins after a step uphill, and where a search gives up. A step
 # counts as the last one only if it was damped no more than to about half.
 _LEAST_DAMPING, _DAMPED, _GIVEN_UP, _FREE = 1e-10, 1e-3, 1e8, 1.0
@@ -61,23 +72,26 @@ class Problem:
     deviations_pC: Array
     unknown: Indices
 
-    def linearised(self, at: Array, touch: Indices, *, inside: bool = False) -> Array:
-        """Differences of charges, then slopes, over deviations, (n, electrodes, 1 + unknown).
+    def linearised(self, at: Array, touch: Indices, edge: Array | None = None) -> Array:
+        """Differences of charges, then slopes, over deviations, (n, electrodes, 1 + 4).
 
-        `at` (n, 4) are coordinates, all in the domain if `inside`; `touch` (n,) tells which
-        charges belong to them.
+        `at` (n, 4) are coordinates, and `edge` those of the domain's nearest points, if known;
+        `touch` (n,) tells which charges belong to them. Slopes by what is known are zero.
         """
-        edge = at if inside else self.inside(at)
+        edge = self.inside(at) if edge is None else edge
         touches = edge.copy()
         touches[:, FORCE] = force = np.exp(edge[:, FORCE])
         charges, slopes = self.model.evaluate(touches)
+        slopes = slopes.take(self.electrodes, axis=1)
         slopes[:, :, FORCE] *= force[:, None]
+        system = np.empty((len(at), len(self.electrodes), 1 + len(self._sought)))
+        system[:, :, 0] = charges.take(self.electrodes, axis=1) - self.charges_pC.take(
+            touch, axis=0
+        )
         if edge is not at:
-            charges = charges + np.matmul(slopes, (at - edge)[:, :, None])[:, :, 0]
-        system = np.empty((len(at), len(self.electrodes), 1 + len(self.unknown)))
-        system[:, :, 0] = charges[:, self.electrodes] - self.charges_pC[touch]
-        system[:, :, 1:] = slopes[:, self.electrodes[:, None], self.unknown]
-        system /= self.deviations_pC[touch, :, None]
+            system[:, :, 0] += np.matmul(slopes, (at - edge)[:, :, None])[:, :, 0]
+        system[:, :, 1:] = slopes
+        system *= self._weights.take(touch, axis=0)
         return system
 
     def inside(self, at: Array, room_reach: float = 1.0, room_force: float = 1.0) -> Array:
@@ -90,28 +104,47 @@ class Problem:
         lowest, highest = lowest - math.log(room_force), highest + math.log(room_force)
         reach = room_reach * self.model.domain.reach_mm
         force, distance = at[:, FORCE], np.hypot(at[:, X], at[:, Y])
-        beyond = np.abs(force - 0.5 * (lowest + highest)) > 0.5 * (highest - lowest)
-        if not (beyond | (far := distance > reach)).any():
+        far = distance.max(initial=0.0) > reach
+        if (
+            not far
+            and lowest <= force.min(initial=highest)
+            and force.max(initial=lowest) <= highest
+        ):
             return at
         moved = at.copy()
         moved[:, FORCE] = np.minimum(np.maximum(force, lowest), highest)
-        moved[far] = self._drawn_in(moved[far], reach)
+        if far:
+            self._draw_in(moved, distance, reach)
         return moved
+
+    def _draw_in(self, at: Array, distance: Array, reach_mm: float) -> None:
+        """Move places (n, 4) beyond the reach to it, along the unknown coordinates only."""
+        x_sought, y_sought = self._sought[[X, Y]]
+        if x_sought == y_sought:
+            at[:, :ROTATION] *= (reach_mm / np.maximum(distance, reach_mm))[:, None]
+            return
+        sought, other = (X, Y) if x_sought else (Y, X)
+        room = np.sqrt(np.maximum(reach_mm**2 - at[:, other] ** 2, 0.0))
+        at[:, sought] = np.clip(at[:, sought], -room, room)
 
     @cached_property
     def _log_forces(self) -> tuple[float, float]:
         lowest, highest = self.model.domain.force_N
         return math.log(lowest), math.log(highest)
 
-    def _drawn_in(self, at: Array, reach_mm: float) -> Array:
-        """Places (n, 4) beyond the reach moved to it, along the unknown coordinates only."""
-        if not (X in self.unknown) ^ (Y in self.unknown):
-            at[:, :ROTATION] *= reach_mm / np.hypot(at[:, X], at[:, Y])[:, None]
-            return at
-        sought, other = (X, Y) if X in self.unknown else (Y, X)
-        room = np.sqrt(np.maximum(reach_mm**2 - at[:, other] ** 2, 0.0))
-        at[:, sought] = np.clip(at[:, sought], -room, room)
-        return at
+    @cached_property
+    def _sought(self) -> NDArray[np.bool_]:
+        """Whether charges tell of each coordinate: it is unknown, and no rotation of a disc."""
+        sought = np.zeros(len(QUANTITIES), dtype=bool)
+        sought[self.unknown] = True
+        probe = self.model.scene.probe
+        sought[ROTATION] &= probe is None or probe.shape != "circle"
+        return sought
+
+    @cached_property
+    def _weights(self) -> Array:
+        """Of differences and slopes, (touches, electrodes, 1 + 4)."""
+        return np.append(True, self._sought) / self.deviations_pC[:, :, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,8 +155,8 @@ class Descent:
     ----------
     at : ndarray, shape (n, 4)
         Coordinates.
-    slopes : ndarray, shape (n, electrodes, unknown)
-        Of the charges over their deviations.
+    slopes : ndarray, shape (n, electrodes, 4)
+        Of the charges over their deviations; zero by what is known.
     chi_square : ndarray, shape (n,)
     arrived : ndarray of bool, shape (n,)
         Whether there is nowhere better nearby; False where a search was given up.
@@ -134,13 +167,16 @@ class Descent:
     chi_square: Array
     arrived: NDArray[np.bool_]
 
-    def put(self, searches: _Searches, *, arrived: bool) -> None:
+    @classmethod
+    def of(cls, searches: int, electrodes: int) -> Descent:
+        """Nothing written down yet."""
+        at, slopes = np.empty((searches, 4)), np.empty((searches, electrodes, 4))
+        return cls(at, slopes, np.empty(searches), np.zeros(searches, dtype=bool))
+
+    def put(self, searches: _Searches, arrived: NDArray[np.bool_] | bool) -> None:
         """Write down where searches are."""
-        if not len(searches.row):
-            return
-        row = searches.row
-        self.at[row], self.slopes[row] = searches.at, searches.system[:, :, 1:]
-        self.chi_square[row], self.arrived[row] = searches.chi_square, arrived
+        self.at[searches.row], self.slopes[searches.row] = searches.at, searches.system[:, :, 1:]
+        self.chi_square[searches.row], self.arrived[searches.row] = searches.chi_square, arrived
 
 
 @dataclass(eq=False)
@@ -154,12 +190,14 @@ class _Searches:
     touch : ndarray of int, shape (n,)
         Whose charges they explain.
     at : ndarray, shape (n, 4)
-    system : ndarray, shape (n, electrodes, 1 + unknown)
+    system : ndarray, shape (n, electrodes, 1 + 4)
         As `Problem.linearised` gives it.
-    normal : ndarray, shape (n, 1 + unknown, 1 + unknown)
+    normal : ndarray, shape (n, 1 + 4, 1 + 4)
         Products of its columns: chi-square, half its gradient, and the normal matrix.
     damping : ndarray, shape (n,)
         Marquardt's.
+    promised : ndarray, shape (n,)
+        Decrease of chi-square by the whole of the step that led here; 0 at first.
     """
 
     row: Indices
@@ -168,6 +206,21 @@ class _Searches:
     system: Array
     normal: Array
     damping: Array
+    promised: Array
+
+    @classmethod
+    def start(cls, problem: Problem, touch: Indices, at: Array) -> _Searches:
+        """From coordinates (n, 4)."""
+        count = len(at)
+        system = problem.linearised(at, touch)
+        normal, damping = _products(system), np.full(count, _LEAST_DAMPING)
+        return cls(np.arange(count), touch, at, system, normal, damping, np.zeros(count))
+
+    def there(self, problem: Problem, at: Array, edge: Array) -> _Searches:
+        """The same at other coordinates (n, 4), nearest to which in the domain are `edge`."""
+        system = problem.linearised(at, self.touch, edge)
+        known = self.damping, self.promised
+        return _Searches(self.row, self.touch, at, system, _products(system), *known)
 
     @property
     def chi_square(self) -> Array:
@@ -175,37 +228,48 @@ class _Searches:
 
     def only(self, chosen: NDArray[np.bool_]) -> _Searches:
         """Those chosen."""
-        if chosen.all():
-            return self
-        return _Searches(*(values[chosen] for values in vars(self).values()))
+        rows = np.flatnonzero(chosen)
+        return _Searches(*(values.take(rows, axis=0) for values in vars(self).values()))
 
-    def at_once(self, there: Array, unknown: Indices) -> _Searches:
-        """Gone `there` (n, 4) by the slopes here."""
-        moved = np.ones_like(self.normal[:, 0])
-        moved[:, 1:] = (there - self.at)[:, unknown]
-        normal = self.normal.copy()
-        normal[:, 0, 0] = (np.matmul(normal, moved[:, :, None])[:, :, 0] * moved).sum(axis=1)
-        return replace(self, at=there, normal=normal)
+    def gone(self, there: Array, promised: Array) -> _Searches:
+        """Gone `there` (n, 4), where slopes are as here and chi-square is less as promised."""
+        self.at = there
+        self.normal[:, 0, 0] -= promised
+        return self
 
-    def steps(self) -> tuple[Array, Array]:
-        """Damped Gauss-Newton steps (n, unknown), and the decrease of chi-square they promise."""
-        gradient, damped = self.normal[:, 1:, 0], self.normal[:, 1:, 1:].copy()
-        diagonal = damped.reshape(len(damped), -1)[:, :: damped.shape[1] + 1]  # a view
-        floor = 1e-12 * diagonal.max(axis=1) + 1e-300
-        diagonal += self.damping[:, None] * diagonal + floor[:, None]
-        step = np.negative(np.linalg.solve(damped, gradient[:, :, None])[:, :, 0])
-        return step, -(gradient * step).sum(axis=1)
+    def bend(self, bent: NDArray[np.bool_], before: _Searches) -> None:
+        """Add to the normal matrix what the slopes' change since `before` tells of second order.
 
-    def move(self, better: NDArray[np.bool_], there: _Searches) -> None:
+        The update of Broyden, Fletcher, Goldfarb and Shanno with the difference of gradients that
+        Dennis, Gay and Welsch (ACM Trans. Math. Softw. 7, 1981) take, which vanishes with what
+        is left unexplained.
+        """
+        step = (self.at - before.at)[:, :, None]
+        change = self.system[:, :, 1:] - before.system[:, :, 1:]
+        along = np.matmul(self.normal[:, 1:, 1:], step)
+        total = along + np.matmul(change.swapaxes(1, 2), self.system[:, :, :1])
+        first, second = ((step * each).sum(axis=1, keepdims=True) for each in (along, total))
+        sound = bent & (second > _LEAST_CURVATURE * first)[:, 0, 0]
+        for sign, each, curvature in ((1.0, total, second), (-1.0, along, first)):
+            root = each[sound] / np.sqrt(curvature[sound])
+            self.normal[sound, 1:, 1:] += sign * root * root.swapaxes(1, 2)
+
+    def move(self, there: _Searches, promised: Array, *, second_order: bool) -> None:
         """Go on from `there` where it is better, and damp the next step elsewhere."""
+        decrease = self.chi_square - there.chi_square
+        better = decrease >= 0.0
+        bent = better & (np.abs(decrease - promised) > _BENT * promised)
+        if second_order and bent.any():
+            there.bend(bent, self)
+        less = np.maximum(0.1 * self.damping, _LEAST_DAMPING)
         if better.all():
             self.at, self.system, self.normal = there.at, there.system, there.normal
-            self.damping = np.maximum(0.1 * self.damping, _LEAST_DAMPING)
+            self.damping, self.promised = less, promised
             return
         for name in ("at", "system", "normal"):
             getattr(self, name)[better] = getattr(there, name)[better]
-        less, more = 0.1 * self.damping, 10.0 * self.damping
-        self.damping = np.where(better, np.maximum(less, _LEAST_DAMPING), np.maximum(more, _DAMPED))
+        self.damping = np.where(better, less, np.maximum(10.0 * self.damping, _DAMPED))
+        self.promised = np.where(better, promised, 0.0)
 
 
 def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = np.inf) -> Descent:
@@ -222,70 +286,76 @@ def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = n
         Searches that cannot come as close as this to the least chi-square of their touch are
         given up.
     """
-    count = len(starts)
-    now = _searches(problem, np.arange(count), touch, _held_back(problem, starts))
-    ends = Descent(
-        np.empty((count, 4)),
-        np.empty((count, len(problem.electrodes), len(problem.unknown))),
-        np.empty(count),
-        np.zeros(count, dtype=bool),
-    )
+    ends = Descent.of(len(starts), len(problem.electrodes))
     least = np.full(len(problem.charges_pC), np.inf)
     reach_mm = problem.model.domain.reach_mm
-    longest = (_LONGEST * [reach_mm, reach_mm, 1.0, 1.0])[problem.unknown]
-    for _ in range(_MAX_STEPS):
-        step, expected = now.steps()
+    longest = _LONGEST * [reach_mm, reach_mm, 1.0, 1.0]
+    now = _Searches.start(problem, touch, _held_back(problem, starts))
+    for count in range(_MAX_STEPS):
+        step, promised = damped_steps(now.normal, now.damping[:, None, None])
         length = np.abs(step / longest).max(axis=1)
-        aim = now.at.copy()
-        aim[:, problem.unknown] += step / np.maximum(length, 1.0)[:, None]
-        inside = problem.inside(aim) is aim
+        aim = now.at + step / np.maximum(length, 1.0)[:, None]
+        edge = problem.inside(aim)
+        inside = edge is aim
         there = aim if inside else _held_back(problem, aim)
-        last = (expected < _ARRIVED) & (now.damping <= _FREE) & (length < _SHORT)
-        if last.any():
-            done = now.only(last).at_once(there[last], problem.unknown)
-            ends.put(done, arrived=True)
-            np.minimum.at(least, done.touch, done.chi_square)
-        stay = now.chi_square - 4.0 * expected <= least[now.touch] + hopeless
-        if len(least) == 1:
-            stay &= ~_repeated(there, now.chi_square, ends.at[ends.arrived])
-        if not stay.all():
-            ends.put(now.only(~(stay | last)), arrived=False)
-        stay &= ~last
-        if not stay.all():
-            now, aim, there, expected = now.only(stay), aim[stay], there[stay], expected[stay]
-            if not len(now.row):
+        near = (promised < _ARRIVED) | (
+            promised < np.minimum(_CONTRACTED * now.promised, _CLOSE_BY)
+        )
+        last = near & (now.damping <= _FREE) & (length < _SHORT)
+        np.minimum.at(least, now.touch[last], (now.chi_square - promised)[last])
+        leave = last | (now.chi_square - 4.0 * promised > least[now.touch] + hopeless)
+        if len(least) == 1 < len(starts):
+            leave |= repeated(there, now.chi_square, _CLOSE, ends.at[ends.arrived])
+        if leave.any():
+            ends.put(now.only(leave).gone(there[leave], promised[leave]), last[leave])
+            if leave.all():
                 break
-        found = _searches(problem, now.row, now.touch, there, inside)
-        better = found.chi_square <= now.chi_square
-        stuck = (there != aim).any(axis=1) & (found.chi_square > (1.0 - _HELD) * now.chi_square)
-        stuck |= ~better & (expected < _ROUNDING)
-        now.move(better, found)
+            stay = ~leave
+            now, aim, there, promised = now.only(stay), aim[stay], there[stay], promised[stay]
+            edge = there if inside else edge[stay]
+        found = now.there(problem, there, edge)
+        stuck = np.asarray((found.chi_square > now.chi_square) & (promised < _ROUNDING))
+        if not inside:
+            held = (there != aim).any(axis=1)
+            stuck |= held & (found.chi_square > (1.0 - _HELD) * now.chi_square)
+        now.move(found, promised, second_order=count >= _PATIENCE)
         on = ~stuck & (now.damping < _GIVEN_UP)
         if not on.all():
-            ends.put(now.only(~on), arrived=False)
-            ends.arrived[now.row[stuck]] = True
-            now = now.only(on)
-            if not len(now.row):
+            ends.put(now.only(~on), stuck[~on])
+            if not on.any():
                 break
-    ends.put(now, arrived=False)
+            now = now.only(on)
+    else:
+        ends.put(now, False)
     return ends
 
 
-def _repeated(at: Array, chi_square: Array, ends: Array) -> NDArray[np.bool_]:
-    """Which searches (n,) go where a better one goes, or where one has ended."""
-    others = np.concatenate([at, ends]) if len(ends) else at
-    better = np.concatenate([chi_square, np.full(len(ends), -np.inf)]) < chi_square[:, None]
-    near = (np.abs(at[:, None] - others) < _CLOSE).all(axis=2)
-    return np.asarray((near & better).any(axis=1))
+def _products(system: Array) -> Array:
+    return np.matmul(system.swapaxes(1, 2), system)
+
+
+def damped_steps(normal: Array, damping: Array | float) -> tuple[Array, Array]:
+    """Damped Gauss-Newton steps (n, k), and the decrease of chi-square they promise, (n,).
+
+    `normal` (n, 1 + k, 1 + k) as `_Searches` has it; the damping is Marquardt's.
+    """
+    downhill, unit = -normal[:, 1:, 0], _UNIT[: normal.shape[1] - 1, : normal.shape[1] - 1]
+    damped = normal[:, 1:, 1:] * (1.0 + damping * unit) + _NO_SLOPE * unit
+    step = np.asarray(np.linalg.solve(damped, downhill[:, :, None])[:, :, 0], dtype=float)
+    return step, (downhill * step).sum(axis=1)
+
+
+def repeated(
+    at: Array, chi_square: Array, close: Array, ends: Array | None = None
+) -> NDArray[np.bool_]:
+    """Which of the places `at` (n, 4) are `close` to a better one, or to one of the ends."""
+    near = (np.abs(at[:, None] - at) < close).all(axis=2)
+    near &= chi_square < chi_square[:, None]
+    if ends is None or not len(ends):
+        return np.asarray(near.any(axis=1))
+    ended = np.asarray((np.abs(at[:, None] - ends) < close).all(axis=2))
+    return np.asarray(near.any(axis=1) | ended.any(axis=1))
 
 
 def _held_back(problem: Problem, at: Array) -> Array:
     return problem.inside(at, _ROOM_REACH, _ROOM_FORCE)
-
-
-def _searches(
-    problem: Problem, row: Indices, touch: Indices, at: Array, inside: bool = False
-) -> _Searches:
-    system = problem.linearised(at, touch, inside=inside)
-    normal = np.matmul(system.swapaxes(1, 2), system)
-    return _Searches(row, touch, at, system, normal, np.full(len(at), _LEAST_DAMPING))

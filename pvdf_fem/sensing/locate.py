@@ -86,7 +86,8 @@ def locate(
     deviations. It is taken as independent between electrodes.
     """
     mistakes = [*charge_mistakes(model.names, charges_pC, sigma, noise_pC)]
-    mistakes += known_mistakes(model.domain, unknown, known or {}, _of_scene(model))
+    default = _of_scene(model)
+    mistakes += known_mistakes(model.domain, unknown, known or {}, default)
     if not (mistakes or model.error_bound or noise_pC or np.min(_relative(sigma, charges_pC))):
         mistakes.append("sigma = 0: the model has no error of its own; give a positive one")
     if mistakes:
@@ -94,9 +95,11 @@ def locate(
     electrodes = np.array([model.names.index(name) for name in charges_pC])
     charges = np.array(list(charges_pC.values()), dtype=float)
     spread = deviations(model, charges, _relative(sigma, charges_pC), noise_pC)
-    sought, values = _split(model, unknown, known or {})
+    sought = np.array([i for i, name in enumerate(QUANTITIES) if name in unknown], dtype=np.intp)
+    values = {**default, **(known or {})}
+    rest = {i: float(values[n]) for i, n in enumerate(QUANTITIES) if n not in unknown}
     problem = Problem(model, electrodes, charges[None], spread[None], sought)
-    return location(problem, search(problem, 0, values))
+    return location(problem, search(problem, 0, rest))
 
 
 def search(problem: Problem, touch: int, known: dict[int, float]) -> Descent:
@@ -120,18 +123,8 @@ def _relative(sigma: float | Mapping[str, float], charges_pC: Mapping[str, float
 
 def deviations(model: Model, charges: Array, relative: Array, noise_pC: float) -> Array:
     """Standard deviations in pC of charges: measured, the amplifier's, and the model's own."""
-    own = model.error_bound / np.sqrt(3.0)
+    own = model.error_bound / math.sqrt(3.0)
     return np.sqrt((relative**2 + own**2) * charges**2 + noise_pC**2)
-
-
-def _split(
-    model: Model, unknown: Sequence[str], known: Mapping[str, float]
-) -> tuple[Indices, dict[int, float]]:
-    """Indices of what is sought, and values of the rest."""
-    values = {**_of_scene(model), **known}
-    sought = np.array([i for i, name in enumerate(QUANTITIES) if name in unknown], dtype=np.intp)
-    rest = {i: float(values[n]) for i, n in enumerate(QUANTITIES) if n not in unknown}
-    return sought, rest
 
 
 def _of_scene(model: Model) -> dict[str, float]:
@@ -157,7 +150,7 @@ def charge_mistakes(
     for name, charge in charges_pC.items():
         if name not in names:
             yield f"charges.{name}: no such electrode; choose from {', '.join(names)}"
-        elif not np.isfinite(charge) or abs(charge) > 1e12:
+        elif not abs(charge) <= 1e12:
             yield f"charges.{name} = {charge}: give a charge in pC"
     each = sigma if isinstance(sigma, Mapping) else {"": sigma}
     for name in charges_pC if isinstance(sigma, Mapping) else ():
@@ -166,7 +159,7 @@ def charge_mistakes(
     for name, value in each.items():
         if not 0.0 <= value <= 1.0:
             yield f"sigma{'.' * bool(name)}{name} = {value}: give a share of the charge, 0 to 1"
-    if not 0.0 <= noise_pC < np.inf:
+    if not 0.0 <= noise_pC < math.inf:
         yield f"noise_pC = {noise_pC}: give a standard deviation in pC, not negative"
     elif not noise_pC and any(charge == 0.0 for charge in charges_pC.values()):
         yield "noise_pC = 0: a charge of 0 has no deviation then; give that of the amplifier"
@@ -187,11 +180,11 @@ def known_mistakes(
             yield f"{name}: no quantity of a touch; choose from {names}"
         elif name in unknown and name in known:
             yield f"{name}: both sought and known; remove one"
-        elif name in known and not np.isfinite(known[name]):
+        elif name in known and not math.isfinite(known[name]):
             yield f"known.{name} = {known[name]}: give a finite number"
     fixed = {n: v for n, v in {**default, **known}.items() if n not in unknown}
     reach, (lowest, highest) = domain.reach_mm, domain.force_N
-    distance = np.hypot(fixed.get("x_mm", 0.0), fixed.get("y_mm", 0.0))
+    distance = math.hypot(fixed.get("x_mm", 0.0), fixed.get("y_mm", 0.0))
     if distance > reach:
         place = ", ".join(f"{n} = {fixed[n]:g}" for n in ("x_mm", "y_mm") if n in fixed)
         yield f"known {place}: beyond the {reach:g} mm that the model reaches; build a larger one"
@@ -207,99 +200,86 @@ def known_mistakes(
 
 def location(problem: Problem, ends: Descent) -> Location:
     """The distinct touches among the ends of searches for one touch."""
-    keep = np.flatnonzero(ends.arrived)
-    keep = keep[np.argsort(ends.chi_square[keep], kind="stable")]
-    unknown = tuple(QUANTITIES[i] for i in problem.unknown)
-    freedom = len(problem.electrodes) - len(unknown)
+    keep = _distinct(problem, ends)
+    names = tuple(QUANTITIES[i] for i in problem.unknown.tolist())
+    freedom = len(problem.electrodes) - len(names)
     if not keep.size:
-        return Location((), unknown, freedom, -np.inf, problem)
-    keep = keep[ends.chi_square[keep] <= ends.chi_square[keep[0]] + _LISTED]
-    keep = _distinct(problem, ends, keep)
-    size = extents(problem)
-    logs = _log_masses(ends, keep, size)
+        return Location((), names, freedom, -np.inf, problem)
+    at, slopes, chi_square = ends.at[keep], ends.slopes[keep], ends.chi_square[keep]
+    extent = extents(problem)
+    logs = _log_masses(slopes * extent, chi_square)
     total = float(np.logaddexp.reduce(logs))
-    weights = np.exp(logs - total)
-    held = edges(problem, ends.at[keep])
-    touches = tuple(
-        _touch(problem, ends, k, size, weight, limits)
-        for k, weight, limits in zip(keep.tolist(), weights.tolist(), held, strict=True)
+    values, scale = at.copy(), np.ones(at.shape)
+    values[:, FORCE] = scale[:, FORCE] = np.exp(at[:, FORCE])
+    if ROTATION in problem.unknown:
+        values[:, ROTATION] %= period_deg(problem.model)
+    columns = (
+        (slopes / scale[:, None]).take(problem.unknown, axis=2),
+        (extent * scale).take(problem.unknown, axis=1),
+        chi_square.tolist(),
+        p_values(chi_square, freedom).tolist(),
+        np.exp(logs - total).tolist(),
+        edges(problem, at),
+    )
+    touches = (
+        Touch(x, y, rotation, force, names, *row)
+        for (x, y, rotation, force), *row in zip(values.tolist(), *columns, strict=True)
     )
     spread = np.log(np.sqrt(2.0 * np.pi) * problem.deviations_pC[0]).sum()
-    return Location(touches, unknown, freedom, total - float(spread), problem)
+    return Location(tuple(touches), names, freedom, total - float(spread), problem)
 
 
-def _distinct(problem: Problem, ends: Descent, keep: Indices) -> Indices:
-    """The ends that are no repetition of a better one."""
+def _distinct(problem: Problem, ends: Descent) -> Indices:
+    """The likely ends of searches that are no repetition of a better one, the best first."""
+    keep = np.flatnonzero(ends.arrived)
+    keep = keep[np.argsort(ends.chi_square[keep], kind="stable")]
+    keep = keep[ends.chi_square[keep] <= ends.chi_square[keep[:1]] + _LISTED]
     period = period_deg(problem.model)
-    found = []
-    while keep.size:
-        best, keep = keep[0], keep[1:]
-        found.append(best)
-        apart = ends.at[keep] - ends.at[best]
+    k = 1
+    while k < len(keep):
+        best, others = keep[k - 1], keep[k:]
+        apart = ends.at[others] - ends.at[best]
         apart[:, ROTATION] -= period * np.round(apart[:, ROTATION] / period)
         # by the slopes of the better one
-        change = apart[:, problem.unknown] @ ends.slopes[best].T
-        same = np.square(change).sum(axis=1) < _SAME_CHI_SQUARE
+        same = np.square(apart @ ends.slopes[best].T).sum(axis=1) < _SAME_CHI_SQUARE
         same &= (np.abs(apart) < _SAME).all(axis=1)
-        keep = keep[~same]
-    return np.array(found)
+        keep = np.concatenate([keep[:k], others[~same]])
+        k += 1
+    return keep
 
 
 def extents(problem: Problem) -> Array:
-    """Size of the domain in the coordinates of each unknown, (unknown,)."""
+    """Size of the domain in each coordinate, (4,)."""
     domain = problem.model.domain
     lowest, highest = domain.force_N
     turn = 0.5 * period_deg(problem.model)
-    sizes = np.array([domain.reach_mm, domain.reach_mm, turn, math.log(highest / lowest)])
-    return sizes[problem.unknown]
+    return np.array([domain.reach_mm, domain.reach_mm, turn, math.log(highest / lowest)])
 
 
-def _log_masses(ends: Descent, keep: Indices, extent: Array) -> Array:
+def _log_masses(slopes: Array, chi_square: Array) -> Array:
     """Logarithm of likelihood times prior integrated about each touch (Laplace), (n,).
 
     The prior is normal with the domain's extents about the touch, so that a direction which the
-    charges do not determine counts with the domain's size and not with infinity.
+    charges do not determine counts with the domain's size and not with infinity. `slopes`
+    (n, electrodes, 4) are by coordinates over these.
     """
-    J = ends.slopes[keep] * extent
-    normal = J.swapaxes(1, 2) @ J + np.eye(J.shape[2])
-    return -0.5 * (ends.chi_square[keep] + np.log(np.linalg.det(normal)))
+    normal = np.matmul(slopes.swapaxes(1, 2), slopes) + np.eye(slopes.shape[2])
+    return -0.5 * (chi_square + np.log(np.linalg.det(normal)))
 
 
-def _touch(
-    problem: Problem,
-    ends: Descent,
-    k: int,
-    extent: Array,
-    weight: float,
-    limits: tuple[str, ...],
-) -> Touch:
-    x, y, rotation, log_force = ends.at[k].tolist()
-    if ROTATION in problem.unknown:
-        rotation %= period_deg(problem.model)
-    force = math.exp(log_force)
-    scale = np.where(problem.unknown == FORCE, force, 1.0)  # of the coordinates' slopes
-    chi_square, freedom = float(ends.chi_square[k]), len(problem.electrodes) - len(problem.unknown)
-    p_value = float(gammaincc(0.5 * freedom, 0.5 * chi_square)) if freedom > 0 else math.nan
-    return Touch(
-        x,
-        y,
-        rotation,
-        force,
-        tuple(QUANTITIES[i] for i in problem.unknown),
-        ends.slopes[k] / scale,
-        extent * scale,
-        chi_square,
-        p_value,
-        weight,
-        limits,
-    )
+def p_values(chi_square: Array, freedom: int) -> Array:
+    """Probabilities of a larger chi-square if the model is right; NaN without freedom."""
+    if freedom <= 0:
+        return np.full(len(chi_square), np.nan)
+    return gammaincc(0.5 * freedom, 0.5 * chi_square)
 
 
 def edges(problem: Problem, at: Array) -> list[tuple[str, ...]]:
     """Which limits of the domain touches (n, 4) are at, or beyond."""
     domain, held = problem.model.domain, []
     lowest, highest = map(math.log, domain.force_N)
-    placed, pressed = {X, Y} & set(problem.unknown.tolist()), FORCE in problem.unknown
+    sought = problem.unknown.tolist()
+    placed, pressed = X in sought or Y in sought, FORCE in sought
     for x, y, _, force in at.tolist():
         far = placed and math.hypot(x, y) >= domain.reach_mm
         limits = (("reach_mm", far), ("force_N", pressed and not lowest < force < highest))

@@ -7,10 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaincc
 
 from pvdf_fem.sensing.descent import Descent, Problem, descend
-from pvdf_fem.sensing.locate import charge_mistakes, deviations, edges, extents, search
+from pvdf_fem.sensing.locate import (
+    charge_mistakes,
+    deviations,
+    edges,
+    extents,
+    p_values,
+    search,
+)
 from pvdf_fem.sensing.starts import Nearest, nearest_of
 from pvdf_fem.sensing.touch import (
     DETERMINED,
@@ -179,7 +185,7 @@ def _taken(ends: Descent, rows: NDArray[np.intp]) -> Descent:
 
 def _unexplained(ends: Descent, freedom: int, significance: float) -> NDArray[np.intp]:
     """Rows whose search did not end, or not where their charges are explained."""
-    return np.flatnonzero(~ends.arrived | (_p_values(ends.chi_square, freedom) < significance))
+    return np.flatnonzero(~ends.arrived | (p_values(ends.chi_square, freedom) < significance))
 
 
 def _improve(ends: Descent, rows: NDArray[np.intp], found: Descent) -> None:
@@ -200,24 +206,18 @@ def _search_everywhere(problem: Problem, ends: Descent, row: int) -> None:
     _improve(ends, np.array([row]), _taken(found, k))
 
 
-def _p_values(chi_square: Array, freedom: int) -> Array:
-    if freedom <= 0:
-        return np.full(len(chi_square), np.nan)
-    return gammaincc(0.5 * freedom, 0.5 * chi_square)
-
-
 def _touches(problem: Problem, ends: Descent, unknown: tuple[str, ...]) -> Touches:
-    values = ends.at.copy()
-    if ROTATION in problem.unknown:
+    values, sought = ends.at.copy(), problem.unknown
+    if ROTATION in sought:
         values[:, ROTATION] %= period_deg(problem.model)
     values[:, FORCE] = np.exp(values[:, FORCE])
-    scale = np.where(problem.unknown == FORCE, values[:, FORCE:], 1.0)
-    covariances, determined = _covariances(ends.slopes, extents(problem))
+    scale = np.where(sought == FORCE, values[:, FORCE:], 1.0)
+    covariances, determined = _covariances(ends.slopes[:, :, sought], extents(problem)[sought])
     covariances *= scale[:, :, None] * scale[:, None]
     values[~ends.arrived] = np.nan
     chi_square = np.where(ends.arrived, ends.chi_square, np.nan)
     held = np.array([bool(limits) for limits in edges(problem, ends.at)], dtype=bool)
-    p = _p_values(chi_square, len(problem.electrodes) - len(unknown))
+    p = p_values(chi_square, len(problem.electrodes) - len(unknown))
     return Touches(values, unknown, covariances, determined, chi_square, p, held)
 
 

@@ -132,7 +132,7 @@ def _polished(
         end = descend(problem, start[None], np.zeros(1, dtype=np.intp))
         if not end.arrived[0]:
             raise PolishError(f"polish: the search from {_place(at)} did not end")
-        moved = (end.at[0] - start)[sought]
+        moved = end.at[0] - start
         at = end.at[0].copy()
         at[FORCE] = np.exp(at[FORCE])
         if np.square(end.slopes[0] @ moved).sum() < _SETTLED:

@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 ORDER = 3
 # Elements have this share of the probe's size (the root of its area) along its edge, and grow by
 # this share of the distance to this share of the film's radius.
-PROBE_SIZE, GROWTH, FILM_SIZE = 1 / 13, 0.25, 1 / 9
+PROBE_SIZE, GROWTH, FILM_SIZE = 1 / 13, 0.18, 1 / 14
 # The same for a disc: its elements are sampled as if their edges were straight, and 1/9 is off by
 # 4e-4 of a charge.
 DISC_SIZE = 1 / 36

@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 POWER = 1.0 / 6.0
 # Relative excess over a domain that is rounding.
 ROUNDING = 1e-9
+# Of derivatives of order 0 and 1 by the force within those by x, y and rotation.
+_VALUE_AND_SLOPES = np.array([0, 2, 4, 6, 1])
 FORMAT = "pvdf_fem response 1"
 
 
@@ -52,9 +54,8 @@ class Domain:
     def scaled_with_rate(self, force_N: Array) -> tuple[Array, Array]:
         """The same with its derivative by the force."""
         low, high = self._ends
-        root = force_N**POWER
-        rate = 2.0 * POWER / (high - low) * root / force_N
-        return (2.0 * root - low - high) / (high - low), rate
+        scaled = 2.0 / (high - low) * force_N**POWER
+        return scaled - (low + high) / (high - low), POWER * scaled / force_N
 
     def force_nodes_N(self, count: int) -> Array:
         """The forces at Chebyshev's points, from the largest to the least."""
@@ -131,18 +132,18 @@ class Response:
         """
         touches = np.asarray(touches, dtype=float).reshape(-1, 4)
         self.domain.refuse_others(touches)
-        force = touches[:, 3]
-        place = self.spline.with_gradient(touches[:, :3])
         # (n, value and derivatives by place, polynomials, electrodes)
-        place = place.reshape(len(touches), 4, -1, len(self.names))
-        scaled, rate = self.domain.scaled_with_rate(force)
+        by_place = self.spline.with_gradient(touches[:, :3])
+        by_place = by_place.reshape(len(touches), 4, -1, len(self.names))
+        scaled, rate = self.domain.scaled_with_rate(touches[:, 3])
         powers = scaled[:, None] ** self._orders
-        by_place = np.matmul((powers @ self._polynomials)[:, None, None], place)[:, :, 0]
-        slopes = (powers[:, :-1] @ self._slopes) * rate[:, None]
-        jacobian = np.empty((len(touches), len(self.names), 4))
-        jacobian[:, :, :3] = by_place[:, 1:].transpose(0, 2, 1)
-        jacobian[:, :, 3] = np.matmul(slopes[:, None], place[:, 0])[:, 0]
-        return by_place[:, 0], jacobian
+        # (n, value and derivative by force, polynomials)
+        by_force = (powers @ self._polynomials).reshape(len(touches), 2, -1)
+        by_force[:, 1] *= rate[:, None]
+        # (n, electrodes, value and derivatives by place, value and derivative by force)
+        both = np.matmul(by_force[:, None], by_place).transpose(0, 3, 1, 2)
+        found = both.reshape(*both.shape[:2], 8)[:, :, _VALUE_AND_SLOPES]
+        return found[:, :, 0], found[:, :, 1:]
 
     def with_thickness(self, thickness_um: float) -> Response:
         """The response of a film of another thickness: without bending, F/h alone counts."""
@@ -157,22 +158,19 @@ class Response:
         return self.spline.coefficients.shape[-1] // len(self.names)
 
     @cached_property
-    def _orders(self) -> NDArray[np.int64]:
-        return np.arange(self._count)
+    def _orders(self) -> Array:
+        return np.arange(self._count, dtype=float)
 
     @cached_property
     def _polynomials(self) -> Array:
-        """Powers times this, (powers, polynomials), are Chebyshev's polynomials."""
-        matrix = np.zeros((self._count, self._count))
+        """Powers times this, (powers, 2 polynomials), are Chebyshev's and their derivatives."""
+        values = np.zeros((self._count, self._count))
         for k, unit in enumerate(np.eye(self._count)):
             powers = chebyshev.cheb2poly(unit)
-            matrix[: len(powers), k] = powers
-        return matrix
-
-    @cached_property
-    def _slopes(self) -> Array:
-        """The same for their derivatives, from the powers but the last."""
-        return self._orders[1:, None] * self._polynomials[1:]
+            values[: len(powers), k] = powers
+        slopes = np.zeros_like(values)
+        slopes[:-1] = self._orders[1:, None] * values[1:]
+        return np.concatenate([values, slopes], axis=1)
 
     def save(self, path: Path | str) -> None:
         """Write the response to a file, replacing it only when all is written."""

@@ -10,6 +10,7 @@ them are kept.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from pvdf_fem.sensing.descent import damped_steps, repeated
 from pvdf_fem.sensing.touch import FORCE, ROTATION, Model, X, Y, period_deg
 
 Array = NDArray[np.float64]
@@ -24,7 +26,7 @@ Single = NDArray[np.float32]
 Indices = NDArray[np.intp]
 
 # The lattice: places across the reach, rotations in the probe's period, forces in the domain's.
-_ACROSS, _ROTATIONS, _FORCES = 25, 12, 5
+_ACROSS, _ROTATIONS, _FORCES = 25, 24, 5
 _AROUND = 48
 # At each rotation the search starts from local minima with at most so many times the least
 # chi-square, and from so many places with the lowest: long valleys have several bottoms.
@@ -37,6 +39,9 @@ _DAMPING = 1e-3
 _LONGEST = np.array([1.5, 1.5, 0.5])
 _CLOSE = np.array([0.3, 0.3, 1e-9, 0.1])
 _KEPT = 6
+# Starts are left out whose charges, so many standard deviations and this share of all charges
+# farther than those of the best one, are more than what is neglected: chi-square's second order.
+_WORSE, _CURVED = 5.0, 0.01
 # By how much more the touch with the nearest ratios may be off than the very nearest.
 _NEARLY = 0.5
 # Rows that the model is asked for at once.
@@ -55,8 +60,8 @@ class Table:
         Of each place; the number of places where there are fewer.
     rotations_deg, log_forces : ndarray
         The other axes.
-    charges_pC : ndarray, shape (rotations, electrodes, places, forces)
-    slopes : ndarray, shape (rotations, electrodes, places, forces, 3)
+    charges_pC : ndarray, shape (rotations, electrodes, forces, places)
+    slopes : ndarray, shape (rotations, electrodes, forces, places, 3)
     period_deg : float
         Of the rotation, when the axis is the whole period; else 0.
     """
@@ -95,32 +100,38 @@ class Table:
         A Gauss-Newton step in what is `sought` of `_MOVING`, with the table's slopes, leads from
         the places of the minima to the starts.
         """
-        weights: Single = (1.0 / deviations_pC).astype(np.float32)
-        target = charges_pC.astype(np.float32) * weights
-        chi_square, interval, along = self._fitted(weights, target)
-        turn, place = np.nonzero(self._bottoms(chi_square))
-        f, t = interval[turn, place], along[turn, place]
-        nearest = f + (t > 0.5)
-        lower = self.charges_pC[turn, :, place, f] * weights
-        upper = self.charges_pC[turn, :, place, f + 1] * weights if self._chords else lower
+        weights = 1.0 / deviations_pC
+        target = charges_pC * weights
+        chi_square, along = self._fitted(weights.astype(np.float32), target.astype(np.float32))
+        turn, place = np.nonzero(self._bottoms(chi_square.min(axis=1)))
+        f = chi_square[turn, :, place].argmin(axis=1)
+        t = along[turn, f, place].astype(np.float64)
+        system = np.empty((len(place), len(weights), 1 + len(sought)))
+        lower = self.charges_pC[turn, :, f, place] * weights
+        upper = self.charges_pC[turn, :, f + 1, place] * weights if self._chords else lower
         at = np.empty((len(place), 4))
         at[:, :ROTATION] = self.places_mm[place]
         at[:, ROTATION] = self.rotations_deg[turn]
         at[:, FORCE] = self.log_forces[f] + self._beyond(lower, upper, t)
         if not sought.size:
             return at
-        residual = (1.0 - t)[:, None] * lower + t[:, None] * upper - target
-        slopes = self.slopes[turn, :, place, nearest] * weights[:, None]
-        step, left = _steps(residual, slopes[:, :, sought])
+        system[:, :, 0] = lower + t[:, None] * (upper - lower) - target
+        slopes = self.slopes[turn, :, f, place]
+        if self._chords:
+            slopes = slopes + t[:, None, None] * (self.slopes[turn, :, f + 1, place] - slopes)
+        system[:, :, 1:] = slopes[:, :, sought] * weights[:, None]
+        normal = np.matmul(system.swapaxes(1, 2), system)
+        step, promised = damped_steps(normal, _DAMPING)
         stretch = np.abs(step / _LONGEST[sought]).max(axis=1)
         at[:, _MOVING[sought]] += step / np.maximum(stretch, 1.0)[:, None]
-        return at[_chosen(at, left)]
+        misfit = np.sqrt(np.maximum(normal[:, 0, 0] - promised, 0.0))
+        return at[_chosen(at, misfit, _WORSE + _CURVED * math.sqrt(target @ target))]
 
     @property
     def _chords(self) -> int:
         return len(self.log_forces) - 1
 
-    def _beyond(self, lower: Single, upper: Single, t: Single) -> Single | float:
+    def _beyond(self, lower: Array, upper: Array, t: Array) -> Array | float:
         """How far a part of a chord is along it, by the logarithm of the force.
 
         Charges are a power of the force between tabulated ones.
@@ -131,56 +142,41 @@ class Table:
         length = (self.log_forces[-1] - self.log_forces[0]) / self._chords
         return length * np.log1p(t * (growth - 1.0)) / np.log(growth)
 
-    def _fitted(self, weights: Single, target: Single) -> tuple[Single, Indices, Single]:
-        """Least chi-square over the force at (rotations, places), and where on which chord."""
-        Q = self.charges_pC * weights[:, None, None]
-        rest = target[:, None, None] - Q
-        chi_square = np.square(rest).sum(axis=1)
+    def _fitted(self, weights: Single, target: Single) -> tuple[Single, Single]:
+        """Least chi-square on each chord (rotations, chords, places), and where along it."""
+        rest = target[:, None, None] - self.charges_pC * weights[:, None, None]
+        square = np.square(rest).sum(axis=1)
         if not self._chords:
-            flat = chi_square[..., 0]
-            return flat, np.zeros(flat.shape, dtype=np.intp), np.zeros_like(flat)
-        chord = Q[..., 1:] - Q[..., :-1]
-        reached, length = (rest[..., :-1] * chord).sum(axis=1), np.square(chord).sum(axis=1)
+            return square, np.zeros_like(square)
+        lower, upper = square[:, :-1], square[:, 1:]
+        product = (rest[:, :, :-1] * rest[:, :, 1:]).sum(axis=1)
+        reached, length = lower - product, lower + upper - 2.0 * product
         along = np.minimum(np.maximum(reached / length, 0.0), 1.0)
-        chi_square = chi_square[..., :-1] - along * (2.0 * reached - along * length)
-        best = chi_square.argmin(axis=2)
-        index = np.arange(best.size) * chi_square.shape[2] + best.ravel()
-        least, along = (v.ravel()[index].reshape(best.shape) for v in (chi_square, along))
-        return least, best, along
+        return lower - along * (2.0 * reached - along * length), along
 
     def _bottoms(self, chi_square: Single) -> NDArray[np.bool_]:
         """Places (rotations, places) without a better neighbour, and the best ones."""
-        padded = np.full((len(chi_square), chi_square.shape[1] + 1), np.inf, dtype=np.float32)
-        padded[:, :-1] = chi_square
-        chosen = chi_square <= padded.take(self.neighbours, axis=1).min(axis=1)
+        turns, places = chi_square.shape
+        none = np.full((turns, 1), np.inf, dtype=np.float32)
+        near = np.concatenate([chi_square, none], axis=1).take(self.neighbours, axis=1)
+        chosen = chi_square <= near.min(axis=1)
         chosen &= chi_square <= _PROMISING * chi_square.min(axis=1, keepdims=True)
-        count = min(_LOWEST, chi_square.shape[1])
-        lowest = np.argpartition(chi_square, count - 1, axis=1)[:, :count]
-        np.put_along_axis(chosen, lowest, True, axis=1)
-        return chosen
+        count = min(_LOWEST, places)
+        lowest = np.partition(chi_square, count - 1, axis=1)[:, count - 1 : count]
+        return chosen | (chi_square <= lowest)
 
 
-def _steps(residuals: Single, derivatives: Single) -> tuple[Array, Array]:
-    """Damped Gauss-Newton steps (n, moving), and the chi-square that they leave, (n,)."""
-    residual, slopes = residuals.astype(np.float64), derivatives.astype(np.float64)
-    normal = np.matmul(slopes.swapaxes(1, 2), slopes)
-    gradient = np.matmul(slopes.swapaxes(1, 2), residual[:, :, None])
-    diagonal = normal.reshape(len(normal), -1)[:, :: normal.shape[1] + 1]  # a view
-    diagonal += _DAMPING * diagonal + 1e-12 * diagonal.max(axis=1, keepdims=True) + 1e-300
-    step = np.linalg.solve(normal, -gradient)
-    left = residual[:, :, None] + np.matmul(slopes, step)
-    return step[:, :, 0], np.square(left).sum(axis=(1, 2))
+def _chosen(at: Array, misfit: Array, more: float) -> Indices:
+    """The best starts of each rotation, with at most so much `more` misfit than the very best.
 
-
-def _chosen(at: Array, chi_square: Array) -> Indices:
-    """The best starts of each rotation, without those close to a better one."""
-    order = np.lexsort((chi_square, at[:, ROTATION]))
-    place = at[order]
-    same = (np.abs(place[:, None] - place) < _CLOSE).all(axis=2)
-    rank = np.arange(len(order))
-    rows = np.flatnonzero(~(same & (rank < rank[:, None])).any(axis=1))
-    turn = place[rows, ROTATION]
-    return order[rows[rank[: len(rows)] - np.searchsorted(turn, turn) < _KEPT]]
+    Those close to a better one are left out.
+    """
+    rows = np.flatnonzero(~repeated(at, misfit, _CLOSE))
+    rows = rows[np.lexsort((misfit[rows], at[rows, ROTATION]))]
+    turn = at[rows, ROTATION]
+    best = np.searchsorted(turn, turn)
+    good = misfit[rows] <= misfit[rows[best]] + more
+    return rows[good & (np.arange(len(rows)) - best < _KEPT)]
 
 
 def tabulate(
@@ -205,16 +201,17 @@ def tabulate(
     if FORCE in known:
         forces = np.array([known[FORCE]])
     places, neighbours = _lattice(x, y, reach, 0 if {X, Y} & set(known) else _AROUND)
-    at = np.empty((len(turns), len(places), len(forces), 4))
-    at[..., :ROTATION] = places[:, None]
-    at[..., ROTATION], at[..., FORCE] = turns[:, None, None], forces
+    at = np.empty((len(turns), len(forces), len(places), 4))
+    at[..., :ROTATION] = places
+    at[..., ROTATION], at[..., FORCE] = turns[:, None, None], forces[:, None]
     rows = at.reshape(-1, 4)
     chunks = [model.evaluate(rows[k : k + _CHUNK]) for k in range(0, len(rows), _CHUNK)]
     charges, slopes = (
         np.moveaxis(np.concatenate(parts).reshape(*at.shape[:3], *parts[0].shape[1:]), 3, 1)
         for parts in zip(*chunks, strict=True)
     )
-    slopes = slopes[..., _MOVING] * np.stack([1.0 + 0.0 * forces] * 2 + [forces], axis=1)
+    slopes = slopes[..., _MOVING]
+    slopes[..., -1] *= forces[:, None]
     single = np.ascontiguousarray(charges, np.float32), np.ascontiguousarray(slopes, np.float32)
     return Table(places, neighbours, turns, np.log(forces), *single, period)
 
@@ -267,7 +264,8 @@ def starts(
         table = tabulate(model, known).of(electrodes)
     sought = np.array([k for k, i in enumerate((X, Y, FORCE)) if i not in known], dtype=np.intp)
     at = table.starts(charges_pC, deviations_pC, sought)
-    at[:, list(known)] = [np.log(v) if i == FORCE else v for i, v in known.items()]
+    for i, value in known.items():
+        at[:, i] = math.log(value) if i == FORCE else value
     return at
 
 
@@ -298,7 +296,7 @@ def nearest_of(model: Model, electrodes: tuple[int, ...], with_rotation: bool) -
     """A `Nearest` of a model's table; with the rotation known its distance counts too."""
     table = table_of(model)
     # (places, rotations, forces, electrodes)
-    Q = table.charges_pC[:, list(electrodes)].transpose(2, 0, 3, 1).astype(float)
+    Q = table.charges_pC[:, list(electrodes)].transpose(3, 0, 2, 1).astype(float)
     sizes = np.linalg.norm(Q, axis=-1)
     growth = np.diff(np.log(sizes), axis=-1) / np.diff(table.log_forces)
     exponents = np.concatenate([growth, growth[..., -1:]], axis=-1)
