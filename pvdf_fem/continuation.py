@@ -67,6 +67,6 @@ def beyond_limit(factors: SuperLU | None) -> bool:
 
 def turned(equilibrium: Equilibrium, following: float) -> Equilibrium:
     """The same film under a traction of which this part follows it."""
-    turned = copy(equilibrium)
-    turned.load = replace(equilibrium.load, following=following)
-    return turned
+    other = copy(equilibrium)
+    other.load = replace(equilibrium.load, following=following)
+    return other
