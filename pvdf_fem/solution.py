@@ -239,7 +239,7 @@ def solve_goals(
     if solution.status is Status.CONVERGED and attempt.worst > tolerance:
         reason = f"{Status.TOLERANCE.advice} to at least {attempt.worst:.1e}, which was reached"
         solution = replace(solution, status=Status.TOLERANCE, reason=reason)
-    missed = solution.status in (Status.MAX_ITERATIONS, Status.UNBALANCED)
+    missed = solution.status in (Status.MAX_ITERATIONS, Status.LIMIT, Status.UNBALANCED)
     unknown = solution.status is Status.TOLERANCE and attempt.worst > UNKNOWN
     if (missed or unknown) and barely_loaded(scene):
         solution = replace(solution, status=Status.SLACK, reason=Status.SLACK.advice)
