@@ -127,7 +127,7 @@ class SizeField:
     def coarsened(self, most: float) -> SizeField:
         """The same field, or a coarser one of about `most` elements."""
         mean = self.sizes[self.mesh.t].mean(axis=0)
-        count = float(((element_sizes(self.mesh) / mean) ** 2).sum())
+        count = float(((SPARE * element_sizes(self.mesh) / mean) ** 2).sum())
         return SizeField(self.mesh, self.sizes * np.sqrt(max(count / most, 1.0)))
 
 

@@ -43,6 +43,9 @@ CONVEX_FLOOR = 1e-6
 DEFER = 0.3
 CONTRACTION = 0.5
 MAX_ITERATIONS = 60
+# Under a load that follows the film, whose energy along a step is not known, and for which there is
+# another way (`continuation`).
+MAX_FOLLOWING = 25
 # A film that is still in compression after so many finds no equilibrium that is a minimum.
 PATIENCE = 20
 # Full steps from near by: so many, and none larger.
@@ -151,8 +154,9 @@ def newton(
     table: list[Iteration] = []
     size, state = NEAR if near else np.inf, equilibrium.state(q)
     tangent: _Tangent | None = None
+    most = MAX_ITERATIONS if equilibrium.load.conservative else MAX_FOLLOWING
     try:
-        while len(table) < MAX_ITERATIONS and not _ended(table, tolerance):
+        while len(table) < most and not _ended(table, tolerance):
             fresh = tangent is None or _outdated(tangent, table)
             if tangent is None or fresh:
                 tangent = _tangent(equilibrium, state, size)
@@ -170,7 +174,9 @@ def newton(
             if len(table) >= PATIENCE and size > LOCAL**2 and compressed(state):
                 return NewtonResult(q, Status.UNSTABLE, tuple(table), None)
         if tangent is None or not _ended(table, tolerance):
-            return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
+            stuck = tangent is not None and tangent.convex and compressed(state)
+            status = Status.UNSTABLE if stuck else Status.MAX_ITERATIONS
+            return NewtonResult(q, status, tuple(table), None)
         if tangent.convex or compressed(state):
             tangent = _Tangent(factorise(equilibrium.tangent(state)), False)
     except RuntimeError:  # SuperLU: exactly singular

@@ -39,18 +39,19 @@ from pvdf_fem.tension_newton import barely_loaded
 # Sizes aim at this part of the tolerance, and at this part of that whenever a mesh leaves more than
 # the second part of the error: at singular corners it falls slower than sizes are chosen for.
 SAFETY, SLOW = 0.5, 0.7
-MAX_MESHES = 8
-# Meshes of more unknowns are not made, nor more than twice as many on all meshes, so that a solve
-# takes less than 20 s on one core at the usual tolerance; a finer one may take longer.
+MAX_MESHES = 10
+# Neither meshes of more unknowns are made nor more work is done, so that a solve takes less than
+# 20 s on one core at the usual tolerance; a finer one may take longer. Work is unknowns times
+# Newton iterations, of which an error estimate costs as much as so many. That of a film that
+# wrinkles may need iterations too, and tension that concentrates in lines ever more of both.
 USUAL = 1e-3
 MAX_UNKNOWNS = {"refuse": 60_000, "tension-field": 20_000}
-# Of a film that wrinkles, neither so many iterations times unknowns on all meshes: tension that
-# concentrates in lines, as in a film that a load is far too small to pull taut, needs ever more.
-HARD = 4e5
+MAX_WORK = {"refuse": 2.8e6, "tension-field": 5e5}
+ESTIMATE = 8
 # A coarse mesh shows singular corners, and the kinks of a film that wrinkles, larger than they are
 # and in the wrong places, so that the next one has at most so many times its unknowns. One that
 # may only have less than the second part of them would not be better.
-GROWTH, LEAST = 3.0, 0.7
+GROWTH, LEAST = 2.5, 0.7
 # Relative error of a charge above which a film that is barely loaded is called slack.
 UNKNOWN = 0.1
 # Unknowns of an element, by order of the displacement.
@@ -269,18 +270,18 @@ def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock:
             mesh = mesh_scene(scene, sizes, part)
         return solve_on(scene, goals, mesh, part, order, clock, coarser)
 
-    largest_mesh = MAX_UNKNOWNS[scene.film.compression] * max(1.0, USUAL / tolerance) ** 0.5
-    attempt, aim, spent, work = solved(first_sizes(scene, order)), SAFETY * tolerance, 0, 0
+    patience = max(1.0, USUAL / tolerance) ** 0.5
+    largest_mesh, work = (x[scene.film.compression] * patience for x in (MAX_UNKNOWNS, MAX_WORK))
+    attempt, aim = solved(first_sizes(scene, order)), SAFETY * tolerance
     for _ in range(MAX_MESHES - 1):
         if attempt.result.status is not Status.CONVERGED or attempt.worst <= tolerance:
             break
         with clock("refine"):
             sizes = refined(attempt, aim)
-        unknowns, iterations = attempt.fields.solved.unknowns.count, len(attempt.result.iterations)
-        spent, work = spent + unknowns, work + iterations * unknowns
-        most = min(GROWTH * unknowns, largest_mesh, 2.0 * largest_mesh - spent)
-        if scene.film.compression == "tension-field":
-            most = min(most, (HARD - work) / iterations)
+        unknowns = attempt.fields.solved.unknowns.count
+        cost = len(attempt.result.iterations) + ESTIMATE
+        work -= cost * unknowns
+        most = min(GROWTH * unknowns, largest_mesh, work / cost)
         if most < LEAST * unknowns:
             break
         finer = solved(sizes.coarsened(most / UNKNOWNS[order]), attempt)

@@ -191,9 +191,9 @@ def _from_afar(
 def _agrees(equilibrium: Equilibrium, point: Iterate, tolerance: float) -> bool:
     """Whether the stress of the strain is that which is in balance, in the energy norm.
 
-    And whether rim and load balance by it, as every result has to. The distance of the two stresses is the error in the
-    constitutive relation (Ladeveze and Leguillon, SIAM J. Numer. Anal. 20 (1983) 485-509), which
-    bounds that of the solution, also where the film is slack and has no stiffness.
+    And whether rim and load balance by it, as every result has to. The distance of the two stresses
+    is the error in the constitutive relation (Ladeveze and Leguillon, SIAM J. Numer. Anal. 20
+    (1983) 485-509), which bounds that of the solution, also where a slack film has no stiffness.
     """
     membrane = equilibrium.membrane
     assert isinstance(membrane, WrinklingMembrane)
