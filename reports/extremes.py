@@ -108,7 +108,9 @@ def _to_check(drawn: list[Drawn], count: int) -> list[int]:
 
 
 def _finer(scene: Scene) -> Scene:
-    return scene.with_(**{"numerics.tolerance": FINER * scene.numerics.tolerance})
+    """The same to a finer tolerance, at which ``auto`` might let bending join."""
+    tolerance = FINER * scene.numerics.tolerance
+    return scene.with_(**{"numerics.tolerance": tolerance, "film.bending": bending_joins(scene)})
 
 
 def _excess(row: Row, finer: Row) -> float:
