@@ -15,7 +15,7 @@ from scipy.sparse.linalg import SuperLU
 from pvdf_fem.continuation import beyond_limit
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.membrane import Array, MembraneState, principal
-from pvdf_fem.newton import Status, compressed, factorise, negative_pivots
+from pvdf_fem.newton import Status, balanced, compressed, factorise, negative_pivots
 from pvdf_fem.tension_field import WrinklingMembrane
 from pvdf_fem.tension_newton import disagreement
 
@@ -39,15 +39,10 @@ def refusal(
     """The status of a solution that is no equilibrium or no minimum; None for one that is."""
     if factors is None:  # the flat film
         return None
-    residual = equilibrium.residual(state)
-    lacking = abs(float(residual @ factors.solve(residual)))
-    forces = equilibrium.load.forces(state.deformation_gradient)
-    work = float((forces * state.dofs[equilibrium.membrane.element_dofs]).sum())
-    balance = abs(equilibrium.rim_reaction(state) + equilibrium.applied_force(state))
     allowed = IMBALANCE
     if isinstance(equilibrium.membrane, WrinklingMembrane):
         allowed = max(allowed, disagreement(equilibrium.scene))
-    if not (lacking <= allowed**2 * work and balance <= allowed * equilibrium.load.force):
+    if not balanced(equilibrium, state, factors, allowed):
         return Status.UNBALANCED
     if not equilibrium.load.conservative and beyond_limit(factors):
         return Status.UNSTABLE

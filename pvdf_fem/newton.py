@@ -279,6 +279,21 @@ def _stable(equilibrium: Equilibrium, factors: SuperLU) -> bool:
     return not equilibrium.load.conservative or negative_pivots(factors) == 0
 
 
+def balanced(
+    equilibrium: Equilibrium, state: MembraneState, factors: SuperLU, allowed: float
+) -> bool:
+    """Whether a state lacks no more than `allowed` of balance.
+
+    Of the displacement, in the energy norm, by the residual; of the load by the rim's reaction.
+    """
+    residual = equilibrium.residual(state)
+    lacking = abs(float(residual @ factors.solve(residual)))
+    forces = equilibrium.load.forces(state.deformation_gradient)
+    work = float((forces * state.dofs[equilibrium.membrane.element_dofs]).sum())
+    balance = abs(equilibrium.rim_reaction(state) + equilibrium.applied_force(state))
+    return lacking <= allowed**2 * work and balance <= allowed * equilibrium.load.force
+
+
 def negative_pivots(factors: SuperLU) -> int:
     """Number of negative eigenvalues of a symmetric matrix, by Sylvester's law of inertia."""
     return int((factors.U.diagonal() < 0).sum())

@@ -9,6 +9,8 @@ comes from `pvdf_fem.interior_point` unless it is known to be near.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from scipy.sparse.linalg import SuperLU
 
@@ -22,6 +24,7 @@ from pvdf_fem.newton import (
     Iteration,
     NewtonResult,
     Status,
+    balanced,
     factorise,
     full_steps,
     newton,
@@ -61,11 +64,15 @@ SLACKENED, MOST_LENGTHS = 0.5, 6
 
 def barely_loaded(scene: Scene) -> bool:
     """Whether a film that wrinkles is much larger than its rim, against the strain of the load."""
+    wrinkles = scene.film.compression == "tension-field"
+    return wrinkles and load_strain(scene) < BARELY * scene.film.thermal_strain
+
+
+def load_strain(scene: Scene) -> float:
+    """(F/(E h a))^(2/3), of the order of the strain that the load makes in a flat film."""
     film = scene.film
     stiffness = film.thickness * film.stiffness[:2, :2].mean()
-    strain = np.cbrt(scene.load.force / (stiffness * film.radius)) ** 2
-    wrinkles = film.compression == "tension-field"
-    return bool(wrinkles and strain < BARELY * film.thermal_strain)
+    return float(np.cbrt(scene.load.force / (stiffness * film.radius)) ** 2)
 
 
 def disagreement(scene: Scene) -> float:
@@ -91,7 +98,8 @@ def equilibrate(
     if dead.status is not Status.CONVERGED:
         return dead
     wrinkles = isinstance(equilibrium.membrane, WrinklingMembrane)
-    return follow(equilibrium, dead.q, tolerance, _nearby if wrinkles else full_steps)
+    solver = partial(_equilibrate, near=True) if wrinkles else full_steps
+    return follow(equilibrium, dead.q, tolerance, solver)
 
 
 def _equilibrate(
@@ -113,14 +121,6 @@ def _equilibrate(
         return _from_afar(equilibrium, start, tolerance, table)
     except (RuntimeError, np.linalg.LinAlgError):  # SuperLU, Cholesky: what rounding leaves
         return NewtonResult(start, Status.MAX_ITERATIONS, tuple(table), None)
-
-
-def _nearby(equilibrium: Equilibrium, q: Array, tolerance: float) -> NewtonResult:
-    """`_newton` from a near `q` with its own stresses."""
-    table: list[Iteration] = []
-    tolerance = max(tolerance, LEFT * equilibrium.scene.numerics.tolerance)
-    found = _newton(equilibrium, q, None, tolerance, table)
-    return found or NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
 
 
 def corrected(
@@ -205,13 +205,7 @@ def _agrees(equilibrium: Equilibrium, point: Iterate, tolerance: float) -> bool:
     state = equilibrium.state(point.q)
     if not square(state.stress - point.stress) < tolerance**2 * square(state.stress):
         return False
-    balance = equilibrium.rim_reaction(state) + equilibrium.applied_force(state)
-    residual = equilibrium.residual(state)
-    lacking = abs(float(residual @ point.factors.solve(residual))) if point.factors else np.inf
-    return bool(
-        abs(balance) < tolerance * equilibrium.load.force
-        and lacking < tolerance**2 * equilibrium.work(state, point.q)
-    )
+    return point.factors is not None and balanced(equilibrium, state, point.factors, tolerance)
 
 
 def _newton(

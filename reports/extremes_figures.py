@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pvdf_fem import Scene
 from pvdf_fem.figures import colours, new_figure, save, style
+from pvdf_fem.tension_newton import load_strain
 from reports.extremes_runs import Row
 
 MARKS = "osD^vP*X"
@@ -17,7 +18,7 @@ MARKS = "osD^vP*X"
 
 def draw_scenes(given: list[Scene], found: list[Row], path: Path) -> None:
     """Endings in the plane of load number and thermal strain."""
-    load = np.array([_load(scene) for scene in given])
+    load = np.array([load_strain(scene) for scene in given])
     strain = np.array([scene.film.thermal_strain for scene in given])
     with style():
         figure = new_figure(160.0, 95.0)
@@ -44,12 +45,6 @@ def draw_times(found: list[Row], path: Path) -> None:
         ax.set_xlabel("unknowns on the last mesh")
         ax.set_ylabel("seconds of the whole solve")
         save(figure, path)
-
-
-def _load(scene: Scene) -> float:
-    film = scene.film
-    stiffness = film.stiffness[:2, :2].mean() * film.thickness * film.radius
-    return float((scene.load.force / stiffness) ** (2 / 3))
 
 
 def _by_status(ax: Axes, x: NDArray[np.float64], y: NDArray[np.float64], found: list[Row]) -> None:

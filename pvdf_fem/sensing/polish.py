@@ -19,7 +19,7 @@ from pvdf_fem.scene import Scene
 from pvdf_fem.sensing.descent import Descent, Problem, descend
 from pvdf_fem.sensing.locate import deviations, location
 from pvdf_fem.sensing.location import Location
-from pvdf_fem.sensing.touch import FORCE, QUANTITIES, Domain, Model, Touch
+from pvdf_fem.sensing.touch import FORCE, QUANTITIES, Domain, Model, Touch, touched
 from pvdf_fem.solution import Solution, solve
 
 Array = NDArray[np.float64]
@@ -143,17 +143,7 @@ def _polished(
 def _finite_element_charges(
     model: Model, at: Array, tolerance: float, solver: Callable[[Scene], Solution]
 ) -> Array:
-    x, y, rotation, force = at.tolist()
-    scene = model.scene.with_(
-        **{
-            "probe.x_mm": x,
-            "probe.y_mm": y,
-            "probe.rotation_deg": rotation,
-            "load.force_N": force,
-            "numerics.tolerance": tolerance,
-        }
-    )
-    solution = solver(scene)
+    solution = solver(touched(model.scene, at, tolerance))
     if solution.status is not Status.CONVERGED:
         raise PolishError(f"polish: the solve at {_place(at)} ended {solution.status}")
     return np.array([solution.charges_pC[name] for name in model.names])

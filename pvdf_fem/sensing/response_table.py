@@ -16,6 +16,7 @@ from pvdf_fem.sensing.cubic_spline import Axis, CubicSpline
 from pvdf_fem.sensing.probe_frame import PolarRaster, mean_stress_about_probe
 from pvdf_fem.sensing.response import Domain, Response
 from pvdf_fem.sensing.rim_places import ProbeCharges, RimPlaces
+from pvdf_fem.sensing.touch import touched
 from pvdf_fem.shapes import PERIOD_DEG
 from pvdf_fem.solution import NotConvergedError
 from pvdf_fem.sweep import solve_all
@@ -126,12 +127,6 @@ def solved(scene: Scene, touches: Array, tolerance: float, processes: int) -> tu
     parts = np.array([record.forces["material"] for record in records])
     parts = parts * [scene.film.d31_pC_N, scene.film.d32_pC_N]
     return parts.sum(axis=-1), np.abs(parts).sum(axis=-1)
-
-
-def touched(scene: Scene, touch: Array, tolerance: float) -> Scene:
-    """The scene of one touch."""
-    changes = dict(zip((*PLACE, "load.force_N"), map(float, touch), strict=True))
-    return scene.with_(**changes, **{"numerics.tolerance": tolerance})
 
 
 def _cell_mm(scene: Scene) -> float:

@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 #: What a touch is made of, in the order of a model's argument.
 QUANTITIES = ("x_mm", "y_mm", "rotation_deg", "force_N")
+# The same in a scene.
+KEYS = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg", "load.force_N")
 X, Y, ROTATION, FORCE = range(4)
 
 #: Charges that a right model would give less often than this are called unexplained.
@@ -184,3 +186,9 @@ class Touch:
 def finite(value: float) -> float | None:
     """The value, or None where JSON has no number for it."""
     return float(value) if np.isfinite(value) else None
+
+
+def touched(scene: Scene, touch: Array, tolerance: float) -> Scene:
+    """The scene of one touch."""
+    changes = dict(zip(KEYS, map(float, touch), strict=True))
+    return scene.with_(**changes, **{"numerics.tolerance": tolerance})
