@@ -7,7 +7,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -358,18 +357,6 @@ def test_no_command_is_a_mistake(capsys: pytest.CaptureFixture[str]) -> None:
     run = Run([], capsys)
     assert run.code == 2
     assert "COMMAND" in run.err
-
-
-def test_interrupt_is_one_line(scene: Path) -> None:
-    def heed() -> None:  # jobs that a shell starts in the background ignore the signal
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-
-    slow = ["--set", "probe.y_mm=0.7", "--set", "numerics.tolerance=2e-8"]  # on the whole film
-    process = python("solve", scene, *slow, preexec_fn=heed)
-    time.sleep(3.0)
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60)
-    assert (process.returncode, out, err) == (130, "", "pvdf-fem: interrupted\n")
 
 
 def test_closed_pipe_is_no_error(scene: Path) -> None:
