@@ -61,10 +61,10 @@ def dataset(grid: Grid, plan: Plan, records: Iterable[tuple[int, Record]]) -> xa
         if not record.converged:
             continue
         film, observable = scenes[index].film, scenes[index].numerics.observable
-        d = [film.d31_pC_N, film.d32_pC_N]
+        d = film.d31_pC_N, film.d32_pC_N
         columns = [names.index(name) for name in record.electrodes]
-        charge[index, columns] = np.reshape(record.forces[observable], (-1, 2)) @ d
-        error[index, columns] = np.abs(np.reshape(record.force_errors[observable], (-1, 2)) @ d)
+        charge[index, columns] = list(record.charges_pC(*d, observable).values())
+        error[index, columns] = list(record.charge_errors_pC(*d, observable).values())
         deflection[index] = record.deflection_max_mm
     dims, first = [axis.name for axis in grid.axes], plan.first
 

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from skfem import Basis, MeshTri2
 
 from pvdf_fem import admissible
@@ -25,6 +24,7 @@ from pvdf_fem.bending_effect import (
     bending_joins,
 )
 from pvdf_fem.charge import Goal, goals_of
+from pvdf_fem.charge_error import charge_errors
 from pvdf_fem.clock import Clock
 from pvdf_fem.fields import Fields, largest
 from pvdf_fem.membrane import Array
@@ -130,7 +130,8 @@ class Solution:
 
     def charge_errors(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
         """Estimated errors in pC of `charges`."""
-        values = np.abs(self.fields.force_errors @ [d31_pC_N, d32_pC_N])
+        fields, d = self.fields, (d31_pC_N, d32_pC_N)
+        values = charge_errors(fields.forces, fields.force_errors, d)
         return dict(zip(self._names, values.tolist(), strict=True))
 
     @property

@@ -21,6 +21,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from pvdf_fem.charge_error import charge_errors
 from pvdf_fem.files import FileError
 from pvdf_fem.scene import Scene
 
@@ -29,9 +30,11 @@ APPLICATION_ID = 0x70766466
 SCHEMA = 2
 # What the numbers of a record depend on.
 NUMERICAL_MODULES = (
-    *("film", "shapes", "outline", "mesh", "membrane", "bending", "bending_effect", "load"),
-    *("equilibrium", "newton", "tension_field", "interior_point", "tension_newton", "admissible"),
-    *("cut", "charge", "estimate", "refine", "sizes", "solution", "equivalence", "plan", "records"),
+    *("quantity", "film", "shapes", "outline", "placement", "scene", "symmetry", "mesh"),
+    *("six_node", "membrane", "bending", "bending_effect", "load", "equilibrium", "newton"),
+    *("continuation", "tension_field", "interior_point", "tension_newton", "admissible"),
+    *("unfold", "fields", "cut", "charge", "charge_error", "estimate", "refine", "sizes"),
+    *("attempt", "solution", "equivalence", "plan", "records"),
 )
 NUMERICAL_PACKAGES = ("gmsh", "numpy", "scikit-fem", "scipy")
 
@@ -80,6 +83,15 @@ class Record:
         values = np.reshape(self.forces[observable], (-1, 2)) @ [d31_pC_N, d32_pC_N]
         return dict(zip(self.electrodes, values.tolist(), strict=True))
 
+    def charge_errors_pC(
+        self, d31_pC_N: float, d32_pC_N: float, observable: str = "material"
+    ) -> dict[str, float]:
+        """Estimated errors of `charges_pC`; `KeyError` for another than the scene's observable."""
+        forces, errors = (of[observable] for of in (self.forces, self.force_errors))
+        of_all = np.reshape(forces, (-1, 2)), np.reshape(errors, (-1, 2))
+        values = charge_errors(*of_all, (d31_pC_N, d32_pC_N))
+        return dict(zip(self.electrodes, values.tolist(), strict=True))
+
     def charge_pC(
         self,
         electrode: str,
@@ -88,7 +100,9 @@ class Record:
         d32_pC_N: float = 8.0,
     ) -> float:
         """Charge in pC of one electrode; NaN for a record without charges."""
-        return self._charge(self.forces, electrode, observable, d31_pC_N, d32_pC_N)
+        if observable not in self.forces:
+            return np.nan
+        return self.charges_pC(d31_pC_N, d32_pC_N, observable)[electrode]
 
     def charge_error_pC(
         self,
@@ -98,14 +112,9 @@ class Record:
         d32_pC_N: float = 8.0,
     ) -> float:
         """Estimated error of `charge_pC`; NaN for another observable than the scene's own."""
-        return abs(self._charge(self.force_errors, electrode, observable, d31_pC_N, d32_pC_N))
-
-    def _charge(
-        self, forces: dict[str, list[list[float]]], electrode: str, observable: str, *d: float
-    ) -> float:
-        if observable not in forces:
+        if observable not in self.force_errors:
             return np.nan
-        return float(np.dot(forces[observable][self.electrodes.index(electrode)], d))
+        return self.charge_errors_pC(d31_pC_N, d32_pC_N, observable)[electrode]
 
 
 class Store:

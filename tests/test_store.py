@@ -1,11 +1,13 @@
 """Results survive: equal after a reload, refused when the file is not ours, solved once."""
 
+import ast
 import sqlite3
+from pathlib import Path
 
 import pytest
 
 from pvdf_fem import Scene
-from pvdf_fem.store import Record, Store, StoreError, key
+from pvdf_fem.store import NUMERICAL_MODULES, Record, Store, StoreError, key
 from pvdf_fem.sweep import solve_all
 
 SCENE = Scene().with_(**{"probe.shape": "circle", "numerics.tolerance": 0.05})
@@ -94,3 +96,21 @@ def test_a_failed_scene_is_a_record_and_the_rest_goes_on():
     failed, solved = solve_all([slack, SCENE], processes=1)
     assert (failed.status, failed.forces) == ("unstable", {})
     assert solved.converged
+
+
+def test_keys_depend_on_every_module_that_numbers_may_depend_on():
+    without_numbers = {"change", "clock", "export", "files", "mistakes", "scene_file", "store"}
+    package = Path(__file__).parents[1] / "pvdf_fem"
+    found, waiting = set(), ["records", "plan"]
+    while waiting:
+        name = waiting.pop()
+        if name in found or not (package / f"{name}.py").exists():
+            continue
+        found.add(name)
+        for node in ast.walk(ast.parse((package / f"{name}.py").read_text())):
+            if isinstance(node, ast.ImportFrom) and node.module == "pvdf_fem":
+                waiting += [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                waiting.append(node.module.removeprefix("pvdf_fem."))
+    assert len(found) > 30
+    assert found - without_numbers == set(NUMERICAL_MODULES)
