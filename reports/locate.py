@@ -29,6 +29,7 @@ from pvdf_fem.page import Page  # noqa: E402
 from pvdf_fem.program import ArgumentParser, run_program  # noqa: E402
 from reports.locate_errors import WAYS, Trial, random_touches  # noqa: E402
 from reports.locate_models import (  # noqa: E402
+    DISC,
     FORCES_N,
     REACH_MM,
     TOLERANCE,
@@ -74,6 +75,7 @@ class Scope:
     map_across: int = 20
 
 
+DISC_FILM = DISC, "biaxial"
 FULL, QUICK = Scope(), Scope(8, 7.0, (0.5, 2.0), 4)
 
 
@@ -97,7 +99,7 @@ def _compare(options: argparse.Namespace) -> int:
             scope.reach_mm,
             scope.forces_N,
         )
-        for probe, film in sorted({(p.probe, p.film) for p in thesis.positions})
+        for probe, film in sorted({(p.probe, p.film) for p in thesis.positions} | {DISC_FILM})
     }
     touches = {
         probe: random_touches(scope.touches, seed, scope.reach_mm, scope.forces_N)

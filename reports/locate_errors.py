@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 #: Relative standard deviations of the charges; 0: exact.
 NOISES = (0.0, 0.005, 0.01, 0.02, 0.05)
 #: What a model is told of exact charges: those of a solve have errors too.
-LEAST_SIGMA = 2e-4
+LEAST_SIGMA = 5e-5
 TRIANGULATED, TURNED = "triangulation, unturned", "triangulation, turned"
 TOLD, LOCATED, FREE = "locate, force known", "locate", "locate, rotation unknown"
 #: The ways, and what each knows.
@@ -185,22 +185,22 @@ class Listed:
     undetermined: int
 
 
-def listed(trial: Trial, count: int, near_mm: float = 0.1) -> Listed:
-    """`locate` with the rotation unknown and exact charges, on the first touches of a trial.
+def listed(trial: Trial, near_mm: float = 0.1) -> Listed:
+    """`locate` with the rotation unknown and exact charges.
 
     A true touch is found if it is listed within `near_mm`, or within three standard deviations,
     or if the touch listed nearby is said to be undetermined.
     """
     found = unique = undetermined = 0
     names = list(trial.electrodes.values())
-    for touch, charges in zip(trial.touches[:count], trial.charges_pC, strict=False):
+    for touch, charges in zip(trial.touches, trial.charges_pC, strict=True):
         given = dict(zip(names, charges.tolist(), strict=True))
         result = locate(trial.model, given, LEAST_SIGMA, unknown=QUANTITIES)
         near = [one for one in result.touches if _near(one, touch, near_mm)]
         found += bool(near)
         unique += not result.ambiguous
         undetermined += any(not one.determined for one in result.touches)
-    return Listed(min(count, len(trial.touches)), found, unique, undetermined)
+    return Listed(len(trial.touches), found, unique, undetermined)
 
 
 def _near(one: Touch, touch: Array, near_mm: float) -> bool:

@@ -20,6 +20,7 @@ from reports.locate_errors import (
     LOCATED,
     NOISES,
     SOUGHT,
+    TOLD,
     TRIANGULATED,
     TURNED,
     WAYS,
@@ -40,7 +41,7 @@ from reports.locate_maps import (
     lattice,
     resolution_picture,
 )
-from reports.locate_models import charges_of, distance_mm, electrodes_of, scene_at
+from reports.locate_models import DISC, charges_of, distance_mm, electrodes_of, scene_at
 from reports.results import Results
 from reports.thesis_data import Position, Thesis
 
@@ -48,7 +49,9 @@ Array = NDArray[np.float64]
 #: Response models by probe and film.
 Models = dict[tuple[str, str], Response]
 
-SHAPES = {"tri7": "triangle", "rect14x7": "rectangle"}
+SHAPES = {"tri7": "triangle", "rect14x7": "rectangle", DISC: "disc"}
+#: A disc's rotation means nothing.
+DISC_WAYS = (TRIANGULATED, TOLD, LOCATED)
 #: Electrodes of the random touches and the maps.
 LAYOUT = "4"
 MAP_NOISE = 0.01
@@ -112,7 +115,8 @@ def _thesis_row(thesis: Thesis, row: Position, model: Response, results: Results
 
 def random_section(probe: str, trial: Trial, drawn: int, out: Path, processes: int) -> Section:
     """Random touches of one probe, exact and noisy charges."""
-    jobs: list[tuple[float, str]] = [(noise, way) for noise in NOISES for way in WAYS]
+    ways = DISC_WAYS if probe == DISC else tuple(WAYS)
+    jobs: list[tuple[float, str]] = [(noise, way) for noise in NOISES for way in ways]
     with_threads = Parallel(processes)
     found: list[Errors] = with_threads(delayed(_by)(trial, noise, way) for noise, way in jobs)
     shape = SHAPES[probe]
@@ -122,9 +126,9 @@ def random_section(probe: str, trial: Trial, drawn: int, out: Path, processes: i
         f"{shape}: share of {len(trial.touches)} touches with an error below the abscissa; a curve "
         "that ends below 1 leaves failures. Dotted: Cramér-Rao bound, rotation known."
     )
-    count = min(200, len(trial.touches))
-    told = listed(trial, count)
-    texts = [_sentence(found, trial), _listed_sentence(shape, told)]
+    texts = [_sentence(found, trial)]
+    if FREE in ways:
+        texts.append(_listed_sentence(shape, listed(trial)))
     if failed := drawn - len(trial.touches):
         texts.append(f"Left out for want of a solution: {failed} of {drawn} touches.")
     blocks: list[Table | Picture] = [
@@ -222,9 +226,9 @@ def _picture(found: Sequence[Errors], trial: Trial, path: Path) -> None:
         figure = new_figure(170, 80)
         axes = figure.subplots(1, len(shown), sharey=True)
         for ax, noise in zip(axes, shown, strict=True):
-            for way, ink in zip(WAYS, COLOURS, strict=False):
-                one = next(e for e in found if (e.way, e.noise) == (way, noise))
-                ax.plot(*fractions(one.place_mm), color=ink, label=way)
+            inks = dict(zip(WAYS, COLOURS, strict=False))
+            for one in (e for e in found if e.noise == noise):
+                ax.plot(*fractions(one.place_mm), color=inks[one.way], label=one.way)
             if noise:
                 bound = fractions(bounds_mm(trial, noise, draws=8))
                 ax.plot(*bound, ":", color="black", label=f"Cramér-Rao bound of {LOCATED}")
@@ -247,7 +251,7 @@ def map_section(models: Models, reach_mm: float, across: int, out: Path, process
             delayed(judged)(models[probe, "biaxial"], names, at, 0.0, MAP_NOISE) for at in places
         )
         for probe, shape in SHAPES.items()
-        if (probe, "biaxial") in models
+        if probe != DISC and (probe, "biaxial") in models
     }
     resolution_picture(places, found, out / "resolution.svg")
     ambiguity_picture(places, found, out / "ambiguity.svg")

@@ -111,6 +111,8 @@ def test_the_report_of_locations(tmp_path, monkeypatch):
     assert len(rows) == 1 + 5 * 5
     assert any(row.split(",")[1] == LOCATED for row in rows)
     assert any(TURNED in row for row in rows)
+    rows = (tmp_path / "errors_disc.csv").read_text().splitlines()
+    assert len(rows) == 1 + 5 * 3
     assert {"resolution.svg", "ambiguity.svg"} <= {file.name for file in tmp_path.iterdir()}
 
 
