@@ -48,6 +48,8 @@ class Correction:
     state : MembraneState
         Fields of `start`, where the correction took its tangent.
     prolong : sparse matrix (rich unknowns, coarse unknowns)
+    iterations : int
+        Newton's in the richer space, if a linear correction was not enough.
     """
 
     rich: Equilibrium
@@ -55,6 +57,7 @@ class Correction:
     q: Array
     state: MembraneState
     prolong: sp.csr_matrix
+    iterations: int = 0
 
 
 def correct(

@@ -120,7 +120,7 @@ class SizeField:
             lowered = at_vertices.copy()
             np.minimum.at(lowered, a, at_vertices[b] + rise)
             np.minimum.at(lowered, b, at_vertices[a] + rise)
-            if np.array_equal(lowered, at_vertices):
+            if not (lowered < at_vertices).any():
                 return cls(mesh, at_vertices)
             at_vertices = lowered
 

@@ -30,10 +30,13 @@ def refined_sizes(mesh: MeshTri2, shares: Array, reduction: float) -> SizeField:
     mesh : MeshTri2
     shares : (elements,)
         Share of each element in the error.
+        Where all are zero, as on a slack film, they count as equal.
     reduction : float
         Wanted sum of shares over the present one.
     """
-    share = np.maximum(shares / shares.sum(), 1e-12)
+    total = shares.sum()
+    share = shares / total if total > 0.0 else np.full(len(shares), 1.0 / len(shares))
+    share = np.maximum(share, 1e-12)
     factor = share ** (-1.0 / (ORDER + 2.0))
     factor *= (reduction / (share ** (2.0 / (ORDER + 2.0))).sum()) ** (1.0 / ORDER)
     sizes = element_sizes(mesh) * np.clip(factor, *CHANGE)

@@ -42,12 +42,12 @@ SAFETY, SLOW = 0.5, 0.7
 MAX_MESHES = 10
 # Neither meshes of more unknowns are made nor more work is done, so that a solve takes less than
 # 20 s on one core at the usual tolerance; a finer one may take longer. Work is unknowns times
-# Newton iterations, of which an error estimate costs as much as so many. That of a film that
-# wrinkles may need iterations too, and tension that concentrates in lines ever more of both.
+# Newton iterations, of which an error estimate costs as much as so many, or as so many for each of
+# its own. A film that wrinkles needs these, and tension that concentrates in lines ever more.
 USUAL = 1e-3
-MAX_UNKNOWNS = {"refuse": 60_000, "tension-field": 20_000}
-MAX_WORK = {"refuse": 2.8e6, "tension-field": 5e5}
-ESTIMATE = 8
+MAX_UNKNOWNS = {"refuse": 60_000, "tension-field": 25_000}
+MAX_WORK = {"refuse": 2.8e6, "tension-field": 1e6}
+ESTIMATE, RICH_ITERATION = 8, 4
 # A coarse mesh shows singular corners, and the kinks of a film that wrinkles, larger than they are
 # and in the wrong places, so that the next one has at most so many times its unknowns. One that
 # may only have less than the second part of them would not be better.
@@ -280,7 +280,7 @@ def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock:
         with clock("refine"):
             sizes = refined(attempt, aim)
         unknowns = attempt.fields.solved.unknowns.count
-        cost = len(attempt.result.iterations) + ESTIMATE
+        cost = _cost(attempt)
         work -= cost * unknowns
         most = min(GROWTH * unknowns, largest_mesh, work / cost)
         if most < LEAST * unknowns:
@@ -292,6 +292,12 @@ def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock:
             aim *= SAFETY
         attempt = finer
     return attempt
+
+
+def _cost(attempt: Attempt) -> int:
+    """Newton iterations, and those that the error estimate is worth."""
+    rich = attempt.correction.iterations if attempt.correction else 0
+    return len(attempt.result.iterations) + max(ESTIMATE, RICH_ITERATION * rich)
 
 
 def _finish(attempt: Attempt, clock: Clock) -> Solution:

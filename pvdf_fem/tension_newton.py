@@ -136,10 +136,11 @@ def corrected(
         return correction
     prolong = prolongation(coarse, rich)
     start = prolong @ q
-    result = equilibrate(rich, start, RICH_TOLERANCE, near=True)
+    result = _equilibrate(rich, start, RICH_TOLERANCE, near=True)
     if result.status is not Status.CONVERGED:
         return result.status
-    return Correction(rich, start, result.q, rich.state(start), prolong)
+    iterations = len(result.iterations)
+    return Correction(rich, start, result.q, rich.state(start), prolong, iterations)
 
 
 def _lacking(correction: Correction) -> bool:

@@ -1,0 +1,42 @@
+"""Sizes of the next mesh from the shares of elements in the error."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from discs import RECTANGLE, graded_mesh
+
+from pvdf_fem import Scene, solve
+from pvdf_fem.refine import refined_sizes
+
+
+def test_elements_without_any_share_are_refined_alike() -> None:
+    """On a slack film no element has a share in the error of a charge."""
+    mesh = graded_mesh(RECTANGLE, 1.5, 8.0)
+    none = np.zeros(mesh.nelements)
+    for reduction in (0.5, 1e-4):
+        sizes = refined_sizes(mesh, none, reduction)
+        assert sizes.sizes == pytest.approx(refined_sizes(mesh, none + 1.0, reduction).sizes)
+
+
+def test_an_error_of_so_many_times_less_takes_so_many_more_elements() -> None:
+    """Equal shares e h^3: a reduction by 8 halves all sizes."""
+    mesh = graded_mesh(RECTANGLE, 1.5, 8.0)
+    even = np.ones(mesh.nelements)
+    whole, halved = (refined_sizes(mesh, even, reduction).sizes for reduction in (1.0, 0.125))
+    assert halved == pytest.approx(0.5 * whole, rel=0.05)
+
+
+def test_electrodes_on_a_slack_film_have_no_result() -> None:
+    """A load far too small for the heat: a status in bounded time, where sizes once were NaN."""
+    scene = Scene().with_(
+        electrodes=[{"name": "A", "x_mm": 0.0, "y_mm": 0.0, "side_mm": 0.3}],
+        probe={"side_mm": 0.4, "x_mm": -33.0, "y_mm": -28.0},
+        **{
+            "film.temperature_change_K": 0.0066,
+            "film.compression": "tension-field",
+            "load.force_N": 1e-8,
+            "numerics.tolerance": 0.05,
+        },
+    )
+    assert solve(scene).status == "slack"
