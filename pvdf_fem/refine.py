@@ -29,8 +29,8 @@ def refined_sizes(mesh: MeshTri2, shares: Array, reduction: float) -> SizeField:
     ----------
     mesh : MeshTri2
     shares : (elements,)
-        Share of each element in the error.
-        Where all are zero, as on a slack film, they count as equal.
+        Share of each element in the error. Where all are zero, as on a slack film, they count as
+        equal.
     reduction : float
         Wanted sum of shares over the present one.
     """

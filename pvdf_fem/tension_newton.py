@@ -136,6 +136,7 @@ def corrected(
         return correction
     prolong = prolongation(coarse, rich)
     start = prolong @ q
+    # the start is near: where that does not help, following the load's path would not be worth it
     result = _equilibrate(rich, start, RICH_TOLERANCE, near=True)
     if result.status is not Status.CONVERGED:
         return result.status

@@ -225,8 +225,8 @@ def _picture(found: Sequence[Errors], trial: Trial, path: Path) -> None:
     with style():
         figure = new_figure(170, 80)
         axes = figure.subplots(1, len(shown), sharey=True)
+        inks = dict(zip(WAYS, COLOURS, strict=False))
         for ax, noise in zip(axes, shown, strict=True):
-            inks = dict(zip(WAYS, COLOURS, strict=False))
             for one in (e for e in found if e.noise == noise):
                 ax.plot(*fractions(one.place_mm), color=inks[one.way], label=one.way)
             if noise:
