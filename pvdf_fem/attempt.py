@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from skfem import MeshTri2
 
 from pvdf_fem.bending import LOWEST_ORDER
-from pvdf_fem.charge import Goal, goal_forces, goal_gradients
+from pvdf_fem.charge import Goal, charge_sizes, goal_forces, goal_gradients
 from pvdf_fem.clock import Clock
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.estimate import Correction, indicators, prolongation
@@ -20,13 +20,12 @@ from pvdf_fem.mesh import SizeField
 from pvdf_fem.newton import NewtonResult, Status
 from pvdf_fem.refine import refined_sizes, transferred
 from pvdf_fem.scene import Scene
+from pvdf_fem.settled import Settled
 from pvdf_fem.symmetry import Part
 from pvdf_fem.tension_newton import barely_loaded, corrected, equilibrate
 
 # Newton's last step in the orders below, whose discretisation errors are larger.
 START_TOLERANCE = 3e-2
-# Of the charge that the film's mean stress would make: less is none, whose error is not relative.
-NOTHING = 1e-6
 # Charges that a refined mesh follows, those with the largest errors.
 MOST_DUALS = 32
 # The next order takes away only half of the error that the singular edge of a rigid probe makes,
@@ -59,17 +58,10 @@ class Attempt:
 
     @cached_property
     def charge_sizes(self) -> Array:
-        """|d31 X| + |d32 Y| of each electrode in C, (goals,), or what is nothing beside the film's.
-
-        An electrode on slack film, or under a probe that holds it, has next to none.
-        """
-        membrane, state = self.fields.solved.membrane, self.fields.solved_state
-        stress = np.abs(membrane.stress(state.strain)[..., :2]) * membrane.weights[..., None]
-        mean = stress.sum(axis=(0, 1)) / membrane.weights.sum()
-        areas = np.array([goal.outline.area for goal in self.goals])
-        sizes = np.abs(self.fields.forces * self._d).sum(axis=1)
-        sizes = np.maximum(sizes, NOTHING * areas * (np.abs(self._d) @ mean))
-        return np.where(sizes > 0.0, sizes, 1.0)
+        """`charge.charge_sizes` of the goals, (goals,)."""
+        fields = self.fields
+        weights = fields.solved.membrane.weights
+        return charge_sizes(self.goals, fields.solved_state, fields.forces, weights)
 
     @property
     def _d(self) -> Array:
@@ -88,19 +80,21 @@ def solve_on(
     """Solve on the mesh of a part of the film, from the solution on a coarser one if there is."""
     with clock("solve"):
         equilibrium = Equilibrium(scene, mesh, order, part)
+        settled = Settled(goals, equilibrium)
         # what a change of mesh leaves of a heated film's stress leads nowhere
         if coarser is None or scene.film.thermal_strain > 0.0:
             start = _start(equilibrium)
+            result = equilibrate(equilibrium, start, near=start is not None, settled=settled)
         else:
-            start = _carried_over(coarser, equilibrium)
-        result = equilibrate(equilibrium, start, near=start is not None)
+            start, lower = _carried_over(coarser, equilibrium), partial(_start, equilibrium)
+            result = equilibrate(equilibrium, start, near=True, settled=settled, other=lower)
         x = equilibrium.unknowns.expand(result.q)
         forces = goal_forces(goals, equilibrium.membrane, x, part)
     correction, errors = None, np.zeros_like(forces)
     if result.status is Status.CONVERGED and result.factors is not None:
         with clock("estimate"):
             rich = Equilibrium(scene, mesh, order + 1, part)
-            found = corrected(equilibrium, result.q, result.factors, rich)
+            found = corrected(equilibrium, result.q, result.factors, rich, Settled(goals, rich))
         if isinstance(found, Status):
             result = replace(result, status=found)
         else:

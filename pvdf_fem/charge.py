@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from skfem import MeshTri2
 
 from pvdf_fem.cut import area_cut, edge_cut, line_cut
-from pvdf_fem.membrane import IDENTITY, Array, Membrane, strain_of
+from pvdf_fem.membrane import IDENTITY, Array, Membrane, MembraneState, strain_of
 from pvdf_fem.mesh import electrode_patch
 from pvdf_fem.outline import Circle, Outline, Polygon, mapped
 from pvdf_fem.scene import Scene
@@ -38,6 +38,8 @@ Stress = Callable[[Membrane, Array], Array]
 COMPLEX_STEP = 1e-30
 # How near to a rectangle's side a midpoint lies that is on it, relative to the rectangle.
 ON_SIDE = 1e-6
+# Of the charge that the film's mean stress would make: less is none, whose error is not relative.
+NOTHING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +156,22 @@ def goal_forces(goals: Sequence[Goal], membrane: Membrane, x: Array, part: Part 
             along = (summed * directions[sample.images, axis]).sum(axis=1)
             forces[:, axis] += np.bincount(own[sample.images], along, len(goals))
     return forces
+
+
+def charge_sizes(
+    goals: Sequence[Goal], state: MembraneState, forces: Array, weights: Array
+) -> Array:
+    """|d31 X| + |d32 Y| of each electrode in C, (goals,), or what is nothing beside the film's.
+
+    An electrode on slack film, or under a probe that holds it, has next to none. `weights`
+    (elements, points) are those of the state's quadrature points, m^2.
+    """
+    stress = np.abs(state.stress[..., :2]) * weights[..., None]
+    mean = stress.sum(axis=(0, 1)) / weights.sum()
+    d = np.abs(np.reshape([goal.d for goal in goals], (-1, 2)))
+    areas = np.array([goal.outline.area for goal in goals])
+    sizes = np.maximum((np.abs(forces) * d).sum(axis=1), NOTHING * areas * (d @ mean))
+    return np.where(sizes > 0.0, sizes, 1.0)
 
 
 def goal_gradients(

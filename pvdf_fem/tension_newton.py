@@ -9,7 +9,8 @@ comes from `pvdf_fem.interior_point` unless it is known to be near.
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from scipy.sparse.linalg import SuperLU
@@ -31,6 +32,7 @@ from pvdf_fem.newton import (
     seed,
 )
 from pvdf_fem.scene import Scene
+from pvdf_fem.settled import Settled, Watch
 from pvdf_fem.tension_field import GivenModuli, WrinklingMembrane
 
 MAX_ITERATIONS = 120
@@ -55,8 +57,10 @@ LEFT = 1e-2
 DISAGREEMENT = 1e-1
 # Newton's method is given up after this many steps, or when a step is larger than that.
 MOST_STEPS, LARGEST_STEP = 25, 3.0
-# Nor does it lead anywhere if a step has to be shortened to this part.
-SHORTEST = 0.02
+# Given up after no more than so many, it started from too far away, and another start may help.
+FEW_STEPS = 2
+# Nor does it lead anywhere if a step larger than one of the two has to be shortened to the other.
+MIDDLING, SHORTEST = 0.05, 0.02
 # Of the slope of the energy at the start of a step, that which may be left at its end, and the
 # lengths that are tried for it.
 SLACKENED, MOST_LENGTHS = 0.5, 6
@@ -86,24 +90,45 @@ def equilibrate(
     tolerance: float = STEP_TOLERANCE,
     *,
     near: bool = False,
+    settled: Settled | None = None,
+    other: Callable[[], Array | None] | None = None,
 ) -> NewtonResult:
     """The equilibrium of a scene from the unknowns `q`, or from its seed, whatever the film does.
 
-    Parameters and result are those of `newton.newton`.
+    Parameters and result are those of `newton.newton`, and where the film wrinkles:
+
+    Parameters
+    ----------
+    settled : Settled, optional
+        Charges that Newton's last steps must leave as they are.
+    other : callable, optional
+        Makes another near start, for when the one given turns out to be far away.
     """
-    result = _equilibrate(equilibrium, q, tolerance, near=near)
+    result = _equilibrate(equilibrium, q, tolerance, settled, other, near=near)
     if result.status is Status.CONVERGED or equilibrium.load.conservative:
         return result
     dead = _equilibrate(turned(equilibrium, 0.0), None, tolerance, near=False)
     if dead.status is not Status.CONVERGED:
         return dead
     wrinkles = isinstance(equilibrium.membrane, WrinklingMembrane)
-    solver = partial(_equilibrate, near=True) if wrinkles else full_steps
+    if not wrinkles:
+        return follow(equilibrium, dead.q, tolerance, full_steps)
+
+    def solver(turned: Equilibrium, start: Array, wanted: float) -> NewtonResult:
+        last = settled if wanted == tolerance else None
+        return _equilibrate(turned, start, wanted, last, near=True)
+
     return follow(equilibrium, dead.q, tolerance, solver)
 
 
 def _equilibrate(
-    equilibrium: Equilibrium, q: Array | None, tolerance: float, *, near: bool
+    equilibrium: Equilibrium,
+    q: Array | None,
+    tolerance: float,
+    settled: Settled | None = None,
+    other: Callable[[], Array | None] | None = None,
+    *,
+    near: bool,
 ) -> NewtonResult:
     if not isinstance(equilibrium.membrane, WrinklingMembrane):
         return newton(equilibrium, seed(equilibrium) if q is None else q, tolerance, near=near)
@@ -114,17 +139,26 @@ def _equilibrate(
     start = deflected(equilibrium) if q is None else q
     tolerance = max(tolerance, LEFT * equilibrium.scene.numerics.tolerance)
     try:
-        if q is not None and near and (result := _newton(equilibrium, q, None, tolerance, table)):
-            return result
+        if q is not None and near:
+            if result := _newton(equilibrium, q, None, tolerance, table, settled):
+                return result
+            if other is not None and len(table) <= FEW_STEPS and (another := other()) is not None:
+                start = another
+                if result := _newton(equilibrium, start, None, tolerance, table, settled):
+                    return result
         if not equilibrium.load.conservative:  # interior points are for a dead load
             return NewtonResult(start, Status.MAX_ITERATIONS, tuple(table), None)
-        return _from_afar(equilibrium, start, tolerance, table)
+        return _from_afar(equilibrium, start, tolerance, table, settled)
     except (RuntimeError, np.linalg.LinAlgError):  # SuperLU, Cholesky: what rounding leaves
         return NewtonResult(start, Status.MAX_ITERATIONS, tuple(table), None)
 
 
 def corrected(
-    coarse: Equilibrium, q: Array, factors: SuperLU, rich: Equilibrium
+    coarse: Equilibrium,
+    q: Array,
+    factors: SuperLU,
+    rich: Equilibrium,
+    settled: Settled | None = None,
 ) -> Correction | Status:
     """The solution `q` of `coarse` in the space of `rich`, or why there is none to be found.
 
@@ -136,8 +170,9 @@ def corrected(
         return correction
     prolong = prolongation(coarse, rich)
     start = prolong @ q
+    last = settled and replace(settled, start=start)
     # the start is near: where that does not help, following the load's path would not be worth it
-    result = _equilibrate(rich, start, RICH_TOLERANCE, near=True)
+    result = _equilibrate(rich, start, RICH_TOLERANCE, last, near=True)
     if result.status is not Status.CONVERGED:
         return result.status
     iterations = len(result.iterations)
@@ -173,19 +208,25 @@ def deflected(equilibrium: Equilibrium) -> Array:
 
 
 def _from_afar(
-    equilibrium: Equilibrium, q: Array, tolerance: float, table: list[Iteration]
+    equilibrium: Equilibrium,
+    q: Array,
+    tolerance: float,
+    table: list[Iteration],
+    settled: Settled | None,
 ) -> NewtonResult:
     points, gap = interior_points(equilibrium, q), FIRST_GAP
     most = np.clip(MOST_WORK / equilibrium.unknowns.count, MOST_STEPS, MAX_ITERATIONS)
     allowed = max(tolerance, disagreement(equilibrium.scene))
+    watch = Watch(settled, equilibrium.state(q))
     while len(table) < most and gap > NARROWER * LAST_GAP:
         point = next(points)
         table.append(Iteration(point.gap, point.length, True, True))
         if 0.0 < point.gap < gap:
-            if result := _newton(equilibrium, point.q, point.stress, tolerance, table):
+            if result := _newton(equilibrium, point.q, point.stress, tolerance, table, settled):
                 return result
             gap = NARROWER * point.gap
-        if 0.0 < point.gap < allowed**2 and _agrees(equilibrium, point, allowed):
+        left = watch.left(equilibrium.state(point.q))
+        if 0.0 < point.gap < allowed**2 and left <= 1.0 and _agrees(equilibrium, point, allowed):
             return NewtonResult(point.q, Status.CONVERGED, tuple(table), point.factors)
     return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
 
@@ -216,11 +257,13 @@ def _newton(
     predicted: Array | None,
     tolerance: float,
     table: list[Iteration],
+    settled: Settled | None,
 ) -> NewtonResult | None:
     """Newton's method for the exact law with predicted stresses; None if it leads nowhere."""
     membrane = equilibrium.membrane
     assert isinstance(membrane, WrinklingMembrane)
     state, size = equilibrium.state(q), DAMPING
+    watch = Watch(settled, state)
     if predicted is None:
         predicted = state.stress
     for _ in range(MOST_STEPS):
@@ -238,14 +281,15 @@ def _newton(
         if size < LARGEST_STEP and equilibrium.load.conservative:
             length = _length(equilibrium, q, step, float(residual @ step))
         table.append(Iteration(size, length, False, True))
-        if not size < LARGEST_STEP or (length < SHORTEST and size >= tolerance):
+        if not size < LARGEST_STEP or (length < SHORTEST and size > MIDDLING):
             return None
         gradient = membrane.gradient(equilibrium.unknowns.expand(length * step))
         strain = strain + strain_rate(state.deformation_gradient, gradient)
         predicted = membrane.law.stress(strain)
         q = q + length * step
         state = equilibrium.state(q)
-        if size < tolerance:
+        left = watch.left(state)
+        if size < tolerance and left <= 1.0:
             tangent = equilibrium.tangent(state)
             return NewtonResult(q, Status.CONVERGED, tuple(table), factorise(tangent))
     return None
