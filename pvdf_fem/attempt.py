@@ -35,7 +35,7 @@ MOST_DUALS = 32
 # estimates are raised by this.
 EDGE_FACTOR, KINK_FACTOR = 2.0, 1.6
 # The same of a film that bends: 0.85 to 1.1, beside what its layers leave (`layers`).
-BENT_FACTOR = 1.2
+BENT_FACTOR = 1.1
 # The layers' part of an estimate that is small enough whatever the mesh, of the tolerance aimed at.
 SMALL = 0.25
 

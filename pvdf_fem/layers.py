@@ -27,7 +27,7 @@ from pvdf_fem.mesh import element_sizes
 # The part of their bending forces that elements much larger than the bending length leave
 # uncertain, and how many such lengths large those are that leave half of it. Elements of three
 # bending lengths leave a fiftieth, as a plate stretched from its rim shows.
-UNCERTAIN, HALF = 0.3, 8.0
+UNCERTAIN, HALF = 0.3, 12.0
 
 
 @dataclass(frozen=True, eq=False)

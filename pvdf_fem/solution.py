@@ -47,7 +47,8 @@ MAX_MESHES = 10
 USUAL = 1e-3
 MAX_UNKNOWNS = {"refuse": 60_000, "tension-field": 25_000}
 MAX_WORK = {"refuse": 2.8e6, "tension-field": 1e6}
-ESTIMATE, RICH_ITERATION = 8, 4
+# A film that bends has one more matrix to make and to look for compression in.
+ESTIMATE, ESTIMATE_BENT, RICH_ITERATION = 8, 16, 4
 # A coarse mesh shows singular corners, and the kinks of a film that wrinkles, larger than they are
 # and in the wrong places, so that the next one has at most so many times its unknowns. One that
 # may only have less than the second part of them would not be better.
@@ -288,16 +289,20 @@ def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock:
         finer = solved(sizes.coarsened(most / UNKNOWNS[order]), attempt)
         if finer.result.status is Status.MAX_ITERATIONS:
             break
-        if finer.worst > SLOW * attempt.worst:
+        slow = finer.worst > SLOW * attempt.worst
+        if slow:
             aim *= SAFETY
-        attempt = finer
+        attempt, exhausted = finer, slow and unknowns > LEAST * largest_mesh
+        if exhausted:
+            break
     return attempt
 
 
 def _cost(attempt: Attempt) -> int:
     """Newton iterations, and those that the error estimate is worth."""
     rich = attempt.correction.iterations if attempt.correction else 0
-    return len(attempt.result.iterations) + max(ESTIMATE, RICH_ITERATION * rich)
+    estimate = ESTIMATE if attempt.fields.solved.bending is None else ESTIMATE_BENT
+    return len(attempt.result.iterations) + max(estimate, RICH_ITERATION * rich)
 
 
 def _finish(attempt: Attempt, clock: Clock) -> Solution:
