@@ -7,22 +7,24 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial import cKDTree
 from skfem import MeshTri2
 
 from pvdf_fem.bending import LOWEST_ORDER
 from pvdf_fem.charge import Goal, goal_forces, goal_gradients
 from pvdf_fem.clock import Clock
 from pvdf_fem.equilibrium import Equilibrium
-from pvdf_fem.estimate import Correction, indicators, prolongation
+from pvdf_fem.estimate import Correction, correct, indicators, prolongation
 from pvdf_fem.fields import Fields
-from pvdf_fem.layers import Layers
+from pvdf_fem.layers import Layers, left
 from pvdf_fem.membrane import Array
-from pvdf_fem.mesh import SizeField
-from pvdf_fem.newton import NewtonResult, Status
+from pvdf_fem.mesh import SizeField, element_sizes
+from pvdf_fem.newton import NewtonResult, Status, compressed, full_steps, negative_pivots
+from pvdf_fem.outline import Polygon
 from pvdf_fem.refine import refined_sizes, transferred
 from pvdf_fem.scene import Scene
 from pvdf_fem.symmetry import Part
-from pvdf_fem.tension_newton import barely_loaded, corrected, equilibrate
+from pvdf_fem.tension_newton import RICH_TOLERANCE, barely_loaded, corrected, equilibrate
 
 # Newton's last step in the orders below, whose discretisation errors are larger.
 START_TOLERANCE = 3e-2
@@ -36,6 +38,9 @@ MOST_DUALS = 32
 EDGE_FACTOR, KINK_FACTOR = 2.0, 1.6
 # The same of a film that bends: 0.85 to 1.1, beside what its layers leave (`layers`).
 BENT_FACTOR = 1.1
+# The part of an error that elements at a punch's corners may make together, and by how much they
+# become smaller at the most.
+CORNERS, SHARPEST = 0.5, 0.01
 # The layers' part of an estimate that is small enough whatever the mesh, of the tolerance aimed at.
 SMALL = 0.25
 
@@ -103,7 +108,7 @@ def solve_on(
     if result.status is Status.CONVERGED and result.factors is not None:
         with clock("estimate"):
             rich = Equilibrium(scene, mesh, order + 1, part)
-            found = corrected(equilibrium, result.q, result.factors, rich)
+            found = _corrected(equilibrium, result, rich)
         if isinstance(found, Status):
             result = replace(result, status=found)
         else:
@@ -112,13 +117,39 @@ def solve_on(
             errors = goal_forces(goals, rich.membrane, x, part) - forces
             if layers := Layers.of(equilibrium, equilibrium.state(result.q)):
                 x = equilibrium.unknowns.expand(result.q + layers.change(result.factors))
-                left = goal_forces(goals, equilibrium.membrane, x, part) - forces
-                errors = _added(BENT_FACTOR * errors, left, goals)
+                more = goal_forces(goals, equilibrium.membrane, x, part) - forces
+                errors = _added(BENT_FACTOR * errors, more, goals)
             elif scene.load.kind == "rigid":
                 errors *= EDGE_FACTOR
             elif scene.film.compression == "tension-field":
                 errors *= KINK_FACTOR
     return Attempt(scene, goals, result, Fields(equilibrium, result.q, forces, errors), correction)
+
+
+def _corrected(
+    equilibrium: Equilibrium, result: NewtonResult, rich: Equilibrium
+) -> Correction | Status:
+    """The solution in the richer space, or why there is none; of a film that bends in a few steps.
+
+    Where these lead nowhere, the film in compression buckles into waves that its mesh is too coarse
+    for: Newton's method from afar would take minutes to say no more.
+    """
+    assert result.factors is not None
+    if equilibrium.bending is None:
+        return corrected(equilibrium, result.q, result.factors, rich)
+    if correction := correct(equilibrium, result.q, result.factors, rich):
+        return correction
+    prolong = prolongation(equilibrium, rich)
+    start = prolong @ result.q
+    found = full_steps(rich, start, RICH_TOLERANCE)
+    unstable = rich.load.conservative and compressed(rich.state(start))
+    if found.factors is not None and unstable:
+        unstable = negative_pivots(found.factors) > 0
+    if unstable:
+        return Status.UNSTABLE
+    if found.status is not Status.CONVERGED:
+        return found.status
+    return Correction(rich, start, found.q, rich.state(start), prolong, len(found.iterations))
 
 
 def _added(errors: Array, more: Array, goals: Sequence[Goal]) -> Array:
@@ -165,7 +196,29 @@ def refined(attempt: Attempt, tolerance: float) -> SizeField:
     most: Array | float = np.inf
     if layers := Layers.of(solved, attempt.fields.solved_state):
         right = correction.prolong.T @ (rich.unknowns.expansion.T @ gradients)
-        by_layers = layers.shares(factors.solve(right, "T")).max(axis=1)
-        if (total := by_layers.sum()) > SMALL * tolerance:
-            most = layers.sizes(by_layers, max(reduction, SMALL * tolerance / total))
-    return refined_sizes(rich.membrane.mesh, shares, reduction, most)
+        effects = layers.effects(factors.solve(right, "T")).max(axis=1)
+        total = float((effects * left(layers.widths)).sum())
+        most = layers.sizes(effects, max(reduction * total, SMALL * tolerance))
+        if attempt.scene.load.kind == "rigid":
+            most = np.minimum(
+                most, _at_corners(attempt.scene, rich.membrane.mesh, shares, reduction)
+            )
+    stiff = solved.load.patch if solved.load.kind == "rigid" else None
+    return refined_sizes(rich.membrane.mesh, shares, reduction, most, stiff)
+
+
+def _at_corners(scene: Scene, mesh: MeshTri2, shares: Array, reduction: float) -> Array:
+    """Sizes of the elements at a punch's corners, m, and infinite ones of all others.
+
+    A plate clamped along the edges of a corner has moments that grow to it as the root of the
+    distance falls, so that an element's share is but proportional to its size.
+    """
+    sizes = np.full(mesh.nelements, np.inf)
+    outline = scene.probe.outline if scene.probe else None
+    if isinstance(outline, Polygon):
+        near = cKDTree(mesh.p.T).query(outline.vertices)[1]
+        corners = np.isin(mesh.t, near).any(axis=0)
+        wanted = CORNERS * reduction * shares.sum() / corners.sum()
+        factor = wanted / np.maximum(shares[corners], wanted)
+        sizes[corners] = element_sizes(mesh)[corners] * np.maximum(factor, SHARPEST)
+    return sizes

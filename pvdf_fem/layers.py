@@ -25,9 +25,22 @@ from pvdf_fem.membrane import Array, MembraneState
 from pvdf_fem.mesh import element_sizes
 
 # The part of their bending forces that elements much larger than the bending length leave
-# uncertain, and how many such lengths large those are that leave half of it. Elements of three
-# bending lengths leave a fiftieth, as a plate stretched from its rim shows.
+# uncertain, and how many such lengths large those are that leave half of it.
 UNCERTAIN, HALF = 0.3, 12.0
+# The same of what the other order finds, in a plate stretched from its rim.
+FOUND, FOUND_HALF = 0.06, 6.0
+# Sizes that are tried, in bending lengths.
+WIDTHS = np.geomspace(0.01, 1e4, 400)
+
+
+def uncertain(widths: Array) -> Array:
+    """Part of the bending forces of elements of so many bending lengths that is uncertain."""
+    return np.asarray(UNCERTAIN * widths**4 / (widths**4 + HALF**4))
+
+
+def left(widths: Array) -> Array:
+    """Part of what these forces change that such elements leave, with all errors."""
+    return np.asarray(uncertain(widths) + FOUND * widths**3 / (widths**3 + FOUND_HALF**3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,17 +50,16 @@ class Layers:
     Attributes
     ----------
     bending : Bending
-    lengths : (elements,)
-        Bending length sqrt(D/N) for the largest tension in an element, m.
-    uncertain : (elements,)
-        Part of an element's bending forces that is uncertain.
+    lengths, widths : (elements,)
+        Bending length sqrt(D/N) for the largest tension in an element, m; the element's size over
+        that.
     values : (values,)
-        These forces, as those of the values of ``bending.form.strains``.
+        Bending forces of the values of ``bending.form.strains``.
     """
 
     bending: Bending
     lengths: Array
-    uncertain: Array
+    widths: Array
     values: Array
 
     @classmethod
@@ -62,18 +74,17 @@ class Layers:
         tension = np.maximum(film.thickness * largest.max(axis=1), np.finfo(float).tiny)
         lengths = np.sqrt(np.sqrt(D[0, 0] * D[1, 1]) / tension)
         widths = element_sizes(equilibrium.membrane.mesh) / lengths
-        uncertain = UNCERTAIN * widths**4 / (widths**4 + HALF**4)
-        form = bending.form
-        values = form.stiffness @ (form.strains @ state.dofs[2::3])
-        return cls(bending, lengths, uncertain, uncertain[form.elements] * values)
+        values = bending.form.stiffness @ (bending.form.strains @ state.dofs[2::3])
+        return cls(bending, lengths, widths, values)
 
     def change(self, factors: SuperLU) -> Array:
-        """What the unknowns change by these forces, with the factorised tangent."""
-        forces = self.bending.places.T @ (self.bending.form.strains.T @ self.values)
-        return -factors.solve(np.asarray(forces))
+        """What the unknowns change by the uncertain forces, with the factorised tangent."""
+        form, places = self.bending.form, self.bending.places
+        values = uncertain(self.widths)[form.elements] * self.values
+        return -factors.solve(np.asarray(places.T @ (form.strains.T @ values)))
 
-    def shares(self, duals: Array) -> Array:
-        """Share of each element in what they change in goals, (elements, goals), from 0 on.
+    def effects(self, duals: Array) -> Array:
+        """What the forces of each element change in goals, (elements, goals), from 0 on.
 
         `duals` (unknowns, goals) are the dual solutions.
         """
@@ -84,18 +95,17 @@ class Layers:
         total = sp.csr_matrix((np.ones(len(rows)), (form.elements, rows)), shape=shape) @ work
         return np.abs(total)
 
-    def sizes(self, shares: Array, reduction: float) -> Array:
-        """Element sizes in m at which the sum of `shares` is `reduction` times what it was.
+    def sizes(self, effects: Array, wanted: float) -> Array:
+        """Element sizes in m at which what is left of `effects` (elements,) is `wanted` in all.
 
-        Those that make up half of that together may stay as they are, of infinite size. The others
+        Elements that leave half of that together may stay as they are, of infinite size. The others
         get the same size in bending lengths.
         """
-        wanted = reduction * shares.sum()
-        order = np.argsort(shares)
-        small = np.zeros(len(shares), dtype=bool)
-        small[order] = np.cumsum(shares[order]) <= 0.5 * wanted
-        effect = (shares[~small] / self.uncertain[~small]).sum()
-        left = min(0.5 * wanted / effect, 0.999 * UNCERTAIN)
-        sizes = HALF * (left / (UNCERTAIN - left)) ** 0.25 * self.lengths
+        now = effects * left(self.widths)
+        order = np.argsort(now)
+        small = np.zeros(len(now), dtype=bool)
+        small[order] = np.cumsum(now[order]) <= 0.5 * wanted
+        part = 0.5 * wanted / max(effects[~small].sum(), np.finfo(float).tiny)
+        sizes = np.interp(part, left(WIDTHS), WIDTHS) * self.lengths
         sizes[small] = np.inf
-        return sizes
+        return np.asarray(sizes)

@@ -20,7 +20,11 @@ CANDIDATES = 8
 
 
 def refined_sizes(
-    mesh: MeshTri2, shares: Array, reduction: float, most: Array | float = np.inf
+    mesh: MeshTri2,
+    shares: Array,
+    reduction: float,
+    most: Array | float = np.inf,
+    stiff: NDArray[np.int64] | None = None,
 ) -> SizeField:
     """Sizes for which each goal's error is `reduction` times what it was, with fewest elements.
 
@@ -37,6 +41,8 @@ def refined_sizes(
         Wanted sum of shares over the present one.
     most : (elements,) or float
         Sizes that are wanted to be no larger, m.
+    stiff : (n,) int, optional
+        Elements that do not deform. They have no share, and are as small as their neighbours want.
     """
     total = shares.sum()
     share = shares / total if total > 0.0 else np.full(len(shares), 1.0 / len(shares))
@@ -44,7 +50,12 @@ def refined_sizes(
     factor = share ** (-1.0 / (ORDER + 2.0))
     factor *= (reduction / (share ** (2.0 / (ORDER + 2.0))).sum()) ** (1.0 / ORDER)
     sizes = element_sizes(mesh)
-    wanted = np.minimum(sizes * np.clip(factor, *CHANGE), np.maximum(most, sizes * CHANGE[0]))
+    wanted = np.minimum(sizes * np.clip(factor, *CHANGE), most)
+    if stiff is not None:
+        around = np.full(mesh.nvertices, np.inf)
+        soft = np.setdiff1d(np.arange(mesh.nelements), stiff)
+        np.minimum.at(around, mesh.t[:, soft].ravel(), np.tile(wanted[soft], 3))
+        wanted[stiff] = np.minimum(wanted[stiff], around[mesh.t[:, stiff]].min(axis=0))
     return SizeField.of_elements(mesh, wanted)
 
 

@@ -48,7 +48,7 @@ USUAL = 1e-3
 MAX_UNKNOWNS = {"refuse": 60_000, "tension-field": 25_000}
 MAX_WORK = {"refuse": 2.8e6, "tension-field": 1e6}
 # A film that bends has one more matrix to make and to look for compression in.
-ESTIMATE, ESTIMATE_BENT, RICH_ITERATION = 8, 16, 4
+ESTIMATE, ESTIMATE_BENT, RICH_ITERATION = 8, 18, 4
 # A coarse mesh shows singular corners, and the kinks of a film that wrinkles, larger than they are
 # and in the wrong places, so that the next one has at most so many times its unknowns. One that
 # may only have less than the second part of them would not be better.
@@ -264,7 +264,7 @@ def _on_part(scene: Scene, goals: Sequence[Goal], order: int, clock: Clock) -> A
 
 
 def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock: Clock) -> Attempt:
-    """The last of the solves on ever better meshes."""
+    """The best of the solves on ever better meshes, or the first that has no result."""
     tolerance = scene.numerics.tolerance
 
     def solved(sizes: Sizes | SizeField, coarser: Attempt | None = None) -> Attempt:
@@ -274,7 +274,8 @@ def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock:
 
     patience = max(1.0, USUAL / tolerance) ** 0.5
     largest_mesh, work = (x[scene.film.compression] * patience for x in (MAX_UNKNOWNS, MAX_WORK))
-    attempt, aim = solved(first_sizes(scene, order)), SAFETY * tolerance
+    attempt = best = solved(first_sizes(scene, order))
+    aim = SAFETY * tolerance
     for _ in range(MAX_MESHES - 1):
         if attempt.result.status is not Status.CONVERGED or attempt.worst <= tolerance:
             break
@@ -292,10 +293,12 @@ def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock:
         slow = finer.worst > SLOW * attempt.worst
         if slow:
             aim *= SAFETY
-        attempt, exhausted = finer, slow and unknowns > LEAST * largest_mesh
-        if exhausted:
+        attempt = finer
+        if finer.result.status is Status.CONVERGED and finer.worst < best.worst:
+            best = finer
+        if slow and unknowns > LEAST * largest_mesh:
             break
-    return attempt
+    return best if attempt.result.status is Status.CONVERGED else attempt
 
 
 def _cost(attempt: Attempt) -> int:

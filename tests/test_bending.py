@@ -19,7 +19,7 @@ from pvdf_fem.circular_plate import (
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.estimate import prolongation
 from pvdf_fem.membrane import Membrane
-from pvdf_fem.mesh import RIM, mesh_scene
+from pvdf_fem.mesh import FILM, PROBE, RIM, Sizes, mesh_scene
 from pvdf_fem.modal import modes
 from pvdf_fem.newton import factorise, negative_pivots
 from pvdf_fem.six_node import compression
@@ -81,6 +81,21 @@ def test_stretched_plate(bending_length):
     scale = LOAD * scene.film.thickness * bending_length**2
     np.testing.assert_allclose(w, scale * expected, rtol=0, atol=1e-4 * scale * expected.max())
     assert solution.force_balance < 1e-6
+
+
+@pytest.mark.parametrize("widths", [3.0, 6.0, 10.0, 15.0, 25.0, 50.0, 200.0])
+def test_layer_narrower_than_the_elements(widths):
+    """What bending takes from the deflection, in elements of so many bending lengths at the rim."""
+    length = 0.05 / widths
+    scene = plate(1.0, 0.5, length**-2)
+    radius = scene.film.radius
+    sizes = Sizes({FILM: 0.05 * radius, PROBE: 0.15 * radius}, 0.5, 0.15 * radius)
+    solution = solve(scene, mesh=mesh_scene(scene, sizes), order=3)
+    scale = LOAD * scene.film.thickness * length**2
+    membrane = scale * (np.log(2.0) + 0.5) / (2.0 * np.pi)
+    bent = scale * stretched_plate_deflection(0.0, patch_radius=0.5, bending_length=length)
+    found = membrane - 1e-3 * solution.deflection_max_mm
+    assert found == pytest.approx(membrane - bent, rel=0.08)
 
 
 @pytest.mark.parametrize(("load", "tension"), [(10.0, 0.0), (100.0, 0.0), (1e3, 0.0), (1e3, 50.0)])
@@ -234,7 +249,22 @@ def test_vanishing_thickness_gives_the_membrane(kind):
     assert changes[2] < 3e-4
 
 
+# Charges of electrodes at a rim, or of a thin film, whose layers are much narrower than its elements.
+AT_RIM = Scene().with_(
+    **{
+        "film.radius_mm": 35.0,
+        "film.thickness_um": 37.0,
+        "film.temperature_change_K": -12.0,
+        "load.force_N": 36.0,
+        "probe": {"shape": "triangle", "side_mm": 0.02},
+        "electrodes": [
+            {"name": "A", "shape": "circle", "x_mm": 34.5, "y_mm": 0.0, "radius_mm": 0.5}
+        ],
+    },
+    **LOADS["stuck"],
+)
 HONEST = {
+    "at the rim": AT_RIM,
     "thin": RECTANGLE.with_(**{"film.thickness_um": 9.0}),
     "thesis": RECTANGLE,
     "thick": RECTANGLE.with_(**{"film.thickness_um": 110.0}),
