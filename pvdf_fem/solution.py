@@ -47,8 +47,9 @@ MAX_MESHES = 10
 USUAL = 1e-3
 MAX_UNKNOWNS = {"refuse": 60_000, "tension-field": 25_000}
 MAX_WORK = {"refuse": 2.8e6, "tension-field": 1e6}
-# A film that bends has one more matrix to make and to look for compression in.
-ESTIMATE, ESTIMATE_BENT, RICH_ITERATION = 8, 18, 4
+# Of a film that bends only iterations with a fresh tangent count, each for so many.
+ESTIMATE, RICH_ITERATION = 8, 4
+ESTIMATE_BENT, FRESH = 14, 4
 # A coarse mesh shows singular corners, and the kinks of a film that wrinkles, larger than they are
 # and in the wrong places, so that the next one has at most so many times its unknowns. One that
 # may only have less than the second part of them would not be better.
@@ -304,8 +305,10 @@ def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock:
 def _cost(attempt: Attempt) -> int:
     """Newton iterations, and those that the error estimate is worth."""
     rich = attempt.correction.iterations if attempt.correction else 0
-    estimate = ESTIMATE if attempt.fields.solved.bending is None else ESTIMATE_BENT
-    return len(attempt.result.iterations) + max(estimate, RICH_ITERATION * rich)
+    iterations = attempt.result.iterations
+    if attempt.fields.solved.bending is None:
+        return len(iterations) + max(ESTIMATE, RICH_ITERATION * rich)
+    return FRESH * (sum(row.fresh for row in iterations) + rich) + ESTIMATE_BENT
 
 
 def _finish(attempt: Attempt, clock: Clock) -> Solution:

@@ -249,7 +249,7 @@ def test_vanishing_thickness_gives_the_membrane(kind):
     assert changes[2] < 3e-4
 
 
-# Charges of electrodes at a rim, or of a thin film, whose layers are much narrower than its elements.
+# Where bending acts at the rim in a layer much narrower than the elements.
 AT_RIM = Scene().with_(
     **{
         "film.radius_mm": 35.0,
