@@ -36,13 +36,11 @@ MOST_DUALS = 32
 # and 0.55 to 0.8 of that of the kinks of a film that wrinkles (measured on refined meshes);
 # estimates are raised by this.
 EDGE_FACTOR, KINK_FACTOR = 2.0, 1.6
-# The same of a film that bends: 0.85 to 1.1, beside what its layers leave (`layers`).
-BENT_FACTOR = 1.1
+# The same of a film that bends: 0.85 to 1.1, unless its layers leave more (`layers`).
+BENT_FACTOR = 1.2
 # The part of an error that elements at a punch's corners may make together, and by how much they
 # become smaller at the most.
 CORNERS, SHARPEST = 0.5, 0.01
-# The layers' part of an estimate that is small enough whatever the mesh, of the tolerance aimed at.
-SMALL = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +116,7 @@ def solve_on(
             if layers := Layers.of(equilibrium, equilibrium.state(result.q)):
                 x = equilibrium.unknowns.expand(result.q + layers.change(result.factors))
                 more = goal_forces(goals, equilibrium.membrane, x, part) - forces
-                errors = _added(BENT_FACTOR * errors, more, goals)
+                errors = _larger(BENT_FACTOR * errors, more, goals)
             elif scene.load.kind == "rigid":
                 errors *= EDGE_FACTOR
             elif scene.film.compression == "tension-field":
@@ -152,11 +150,11 @@ def _corrected(
     return Correction(rich, start, found.q, rich.state(start), prolong, len(found.iterations))
 
 
-def _added(errors: Array, more: Array, goals: Sequence[Goal]) -> Array:
-    """Sum of the force errors (goals, 2), with the sign that lets them add up in each charge."""
+def _larger(errors: Array, others: Array, goals: Sequence[Goal]) -> Array:
+    """Of two estimates of the force errors (goals, 2), for each charge that which is larger."""
     d = np.reshape([goal.d for goal in goals], (-1, 2))
-    opposed = (errors * d).sum(axis=1) * (more * d).sum(axis=1) < 0.0
-    return errors + np.where(opposed, -1.0, 1.0)[:, None] * more
+    own, other = (np.abs((each * d).sum(axis=1)) for each in (errors, others))
+    return np.where((own >= other)[:, None], errors, others)
 
 
 def _start(equilibrium: Equilibrium) -> Array | None:
@@ -198,7 +196,7 @@ def refined(attempt: Attempt, tolerance: float) -> SizeField:
         right = correction.prolong.T @ (rich.unknowns.expansion.T @ gradients)
         effects = layers.effects(factors.solve(right, "T")).max(axis=1)
         total = float((effects * left(layers.widths)).sum())
-        most = layers.sizes(effects, max(reduction * total, SMALL * tolerance))
+        most = layers.sizes(effects, max(reduction * total, tolerance))
         if attempt.scene.load.kind == "rigid":
             most = np.minimum(
                 most, _at_corners(attempt.scene, rich.membrane.mesh, shares, reduction)

@@ -5,10 +5,10 @@ l = sqrt(D/N). Elements of many such lengths have the energy of such a layer by 
 the edge (`pvdf_fem.bending`) but neither its curvature nor, as the penalty is constant, what the
 film gains in length by turning. A space of higher order on the same mesh sees little of it. So the
 bending forces of such elements count as known to a part only, that part is put on them once more,
-and what this changes is an estimate of the error, to be added to that of the other order.
+and what this changes is a second estimate of the error; the larger one counts.
 
-Measured in some hundred scenes of all kinds: with the part below, that sum is between a third of
-the true error and, where a layer happens to be met better, ten times it.
+Of 94 random scenes, solved to a tenth of the tolerance as well, 95 in a hundred have errors on their
+first meshes of at most 1.2 times the estimate, the worst one of 5 times; without it 2 and 30 times.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from pvdf_fem.mesh import element_sizes
 
 # The part of their bending forces that elements much larger than the bending length leave
 # uncertain, and how many such lengths large those are that leave half of it.
-UNCERTAIN, HALF = 0.3, 12.0
+UNCERTAIN, HALF = 0.2, 12.0
 # The same of what the other order finds, in a plate stretched from its rim.
 FOUND, FOUND_HALF = 0.06, 6.0
 # Sizes that are tried, in bending lengths.

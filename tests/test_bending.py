@@ -249,22 +249,7 @@ def test_vanishing_thickness_gives_the_membrane(kind):
     assert changes[2] < 3e-4
 
 
-# Where bending acts at the rim in a layer much narrower than the elements.
-AT_RIM = Scene().with_(
-    **{
-        "film.radius_mm": 35.0,
-        "film.thickness_um": 37.0,
-        "film.temperature_change_K": -12.0,
-        "load.force_N": 36.0,
-        "probe": {"shape": "triangle", "side_mm": 0.02},
-        "electrodes": [
-            {"name": "A", "shape": "circle", "x_mm": 34.5, "y_mm": 0.0, "radius_mm": 0.5}
-        ],
-    },
-    **LOADS["stuck"],
-)
 HONEST = {
-    "at the rim": AT_RIM,
     "thin": RECTANGLE.with_(**{"film.thickness_um": 9.0}),
     "thesis": RECTANGLE,
     "thick": RECTANGLE.with_(**{"film.thickness_um": 110.0}),
