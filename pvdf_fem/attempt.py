@@ -216,7 +216,7 @@ def _at_corners(scene: Scene, mesh: MeshTri2, shares: Array, reduction: float) -
     if isinstance(outline, Polygon):
         near = cKDTree(mesh.p.T).query(outline.vertices)[1]
         corners = np.isin(mesh.t, near).any(axis=0)
-        wanted = CORNERS * reduction * shares.sum() / corners.sum()
+        wanted = max(CORNERS * reduction * shares.sum() / corners.sum(), np.finfo(float).tiny)
         factor = wanted / np.maximum(shares[corners], wanted)
         sizes[corners] = element_sizes(mesh)[corners] * np.maximum(factor, SHARPEST)
     return sizes
