@@ -38,6 +38,8 @@ MOST_DUALS = 32
 EDGE_FACTOR, KINK_FACTOR = 2.0, 1.6
 # The same of a film that bends: 0.85 to 1.1, unless its layers leave more (`layers`).
 BENT_FACTOR = 1.2
+# Unknowns of a space in which a solve from afar takes no more than some seconds.
+FEW = 12_000
 # The part of an error that elements at a punch's corners may make together, and by how much they
 # become smaller at the most.
 CORNERS, SHARPEST = 0.5, 0.01
@@ -127,13 +129,14 @@ def solve_on(
 def _corrected(
     equilibrium: Equilibrium, result: NewtonResult, rich: Equilibrium
 ) -> Correction | Status:
-    """The solution in the richer space, or why there is none; of a film that bends in a few steps.
+    """The solution in the richer space, or why there is none.
 
-    Where these lead nowhere, the film in compression buckles into waves that its mesh is too coarse
-    for: Newton's method from afar would take minutes to say no more.
+    Of a film that bends, on a mesh that is not small, only a few full steps are made: where these
+    lead nowhere, it is in compression and buckles into waves that its mesh is too coarse for, and
+    Newton's method from afar would take minutes to say no more.
     """
     assert result.factors is not None
-    if equilibrium.bending is None:
+    if equilibrium.bending is None or rich.unknowns.count <= FEW:
         return corrected(equilibrium, result.q, result.factors, rich)
     if correction := correct(equilibrium, result.q, result.factors, rich):
         return correction

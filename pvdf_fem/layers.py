@@ -29,6 +29,9 @@ from pvdf_fem.mesh import element_sizes
 UNCERTAIN, HALF = 0.2, 12.0
 # The same of what the other order finds, in a plate stretched from its rim.
 FOUND, FOUND_HALF = 0.06, 6.0
+# A size becomes no smaller than this part in one go: in a row of elements whose sizes fall much
+# from one side to the other there are more of the smaller ones than `SizeField.coarsened` expects.
+FINEST = 0.2
 # Sizes that are tried, in bending lengths.
 WIDTHS = np.geomspace(0.01, 1e4, 400)
 
@@ -106,6 +109,7 @@ class Layers:
         small = np.zeros(len(now), dtype=bool)
         small[order] = np.cumsum(now[order]) <= 0.5 * wanted
         part = 0.5 * wanted / max(effects[~small].sum(), np.finfo(float).tiny)
-        sizes = np.interp(part, left(WIDTHS), WIDTHS) * self.lengths
+        widths = np.maximum(np.interp(part, left(WIDTHS), WIDTHS), FINEST * self.widths)
+        sizes = widths * self.lengths
         sizes[small] = np.inf
         return np.asarray(sizes)
