@@ -7,22 +7,25 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
+from scipy.spatial import cKDTree
 from skfem import MeshTri2
 
 from pvdf_fem.bending import LOWEST_ORDER
 from pvdf_fem.charge import Goal, charge_sizes, goal_forces, goal_gradients
 from pvdf_fem.clock import Clock
 from pvdf_fem.equilibrium import Equilibrium
-from pvdf_fem.estimate import Correction, indicators, prolongation
+from pvdf_fem.estimate import Correction, correct, indicators, prolongation
 from pvdf_fem.fields import Fields
+from pvdf_fem.layers import Layers, left
 from pvdf_fem.membrane import Array
-from pvdf_fem.mesh import SizeField
-from pvdf_fem.newton import NewtonResult, Status
+from pvdf_fem.mesh import SizeField, element_sizes
+from pvdf_fem.newton import NewtonResult, Status, compressed, full_steps, negative_pivots
+from pvdf_fem.outline import Polygon
 from pvdf_fem.refine import refined_sizes, transferred
 from pvdf_fem.scene import Scene
 from pvdf_fem.settled import Settled
 from pvdf_fem.symmetry import Part
-from pvdf_fem.tension_newton import barely_loaded, corrected, equilibrate
+from pvdf_fem.tension_newton import RICH_TOLERANCE, barely_loaded, corrected, equilibrate
 
 # Newton's last step in the orders below, whose discretisation errors are larger.
 START_TOLERANCE = 3e-2
@@ -32,8 +35,13 @@ MOST_DUALS = 32
 # and 0.55 to 0.8 of that of the kinks of a film that wrinkles (measured on refined meshes);
 # estimates are raised by this.
 EDGE_FACTOR, KINK_FACTOR = 2.0, 1.6
-# The same where bending acts within less than an element of an edge: 0.65 to 1.1.
-LAYER_FACTOR = 1.5
+# The same of a film that bends: 0.85 to 1.1, unless its layers leave more (`layers`).
+BENT_FACTOR = 1.2
+# Unknowns of a space in which a solve from afar takes no more than some seconds.
+FEW = 12_000
+# The part of an error that elements at a punch's corners may make together, and by how much they
+# become smaller at the most.
+CORNERS, SHARPEST = 0.5, 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,20 +102,56 @@ def solve_on(
     if result.status is Status.CONVERGED and result.factors is not None:
         with clock("estimate"):
             rich = Equilibrium(scene, mesh, order + 1, part)
-            found = corrected(equilibrium, result.q, result.factors, rich, Settled(goals, rich))
+            found = _corrected(equilibrium, result, rich, Settled(goals, rich))
         if isinstance(found, Status):
             result = replace(result, status=found)
         else:
             correction = found
             x = rich.unknowns.expand(correction.q)
             errors = goal_forces(goals, rich.membrane, x, part) - forces
-            if equilibrium.bending is not None:
-                errors *= LAYER_FACTOR
+            if layers := Layers.of(equilibrium, equilibrium.state(result.q)):
+                x = equilibrium.unknowns.expand(result.q + layers.change(result.factors))
+                more = goal_forces(goals, equilibrium.membrane, x, part) - forces
+                errors = _larger(BENT_FACTOR * errors, more, goals)
             elif scene.load.kind == "rigid":
                 errors *= EDGE_FACTOR
             elif scene.film.compression == "tension-field":
                 errors *= KINK_FACTOR
     return Attempt(scene, goals, result, Fields(equilibrium, result.q, forces, errors), correction)
+
+
+def _corrected(
+    equilibrium: Equilibrium, result: NewtonResult, rich: Equilibrium, settled: Settled
+) -> Correction | Status:
+    """The solution in the richer space, or why there is none.
+
+    Of a film that bends, on a mesh that is not small, only a few full steps are made: where these
+    lead nowhere, it is in compression and buckles into waves that its mesh is too coarse for, and
+    Newton's method from afar would take minutes to say no more.
+    """
+    assert result.factors is not None
+    if equilibrium.bending is None or rich.unknowns.count <= FEW:
+        return corrected(equilibrium, result.q, result.factors, rich, settled)
+    if correction := correct(equilibrium, result.q, result.factors, rich):
+        return correction
+    prolong = prolongation(equilibrium, rich)
+    start = prolong @ result.q
+    found = full_steps(rich, start, RICH_TOLERANCE)
+    unstable = rich.load.conservative and compressed(rich.state(start))
+    if found.factors is not None and unstable:
+        unstable = negative_pivots(found.factors) > 0
+    if unstable:
+        return Status.UNSTABLE
+    if found.status is not Status.CONVERGED:
+        return found.status
+    return Correction(rich, start, found.q, rich.state(start), prolong, len(found.iterations))
+
+
+def _larger(errors: Array, others: Array, goals: Sequence[Goal]) -> Array:
+    """Of two estimates of the force errors (goals, 2), for each charge that which is larger."""
+    d = np.reshape([goal.d for goal in goals], (-1, 2))
+    own, other = (np.abs((each * d).sum(axis=1)) for each in (errors, others))
+    return np.where((own >= other)[:, None], errors, others)
 
 
 def _start(equilibrium: Equilibrium) -> Array | None:
@@ -142,5 +186,34 @@ def refined(attempt: Attempt, tolerance: float) -> SizeField:
     worst = np.argsort(attempt.charge_errors)[-MOST_DUALS:]
     goals = [attempt.goals[i] for i in worst]
     gradients = goal_gradients(goals, rich.membrane, x, rich.part) / attempt.charge_sizes[worst]
-    shares = indicators(correction, factors, gradients)
-    return refined_sizes(rich.membrane.mesh, shares.max(axis=1), tolerance / attempt.worst)
+    shares = indicators(correction, factors, gradients).max(axis=1)
+    solved, reduction = attempt.fields.solved, tolerance / attempt.worst
+    most: Array | float = np.inf
+    if layers := Layers.of(solved, attempt.fields.solved_state):
+        right = correction.prolong.T @ (rich.unknowns.expansion.T @ gradients)
+        effects = layers.effects(factors.solve(right, "T")).max(axis=1)
+        total = float((effects * left(layers.widths)).sum())
+        most = layers.sizes(effects, max(reduction * total, tolerance))
+        if attempt.scene.load.kind == "rigid":
+            most = np.minimum(
+                most, _at_corners(attempt.scene, rich.membrane.mesh, shares, reduction)
+            )
+    stiff = solved.load.patch if solved.load.kind == "rigid" else None
+    return refined_sizes(rich.membrane.mesh, shares, reduction, most, stiff)
+
+
+def _at_corners(scene: Scene, mesh: MeshTri2, shares: Array, reduction: float) -> Array:
+    """Sizes of the elements at a punch's corners, m, and infinite ones of all others.
+
+    A plate clamped along the edges of a corner has moments that grow to it as the root of the
+    distance falls, so that an element's share is but proportional to its size.
+    """
+    sizes = np.full(mesh.nelements, np.inf)
+    outline = scene.probe.outline if scene.probe else None
+    if isinstance(outline, Polygon):
+        near = cKDTree(mesh.p.T).query(outline.vertices)[1]
+        corners = np.isin(mesh.t, near).any(axis=0)
+        wanted = max(CORNERS * reduction * shares.sum() / corners.sum(), np.finfo(float).tiny)
+        factor = wanted / np.maximum(shares[corners], wanted)
+        sizes[corners] = element_sizes(mesh)[corners] * np.maximum(factor, SHARPEST)
+    return sizes

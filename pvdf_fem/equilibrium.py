@@ -146,6 +146,10 @@ class Bending:
 
     Attributes
     ----------
+    form : BendingForm
+        On the deflections of the dofs.
+    places : sparse matrix (scalar dofs, unknowns)
+        From unknowns to these deflections.
     matrix : sparse matrix (unknowns, unknowns)
         N/m.
     """
@@ -154,22 +158,22 @@ class Bending:
         rigid = load.patch if load.kind == "rigid" else load.patch[:0]
         effect = bending_effect(scene)
         tensions = effect.rim_tension, effect.probe_tension
-        self._form = bending_form(membrane, rigid, tensions)
-        self._places = unknowns.expansion[2::3]
-        self.matrix = (self._places.T @ self._form.matrix @ self._places).tocsc()
+        self.form = bending_form(membrane, rigid, tensions)
+        self.places = unknowns.expansion[2::3]
+        self.matrix = (self.places.T @ self.form.matrix @ self.places).tocsc()
 
     def forces(self, x: Array) -> Array:
         """Forces in N on the deflections of the dofs `x`, (scalar dofs,)."""
-        return self._form.forces(x[2::3])
+        return self.form.forces(x[2::3])
 
     def residual(self, x: Array) -> Array:
         """Forces in N on the unknowns at the dofs `x`."""
-        return np.asarray(self._places.T @ self.forces(x))
+        return np.asarray(self.places.T @ self.forces(x))
 
     def energy(self, q: Array) -> float:
         """Energy in J of the unknowns `q`."""
-        w = self._places @ q
-        return 0.5 * float(w @ self._form.forces(w))
+        w = self.places @ q
+        return 0.5 * float(w @ self.form.forces(w))
 
 
 class Unknowns:

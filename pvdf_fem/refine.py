@@ -19,7 +19,13 @@ CHANGE = (0.05, 2.0)
 CANDIDATES = 8
 
 
-def refined_sizes(mesh: MeshTri2, shares: Array, reduction: float) -> SizeField:
+def refined_sizes(
+    mesh: MeshTri2,
+    shares: Array,
+    reduction: float,
+    most: Array | float = np.inf,
+    stiff: NDArray[np.int64] | None = None,
+) -> SizeField:
     """Sizes for which each goal's error is `reduction` times what it was, with fewest elements.
 
     With an element's share proportional to size^(ORDER + 2), the number of elements is least for
@@ -33,14 +39,24 @@ def refined_sizes(mesh: MeshTri2, shares: Array, reduction: float) -> SizeField:
         equal.
     reduction : float
         Wanted sum of shares over the present one.
+    most : (elements,) or float
+        Sizes that are wanted to be no larger, m.
+    stiff : (n,) int, optional
+        Elements that do not deform. They have no share, and are as small as their neighbours want.
     """
     total = shares.sum()
     share = shares / total if total > 0.0 else np.full(len(shares), 1.0 / len(shares))
     share = np.maximum(share, 1e-12)
     factor = share ** (-1.0 / (ORDER + 2.0))
     factor *= (reduction / (share ** (2.0 / (ORDER + 2.0))).sum()) ** (1.0 / ORDER)
-    sizes = element_sizes(mesh) * np.clip(factor, *CHANGE)
-    return SizeField.of_elements(mesh, sizes)
+    sizes = element_sizes(mesh)
+    wanted = np.minimum(sizes * np.clip(factor, *CHANGE), most)
+    if stiff is not None:
+        around = np.full(mesh.nvertices, np.inf)
+        soft = np.setdiff1d(np.arange(mesh.nelements), stiff)
+        np.minimum.at(around, mesh.t[:, soft].ravel(), np.tile(wanted[soft], 3))
+        wanted[stiff] = np.minimum(wanted[stiff], around[mesh.t[:, stiff]].min(axis=0))
+    return SizeField.of_elements(mesh, wanted)
 
 
 def transferred(basis: Basis, x: Array, target: Basis) -> Array:

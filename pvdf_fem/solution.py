@@ -47,7 +47,9 @@ MAX_MESHES = 10
 USUAL = 1e-3
 MAX_UNKNOWNS = {"refuse": 60_000, "tension-field": 25_000}
 MAX_WORK = {"refuse": 2.8e6, "tension-field": 1e6}
+# Of a film that bends only iterations with a fresh tangent count, each for so many.
 ESTIMATE, RICH_ITERATION = 8, 4
+ESTIMATE_BENT, FRESH = 14, 4
 # A coarse mesh shows singular corners, and the kinks of a film that wrinkles, larger than they are
 # and in the wrong places, so that the next one has at most so many times its unknowns. One that
 # may only have less than the second part of them would not be better.
@@ -263,7 +265,7 @@ def _on_part(scene: Scene, goals: Sequence[Goal], order: int, clock: Clock) -> A
 
 
 def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock: Clock) -> Attempt:
-    """The last of the solves on ever better meshes."""
+    """The best of the solves on ever better meshes, or the first that has no result."""
     tolerance = scene.numerics.tolerance
 
     def solved(sizes: Sizes | SizeField, coarser: Attempt | None = None) -> Attempt:
@@ -273,7 +275,8 @@ def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock:
 
     patience = max(1.0, USUAL / tolerance) ** 0.5
     largest_mesh, work = (x[scene.film.compression] * patience for x in (MAX_UNKNOWNS, MAX_WORK))
-    attempt, aim = solved(first_sizes(scene, order)), SAFETY * tolerance
+    attempt = best = solved(first_sizes(scene, order))
+    aim = SAFETY * tolerance
     for _ in range(MAX_MESHES - 1):
         if attempt.result.status is not Status.CONVERGED or attempt.worst <= tolerance:
             break
@@ -288,16 +291,24 @@ def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock:
         finer = solved(sizes.coarsened(most / UNKNOWNS[order]), attempt)
         if finer.result.status is Status.MAX_ITERATIONS:
             break
-        if finer.worst > SLOW * attempt.worst:
+        slow = finer.worst > SLOW * attempt.worst
+        if slow:
             aim *= SAFETY
         attempt = finer
-    return attempt
+        if finer.result.status is Status.CONVERGED and finer.worst < best.worst:
+            best = finer
+        if slow and unknowns > LEAST * largest_mesh:
+            break
+    return best if attempt.result.status is Status.CONVERGED else attempt
 
 
 def _cost(attempt: Attempt) -> int:
     """Newton iterations, and those that the error estimate is worth."""
     rich = attempt.correction.iterations if attempt.correction else 0
-    return len(attempt.result.iterations) + max(ESTIMATE, RICH_ITERATION * rich)
+    iterations = attempt.result.iterations
+    if attempt.fields.solved.bending is None:
+        return len(iterations) + max(ESTIMATE, RICH_ITERATION * rich)
+    return FRESH * (sum(row.fresh for row in iterations) + rich) + ESTIMATE_BENT
 
 
 def _finish(attempt: Attempt, clock: Clock) -> Solution:

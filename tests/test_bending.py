@@ -18,8 +18,9 @@ from pvdf_fem.circular_plate import (
 )
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.estimate import prolongation
+from pvdf_fem.layers import UNCERTAIN, Layers
 from pvdf_fem.membrane import Membrane
-from pvdf_fem.mesh import RIM, mesh_scene
+from pvdf_fem.mesh import FILM, PROBE, RIM, Sizes, mesh_scene
 from pvdf_fem.modal import modes
 from pvdf_fem.newton import factorise, negative_pivots
 from pvdf_fem.six_node import compression
@@ -81,6 +82,34 @@ def test_stretched_plate(bending_length):
     scale = LOAD * scene.film.thickness * bending_length**2
     np.testing.assert_allclose(w, scale * expected, rtol=0, atol=1e-4 * scale * expected.max())
     assert solution.force_balance < 1e-6
+
+
+def stretched(widths):
+    """Solution in elements of so many bending lengths at the rim; deflection lost by bending, m."""
+    length = 0.05 / widths
+    scene = plate(1.0, 0.5, length**-2)
+    radius = scene.film.radius
+    sizes = Sizes({FILM: 0.05 * radius, PROBE: 0.15 * radius}, 0.5, 0.15 * radius)
+    scale = LOAD * scene.film.thickness * length**2
+    membrane = scale * (np.log(2.0) + 0.5) / (2.0 * np.pi)
+    bent = scale * stretched_plate_deflection(0.0, patch_radius=0.5, bending_length=length)
+    return solve(scene, mesh=mesh_scene(scene, sizes), order=3), membrane, membrane - bent
+
+
+@pytest.mark.parametrize("widths", [3.0, 6.0, 10.0, 15.0, 25.0, 50.0, 200.0])
+def test_layer_narrower_than_the_elements(widths):
+    solution, membrane, lost = stretched(widths)
+    found = membrane - 1e-3 * solution.deflection_max_mm
+    assert found / lost == pytest.approx(1.0, abs=0.08)
+
+
+def test_a_part_of_what_narrow_layers_do_is_uncertain():
+    solution, _, lost = stretched(200.0)
+    solved, state = solution.fields.solved, solution.fields.solved_state
+    layers = Layers.of(solved, state)
+    change = solved.unknowns.expand(layers.change(factorise(solved.tangent(state))))[2::3]
+    centre = np.hypot(*solution.basis.doflocs).argmin()
+    assert change[centre] / lost == pytest.approx(-UNCERTAIN, rel=0.1)
 
 
 @pytest.mark.parametrize(("load", "tension"), [(10.0, 0.0), (100.0, 0.0), (1e3, 0.0), (1e3, 50.0)])
