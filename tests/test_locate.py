@@ -8,7 +8,7 @@ import pytest
 from touch_models import Bumps, bumps, random_touches
 
 from pvdf_fem.newton import Status
-from pvdf_fem.sensing.descent import Problem, _Searches
+from pvdf_fem.sensing.descent import Problem, bend
 from pvdf_fem.sensing.locate import locate, weigh
 from pvdf_fem.sensing.locate_many import locate_many
 from pvdf_fem.sensing.polish import PolishError, polish
@@ -153,13 +153,14 @@ def test_second_order_along_the_last_step_is_that_of_chi_square():
     model, touch = bumps("triangle"), np.array([6.0, 5.0, 30.0, 1.0])
     charges = model.evaluate(touch[None])[0] * [1.2, 0.9, 1.1, 0.8]
     problem = Problem(model, np.arange(4), charges, 0.01 * charges, np.array([0, 1, 3]))
-    at, step = np.array([[6.2, 5.1, 30.0, 0.1]]), np.array([0.004, -0.006, 0.0, 0.002])
-    first = _Searches.start(problem, np.zeros(1, dtype=int), at)
-    there = first.there(problem, at + step, at + step)
-    plain = there.normal[0, 1:, 1:] @ step
-    there.bend(np.ones(1, dtype=bool), first)
-    expected = there.normal[0, 1:, 0] - first.normal[0, 1:, 0]
-    bent = there.normal[0, 1:, 1:] @ step
+    at, step = np.array([[6.2, 5.1, 30.0, 0.1]]), np.array([[0.004, -0.006, 0.0, 0.002]])
+    first, there = (problem.linearised(x, np.zeros(1, dtype=int)) for x in (at, at + step))
+    before, normal = (each.swapaxes(1, 2) @ each for each in (first, there))
+    plain = normal[0, 1:, 1:] @ step[0]
+    change = there[:, :, 1:] - first[:, :, 1:]
+    bend(normal, there[:, :, 0], step, change, np.ones(1, dtype=bool))
+    expected = normal[0, 1:, 0] - before[0, 1:, 0]
+    bent = normal[0, 1:, 1:] @ step[0]
     assert np.abs(bent - expected).max() < 0.05 * np.abs(plain - expected).max()
 
 

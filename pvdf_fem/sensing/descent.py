@@ -9,8 +9,9 @@ move a touch near the edge across it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,8 @@ _ROOM_REACH, _ROOM_FORCE = 1.05, 1.1
 _ROUNDING = 1e-2
 # Held there, a search ends when a step lowers chi-square by less than this share, or raises it.
 _HELD = 1e-2
+# Of no more searches than this, those that have ended are kept: sorting them out takes longer.
+_FEW = 16
 _UNIT = np.eye(len(QUANTITIES))
 # Squares of slopes that are zero, by coordinates that do not count; others are more than this.
 _NO_SLOPE = 1e-300
@@ -82,39 +85,37 @@ class Problem:
         touches = edge.copy()
         touches[:, FORCE] = force = np.exp(edge[:, FORCE])
         charges, slopes = self.model.evaluate(touches)
-        slopes = slopes.take(self.electrodes, axis=1)
-        slopes[:, :, FORCE] *= force[:, None]
-        system = np.empty((len(at), len(self.electrodes), 1 + len(self._sought)))
-        system[:, :, 0] = charges.take(self.electrodes, axis=1) - self.charges_pC.take(
-            touch, axis=0
-        )
+        system = np.empty((len(at), len(self.electrodes), 1 + len(QUANTITIES)))
+        system[:, :, 0] = charges.take(self.electrodes, axis=1)
+        system[:, :, 0] -= self.charges_pC.take(touch, axis=0)
+        system[:, :, 1:] = slopes.take(self.electrodes, axis=1)
+        system[:, :, 1 + FORCE] *= force[:, None]
         if edge is not at:
-            system[:, :, 0] += np.matmul(slopes, (at - edge)[:, :, None])[:, :, 0]
-        system[:, :, 1:] = slopes
+            system[:, :, 0] += np.matmul(system[:, :, 1:], (at - edge)[:, :, None])[:, :, 0]
         system *= self._weights.take(touch, axis=0)
         return system
 
-    def inside(self, at: Array, room_reach: float = 1.0, room_force: float = 1.0) -> Array:
-        """Coordinates (n, 4) moved to the nearest point of the model's domain, or of a larger one.
+    def inside(self, at: Array) -> Array:
+        """Coordinates (n, 4) moved to the nearest point of the model's domain.
 
-        Without any to be moved, `at` itself. The rooms are factors of the reach and of the ends of
-        the force's range.
+        Without any to be moved, `at` itself.
         """
-        lowest, highest = self._log_forces
-        lowest, highest = lowest - math.log(room_force), highest + math.log(room_force)
-        reach = room_reach * self.model.domain.reach_mm
-        force, distance = at[:, FORCE], np.hypot(at[:, X], at[:, Y])
-        far = distance.max(initial=0.0) > reach
-        if (
-            not far
-            and lowest <= force.min(initial=highest)
-            and force.max(initial=lowest) <= highest
-        ):
+        return self._moved(at, *self._domain)
+
+    def held_back(self, at: Array) -> Array:
+        """The same for the larger domain that searches may not leave."""
+        return self._moved(at, *self._room)
+
+    def _moved(self, at: Array, reach_mm: float, lowest: float, highest: float) -> Array:
+        x, y, _, force = at.T
+        square = x * x + y * y
+        far = square > reach_mm * reach_mm
+        if not (far | (force < lowest) | (force > highest)).any():
             return at
         moved = at.copy()
         moved[:, FORCE] = np.minimum(np.maximum(force, lowest), highest)
-        if far:
-            self._draw_in(moved, distance, reach)
+        if far.any():
+            self._draw_in(moved, np.sqrt(square), reach_mm)
         return moved
 
     def _draw_in(self, at: Array, distance: Array, reach_mm: float) -> None:
@@ -128,9 +129,16 @@ class Problem:
         at[:, sought] = np.clip(at[:, sought], -room, room)
 
     @cached_property
-    def _log_forces(self) -> tuple[float, float]:
-        lowest, highest = self.model.domain.force_N
-        return math.log(lowest), math.log(highest)
+    def _domain(self) -> tuple[float, float, float]:
+        """Reach in mm, least and largest logarithm of the force."""
+        reach_mm, (lowest, highest) = self.model.domain.reach_mm, self.model.domain.force_N
+        return reach_mm, math.log(lowest), math.log(highest)
+
+    @cached_property
+    def _room(self) -> tuple[float, float, float]:
+        reach_mm, lowest, highest = self._domain
+        more = math.log(_ROOM_FORCE)
+        return _ROOM_REACH * reach_mm, lowest - more, highest + more
 
     @cached_property
     def _sought(self) -> NDArray[np.bool_]:
@@ -173,15 +181,54 @@ class Descent:
         at, slopes = np.empty((searches, 4)), np.empty((searches, electrodes, 4))
         return cls(at, slopes, np.empty(searches), np.zeros(searches, dtype=bool))
 
-    def put(self, searches: _Searches, arrived: NDArray[np.bool_] | bool) -> None:
+    def put(self, searches: _Searches) -> None:
         """Write down where searches are."""
         self.at[searches.row], self.slopes[searches.row] = searches.at, searches.system[:, :, 1:]
-        self.chi_square[searches.row], self.arrived[searches.row] = searches.chi_square, arrived
+        self.chi_square[searches.row] = searches.chi_square
+        self.arrived[searches.row] = searches.arrived
 
 
 @dataclass(eq=False)
-class _Searches:
-    """Searches under way.
+class _Rows:
+    """Arrays with one row for each of some searches."""
+
+    def only(self, rows: Indices) -> Self:
+        """Those chosen."""
+        return replace(self, **{k: v.take(rows, axis=0) for k, v in vars(self).items()})
+
+
+@dataclass(eq=False)
+class _Steps(_Rows):
+    """The next steps of searches.
+
+    Attributes
+    ----------
+    promised : ndarray, shape (n,)
+        Decrease of chi-square, by the whole of each.
+    length : ndarray, shape (n,)
+        Over the longest that is gone at once.
+    there : ndarray, shape (n, 4)
+        Coordinates that they lead to.
+    edge : ndarray, shape (n, 4)
+        The domain's nearest points; `there` itself if all are inside.
+    held : ndarray of bool, shape (n,)
+        Which would have left the room about the domain.
+    """
+
+    promised: Array
+    length: Array
+    there: Array
+    edge: Array
+    held: NDArray[np.bool_]
+
+    def only(self, rows: Indices) -> Self:
+        chosen = super().only(rows)
+        return replace(chosen, edge=chosen.there) if self.edge is self.there else chosen
+
+
+@dataclass(eq=False)
+class _Searches(_Rows):
+    """Searches, those under way and those that have ended.
 
     Attributes
     ----------
@@ -198,6 +245,8 @@ class _Searches:
         Marquardt's.
     promised : ndarray, shape (n,)
         Decrease of chi-square by the whole of the step that led here; 0 at first.
+    on, arrived : ndarray of bool, shape (n,)
+        Which are under way, and which of the others have ended where nowhere nearby is better.
     """
 
     row: Indices
@@ -207,69 +256,79 @@ class _Searches:
     normal: Array
     damping: Array
     promised: Array
+    on: NDArray[np.bool_]
+    arrived: NDArray[np.bool_]
 
     @classmethod
     def start(cls, problem: Problem, touch: Indices, at: Array) -> _Searches:
         """From coordinates (n, 4)."""
-        count = len(at)
+        at, count = at.copy(), len(at)
         system = problem.linearised(at, touch)
         normal, damping = _products(system), np.full(count, _LEAST_DAMPING)
-        return cls(np.arange(count), touch, at, system, normal, damping, np.zeros(count))
-
-    def there(self, problem: Problem, at: Array, edge: Array) -> _Searches:
-        """The same at other coordinates (n, 4), nearest to which in the domain are `edge`."""
-        system = problem.linearised(at, self.touch, edge)
-        known = self.damping, self.promised
-        return _Searches(self.row, self.touch, at, system, _products(system), *known)
+        on, arrived = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
+        row, promised = np.arange(count), np.zeros(count)
+        return cls(row, touch, at, system, normal, damping, promised, on, arrived)
 
     @property
     def chi_square(self) -> Array:
         return self.normal[:, 0, 0]
 
-    def only(self, chosen: NDArray[np.bool_]) -> _Searches:
-        """Those chosen."""
-        rows = np.flatnonzero(chosen)
-        return _Searches(*(values.take(rows, axis=0) for values in vars(self).values()))
+    def steps(self, problem: Problem, longest: Array) -> _Steps:
+        """The next steps; none of searches that have ended."""
+        step, promised = damped_steps(self.normal, self.damping[:, None, None])
+        length = np.abs(step / longest).max(axis=1)
+        aim = self.at + step * (self.on / np.maximum(length, 1.0))[:, None]
+        edge = problem.inside(aim)
+        if edge is aim:
+            return _Steps(promised, length, aim, aim, np.zeros(len(aim), dtype=bool))
+        there = problem.held_back(aim)
+        return _Steps(promised, length, there, edge, (there != aim).any(axis=1))
 
-    def gone(self, there: Array, promised: Array) -> _Searches:
-        """Gone `there` (n, 4), where slopes are as here and chi-square is less as promised."""
-        self.at = there
-        self.normal[:, 0, 0] -= promised
-        return self
+    def last(self, steps: _Steps) -> NDArray[np.bool_]:
+        """Searches that end after the next step."""
+        little = np.maximum(np.minimum(_CONTRACTED * self.promised, _CLOSE_BY), _ARRIVED)
+        near = (steps.promised < little) & (steps.length < _SHORT)
+        return near & (self.damping <= _FREE) & self.on
 
-    def bend(self, bent: NDArray[np.bool_], before: _Searches) -> None:
-        """Add to the normal matrix what the slopes' change since `before` tells of second order.
+    def repeated(self, steps: _Steps) -> NDArray[np.bool_]:
+        """Searches for one touch that go where a better one goes, or where one has arrived."""
+        return repeated(steps.there, self.chi_square, _CLOSE, self.on, self.arrived)
 
-        The update of Broyden, Fletcher, Goldfarb and Shanno with the difference of gradients that
-        Dennis, Gay and Welsch (ACM Trans. Math. Softw. 7, 1981) take, which vanishes with what
-        is left unexplained.
-        """
-        step = (self.at - before.at)[:, :, None]
-        change = self.system[:, :, 1:] - before.system[:, :, 1:]
-        along = np.matmul(self.normal[:, 1:, 1:], step)
-        total = along + np.matmul(change.swapaxes(1, 2), self.system[:, :, :1])
-        first, second = ((step * each).sum(axis=1, keepdims=True) for each in (along, total))
-        sound = bent & (second > _LEAST_CURVATURE * first)[:, 0, 0]
-        for sign, each, curvature in ((1.0, total, second), (-1.0, along, first)):
-            root = each[sound] / np.sqrt(curvature[sound])
-            self.normal[sound, 1:, 1:] += sign * root * root.swapaxes(1, 2)
+    def leave(
+        self, chosen: NDArray[np.bool_], steps: _Steps, arrived: NDArray[np.bool_]
+    ) -> None:
+        """End those chosen with their steps, after which slopes are still those before."""
+        np.copyto(self.at, steps.there, where=chosen[:, None])
+        self.normal[:, 0, 0] -= chosen * steps.promised
+        self.arrived |= arrived
+        self.on &= ~chosen
 
-    def move(self, there: _Searches, promised: Array, *, second_order: bool) -> None:
-        """Go on from `there` where it is better, and damp the next step elsewhere."""
-        decrease = self.chi_square - there.chi_square
+    def go(self, problem: Problem, steps: _Steps, *, second_order: bool) -> None:
+        """Take the steps that are better, damp the next one elsewhere, and end what is stuck."""
+        system = problem.linearised(steps.there, self.touch, steps.edge)
+        normal = _products(system)
+        decrease = self.chi_square - normal[:, 0, 0]
         better = decrease >= 0.0
-        bent = better & (np.abs(decrease - promised) > _BENT * promised)
+        stuck = ~better & (steps.promised < _ROUNDING)
+        if steps.edge is not steps.there:
+            stuck |= steps.held & (decrease < _HELD * self.chi_square)
+        better &= self.on
+        bent = better & (np.abs(decrease - steps.promised) > _BENT * steps.promised)
         if second_order and bent.any():
-            there.bend(bent, self)
+            step, change = steps.there - self.at, system[:, :, 1:] - self.system[:, :, 1:]
+            bend(normal, system[:, :, 0], step, change, bent)
         less = np.maximum(0.1 * self.damping, _LEAST_DAMPING)
         if better.all():
-            self.at, self.system, self.normal = there.at, there.system, there.normal
-            self.damping, self.promised = less, promised
-            return
-        for name in ("at", "system", "normal"):
-            getattr(self, name)[better] = getattr(there, name)[better]
-        self.damping = np.where(better, less, np.maximum(10.0 * self.damping, _DAMPED))
-        self.promised = np.where(better, promised, 0.0)
+            self.at, self.system, self.normal = steps.there, system, normal
+            self.damping, self.promised = less, steps.promised
+        else:
+            np.copyto(self.at, steps.there, where=better[:, None])
+            np.copyto(self.system, system, where=better[:, None, None])
+            np.copyto(self.normal, normal, where=better[:, None, None])
+            self.damping = np.where(better, less, np.maximum(10.0 * self.damping, _DAMPED))
+            self.promised = better * steps.promised
+        self.arrived |= stuck & self.on
+        self.on &= ~stuck & (self.damping < _GIVEN_UP)
 
 
 def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = np.inf) -> Descent:
@@ -287,46 +346,30 @@ def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = n
         given up.
     """
     ends = Descent.of(len(starts), len(problem.electrodes))
-    least = np.full(len(problem.charges_pC), np.inf)
+    alone, least = len(problem.charges_pC) == 1, np.full(len(problem.charges_pC), np.inf)
     reach_mm = problem.model.domain.reach_mm
     longest = _LONGEST * [reach_mm, reach_mm, 1.0, 1.0]
-    now = _Searches.start(problem, touch, _held_back(problem, starts))
+    now = _Searches.start(problem, touch, problem.held_back(starts))
     for count in range(_MAX_STEPS):
-        step, promised = damped_steps(now.normal, now.damping[:, None, None])
-        length = np.abs(step / longest).max(axis=1)
-        aim = now.at + step / np.maximum(length, 1.0)[:, None]
-        edge = problem.inside(aim)
-        inside = edge is aim
-        there = aim if inside else _held_back(problem, aim)
-        near = (promised < _ARRIVED) | (
-            promised < np.minimum(_CONTRACTED * now.promised, _CLOSE_BY)
-        )
-        last = near & (now.damping <= _FREE) & (length < _SHORT)
-        np.minimum.at(least, now.touch[last], (now.chi_square - promised)[last])
-        leave = last | (now.chi_square - 4.0 * promised > least[now.touch] + hopeless)
-        if len(least) == 1 < len(starts):
-            leave |= repeated(there, now.chi_square, _CLOSE, ends.at[ends.arrived])
-        if leave.any():
-            ends.put(now.only(leave).gone(there[leave], promised[leave]), last[leave])
-            if leave.all():
-                break
-            stay = ~leave
-            now, aim, there, promised = now.only(stay), aim[stay], there[stay], promised[stay]
-            edge = there if inside else edge[stay]
-        found = now.there(problem, there, edge)
-        stuck = np.asarray((found.chi_square > now.chi_square) & (promised < _ROUNDING))
-        if not inside:
-            held = (there != aim).any(axis=1)
-            stuck |= held & (found.chi_square > (1.0 - _HELD) * now.chi_square)
-        now.move(found, promised, second_order=count >= _PATIENCE)
-        on = ~stuck & (now.damping < _GIVEN_UP)
-        if not on.all():
-            ends.put(now.only(~on), stuck[~on])
-            if not on.any():
-                break
-            now = now.only(on)
-    else:
-        ends.put(now, False)
+        steps = now.steps(problem, longest)
+        least_possible = now.chi_square - 4.0 * steps.promised
+        last = now.last(steps)
+        if last.any():
+            np.minimum.at(least, now.touch[last], (now.chi_square - steps.promised)[last])
+        leave = last | (least_possible > least[now.touch] + hopeless)
+        if alone and len(starts) > 1:
+            leave |= now.repeated(steps)
+        now.leave(leave & now.on, steps, last)
+        if not now.on.any():
+            break
+        # where searches for one touch have arrived others end
+        kept = now.on | now.arrived if alone else now.on
+        if len(kept) > _FEW and not kept.all():
+            ends.put(now.only(np.flatnonzero(~kept)))
+            rows = np.flatnonzero(kept)
+            now, steps = now.only(rows), steps.only(rows)
+        now.go(problem, steps, second_order=count >= _PATIENCE)
+    ends.put(now)
     return ends
 
 
@@ -345,17 +388,33 @@ def damped_steps(normal: Array, damping: Array | float) -> tuple[Array, Array]:
     return step, (downhill * step).sum(axis=1)
 
 
+def bend(
+    normal: Array, misfit: Array, step: Array, change: Array, bent: NDArray[np.bool_]
+) -> None:
+    """Add to normal matrices what the slopes' `change` along a step tells of second order.
+
+    The update of Broyden, Fletcher, Goldfarb and Shanno with the difference of gradients that
+    Dennis, Gay and Welsch (ACM Trans. Math. Softw. 7, 1981) take, which vanishes with what
+    is left unexplained, `misfit` (n, electrodes). Only where `bent`.
+    """
+    along = np.matmul(normal[:, 1:, 1:], step[:, :, None])
+    total = along + np.matmul(change.swapaxes(1, 2), misfit[:, :, None])
+    first, second = ((step[:, :, None] * each).sum(axis=1, keepdims=True) for each in (along, total))
+    sound = bent & (second > _LEAST_CURVATURE * first)[:, 0, 0]
+    for sign, each, curvature in ((1.0, total, second), (-1.0, along, first)):
+        root = each[sound] / np.sqrt(curvature[sound])
+        normal[sound, 1:, 1:] += sign * root * root.swapaxes(1, 2)
+
+
 def repeated(
-    at: Array, chi_square: Array, close: Array, ends: Array | None = None
+    at: Array,
+    chi_square: Array,
+    close: Array,
+    on: NDArray[np.bool_] | bool = True,
+    ended: NDArray[np.bool_] | bool = False,
 ) -> NDArray[np.bool_]:
-    """Which of the places `at` (n, 4) are `close` to a better one, or to one of the ends."""
-    near = (np.abs(at[:, None] - at) < close).all(axis=2)
-    near &= chi_square < chi_square[:, None]
-    if ends is None or not len(ends):
-        return np.asarray(near.any(axis=1))
-    ended = np.asarray((np.abs(at[:, None] - ends) < close).all(axis=2))
-    return np.asarray(near.any(axis=1) | ended.any(axis=1))
-
-
-def _held_back(problem: Problem, at: Array) -> Array:
-    return problem.inside(at, _ROOM_REACH, _ROOM_FORCE)
+    """Which of the places `at` (n, 4) are `close` to a better one that is on, or to an end."""
+    scaled = at / close
+    near = (np.abs(scaled[:, None] - scaled) < 1.0).all(axis=2)
+    near &= ((chi_square < chi_square[:, None]) & on) | ended
+    return np.asarray(near.any(axis=1))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from skfem import Basis, asm
 from skfem.models import mass
 
+from pvdf_fem.cut import local_coordinates
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.mesh import PROBE, Sizes, mesh_scene, outlines
 from pvdf_fem.newton import Status, factorise, newton, seed
@@ -216,7 +217,9 @@ class _Projection:
 
 def _sampling(basis: Basis, points: Array) -> sp.csr_matrix:
     """Matrix (points, dofs) that takes nodal values to values at points (n, 2)."""
-    elements, values = located(basis, points.T, CANDIDATES)
+    elements, _ = located(basis, points.T, CANDIDATES)
+    place = local_coordinates(basis.mesh, elements, points[:, None])[:, :, 0]
+    values = np.stack([basis.elem.lbasis(place, i)[0] for i in range(basis.Nbfun)], axis=-1)
     rows = np.broadcast_to(np.arange(len(points))[:, None], values.shape)
     columns = basis.element_dofs.T[elements]
     shape = (len(points), basis.N)

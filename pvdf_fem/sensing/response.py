@@ -28,7 +28,7 @@ POWER = 1.0 / 6.0
 # Relative excess over a domain that is rounding.
 ROUNDING = 1e-9
 # Of derivatives of order 0 and 1 by the force within those by x, y and rotation.
-_VALUE_AND_SLOPES = np.array([0, 2, 4, 6, 1])
+_VALUE_AND_SLOPES = np.array([0, 2, 4, 6, 1], dtype=np.intp)
 FORMAT = "pvdf_fem response 1"
 
 
@@ -70,12 +70,12 @@ class Domain:
 
     def refuse_others(self, touches: Array) -> None:
         """Raise `ValueError` for touches (n, 4) outside."""
-        away, force = np.hypot(touches[:, 0], touches[:, 1]), touches[:, 3]
+        x, y, rotation, force = touches.T
         low, high = self.force_N
-        near = away <= self.reach_mm * (1.0 + ROUNDING)
-        fair = (force >= low * (1.0 - ROUNDING)) & (force <= high * (1.0 + ROUNDING))
-        turned = np.isfinite(touches[:, 2])
-        if not (inside := near & fair & turned).all():
+        inside = x * x + y * y <= (self.reach_mm * (1.0 + ROUNDING)) ** 2
+        inside &= (force >= low * (1.0 - ROUNDING)) & (force <= high * (1.0 + ROUNDING))
+        inside &= np.isfinite(rotation)
+        if not inside.all():
             x, y, rotation, newton = touches[np.argmin(inside)]
             raise ValueError(
                 f"touches: x = {x:g} mm, y = {y:g} mm, {rotation:g} deg, {newton:g} N is outside of"
@@ -140,10 +140,10 @@ class Response:
         # (n, value and derivative by force, polynomials)
         by_force = (powers @ self._polynomials).reshape(len(touches), 2, -1)
         by_force[:, 1] *= rate[:, None]
-        # (n, electrodes, value and derivatives by place, value and derivative by force)
-        both = np.matmul(by_force[:, None], by_place).transpose(0, 3, 1, 2)
-        found = both.reshape(*both.shape[:2], 8)[:, :, _VALUE_AND_SLOPES]
-        return found[:, :, 0], found[:, :, 1:]
+        # (n, value and derivatives by place times value and derivative by force, electrodes)
+        both = np.matmul(by_force[:, None], by_place).reshape(len(touches), 8, -1)
+        found = both.take(_VALUE_AND_SLOPES, axis=1)
+        return found[:, 0], found[:, 1:].swapaxes(1, 2)
 
     def with_thickness(self, thickness_um: float) -> Response:
         """The response of a film of another thickness: without bending, F/h alone counts."""
