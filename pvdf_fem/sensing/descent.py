@@ -9,9 +9,8 @@ move a touch near the edge across it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,34 +23,31 @@ Indices = NDArray[np.intp]
 # A search ends where the next step would lower chi-square by less than this: a step of 0.03
 # standard deviations. It is taken, and what is left after it is of the order of its square; so it
 # must be below this share of the longest steps, too, where charges hardly change along it.
-_ARRIVED, _SHORT = 1e-3, 1e-2
+ARRIVED, SHORT = 1e-3, 1e-2
 # Or where it would lower chi-square by less than this share of what the step before promised, and
 # this: it leaves no larger a share of itself (Deuflhard, Newton Methods, 2004, section 4.3).
-_CONTRACTED, _CLOSE_BY = 1e-4, 10.0
-_MAX_STEPS = 60
+CONTRACTED, CLOSE_BY = 1e-4, 10.0
+MAX_STEPS = 60
 # How far searches may leave the domain: this share of the reach, and this factor of the force.
 _ROOM_REACH, _ROOM_FORCE = 1.05, 1.1
 # A step uphill that promised less than this is the rounding of the model's charges.
-_ROUNDING = 1e-2
+ROUNDING = 1e-2
 # Held there, a search ends when a step lowers chi-square by less than this share, or raises it.
-_HELD = 1e-2
-# Of no more searches than this, those that have ended are kept: sorting them out takes longer.
-_FEW = 16
-_UNIT = np.eye(len(QUANTITIES))
+HELD = 1e-2
 # Squares of slopes that are zero, by coordinates that do not count; others are more than this.
-_NO_SLOPE = 1e-300
+NO_SLOPE = 1e-300
 # Steps are no longer than this share of the reach, so many degrees, and this factor of the force:
 # valleys of chi-square wind along the rotation, and longer steps lead out of one into another.
-_LONGEST = np.array([0.25, 0.25, 5.0, 1.0])
+LONGEST = np.array([0.25, 0.25, 5.0, 1.0])
 # Searches for one touch that are this close go on as one: charges are smooth on this scale, and a
 # larger change of the rotation leads to another touch where charges hardly change along a valley.
-_CLOSE = np.array([0.1, 0.1, 0.5, 0.03])
+CLOSE = np.array([0.1, 0.1, 0.5, 0.03])
 # After so many steps second order counts where chi-square falls by a promise that is off by this
 # share, unless the curvature along the step is less than this share of that of first order.
-_PATIENCE, _BENT, _LEAST_CURVATURE = 4, 0.2, 0.1
+PATIENCE, BENT, _LEAST_CURVATURE = 4, 0.2, 0.1
 # Marquardt's damping: where it begins after a step uphill, and where a search gives up. A step
 # counts as the last one only if it was damped no more than to about half.
-_LEAST_DAMPING, _DAMPED, _GIVEN_UP, _FREE = 1e-10, 1e-3, 1e8, 1.0
+LEAST_DAMPING, DAMPED, GIVEN_UP, FREE = 1e-10, 1e-3, 1e8, 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,18 +77,19 @@ class Problem:
         `at` (n, 4) are coordinates, and `edge` those of the domain's nearest points, if known;
         `touch` (n,) tells which charges belong to them. Slopes by what is known are zero.
         """
+        alone = len(self.charges_pC) == 1
         edge = self.inside(at) if edge is None else edge
         touches = edge.copy()
         touches[:, FORCE] = force = np.exp(edge[:, FORCE])
         charges, slopes = self.model.evaluate(touches)
         system = np.empty((len(at), len(self.electrodes), 1 + len(QUANTITIES)))
         system[:, :, 0] = charges.take(self.electrodes, axis=1)
-        system[:, :, 0] -= self.charges_pC.take(touch, axis=0)
+        system[:, :, 0] -= self.charges_pC if alone else self.charges_pC.take(touch, axis=0)
         system[:, :, 1:] = slopes.take(self.electrodes, axis=1)
         system[:, :, 1 + FORCE] *= force[:, None]
         if edge is not at:
             system[:, :, 0] += np.matmul(system[:, :, 1:], (at - edge)[:, :, None])[:, :, 0]
-        system *= self._weights.take(touch, axis=0)
+        system *= self._weights if alone else self._weights.take(touch, axis=0)
         return system
 
     def inside(self, at: Array) -> Array:
@@ -107,15 +104,13 @@ class Problem:
         return self._moved(at, *self._room)
 
     def _moved(self, at: Array, reach_mm: float, lowest: float, highest: float) -> Array:
-        x, y, _, force = at.T
-        square = x * x + y * y
-        far = square > reach_mm * reach_mm
-        if not (far | (force < lowest) | (force > highest)).any():
+        # for a few searches a loop is quicker than arrays
+        square = reach_mm**2
+        if all(x * x + y * y <= square and lowest <= f <= highest for x, y, _, f in at.tolist()):
             return at
         moved = at.copy()
-        moved[:, FORCE] = np.minimum(np.maximum(force, lowest), highest)
-        if far.any():
-            self._draw_in(moved, np.sqrt(square), reach_mm)
+        moved[:, FORCE] = np.minimum(np.maximum(at[:, FORCE], lowest), highest)
+        self._draw_in(moved, np.hypot(at[:, X], at[:, Y]), reach_mm)
         return moved
 
     def _draw_in(self, at: Array, distance: Array, reach_mm: float) -> None:
@@ -139,6 +134,16 @@ class Problem:
         reach_mm, lowest, highest = self._domain
         more = math.log(_ROOM_FORCE)
         return _ROOM_REACH * reach_mm, lowest - more, highest + more
+
+    @property
+    def scale(self) -> Array:
+        """Of steps in each coordinate, (4,): the reach, a degree, a factor of the force."""
+        return np.array([self.model.domain.reach_mm, self.model.domain.reach_mm, 1.0, 1.0])
+
+    @property
+    def moving(self) -> list[int]:
+        """Indices of the coordinates that charges tell of."""
+        return np.flatnonzero(self._sought).tolist()
 
     @cached_property
     def _sought(self) -> NDArray[np.bool_]:
@@ -181,54 +186,15 @@ class Descent:
         at, slopes = np.empty((searches, 4)), np.empty((searches, electrodes, 4))
         return cls(at, slopes, np.empty(searches), np.zeros(searches, dtype=bool))
 
-    def put(self, searches: _Searches) -> None:
+    def put(self, searches: _Searches, arrived: NDArray[np.bool_] | bool) -> None:
         """Write down where searches are."""
         self.at[searches.row], self.slopes[searches.row] = searches.at, searches.system[:, :, 1:]
-        self.chi_square[searches.row] = searches.chi_square
-        self.arrived[searches.row] = searches.arrived
+        self.chi_square[searches.row], self.arrived[searches.row] = searches.chi_square, arrived
 
 
 @dataclass(eq=False)
-class _Rows:
-    """Arrays with one row for each of some searches."""
-
-    def only(self, rows: Indices) -> Self:
-        """Those chosen."""
-        return replace(self, **{k: v.take(rows, axis=0) for k, v in vars(self).items()})
-
-
-@dataclass(eq=False)
-class _Steps(_Rows):
-    """The next steps of searches.
-
-    Attributes
-    ----------
-    promised : ndarray, shape (n,)
-        Decrease of chi-square, by the whole of each.
-    length : ndarray, shape (n,)
-        Over the longest that is gone at once.
-    there : ndarray, shape (n, 4)
-        Coordinates that they lead to.
-    edge : ndarray, shape (n, 4)
-        The domain's nearest points; `there` itself if all are inside.
-    held : ndarray of bool, shape (n,)
-        Which would have left the room about the domain.
-    """
-
-    promised: Array
-    length: Array
-    there: Array
-    edge: Array
-    held: NDArray[np.bool_]
-
-    def only(self, rows: Indices) -> Self:
-        chosen = super().only(rows)
-        return replace(chosen, edge=chosen.there) if self.edge is self.there else chosen
-
-
-@dataclass(eq=False)
-class _Searches(_Rows):
-    """Searches, those under way and those that have ended.
+class _Searches:
+    """Searches under way.
 
     Attributes
     ----------
@@ -245,8 +211,6 @@ class _Searches(_Rows):
         Marquardt's.
     promised : ndarray, shape (n,)
         Decrease of chi-square by the whole of the step that led here; 0 at first.
-    on, arrived : ndarray of bool, shape (n,)
-        Which are under way, and which of the others have ended where nowhere nearby is better.
     """
 
     row: Indices
@@ -256,79 +220,54 @@ class _Searches(_Rows):
     normal: Array
     damping: Array
     promised: Array
-    on: NDArray[np.bool_]
-    arrived: NDArray[np.bool_]
 
     @classmethod
     def start(cls, problem: Problem, touch: Indices, at: Array) -> _Searches:
         """From coordinates (n, 4)."""
-        at, count = at.copy(), len(at)
+        count = len(at)
         system = problem.linearised(at, touch)
-        normal, damping = _products(system), np.full(count, _LEAST_DAMPING)
-        on, arrived = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
-        row, promised = np.arange(count), np.zeros(count)
-        return cls(row, touch, at, system, normal, damping, promised, on, arrived)
+        normal, damping = products(system), np.full(count, LEAST_DAMPING)
+        return cls(np.arange(count), touch, at, system, normal, damping, np.zeros(count))
+
+    def there(self, problem: Problem, at: Array, edge: Array) -> _Searches:
+        """The same at other coordinates (n, 4), nearest to which in the domain are `edge`."""
+        system = problem.linearised(at, self.touch, edge)
+        known = self.damping, self.promised
+        return _Searches(self.row, self.touch, at, system, products(system), *known)
 
     @property
     def chi_square(self) -> Array:
         return self.normal[:, 0, 0]
 
-    def steps(self, problem: Problem, longest: Array) -> _Steps:
-        """The next steps; none of searches that have ended."""
-        step, promised = damped_steps(self.normal, self.damping[:, None, None])
-        length = np.abs(step / longest).max(axis=1)
-        aim = self.at + step * (self.on / np.maximum(length, 1.0))[:, None]
-        edge = problem.inside(aim)
-        if edge is aim:
-            return _Steps(promised, length, aim, aim, np.zeros(len(aim), dtype=bool))
-        there = problem.held_back(aim)
-        return _Steps(promised, length, there, edge, (there != aim).any(axis=1))
+    def only(self, chosen: NDArray[np.bool_]) -> _Searches:
+        """Those chosen."""
+        rows = np.flatnonzero(chosen)
+        return _Searches(*(values.take(rows, axis=0) for values in vars(self).values()))
 
-    def last(self, steps: _Steps) -> NDArray[np.bool_]:
-        """Searches that end after the next step."""
-        little = np.maximum(np.minimum(_CONTRACTED * self.promised, _CLOSE_BY), _ARRIVED)
-        near = (steps.promised < little) & (steps.length < _SHORT)
-        return near & (self.damping <= _FREE) & self.on
+    def gone(self, there: Array, promised: Array) -> _Searches:
+        """Gone `there` (n, 4), where slopes are as here and chi-square is less as promised."""
+        self.at = there
+        self.normal[:, 0, 0] -= promised
+        return self
 
-    def repeated(self, steps: _Steps) -> NDArray[np.bool_]:
-        """Searches for one touch that go where a better one goes, or where one has arrived."""
-        return repeated(steps.there, self.chi_square, _CLOSE, self.on, self.arrived)
-
-    def leave(
-        self, chosen: NDArray[np.bool_], steps: _Steps, arrived: NDArray[np.bool_]
-    ) -> None:
-        """End those chosen with their steps, after which slopes are still those before."""
-        np.copyto(self.at, steps.there, where=chosen[:, None])
-        self.normal[:, 0, 0] -= chosen * steps.promised
-        self.arrived |= arrived
-        self.on &= ~chosen
-
-    def go(self, problem: Problem, steps: _Steps, *, second_order: bool) -> None:
-        """Take the steps that are better, damp the next one elsewhere, and end what is stuck."""
-        system = problem.linearised(steps.there, self.touch, steps.edge)
-        normal = _products(system)
-        decrease = self.chi_square - normal[:, 0, 0]
+    def move(self, there: _Searches, promised: Array, *, second_order: bool) -> None:
+        """Go on from `there` where it is better, and damp the next step elsewhere."""
+        decrease = self.chi_square - there.chi_square
         better = decrease >= 0.0
-        stuck = ~better & (steps.promised < _ROUNDING)
-        if steps.edge is not steps.there:
-            stuck |= steps.held & (decrease < _HELD * self.chi_square)
-        better &= self.on
-        bent = better & (np.abs(decrease - steps.promised) > _BENT * steps.promised)
+        bent = better & (np.abs(decrease - promised) > BENT * promised)
         if second_order and bent.any():
-            step, change = steps.there - self.at, system[:, :, 1:] - self.system[:, :, 1:]
-            bend(normal, system[:, :, 0], step, change, bent)
-        less = np.maximum(0.1 * self.damping, _LEAST_DAMPING)
+            change = there.system - self.system
+            step = there.at - self.at
+            bend(there.normal, there.system[:, :, 0], step, change[:, :, 1:], bent)
+        less = np.maximum(0.1 * self.damping, LEAST_DAMPING)
         if better.all():
-            self.at, self.system, self.normal = steps.there, system, normal
-            self.damping, self.promised = less, steps.promised
-        else:
-            np.copyto(self.at, steps.there, where=better[:, None])
-            np.copyto(self.system, system, where=better[:, None, None])
-            np.copyto(self.normal, normal, where=better[:, None, None])
-            self.damping = np.where(better, less, np.maximum(10.0 * self.damping, _DAMPED))
-            self.promised = better * steps.promised
-        self.arrived |= stuck & self.on
-        self.on &= ~stuck & (self.damping < _GIVEN_UP)
+            self.at, self.system, self.normal = there.at, there.system, there.normal
+            self.damping, self.promised = less, promised
+            return
+        for name in ("at", "system", "normal"):
+            getattr(self, name)[better] = getattr(there, name)[better]
+        self.damping = np.where(better, less, np.maximum(10.0 * self.damping, DAMPED))
+        self.promised = np.where(better, promised, 0.0)
 
 
 def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = np.inf) -> Descent:
@@ -346,46 +285,65 @@ def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = n
         given up.
     """
     ends = Descent.of(len(starts), len(problem.electrodes))
-    alone, least = len(problem.charges_pC) == 1, np.full(len(problem.charges_pC), np.inf)
-    reach_mm = problem.model.domain.reach_mm
-    longest = _LONGEST * [reach_mm, reach_mm, 1.0, 1.0]
+    least = np.full(len(problem.charges_pC), np.inf)
+    longest = LONGEST * problem.scale
     now = _Searches.start(problem, touch, problem.held_back(starts))
-    for count in range(_MAX_STEPS):
-        steps = now.steps(problem, longest)
-        least_possible = now.chi_square - 4.0 * steps.promised
-        last = now.last(steps)
-        if last.any():
-            np.minimum.at(least, now.touch[last], (now.chi_square - steps.promised)[last])
-        leave = last | (least_possible > least[now.touch] + hopeless)
-        if alone and len(starts) > 1:
-            leave |= now.repeated(steps)
-        now.leave(leave & now.on, steps, last)
-        if not now.on.any():
-            break
-        # where searches for one touch have arrived others end
-        kept = now.on | now.arrived if alone else now.on
-        if len(kept) > _FEW and not kept.all():
-            ends.put(now.only(np.flatnonzero(~kept)))
-            rows = np.flatnonzero(kept)
-            now, steps = now.only(rows), steps.only(rows)
-        now.go(problem, steps, second_order=count >= _PATIENCE)
-    ends.put(now)
+    for count in range(MAX_STEPS):
+        step, promised = damped_steps(now.normal, now.damping[:, None])
+        length = np.abs(step / longest).max(axis=1)
+        aim = now.at + step / np.maximum(length, 1.0)[:, None]
+        edge = problem.inside(aim)
+        inside = edge is aim
+        there = aim if inside else problem.held_back(aim)
+        near = (promised < ARRIVED) | (
+            promised < np.minimum(CONTRACTED * now.promised, CLOSE_BY)
+        )
+        last = near & (now.damping <= FREE) & (length < SHORT)
+        np.minimum.at(least, now.touch[last], (now.chi_square - promised)[last])
+        leave = last | (now.chi_square - 4.0 * promised > least[now.touch] + hopeless)
+        if len(least) == 1 < len(starts):
+            leave |= repeated(there, now.chi_square, CLOSE, ends.at[ends.arrived])
+        if leave.any():
+            ends.put(now.only(leave).gone(there[leave], promised[leave]), last[leave])
+            if leave.all():
+                break
+            stay = ~leave
+            now, aim, there, promised = now.only(stay), aim[stay], there[stay], promised[stay]
+            edge = there if inside else edge[stay]
+        found = now.there(problem, there, edge)
+        stuck = np.asarray((found.chi_square > now.chi_square) & (promised < ROUNDING))
+        if not inside:
+            held = (there != aim).any(axis=1)
+            stuck |= held & (found.chi_square > (1.0 - HELD) * now.chi_square)
+        now.move(found, promised, second_order=count >= PATIENCE)
+        on = ~stuck & (now.damping < GIVEN_UP)
+        if not on.all():
+            ends.put(now.only(~on), stuck[~on])
+            if not on.any():
+                break
+            now = now.only(on)
+    else:
+        ends.put(now, False)
     return ends
 
 
-def _products(system: Array) -> Array:
+def products(system: Array) -> Array:
+    """Products (n, 1 + 4, 1 + 4) of the columns of `Problem.linearised`."""
     return np.matmul(system.swapaxes(1, 2), system)
 
 
 def damped_steps(normal: Array, damping: Array | float) -> tuple[Array, Array]:
     """Damped Gauss-Newton steps (n, k), and the decrease of chi-square they promise, (n,).
 
-    `normal` (n, 1 + k, 1 + k) as `_Searches` has it; the damping is Marquardt's.
+    `normal` (n, 1 + k, 1 + k) as `_Searches` has it; the damping, a number or (n, 1), is Marquardt's.
     """
-    downhill, unit = -normal[:, 1:, 0], _UNIT[: normal.shape[1] - 1, : normal.shape[1] - 1]
-    damped = normal[:, 1:, 1:] * (1.0 + damping * unit) + _NO_SLOPE * unit
-    step = np.asarray(np.linalg.solve(damped, downhill[:, :, None])[:, :, 0], dtype=float)
-    return step, (downhill * step).sum(axis=1)
+    damped = normal[:, 1:, 1:].copy()
+    diagonal = damped.reshape(len(damped), -1)[:, :: damped.shape[1] + 1]
+    diagonal *= 1.0 + damping
+    diagonal += NO_SLOPE
+    uphill = normal[:, 1:, :1]
+    step = np.asarray(np.linalg.solve(damped, uphill), dtype=float)
+    return -step[:, :, 0], np.matmul(uphill.swapaxes(1, 2), step)[:, 0, 0]
 
 
 def bend(
@@ -407,14 +365,12 @@ def bend(
 
 
 def repeated(
-    at: Array,
-    chi_square: Array,
-    close: Array,
-    on: NDArray[np.bool_] | bool = True,
-    ended: NDArray[np.bool_] | bool = False,
+    at: Array, chi_square: Array, close: Array, ends: Array | None = None
 ) -> NDArray[np.bool_]:
-    """Which of the places `at` (n, 4) are `close` to a better one that is on, or to an end."""
-    scaled = at / close
-    near = (np.abs(scaled[:, None] - scaled) < 1.0).all(axis=2)
-    near &= ((chi_square < chi_square[:, None]) & on) | ended
-    return np.asarray(near.any(axis=1))
+    """Which of the places `at` (n, 4) are `close` to a better one, or to one of the ends."""
+    near = (np.abs(at[:, None] - at) < close).all(axis=2)
+    near &= chi_square < chi_square[:, None]
+    if ends is None or not len(ends):
+        return np.asarray(near.any(axis=1))
+    ended = np.asarray((np.abs(at[:, None] - ends) < close).all(axis=2))
+    return np.asarray(near.any(axis=1) | ended.any(axis=1))

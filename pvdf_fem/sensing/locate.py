@@ -11,12 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincc
 
 from pvdf_fem.sensing.descent import Descent, Problem, descend
+from pvdf_fem.sensing.few_searches import FEW, descend_few
 from pvdf_fem.sensing.location import Location
 from pvdf_fem.sensing.starts import starts
 from pvdf_fem.sensing.touch import (
@@ -111,10 +113,15 @@ def search(problem: Problem, touch: int, known: dict[int, float]) -> Descent:
     charges, spread = problem.charges_pC[touch], problem.deviations_pC[touch]
     at = starts(problem.model, charges, spread, problem.electrodes, known)
     others = problem.unknown[problem.unknown != ROTATION]
-    rows = np.full(len(at), touch)
     if 0 < len(others) < len(problem.unknown):
-        at = descend(replace(problem, unknown=others), at, rows).at
-    return descend(problem, at, rows, _LISTED)
+        at = _descended(replace(problem, unknown=others), at, touch, np.inf).at
+    return _descended(problem, at, touch, _LISTED)
+
+
+def _descended(problem: Problem, at: Array, touch: int, hopeless: float) -> Descent:
+    if len(at) <= FEW and len(problem.charges_pC) == 1:
+        return descend_few(problem, at, hopeless)
+    return descend(problem, at, np.full(len(at), touch), hopeless)
 
 
 def _relative(sigma: float | Mapping[str, float], charges_pC: Mapping[str, float]) -> Array:
@@ -127,7 +134,8 @@ def deviations(model: Model, charges: Array, relative: Array, noise_pC: float) -
     return np.sqrt((relative**2 + own**2) * charges**2 + noise_pC**2)
 
 
-def _of_scene(model: Model) -> dict[str, float]:
+@lru_cache(maxsize=8)
+def _of_scene(model: Model) -> Mapping[str, float]:
     probe, force_N = model.scene.probe, model.scene.load.force_N
     if probe is None:
         return {"force_N": force_N}
@@ -206,12 +214,12 @@ def location(problem: Problem, ends: Descent) -> Location:
     if not keep.size:
         return Location((), names, freedom, -np.inf, problem)
     at, slopes, chi_square = ends.at[keep], ends.slopes[keep], ends.chi_square[keep]
-    extent = extents(problem)
+    extent = extents(problem.model)
     logs = _log_masses(slopes * extent, chi_square)
     total = float(np.logaddexp.reduce(logs))
     values, scale = at.copy(), np.ones(at.shape)
     values[:, FORCE] = scale[:, FORCE] = np.exp(at[:, FORCE])
-    if ROTATION in problem.unknown:
+    if QUANTITIES[ROTATION] in names:
         values[:, ROTATION] %= period_deg(problem.model)
     columns = (
         (slopes / scale[:, None]).take(problem.unknown, axis=2),
@@ -225,21 +233,22 @@ def location(problem: Problem, ends: Descent) -> Location:
         Touch(x, y, rotation, force, names, *row)
         for (x, y, rotation, force), *row in zip(values.tolist(), *columns, strict=True)
     )
-    spread = np.log(np.sqrt(2.0 * np.pi) * problem.deviations_pC[0]).sum()
-    return Location(tuple(touches), names, freedom, total - float(spread), problem)
+    spread = math.log(2.0 * math.pi) / 2.0 + np.log(problem.deviations_pC[0])
+    return Location(tuple(touches), names, freedom, total - float(spread.sum()), problem)
 
 
 def _distinct(problem: Problem, ends: Descent) -> Indices:
     """The likely ends of searches that are no repetition of a better one, the best first."""
-    keep = np.flatnonzero(ends.arrived)
-    keep = keep[np.argsort(ends.chi_square[keep], kind="stable")]
-    keep = keep[ends.chi_square[keep] <= ends.chi_square[keep[:1]] + _LISTED]
+    chi_square = np.where(ends.arrived, ends.chi_square, np.inf)
+    keep = chi_square.argsort(kind="stable")
+    chi_square = chi_square[keep]
+    keep = keep[(chi_square <= chi_square[:1] + _LISTED) & (chi_square < np.inf)]
     period = period_deg(problem.model)
     k = 1
     while k < len(keep):
         best, others = keep[k - 1], keep[k:]
         apart = ends.at[others] - ends.at[best]
-        apart[:, ROTATION] -= period * np.round(apart[:, ROTATION] / period)
+        apart[:, ROTATION] -= period * np.rint(apart[:, ROTATION] / period)
         # by the slopes of the better one
         same = np.square(apart @ ends.slopes[best].T).sum(axis=1) < _SAME_CHI_SQUARE
         same &= (np.abs(apart) < _SAME).all(axis=1)
@@ -248,12 +257,11 @@ def _distinct(problem: Problem, ends: Descent) -> Indices:
     return keep
 
 
-def extents(problem: Problem) -> Array:
-    """Size of the domain in each coordinate, (4,)."""
-    domain = problem.model.domain
-    lowest, highest = domain.force_N
-    turn = 0.5 * period_deg(problem.model)
-    return np.array([domain.reach_mm, domain.reach_mm, turn, math.log(highest / lowest)])
+@lru_cache(maxsize=8)
+def extents(model: Model) -> Array:
+    """Size of a model's domain in each coordinate, (4,)."""
+    reach_mm, (lowest, highest) = model.domain.reach_mm, model.domain.force_N
+    return np.array([reach_mm, reach_mm, 0.5 * period_deg(model), math.log(highest / lowest)])
 
 
 def _log_masses(slopes: Array, chi_square: Array) -> Array:

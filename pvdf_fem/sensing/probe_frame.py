@@ -35,8 +35,6 @@ PROBE_SIZE, GROWTH, FILM_SIZE = 1 / 13, 0.18, 1 / 14
 # The same for a disc: its elements are sampled as if their edges were straight, and 1/9 is off by
 # 4e-4 of a charge.
 DISC_SIZE = 1 / 36
-# Stress beyond this share of the radius is taken from there; the mesh ends at chords of the rim.
-INSIDE = 0.98
 # Triangles in which a point is sought.
 CANDIDATES = 10
 # Cells of a raster below zero, beyond the memory of a spline.
@@ -149,7 +147,7 @@ def mean_stress_about_probe(
     equilibrium = _equilibrium(scene.with_(**{"probe.x_mm": x, "probe.y_mm": y}))
     membrane = equilibrium.membrane
     points = 1e-3 * (raster.samples_mm + place_mm)
-    sample = _sampling(membrane.basis, _inside(points, scene.film.radius).reshape(-1, 2))
+    sample = _sampling(membrane.basis, points.reshape(-1, 2), scene.film.radius)
     project = _Projection(membrane.basis)
     try:
         fields = [sample @ project(stress) for stress in _stresses(equilibrium, forces)]
@@ -191,11 +189,6 @@ def _extrapolated(known: list[tuple[float, Array]], force: float) -> Array:
     return q
 
 
-def _inside(points: Array, radius: float) -> Array:
-    share = np.linalg.norm(points, axis=-1, keepdims=True) / radius
-    return points * INSIDE / np.maximum(share, INSIDE)
-
-
 class _Projection:
     """Continuous fields nearest to fields with jumps between elements; integrals stay."""
 
@@ -215,8 +208,23 @@ class _Projection:
         return self._factors.solve(right)
 
 
-def _sampling(basis: Basis, points: Array) -> sp.csr_matrix:
-    """Matrix (points, dofs) that takes nodal values to values at points (n, 2)."""
+def _sampling(basis: Basis, points: Array, radius: float) -> sp.csr_matrix:
+    """Matrix (points, dofs) that takes nodal values to values at points (n, 2).
+
+    Beyond the film's radius fields go on as parabolas along it: smoothly, as the interpolation over
+    the rim's places needs, in which a point may be on the film for one and beyond it for another.
+    """
+    away = np.linalg.norm(points, axis=-1, keepdims=True)
+    outward = points / np.maximum(away, radius)
+    beyond = np.maximum(away - radius, 0.0)
+    inside = _values(basis, points * radius / np.maximum(away, radius))
+    first, second = (_values(basis, (radius - k * beyond) * outward) for k in (1.0, 2.0))
+    outside = sp.diags_array((beyond > 0.0).astype(float).ravel())
+    return inside + outside @ (2.0 * inside - 3.0 * first + second)
+
+
+def _values(basis: Basis, points: Array) -> sp.csr_matrix:
+    """Matrix (points, dofs) that takes nodal values to values at points (n, 2) of the film."""
     elements, _ = located(basis, points.T, CANDIDATES)
     place = local_coordinates(basis.mesh, elements, points[:, None])[:, :, 0]
     values = np.stack([basis.elem.lbasis(place, i)[0] for i in range(basis.Nbfun)], axis=-1)

@@ -8,6 +8,7 @@ they are from those of full solves is measured on random touches, and stored wit
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -70,16 +71,16 @@ class Domain:
 
     def refuse_others(self, touches: Array) -> None:
         """Raise `ValueError` for touches (n, 4) outside."""
-        x, y, rotation, force = touches.T
-        low, high = self.force_N
-        inside = x * x + y * y <= (self.reach_mm * (1.0 + ROUNDING)) ** 2
-        inside &= (force >= low * (1.0 - ROUNDING)) & (force <= high * (1.0 + ROUNDING))
-        inside &= np.isfinite(rotation)
-        if not inside.all():
-            x, y, rotation, newton = touches[np.argmin(inside)]
+        low, high = (1.0 - ROUNDING) * self.force_N[0], (1.0 + ROUNDING) * self.force_N[1]
+        square = ((1.0 + ROUNDING) * self.reach_mm) ** 2
+        # for a few touches a loop is quicker than arrays
+        for x, y, rotation, force in touches.tolist():
+            if x * x + y * y <= square and low <= force <= high and math.isfinite(rotation):
+                continue
             raise ValueError(
-                f"touches: x = {x:g} mm, y = {y:g} mm, {rotation:g} deg, {newton:g} N is outside of"
-                f" the response, {self.reach_mm:g} mm about the centre and {low:g} to {high:g} N;"
+                f"touches: x = {x:g} mm, y = {y:g} mm, {rotation:g} deg, {force:g} N is outside of"
+                f" the response, {self.reach_mm:g} mm about the centre and {self.force_N[0]:g} to"
+                f" {self.force_N[1]:g} N;"
                 " build one for a larger domain"
             )
 
