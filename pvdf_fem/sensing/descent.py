@@ -71,25 +71,29 @@ class Problem:
     deviations_pC: Array
     unknown: Indices
 
-    def linearised(self, at: Array, touch: Indices, edge: Array | None = None) -> Array:
+    def linearised(
+        self, at: Array, touch: Indices | None = None, edge: Array | None = None
+    ) -> Array:
         """Differences of charges, then slopes, over deviations, (n, electrodes, 1 + 4).
 
         `at` (n, 4) are coordinates, and `edge` those of the domain's nearest points, if known;
-        `touch` (n,) tells which charges belong to them. Slopes by what is known are zero.
+        `touch` (n,) tells which charges belong to them, if there are several. Slopes by what is
+        known are zero.
         """
-        alone = len(self.charges_pC) == 1
         edge = self.inside(at) if edge is None else edge
         touches = edge.copy()
         touches[:, FORCE] = force = np.exp(edge[:, FORCE])
         charges, slopes = self.model.evaluate(touches)
+        measured, weights = self.charges_pC, self._weights
+        if touch is not None and len(measured) > 1:
+            measured, weights = measured.take(touch, axis=0), weights.take(touch, axis=0)
         system = np.empty((len(at), len(self.electrodes), 1 + len(QUANTITIES)))
-        system[:, :, 0] = charges.take(self.electrodes, axis=1)
-        system[:, :, 0] -= self.charges_pC if alone else self.charges_pC.take(touch, axis=0)
+        system[:, :, 0] = charges.take(self.electrodes, axis=1) - measured
         system[:, :, 1:] = slopes.take(self.electrodes, axis=1)
         system[:, :, 1 + FORCE] *= force[:, None]
         if edge is not at:
             system[:, :, 0] += np.matmul(system[:, :, 1:], (at - edge)[:, :, None])[:, :, 0]
-        system *= self._weights if alone else self._weights.take(touch, axis=0)
+        system *= weights
         return system
 
     def inside(self, at: Array) -> Array:

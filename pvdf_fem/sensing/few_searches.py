@@ -82,19 +82,22 @@ class _Search:
         self.system, self.normal, self.rows = system, normal, normal.tolist()
         self.chi_square = self.rows[0][0]
 
-    def plan(self, sought: Sequence[int], longest: Sequence[float]) -> None:
-        """The next step."""
+    def plan(self, moving: Sequence[int], longest: Sequence[float]) -> None:
+        """The next step, in the coordinates `moving`."""
+        gradient, *rows = self.rows
         more = 1.0 + self.damping
-        system = [[self.rows[1 + i][1 + j] for j in sought] for i in sought]
+        system = [[rows[i][1 + j] for j in moving] for i in moving]
         for k, row in enumerate(system):
             row[k] = row[k] * more + NO_SLOPE
-        uphill = [self.rows[0][1 + i] for i in sought]
+        uphill = [gradient[1 + i] for i in moving]
         step = solved(system, uphill)
-        self.promised = sum(a * b for a, b in zip(uphill, step, strict=True))
-        self.length = max((abs(a) / longest[i] for i, a in zip(sought, step, strict=True)), default=0.0)
+        self.promised = self.length = 0.0
+        for i, a, slope in zip(moving, step, uphill, strict=True):
+            self.promised += a * slope
+            self.length = max(self.length, abs(a) / longest[i])
         whole = max(self.length, 1.0)
         self.aim = self.at.copy()
-        for i, a in zip(sought, step, strict=True):
+        for i, a in zip(moving, step, strict=True):
             self.aim[i] -= a / whole
 
     def is_last(self) -> bool:
@@ -136,8 +139,11 @@ class _Search:
 
     def near(self, other: _Search) -> bool:
         """Whether it leads to where the other one leads, or has arrived."""
-        here, there = self.there, other.at if other.arrived else other.there
-        return all(abs(a - b) < c for a, b, c in zip(here, there, CLOSE, strict=True))
+        there = other.at if other.arrived else other.there
+        for a, b, close in zip(self.there, there, CLOSE, strict=True):
+            if abs(a - b) >= close:
+                return False
+        return True
 
 
 def solved(matrix: list[list[float]], right: list[float]) -> list[float]:
@@ -170,9 +176,9 @@ def descend_few(problem: Problem, starts: Array, hopeless: float = np.inf) -> De
     for count in range(MAX_STEPS):
         for one in on:
             one.plan(moving, longest)
-        aims = np.array([one.aim for one in on])
-        for one, there in zip(on, problem.held_back(aims).tolist(), strict=True):
-            one.there = there
+        there = problem.held_back(np.array([one.aim for one in on]))
+        for one, place in zip(on, there.tolist(), strict=True):
+            one.there = place
         arrived = [one for one in searches if one.arrived]
         last = [one for one in on if one.is_last()]
         least = min([least, *(one.chi_square - one.promised for one in last)])
@@ -189,7 +195,8 @@ def descend_few(problem: Problem, starts: Array, hopeless: float = np.inf) -> De
                 one.leave(arrived=one in last)
         if not stay:
             break
-        there = np.array([one.there for one in stay])
+        if len(stay) < len(there):
+            there = np.array([one.there for one in stay])
         found = zip(stay, *_systems(problem, there), strict=True)
         second_order = count >= PATIENCE
         on = [one for one, *each in found if one.go(*each, second_order=second_order)]
@@ -204,5 +211,5 @@ def descend_few(problem: Problem, starts: Array, hopeless: float = np.inf) -> De
 
 
 def _systems(problem: Problem, at: Array) -> tuple[Array, Array]:
-    system = problem.linearised(at, np.zeros(len(at), dtype=np.intp))
+    system = problem.linearised(at)
     return system, products(system)

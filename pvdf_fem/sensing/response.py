@@ -64,7 +64,7 @@ class Domain:
         at = np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))
         return (0.5 * (low + high) + 0.5 * (high - low) * at) ** (1.0 / POWER)
 
-    @property
+    @cached_property
     def _ends(self) -> tuple[float, float]:
         low, high = self.force_N
         return low**POWER, high**POWER

@@ -115,10 +115,16 @@ class Table:
             system = system.take([0, *(1 + sought)], axis=2)
         normal = np.matmul(system.swapaxes(1, 2), system)
         step, promised = damped_steps(normal, _DAMPING)
-        stretch = np.abs(step / _LONGEST[sought]).max(axis=1)
-        at[:, _MOVING[sought]] += step / np.maximum(stretch, 1.0)[:, None]
+        stretch = np.abs(step / _LONGEST.take(sought)).max(axis=1)
+        step /= np.maximum(stretch, 1.0)[:, None]
+        for k, i in enumerate(_MOVING.take(sought).tolist()):
+            at[:, i] += step[:, k]
         misfit = np.sqrt(np.maximum(normal[:, 0, 0] - promised, 0.0))
-        return at[_chosen(at, misfit, _WORSE + _CURVED * math.sqrt(target @ target))]
+        more = _WORSE + _CURVED * math.sqrt(target @ target)
+        rows = np.flatnonzero(~repeated(at, misfit, _CLOSE))
+        turns = sorted(set(turn.tolist()))
+        best = [_best(rows[turn[rows] == k] if turns[1:] else rows, misfit, more) for k in turns]
+        return at.take(np.concatenate(best), axis=0)
 
     @property
     def _chords(self) -> int:
@@ -183,17 +189,11 @@ class Table:
         return chosen | (chi_square <= lowest)
 
 
-def _chosen(at: Array, misfit: Array, more: float) -> Indices:
-    """The best starts of each rotation, with at most so much `more` misfit than the very best.
-
-    Those close to a better one are left out.
-    """
-    rows = np.flatnonzero(~repeated(at, misfit, _CLOSE))
-    rows = rows[np.lexsort((misfit[rows], at[rows, ROTATION]))]
-    turn = at[rows, ROTATION]
-    best = np.searchsorted(turn, turn)
-    good = misfit[rows] <= misfit[rows[best]] + more
-    return rows[good & (np.arange(len(rows)) - best < _KEPT)]
+def _best(rows: Indices, misfit: Array, more: float) -> Indices:
+    """The best of some starts, with at most so much `more` misfit than the very best."""
+    values = misfit[rows]
+    order = values.argsort()[:_KEPT]
+    return rows[order[values[order] <= values.min() + more]]
 
 
 def tabulate(
