@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,10 +121,9 @@ class Table:
             at[:, i] += step[:, k]
         misfit = np.sqrt(np.maximum(normal[:, 0, 0] - promised, 0.0))
         more = _WORSE + _CURVED * math.sqrt(target @ target)
-        rows = np.flatnonzero(~repeated(at, misfit, _CLOSE))
         turns = sorted(set(turn.tolist()))
-        best = [_best(rows[turn[rows] == k] if turns[1:] else rows, misfit, more) for k in turns]
-        return at.take(np.concatenate(best), axis=0)
+        rows = [np.flatnonzero(turn == k) for k in turns]
+        return at.take(np.concatenate([_best(row, at, misfit, more) for row in rows]), axis=0)
 
     @property
     def _chords(self) -> int:
@@ -165,7 +164,7 @@ class Table:
         """Least chi-square on each chord (rotations, chords, places), and where along it."""
         charges = self.charges_pC
         if turned:
-            charges = sum(share * charges[k] for k, share in turned)[None]
+            charges = reduce(np.add, (share * charges[k] for k, share in turned))[None]
         rest = charges * weights[:, None, None]
         rest -= target.astype(np.float32)[:, None, None]
         square = np.square(rest).sum(axis=1)
@@ -189,11 +188,18 @@ class Table:
         return chosen | (chi_square <= lowest)
 
 
-def _best(rows: Indices, misfit: Array, more: float) -> Indices:
-    """The best of some starts, with at most so much `more` misfit than the very best."""
+def _best(rows: Indices, at: Array, misfit: Array, more: float) -> Indices:
+    """The best of some starts, with at most so much `more` misfit than the very best.
+
+    Those close to a better one are left out.
+    """
     values = misfit[rows]
-    order = values.argsort()[:_KEPT]
-    return rows[order[values[order] <= values.min() + more]]
+    good = values <= values.min() + more
+    rows, values = rows[good], values[good]
+    order = values.argsort()
+    if len(rows) > 1:
+        order = order[~repeated(at[rows], values, _CLOSE)[order]]
+    return rows[order[:_KEPT]]
 
 
 def tabulate(
