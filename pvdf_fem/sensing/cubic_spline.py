@@ -169,9 +169,12 @@ class _Grid:
         for each in stride:
             stencil = (stencil[:, None] + each * np.arange(4)).ravel()
         per_step = 1.0 / np.array([axis.step for axis in axes])
-        along = np.eye(1 + len(axes), len(axes), -1).T[:, None, :, None]
-        splines = _CUBIC[:, None] + along * (per_step[:, None, None, None] * _SLOPE[:, None] - _CUBIC[:, None])
-        rows = splines.reshape(len(axes), 4, -1)
+        # (axes, powers, rows, splines)
+        rows = np.repeat(_CUBIC[None, :, None], 1 + len(axes), axis=2)
+        rows = np.repeat(rows, len(axes), axis=0)
+        for i, inverse in enumerate(per_step):
+            rows[i, :, 1 + i] = inverse * _SLOPE
+        rows = rows.reshape(len(axes), 4, -1)
         return cls(
             start=np.array([axis.start for axis in axes]),
             per_step=per_step,

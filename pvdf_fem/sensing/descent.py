@@ -24,6 +24,10 @@ Indices = NDArray[np.intp]
 # standard deviations. It is taken, and what is left after it is of the order of its square; so it
 # must be below this share of the longest steps, too, where charges hardly change along it.
 ARRIVED, SHORT = 1e-3, 1e-2
+# Along the longest steps charges change by about this share of second order. Where they hardly do
+# of first order, as near a fold, steps shrink slowly; what a step neglects must lead on by less than
+# this share of the longest.
+CURVED, ACCURATE = 0.2, 1e-3
 # Or where it would lower chi-square by less than this share of what the step before promised, and
 # this: it leaves no larger a share of itself (Deuflhard, Newton Methods, 2004, section 4.3).
 CONTRACTED, CLOSE_BY = 1e-4, 10.0
@@ -157,6 +161,12 @@ class Problem:
         probe = self.model.scene.probe
         sought[ROTATION] &= probe is None or probe.shape != "circle"
         return sought
+
+    @cached_property
+    def sizes(self) -> Array:
+        """Lengths (touches,) of the charges over their deviations."""
+        sizes: Array = np.linalg.norm(self.charges_pC / self.deviations_pC, axis=1)
+        return sizes
 
     @cached_property
     def _weights(self) -> Array:
@@ -299,10 +309,9 @@ def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = n
         edge = problem.inside(aim)
         inside = edge is aim
         there = aim if inside else problem.held_back(aim)
-        near = (promised < ARRIVED) | (
-            promised < np.minimum(CONTRACTED * now.promised, CLOSE_BY)
-        )
-        last = near & (now.damping <= FREE) & (length < SHORT)
+        near = (promised < ARRIVED) | (promised < np.minimum(CONTRACTED * now.promised, CLOSE_BY))
+        sure = CURVED * length**3 * problem.sizes[now.touch] <= ACCURATE * np.sqrt(promised)
+        last = near & (now.damping <= FREE) & (length < SHORT) & sure
         np.minimum.at(least, now.touch[last], (now.chi_square - promised)[last])
         leave = last | (now.chi_square - 4.0 * promised > least[now.touch] + hopeless)
         if len(least) == 1 < len(starts):
@@ -339,7 +348,7 @@ def products(system: Array) -> Array:
 def damped_steps(normal: Array, damping: Array | float) -> tuple[Array, Array]:
     """Damped Gauss-Newton steps (n, k), and the decrease of chi-square they promise, (n,).
 
-    `normal` (n, 1 + k, 1 + k) as `_Searches` has it; the damping, a number or (n, 1), is Marquardt's.
+    `normal` (n, 1 + k, 1 + k) as `_Searches` has it; Marquardt's damping is a number or (n, 1).
     """
     damped = normal[:, 1:, 1:].copy()
     diagonal = damped.reshape(len(damped), -1)[:, :: damped.shape[1] + 1]
@@ -350,9 +359,7 @@ def damped_steps(normal: Array, damping: Array | float) -> tuple[Array, Array]:
     return -step[:, :, 0], np.matmul(uphill.swapaxes(1, 2), step)[:, 0, 0]
 
 
-def bend(
-    normal: Array, misfit: Array, step: Array, change: Array, bent: NDArray[np.bool_]
-) -> None:
+def bend(normal: Array, misfit: Array, step: Array, change: Array, bent: NDArray[np.bool_]) -> None:
     """Add to normal matrices what the slopes' `change` along a step tells of second order.
 
     The update of Broyden, Fletcher, Goldfarb and Shanno with the difference of gradients that
@@ -361,7 +368,8 @@ def bend(
     """
     along = np.matmul(normal[:, 1:, 1:], step[:, :, None])
     total = along + np.matmul(change.swapaxes(1, 2), misfit[:, :, None])
-    first, second = ((step[:, :, None] * each).sum(axis=1, keepdims=True) for each in (along, total))
+    across = step[:, None]
+    first, second = np.matmul(across, along), np.matmul(across, total)
     sound = bent & (second > _LEAST_CURVATURE * first)[:, 0, 0]
     for sign, each, curvature in ((1.0, total, second), (-1.0, along, first)):
         root = each[sound] / np.sqrt(curvature[sound])

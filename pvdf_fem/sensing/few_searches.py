@@ -7,17 +7,20 @@ are the same.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pvdf_fem.sensing.descent import (
+    ACCURATE,
     ARRIVED,
     BENT,
     CLOSE,
     CLOSE_BY,
     CONTRACTED,
+    CURVED,
     DAMPED,
     FREE,
     GIVEN_UP,
@@ -37,6 +40,7 @@ from pvdf_fem.sensing.descent import (
 
 Array = NDArray[np.float64]
 
+_CLOSE = CLOSE.tolist()
 #: More searches than this are quicker as arrays.
 FEW = 10
 
@@ -48,8 +52,10 @@ class _Search:
     ----------
     at, aim, there : list of float
         Coordinates (4,) where it is, where its next step leads, and where that is held back.
-    system, normal : ndarray, shapes (electrodes, 1 + 4) and (1 + 4, 1 + 4)
-        As in a `Descent`'s searches.
+    system : ndarray, shape (electrodes, 1 + 4)
+        As `Problem.linearised` gives it.
+    rows : list
+        Products (1 + 4, 1 + 4) of its columns.
     chi_square, promised, length : float
         Here; the decrease that the whole of the next step promises; its length over the longest.
     damping, little : float
@@ -65,7 +71,6 @@ class _Search:
         "damping",
         "length",
         "little",
-        "normal",
         "promised",
         "rows",
         "system",
@@ -79,7 +84,7 @@ class _Search:
         self._be(system, normal)
 
     def _be(self, system: Array, normal: Array) -> None:
-        self.system, self.normal, self.rows = system, normal, normal.tolist()
+        self.system, self.rows = system, normal.tolist()
         self.chi_square = self.rows[0][0]
 
     def plan(self, moving: Sequence[int], longest: Sequence[float]) -> None:
@@ -100,10 +105,11 @@ class _Search:
         for i, a in zip(moving, step, strict=True):
             self.aim[i] -= a / whole
 
-    def is_last(self) -> bool:
-        """Whether the search ends after the next step."""
-        near = self.promised < self.little
-        return near and self.damping <= FREE and self.length < SHORT
+    def is_last(self, size: float) -> bool:
+        """Whether the search ends after the next step; `size` of the charges."""
+        if self.promised >= self.little or self.damping > FREE or self.length >= SHORT:
+            return False
+        return CURVED * self.length**3 * size <= ACCURATE * math.sqrt(self.promised)
 
     def leave(self, *, arrived: bool) -> None:
         """Take the next step as the last one; slopes stay those before."""
@@ -140,10 +146,8 @@ class _Search:
     def near(self, other: _Search) -> bool:
         """Whether it leads to where the other one leads, or has arrived."""
         there = other.at if other.arrived else other.there
-        for a, b, close in zip(self.there, there, CLOSE, strict=True):
-            if abs(a - b) >= close:
-                return False
-        return True
+        pairs = zip(self.there, there, _CLOSE, strict=True)
+        return all(abs(a - b) < close for a, b, close in pairs)
 
 
 def solved(matrix: list[list[float]], right: list[float]) -> list[float]:
@@ -168,7 +172,7 @@ def solved(matrix: list[list[float]], right: list[float]) -> list[float]:
 def descend_few(problem: Problem, starts: Array, hopeless: float = np.inf) -> Descent:
     """`descend` for the one touch of a problem, quicker for up to `FEW` starts (n, 4)."""
     moving, longest = problem.moving, (LONGEST * problem.scale).tolist()
-    starts = problem.held_back(starts)
+    starts, size = problem.held_back(starts), float(problem.sizes[0])
     searches = [
         _Search(*each) for each in zip(starts.tolist(), *_systems(problem, starts), strict=True)
     ]
@@ -180,7 +184,7 @@ def descend_few(problem: Problem, starts: Array, hopeless: float = np.inf) -> De
         for one, place in zip(on, there.tolist(), strict=True):
             one.there = place
         arrived = [one for one in searches if one.arrived]
-        last = [one for one in on if one.is_last()]
+        last = [one for one in on if one.is_last(size)]
         least = min([least, *(one.chi_square - one.promised for one in last)])
         stay = [
             one

@@ -31,12 +31,13 @@ Array = NDArray[np.float64]
 ORDER = 3
 # Elements have this share of the probe's size (the root of its area) along its edge, and grow by
 # this share of the distance to this share of the film's radius.
-PROBE_SIZE, GROWTH, FILM_SIZE = 1 / 13, 0.18, 1 / 14
-# The same for a disc: its elements are sampled as if their edges were straight, and 1/9 is off by
-# 4e-4 of a charge.
-DISC_SIZE = 1 / 36
+PROBE_SIZE, GROWTH, FILM_SIZE = 1 / 13, 0.13, 1 / 20
+# The same for a disc, whose edge is round.
+DISC_SIZE = 1 / 18
 # Triangles in which a point is sought.
 CANDIDATES = 10
+# How many forces between two may help from one to the other.
+BETWEEN = 4
 # Cells of a raster below zero, beyond the memory of a spline.
 BELOW = 6
 # Parts of a raster's step, each with two samples.
@@ -169,13 +170,32 @@ def _stresses(equilibrium: Equilibrium, forces: Sequence[float]) -> Iterator[Arr
     """The stress (elements, points, 3) of each force; solutions start from those before."""
     known: list[tuple[float, Array]] = []
     for force in forces:
-        equilibrium.load = replace(equilibrium.load, force=force)
-        start = _extrapolated(known, force) if known else seed(equilibrium)
-        result = newton(equilibrium, start, near=bool(known))
-        if result.status is not Status.CONVERGED:
-            raise NotConvergedError(f"{force:g} N: {result.status}; {result.status.advice}")
-        known.append((force, result.q))
-        yield equilibrium.state(result.q).stress
+        q = _solved(equilibrium, force, known, BETWEEN)
+        known.append((force, q))
+        yield equilibrium.state(q).stress
+
+
+def _solved(
+    equilibrium: Equilibrium, force: float, known: list[tuple[float, Array]], between: int
+) -> Array:
+    """The solution for a force from those known for others.
+
+    Where Newton's method fails, a force between comes first, so many times at the most.
+    """
+    equilibrium.load = replace(equilibrium.load, force=force)
+    start = _extrapolated(known, force) if known else seed(equilibrium)
+    result = newton(equilibrium, start, near=bool(known))
+    if result.status is Status.CONVERGED:
+        return result.q
+    reason = f"{force:g} N: {result.status}; {result.status.advice}"
+    if not between:
+        raise NotConvergedError(reason)
+    middle = float(np.sqrt(force * known[-1][0])) if known else 0.5 * force
+    try:
+        nearer = [*known, (middle, _solved(equilibrium, middle, known, between - 1))]
+        return _solved(equilibrium, force, nearer, between - 1)
+    except NotConvergedError:
+        raise NotConvergedError(reason) from None
 
 
 def _extrapolated(known: list[tuple[float, Array]], force: float) -> Array:

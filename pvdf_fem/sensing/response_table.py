@@ -27,9 +27,11 @@ Array = NDArray[np.float64]
 # Distances of the rim's places: the first try, and the last.
 RADII = (4, 7)
 # Polynomials of the force where it varies by e; their coefficients fall by 4 from one to the next.
-FORCES_PER_E = 1.5
+FORCES_PER_E = 1.75
 # Cell of the table over the root of the probe's area, and the largest.
 CELL, LARGEST_CELL_MM = 1 / 16, 0.375
+# The same of a disc, whose rotation does not count.
+DISC_CELL = 1 / 28
 # Way of the corners in a step of the rotation, over the cell.
 TURN = 0.8
 # Step of the raster of stress over the table's cell.
@@ -145,9 +147,7 @@ def _continued(
     beyond = away[far] - limit_mm
     at = positions_mm * (limit_mm / np.maximum(away, limit_mm))
     rows = [at, *(at[far] * (1.0 - k * beyond / limit_mm) for k in (1.0, 2.0))]
-    found = charges.charges_pC(
-        electrodes, np.concatenate(rows), rotation, d31_pC_N, d32_pC_N
-    )
+    found = charges.charges_pC(electrodes, np.concatenate(rows), rotation, d31_pC_N, d32_pC_N)
     whole, once, twice = np.split(found, [len(at), len(at) + len(far)])
     whole[far] = 3.0 * whole[far] - 3.0 * once + twice
     return whole
@@ -155,7 +155,8 @@ def _continued(
 
 def _cell_mm(scene: Scene) -> float:
     assert scene.probe is not None
-    return min(CELL * 1e3 * float(np.sqrt(scene.probe.outline.area)), LARGEST_CELL_MM)
+    share = CELL if PERIOD_DEG.get(scene.probe.shape, 360.0) else DISC_CELL
+    return min(share * 1e3 * float(np.sqrt(scene.probe.outline.area)), LARGEST_CELL_MM)
 
 
 @dataclass(frozen=True, eq=False)

@@ -79,7 +79,7 @@ class Table:
 
     def of(self, electrodes: Indices) -> Table:
         """The table of some electrodes."""
-        charges, nodes = self.charges_pC.take(electrodes, axis=1), self.nodes.take(electrodes, axis=1)
+        charges, nodes = (each.take(electrodes, axis=1) for each in (self.charges_pC, self.nodes))
         return replace(self, charges_pC=charges, nodes=nodes)
 
     def starts(
@@ -238,8 +238,8 @@ def tabulate(
     # (rotations, forces, places, electrodes, 1 + 3)
     nodes = np.concatenate([charges[..., None], slopes], axis=-1).transpose(0, 2, 3, 1, 4)
     nodes = nodes.reshape(-1, *nodes.shape[3:])
-    single = (np.ascontiguousarray(values, np.float32) for values in (charges, nodes))
-    return Table(places, neighbours, turns, np.log(forces), *single, period)
+    charges, nodes = (np.ascontiguousarray(values, np.float32) for values in (charges, nodes))
+    return Table(places, neighbours, turns, np.log(forces), charges, nodes, period)
 
 
 def _lattice(x: Array, y: Array, reach: float, around: int) -> tuple[Array, Indices]:
