@@ -9,6 +9,7 @@ move a touch near the edge across it.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -24,10 +25,6 @@ Indices = NDArray[np.intp]
 # standard deviations. It is taken, and what is left after it is of the order of its square; so it
 # must be below this share of the longest steps, too, where charges hardly change along it.
 ARRIVED, SHORT = 1e-3, 1e-2
-# Along the longest steps charges change by about this share of second order. Where they hardly do
-# of first order, as near a fold, steps shrink slowly; what a step neglects must lead on by less than
-# this share of the longest.
-CURVED, ACCURATE = 0.2, 1e-3
 # Or where it would lower chi-square by less than this share of what the step before promised, and
 # this: it leaves no larger a share of itself (Deuflhard, Newton Methods, 2004, section 4.3).
 CONTRACTED, CLOSE_BY = 1e-4, 10.0
@@ -163,12 +160,6 @@ class Problem:
         return sought
 
     @cached_property
-    def sizes(self) -> Array:
-        """Lengths (touches,) of the charges over their deviations."""
-        sizes: Array = np.linalg.norm(self.charges_pC / self.deviations_pC, axis=1)
-        return sizes
-
-    @cached_property
     def _weights(self) -> Array:
         """Of differences and slopes, (touches, electrodes, 1 + 4)."""
         return np.append(True, self._sought) / self.deviations_pC[:, :, None]
@@ -204,6 +195,16 @@ class Descent:
         """Write down where searches are."""
         self.at[searches.row], self.slopes[searches.row] = searches.at, searches.system[:, :, 1:]
         self.chi_square[searches.row], self.arrived[searches.row] = searches.chi_square, arrived
+
+
+def joined(descents: Sequence[Descent]) -> Descent:
+    """The ends of some searches and of others."""
+    return Descent(
+        np.concatenate([one.at for one in descents]),
+        np.concatenate([one.slopes for one in descents]),
+        np.concatenate([one.chi_square for one in descents]),
+        np.concatenate([one.arrived for one in descents]),
+    )
 
 
 @dataclass(eq=False)
@@ -310,8 +311,7 @@ def descend(problem: Problem, starts: Array, touch: Indices, hopeless: float = n
         inside = edge is aim
         there = aim if inside else problem.held_back(aim)
         near = (promised < ARRIVED) | (promised < np.minimum(CONTRACTED * now.promised, CLOSE_BY))
-        sure = CURVED * length**3 * problem.sizes[now.touch] <= ACCURATE * np.sqrt(promised)
-        last = near & (now.damping <= FREE) & (length < SHORT) & sure
+        last = near & (now.damping <= FREE) & (length < SHORT)
         np.minimum.at(least, now.touch[last], (now.chi_square - promised)[last])
         leave = last | (now.chi_square - 4.0 * promised > least[now.touch] + hopeless)
         if len(least) == 1 < len(starts):

@@ -7,20 +7,17 @@ are the same.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pvdf_fem.sensing.descent import (
-    ACCURATE,
     ARRIVED,
     BENT,
     CLOSE,
     CLOSE_BY,
     CONTRACTED,
-    CURVED,
     DAMPED,
     FREE,
     GIVEN_UP,
@@ -105,11 +102,10 @@ class _Search:
         for i, a in zip(moving, step, strict=True):
             self.aim[i] -= a / whole
 
-    def is_last(self, size: float) -> bool:
-        """Whether the search ends after the next step; `size` of the charges."""
-        if self.promised >= self.little or self.damping > FREE or self.length >= SHORT:
-            return False
-        return CURVED * self.length**3 * size <= ACCURATE * math.sqrt(self.promised)
+    def is_last(self, short: float) -> bool:
+        """Whether the search ends after the next step, which must be shorter than `short`."""
+        near = self.promised < self.little
+        return near and self.damping <= FREE and self.length < short
 
     def leave(self, *, arrived: bool) -> None:
         """Take the next step as the last one; slopes stay those before."""
@@ -169,10 +165,15 @@ def solved(matrix: list[list[float]], right: list[float]) -> list[float]:
     return x
 
 
-def descend_few(problem: Problem, starts: Array, hopeless: float = np.inf) -> Descent:
-    """`descend` for the one touch of a problem, quicker for up to `FEW` starts (n, 4)."""
+def descend_few(
+    problem: Problem, starts: Array, hopeless: float = np.inf, short: float = SHORT
+) -> Descent:
+    """`descend` for the one touch of a problem, quicker for up to `FEW` starts (n, 4).
+
+    The last step of a search is shorter than `short` of the longest.
+    """
     moving, longest = problem.moving, (LONGEST * problem.scale).tolist()
-    starts, size = problem.held_back(starts), float(problem.sizes[0])
+    starts = problem.held_back(starts)
     searches = [
         _Search(*each) for each in zip(starts.tolist(), *_systems(problem, starts), strict=True)
     ]
@@ -184,7 +185,7 @@ def descend_few(problem: Problem, starts: Array, hopeless: float = np.inf) -> De
         for one, place in zip(on, there.tolist(), strict=True):
             one.there = place
         arrived = [one for one in searches if one.arrived]
-        last = [one for one in on if one.is_last(size)]
+        last = [one for one in on if one.is_last(short)]
         least = min([least, *(one.chi_square - one.promised for one in last)])
         stay = [
             one

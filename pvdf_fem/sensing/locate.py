@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincc
 
-from pvdf_fem.sensing.descent import Descent, Problem, descend
+from pvdf_fem.sensing.descent import LONGEST, Descent, Problem, descend, joined
 from pvdf_fem.sensing.few_searches import FEW, descend_few
 from pvdf_fem.sensing.location import Location
 from pvdf_fem.sensing.starts import starts
@@ -40,6 +40,11 @@ PLACE_AND_FORCE = ("x_mm", "y_mm", "force_N")
 
 # A touch is listed unless chi-square exceeds the least by this: then it is e^12 times less likely.
 _LISTED = 25.0
+# Charges fold where along some direction they change by less than this share of themselves, by the
+# longest step. The other side is sought so far along it, in longest steps.
+_FOLD, _ALONG = 0.02, np.array([-0.1, -0.03, -0.01, 0.0, 0.01, 0.03, 0.1])
+# Near a fold steps shrink slowly: the last one is shorter than this share of the longest.
+_EXACT = 1e-4
 # Two ends of searches are one touch if they are this close (mm, mm, degrees, logarithm of the
 # force), and by the curvature of chi-square too.
 _SAME = np.array([0.5, 0.5, 8.0, 0.3])
@@ -110,18 +115,46 @@ def search(problem: Problem, touch: int, known: dict[int, float]) -> Descent:
     A sought rotation is held at first, at many values: a few degrees change charges by less than
     the table's pitch of places does.
     """
-    charges, spread = problem.charges_pC[touch], problem.deviations_pC[touch]
+    if len(problem.charges_pC) > 1:
+        charges, spread = problem.charges_pC[[touch]], problem.deviations_pC[[touch]]
+        problem = replace(problem, charges_pC=charges, deviations_pC=spread)
+    charges, spread = problem.charges_pC[0], problem.deviations_pC[0]
     at = starts(problem.model, charges, spread, problem.electrodes, known)
     others = problem.unknown[problem.unknown != ROTATION]
     if 0 < len(others) < len(problem.unknown):
-        at = _descended(replace(problem, unknown=others), at, touch, np.inf).at
-    return _descended(problem, at, touch, _LISTED)
+        at = _descended(replace(problem, unknown=others), at, np.inf).at
+    ends = _descended(problem, at, _LISTED)
+    # one by one: together those that come close go on as one
+    about = _about_fold(problem, ends)
+    across = [descend_few(problem, start[None], short=_EXACT) for start in about]
+    return joined([ends, *across]) if across else ends
 
 
-def _descended(problem: Problem, at: Array, touch: int, hopeless: float) -> Descent:
-    if len(at) <= FEW and len(problem.charges_pC) == 1:
+def _about_fold(problem: Problem, ends: Descent) -> Array:
+    """Starts (n, 4) on both sides of a fold at the best end of searches, if one is near.
+
+    Where charges turn along a direction two touches close together have almost the same ones, and a
+    search on one side of the fold between them does not see the other. Charges tell which it is if
+    they are as exact as that.
+    """
+    none = np.empty((0, 4))
+    size = float(np.linalg.norm(problem.charges_pC / problem.deviations_pC))
+    if _FOLD * _ALONG.max() * size < 1.0 or not ends.arrived.any():
+        return none
+    best = np.where(ends.arrived, ends.chi_square, np.inf).argmin()
+    moving, longest = problem.moving, LONGEST * problem.scale
+    _, values, vectors = np.linalg.svd(ends.slopes[best][:, moving] * longest[moving])
+    if len(values) < len(moving) or values[-1] > _FOLD * size:
+        return none
+    at = np.tile(ends.at[best], (len(_ALONG), 1))
+    at[:, moving] += _ALONG[:, None] * vectors[-1] * longest[moving]
+    return at
+
+
+def _descended(problem: Problem, at: Array, hopeless: float) -> Descent:
+    if len(at) <= FEW:
         return descend_few(problem, at, hopeless)
-    return descend(problem, at, np.full(len(at), touch), hopeless)
+    return descend(problem, at, np.zeros(len(at), dtype=np.intp), hopeless)
 
 
 def _relative(sigma: float | Mapping[str, float], charges_pC: Mapping[str, float]) -> Array:
