@@ -117,12 +117,13 @@ class CubicSpline:
         for i, count in grid.periods:
             place[:, i] %= count
         cell = np.minimum(np.maximum(place.astype(np.int64), 0), grid.last)
-        powers = (place - cell)[:, :, None, None] ** _ORDERS
+        # (axes, n, powers)
+        powers = (place - cell).T[:, :, None] ** _ORDERS
         factors = np.matmul(powers, basis).astype(grid.table.dtype, copy=False)
-        factors = factors.reshape(n, axes, -1, 4)
-        weights = factors[:, 0]
+        factors = factors.reshape(axes, n, -1, 4)
+        weights = factors[0]
         for i in range(1, axes):
-            weights = weights[..., None] * factors[:, i, :, None]
+            weights = weights[..., None] * factors[i, :, :, None]
             weights = weights.reshape(n, -1, 4 ** (i + 1))
         return weights, (cell @ grid.stride)[:, None] + grid.stencil
 

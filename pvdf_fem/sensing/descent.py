@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pvdf_fem.sensing.touch import FORCE, QUANTITIES, ROTATION, Model, X, Y
+from pvdf_fem.sensing.touch import FORCE, QUANTITIES, ROTATION, Model, X, Y, all_within
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -109,9 +109,7 @@ class Problem:
         return self._moved(at, *self._room)
 
     def _moved(self, at: Array, reach_mm: float, lowest: float, highest: float) -> Array:
-        # for a few searches a loop is quicker than arrays
-        square = reach_mm**2
-        if all(x * x + y * y <= square and lowest <= f <= highest for x, y, _, f in at.tolist()):
+        if all_within(at, reach_mm, lowest, highest):
             return at
         moved = at.copy()
         moved[:, FORCE] = np.minimum(np.maximum(at[:, FORCE], lowest), highest)

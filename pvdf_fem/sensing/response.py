@@ -8,7 +8,6 @@ they are from those of full solves is measured on random touches, and stored wit
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pvdf_fem.scene import Scene
 from pvdf_fem.sensing.cubic_spline import Axis, CubicSpline
+from pvdf_fem.sensing.touch import all_within
 
 Array = NDArray[np.float64]
 
@@ -71,18 +71,17 @@ class Domain:
 
     def refuse_others(self, touches: Array) -> None:
         """Raise `ValueError` for touches (n, 4) outside."""
-        low, high = (1.0 - ROUNDING) * self.force_N[0], (1.0 + ROUNDING) * self.force_N[1]
-        square = ((1.0 + ROUNDING) * self.reach_mm) ** 2
-        # for a few touches a loop is quicker than arrays
-        for x, y, rotation, force in touches.tolist():
-            if x * x + y * y <= square and low <= force <= high and math.isfinite(rotation):
-                continue
-            raise ValueError(
-                f"touches: x = {x:g} mm, y = {y:g} mm, {rotation:g} deg, {force:g} N is outside of"
-                f" the response, {self.reach_mm:g} mm about the centre and {self.force_N[0]:g} to"
-                f" {self.force_N[1]:g} N;"
-                " build one for a larger domain"
-            )
+        more, less = 1.0 + ROUNDING, 1.0 - ROUNDING
+        limits = more * self.reach_mm, less * self.force_N[0], more * self.force_N[1]
+        if all_within(touches, *limits):
+            return
+        x, y, rotation, force = next(one for one in touches if not all_within(one[None], *limits))
+        low, high = self.force_N
+        raise ValueError(
+            f"touches: x = {x:g} mm, y = {y:g} mm, {rotation:g} deg, {force:g} N is outside of the"
+            f" response, {self.reach_mm:g} mm about the centre and {low:g} to {high:g} N; build one"
+            " for a larger domain"
+        )
 
 
 @dataclass(frozen=True, eq=False)
