@@ -272,10 +272,10 @@ def location(problem: Problem, ends: Descent) -> Location:
 
 def _distinct(problem: Problem, ends: Descent) -> Indices:
     """The likely ends of searches that are no repetition of a better one, the best first."""
-    chi_square = np.where(ends.arrived, ends.chi_square, np.inf)
-    keep = chi_square.argsort(kind="stable")
-    chi_square = chi_square[keep]
-    keep = keep[(chi_square <= chi_square[:1] + _LISTED) & (chi_square < np.inf)]
+    rows = zip(ends.chi_square.tolist(), ends.arrived.tolist(), strict=True)
+    best_first = sorted((value, row) for row, (value, arrived) in enumerate(rows) if arrived)
+    likely = [row for value, row in best_first if value <= best_first[0][0] + _LISTED]
+    keep = np.array(likely, dtype=np.intp)
     period = period_deg(problem.model)
     k = 1
     while k < len(keep):
