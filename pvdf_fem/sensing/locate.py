@@ -41,8 +41,10 @@ PLACE_AND_FORCE = ("x_mm", "y_mm", "force_N")
 # A touch is listed unless chi-square exceeds the least by this: then it is e^12 times less likely.
 _LISTED = 25.0
 # Charges fold where along some direction they change by less than this share of themselves, by the
-# longest step. The other side is sought so far along it, in longest steps.
-_FOLD, _ALONG = 0.02, np.array([-0.1, -0.03, -0.01, 0.0, 0.01, 0.03, 0.1])
+# longest step; if that is less than so many standard deviations, noise hides on which side the touch
+# is. The other side is sought so far along the direction, in longest steps.
+_FOLD, _HIDDEN = 0.02, 10.0
+_ALONG = np.array([-0.3, -0.1, -0.03, 0.0, 0.03, 0.1, 0.3])
 # Near a fold steps shrink slowly: the last one is shorter than this share of the longest.
 _EXACT = 1e-4
 # Two ends of searches are one touch if they are this close (mm, mm, degrees, logarithm of the
@@ -139,7 +141,7 @@ def _about_fold(problem: Problem, ends: Descent) -> Array:
     """
     none = np.empty((0, 4))
     size = float(np.linalg.norm(problem.charges_pC / problem.deviations_pC))
-    if _FOLD * _ALONG.max() * size < 1.0 or not ends.arrived.any():
+    if _FOLD * size < _HIDDEN or not ends.arrived.any():
         return none
     best = np.where(ends.arrived, ends.chi_square, np.inf).argmin()
     moving, longest = problem.moving, LONGEST * problem.scale
