@@ -40,8 +40,8 @@ PLACE_AND_FORCE = ("x_mm", "y_mm", "force_N")
 
 # A touch is listed unless chi-square exceeds the least by this: then it is e^12 times less likely.
 _LISTED = 25.0
-# Charges fold where along some direction they change by less than this share of themselves, by the
-# longest step; if that is less than so many standard deviations, noise hides on which side the touch
+# Charges may fold where the longest step along some direction changes them by less than this share
+# of themselves. If that is less than so many standard deviations noise hides on which side the touch
 # is. The other side is sought so far along the direction, in longest steps.
 _FOLD, _HIDDEN = 0.02, 10.0
 _ALONG = np.array([-0.3, -0.1, -0.03, 0.0, 0.03, 0.1, 0.3])
@@ -137,16 +137,17 @@ def _about_fold(problem: Problem, ends: Descent) -> Array:
 
     Where charges turn along a direction two touches close together have almost the same ones, and a
     search on one side of the fold between them does not see the other. Charges tell which it is if
-    they are as exact as that.
+    they are as exact as that, and more than the unknown.
     """
-    none = np.empty((0, 4))
+    none, moving = np.empty((0, 4)), problem.moving
     size = float(np.linalg.norm(problem.charges_pC / problem.deviations_pC))
-    if _FOLD * size < _HIDDEN or not ends.arrived.any():
+    few = len(problem.electrodes) <= len(moving)
+    if few or _FOLD * size < _HIDDEN or not ends.arrived.any():
         return none
     best = np.where(ends.arrived, ends.chi_square, np.inf).argmin()
-    moving, longest = problem.moving, LONGEST * problem.scale
+    longest = LONGEST * problem.scale
     _, values, vectors = np.linalg.svd(ends.slopes[best][:, moving] * longest[moving])
-    if len(values) < len(moving) or values[-1] > _FOLD * size:
+    if values[-1] > _FOLD * size:
         return none
     at = np.tile(ends.at[best], (len(_ALONG), 1))
     at[:, moving] += _ALONG[:, None] * vectors[-1] * longest[moving]
