@@ -41,8 +41,8 @@ PLACE_AND_FORCE = ("x_mm", "y_mm", "force_N")
 # A touch is listed unless chi-square exceeds the least by this: then it is e^12 times less likely.
 _LISTED = 25.0
 # Charges may fold where the longest step along some direction changes them by less than this share
-# of themselves. If that is less than so many standard deviations noise hides on which side the touch
-# is. The other side is sought so far along the direction, in longest steps.
+# of themselves. If that is less than so many standard deviations noise hides which side is right.
+# The other side is sought so far along the direction, in longest steps.
 _FOLD, _HIDDEN = 0.02, 10.0
 _ALONG = np.array([-0.3, -0.1, -0.03, 0.0, 0.03, 0.1, 0.3])
 # Near a fold steps shrink slowly: the last one is shorter than this share of the longest.
