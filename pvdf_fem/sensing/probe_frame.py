@@ -34,6 +34,8 @@ ORDER = 3
 PROBE_SIZE, GROWTH, FILM_SIZE = 1 / 13, 0.13, 1 / 20
 # The same for a disc, whose edge is round.
 DISC_SIZE = 1 / 18
+# Stress beyond this share of the radius is taken from there.
+INSIDE = 0.98
 # Triangles in which a point is sought.
 CANDIDATES = 10
 # How many forces between two may help from one to the other.
@@ -148,7 +150,7 @@ def mean_stress_about_probe(
     equilibrium = _equilibrium(scene.with_(**{"probe.x_mm": x, "probe.y_mm": y}))
     membrane = equilibrium.membrane
     points = 1e-3 * (raster.samples_mm + place_mm)
-    sample = _sampling(membrane.basis, points.reshape(-1, 2), scene.film.radius)
+    sample = _sampling(membrane.basis, _inside(points, scene.film.radius).reshape(-1, 2))
     project = _Projection(membrane.basis)
     try:
         fields = [sample @ project(stress) for stress in _stresses(equilibrium, forces)]
@@ -209,6 +211,11 @@ def _extrapolated(known: list[tuple[float, Array]], force: float) -> Array:
     return q
 
 
+def _inside(points: Array, radius: float) -> Array:
+    share = np.linalg.norm(points, axis=-1, keepdims=True) / radius
+    return points * INSIDE / np.maximum(share, INSIDE)
+
+
 class _Projection:
     """Continuous fields nearest to fields with jumps between elements; integrals stay."""
 
@@ -228,23 +235,8 @@ class _Projection:
         return self._factors.solve(right)
 
 
-def _sampling(basis: Basis, points: Array, radius: float) -> sp.csr_matrix:
-    """Matrix (points, dofs) that takes nodal values to values at points (n, 2).
-
-    Beyond the film's radius fields go on as parabolas along it: smoothly, as the interpolation over
-    the rim's places needs, in which a point may be on the film for one and beyond it for another.
-    """
-    away = np.linalg.norm(points, axis=-1, keepdims=True)
-    outward = points / np.maximum(away, radius)
-    beyond = np.maximum(away - radius, 0.0)
-    inside = _values(basis, points * radius / np.maximum(away, radius))
-    first, second = (_values(basis, (radius - k * beyond) * outward) for k in (1.0, 2.0))
-    outside = sp.diags_array((beyond > 0.0).astype(float).ravel())
-    return inside + outside @ (2.0 * inside - 3.0 * first + second)
-
-
-def _values(basis: Basis, points: Array) -> sp.csr_matrix:
-    """Matrix (points, dofs) that takes nodal values to values at points (n, 2) of the film."""
+def _sampling(basis: Basis, points: Array) -> sp.csr_matrix:
+    """Matrix (points, dofs) that takes nodal values to values at points (n, 2)."""
     elements, _ = located(basis, points.T, CANDIDATES)
     place = local_coordinates(basis.mesh, elements, points[:, None])[:, :, 0]
     values = np.stack([basis.elem.lbasis(place, i)[0] for i in range(basis.Nbfun)], axis=-1)
