@@ -77,7 +77,7 @@ def area_cut(mesh: MeshTri2, outlines: Sequence[Outline]) -> Cut:
     (s, t), w = get_quadrature(mesh.elem.refdom, DEGREE)
     at = first[used, None] + a[used, None] * s[:, None] + b[used, None] * t[:, None]
     of, weights = of[used], 2.0 * np.outer(signed[used], w)
-    return Cut(owners[of], elements[of], _local(mesh, elements[of], at), weights)
+    return Cut(owners[of], elements[of], local_coordinates(mesh, elements[of], at), weights)
 
 
 def line_cut(mesh: MeshTri2, lines: Array) -> Cut:
@@ -91,7 +91,7 @@ def line_cut(mesh: MeshTri2, lines: Array) -> Cut:
     s, w = np.polynomial.legendre.leggauss(LINE_POINTS)
     at = middle[:, None] + half[:, None] * s[:, None]
     weights = 0.5 * np.outer(np.linalg.norm(half, axis=1), w)
-    return Cut(owners % len(lines), elements, _local(mesh, elements, at), weights)
+    return Cut(owners % len(lines), elements, local_coordinates(mesh, elements, at), weights)
 
 
 def edge_cut(
@@ -177,7 +177,7 @@ def _curved(nodes: Array) -> NDArray[np.bool_]:
     return off.max(axis=(0, 1)) > 1e-9 * np.ptp(corners, axis=1).max(axis=0)
 
 
-def _local(mesh: MeshTri2, elements: NDArray[np.int64], at: Array) -> Array:
+def local_coordinates(mesh: MeshTri2, elements: NDArray[np.int64], at: Array) -> Array:
     """Local coordinates (2, n, points) of points (n, points, 2), each row in one element."""
     nodes = mesh.doflocs[:, mesh.dofs.element_dofs[:, elements]]
     J = np.stack([nodes[:, 1] - nodes[:, 0], nodes[:, 2] - nodes[:, 0]], axis=1)

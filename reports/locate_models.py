@@ -27,7 +27,7 @@ from reports.thesis_scene import PROBES
 Array = NDArray[np.float64]
 
 #: Relative error of the finite-element charges.
-TOLERANCE = 2e-5
+TOLERANCE = 5e-6
 #: A probe that the thesis has not, and which no turning changes.
 DISC = "disc8"
 REACH_MM = 12.0

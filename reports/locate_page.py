@@ -127,6 +127,8 @@ def random_section(probe: str, trial: Trial, drawn: int, out: Path, processes: i
         "that ends below 1 leaves failures. Dotted: Cramér-Rao bound, rotation known."
     )
     texts = [_sentence(found, trial)]
+    if probe == DISC:
+        texts.append("A disc is the same however it is turned, so only the ways that differ stay.")
     if FREE in ways:
         texts.append(_listed_sentence(shape, listed(trial)))
     if failed := drawn - len(trial.touches):

@@ -48,3 +48,11 @@ def test_the_error_falls_with_the_fourth_power_of_the_step():
         spline = CubicSpline.through([axis], np.sin(3.0 * axis.values)[:, None])
         errors.append(np.abs(spline(x) - np.sin(3.0 * x)).max())
     assert np.log2(errors[1] / errors[2]) > 3.7
+
+
+def test_a_parabola_is_met_up_to_the_ends():
+    """Beyond its values the spline is that of a parabola: only rounding is left at the ends."""
+    axis = Axis(-1.0, 0.25, 9)
+    spline = CubicSpline.through([axis], axis.values[:, None] ** 2)
+    x = np.linspace(-1.0, 1.0, 41)[:, None]
+    assert spline(x) == pytest.approx(x**2, abs=1e-5)

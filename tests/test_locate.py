@@ -8,7 +8,8 @@ import pytest
 from touch_models import Bumps, bumps, random_touches
 
 from pvdf_fem.newton import Status
-from pvdf_fem.sensing.descent import Problem, _Searches
+from pvdf_fem.sensing.descent import Problem, bend, descend
+from pvdf_fem.sensing.few_searches import descend_few
 from pvdf_fem.sensing.locate import locate, weigh
 from pvdf_fem.sensing.locate_many import locate_many
 from pvdf_fem.sensing.polish import PolishError, polish
@@ -148,18 +149,58 @@ def test_exact_charges_take_few_evaluations():
     assert np.median([sum(each) for each in calls]) <= 12
 
 
+@pytest.mark.parametrize("unknown", [(0, 1, 3), (0, 1, 2, 3), (3,)])
+def test_a_few_searches_go_like_many(unknown):
+    """In plain numbers as in arrays: the same ends, those given up too."""
+    model, draw = bumps("rectangle"), np.random.default_rng(2)
+    for k, Q in enumerate(model.evaluate(random_touches(20, seed=5))[0]):
+        charges = (Q * draw.normal(1.0, 0.01, 4))[None]
+        problem = Problem(model, np.arange(4), charges, 0.01 * charges, np.array(unknown))
+        starts = random_touches(6, seed=k)
+        starts[:, 3] = np.log(starts[:, 3])
+        few = descend_few(problem, starts, 25.0)
+        many = descend(problem, starts, np.zeros(6, dtype=int), 25.0)
+        assert (few.arrived == many.arrived).all()
+        # rounding grows along valleys
+        assert few.at == pytest.approx(many.at, rel=1e-3, abs=1e-3)
+        assert few.chi_square == pytest.approx(many.chi_square, rel=1e-4, abs=1e-6)
+        assert few.slopes == pytest.approx(many.slopes, rel=1e-3, abs=1e-3)
+
+
+@dataclass(frozen=True, eq=False)
+class Folded(Bumps):
+    """Charges that are nearly even in x."""
+
+    def evaluate(self, touches):
+        x, y, _, F = touches.T
+        none, one = np.zeros_like(x), np.ones_like(x)
+        by_place = [10.0 + y, 10.0 - y, 10.0 + 0.1 * x**2, 10.0 + 2e-4 * x]
+        by_x, by_y = [none, none, 0.2 * x, 2e-4 * one], [one, -one, none, none]
+        slopes = [[F * a, F * b, none, Q] for Q, a, b in zip(by_place, by_x, by_y, strict=True)]
+        return (F * by_place).T, np.moveaxis(np.array(slopes), -1, 0)
+
+
+@pytest.mark.parametrize("x", [-0.2, -0.05, 0.05, 0.2])
+def test_both_sides_of_a_fold_are_searched(x):
+    """From either side alone the search ends there, chi-square being a little larger or not."""
+    model, touch = Folded(**vars(bumps("circle"))), np.array([x, 1.3, 0.0, 1.0])
+    found = locate(model, charges_of(model, touch), 1e-5, known={"rotation_deg": 0.0})
+    assert found.best.values == pytest.approx(touch, abs=1e-3)
+
+
 def test_second_order_along_the_last_step_is_that_of_chi_square():
     """Half the difference of the gradients, but for third order, where residuals are large."""
     model, touch = bumps("triangle"), np.array([6.0, 5.0, 30.0, 1.0])
     charges = model.evaluate(touch[None])[0] * [1.2, 0.9, 1.1, 0.8]
     problem = Problem(model, np.arange(4), charges, 0.01 * charges, np.array([0, 1, 3]))
-    at, step = np.array([[6.2, 5.1, 30.0, 0.1]]), np.array([0.004, -0.006, 0.0, 0.002])
-    first = _Searches.start(problem, np.zeros(1, dtype=int), at)
-    there = first.there(problem, at + step, at + step)
-    plain = there.normal[0, 1:, 1:] @ step
-    there.bend(np.ones(1, dtype=bool), first)
-    expected = there.normal[0, 1:, 0] - first.normal[0, 1:, 0]
-    bent = there.normal[0, 1:, 1:] @ step
+    at, step = np.array([[6.2, 5.1, 30.0, 0.1]]), np.array([[0.004, -0.006, 0.0, 0.002]])
+    first, there = (problem.linearised(x, np.zeros(1, dtype=int)) for x in (at, at + step))
+    before, normal = (each.swapaxes(1, 2) @ each for each in (first, there))
+    plain = normal[0, 1:, 1:] @ step[0]
+    change = there[:, :, 1:] - first[:, :, 1:]
+    bend(normal, there[:, :, 0], step, change, np.ones(1, dtype=bool))
+    expected = normal[0, 1:, 0] - before[0, 1:, 0]
+    bent = normal[0, 1:, 1:] @ step[0]
     assert np.abs(bent - expected).max() < 0.05 * np.abs(plain - expected).max()
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pvdf_fem import NotConvergedError, Scene
-from pvdf_fem.sensing import response_table
+from pvdf_fem.newton import Status, newton
+from pvdf_fem.sensing import probe_frame, response_table
 from pvdf_fem.sensing.carried import area_rule
 from pvdf_fem.sensing.cubic_spline import Axis, CubicSpline
 from pvdf_fem.sensing.probe_frame import PolarRaster
@@ -163,6 +166,41 @@ def test_a_response_is_true_to_the_solver(few):
     exact, sizes = solved(response.scene, touches, 2e-4, 1)
     errors = np.abs(response.evaluate(touches)[0] - exact) / sizes
     assert errors.max() < response.error_bound
+
+
+def test_fields_are_sampled_where_they_are():
+    """In curved elements too, of which coordinates are functions."""
+    basis = probe_frame._equilibrium(DISC).membrane.basis
+    angle = np.linspace(0.0, 6.0, 50)[:, None]
+    for r in (4.9e-3, 5.0e-3, 5.1e-3, 30e-3, 44e-3):
+        points = r * np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
+        sample = probe_frame._sampling(basis, points)
+        assert sample @ basis.doflocs.T == pytest.approx(points, abs=1e-9)
+
+
+def test_forces_between_help_where_newton_fails(monkeypatch):
+    """As if from farther than a factor of 1.5 of the force, or from none, it did not converge."""
+    for name, size in (("DISC_SIZE", 0.3), ("GROWTH", 0.6), ("FILM_SIZE", 0.3)):
+        monkeypatch.setattr(probe_frame, name, size)
+    equilibrium, far = probe_frame._equilibrium(DISC), {"last": 0.2}
+    straight = list(probe_frame._stresses(equilibrium, [1.0, 0.4]))
+
+    def failing(equilibrium, q, **near):
+        force, result = equilibrium.load.force, newton(equilibrium, q, **near)
+        if not 1 / 1.5 < force / far["last"] < 1.5:
+            return replace(result, status=Status.MAX_ITERATIONS)
+        far["last"] = force
+        return result
+
+    monkeypatch.setattr(probe_frame, "newton", failing)
+    far["last"] = 0.3
+    for stress, expected in zip(
+        probe_frame._stresses(equilibrium, [1.0, 0.4]), straight, strict=True
+    ):
+        assert stress == pytest.approx(expected, rel=1e-6, abs=1e-6 * np.abs(expected).max())
+    far["last"] = 0.01
+    with pytest.raises(NotConvergedError, match="1 N: max_iterations"):
+        list(probe_frame._stresses(equilibrium, [1.0]))
 
 
 def test_a_tolerance_that_is_missed_makes_no_response(few, monkeypatch):

@@ -11,12 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincc
 
-from pvdf_fem.sensing.descent import Descent, Problem, descend
+from pvdf_fem.sensing.descent import LONGEST, Descent, Problem, descend, joined
+from pvdf_fem.sensing.few_searches import FEW, descend_few
 from pvdf_fem.sensing.location import Location
 from pvdf_fem.sensing.starts import starts
 from pvdf_fem.sensing.touch import (
@@ -38,6 +40,13 @@ PLACE_AND_FORCE = ("x_mm", "y_mm", "force_N")
 
 # A touch is listed unless chi-square exceeds the least by this: then it is e^12 times less likely.
 _LISTED = 25.0
+# Charges may fold where the longest step along some direction changes them by less than this share
+# of themselves. If that is less than so many standard deviations noise hides which side is right.
+# The other side is sought so far along the direction, in longest steps.
+_FOLD, _HIDDEN = 0.02, 10.0
+_ALONG = np.array([-0.3, -0.1, -0.03, 0.0, 0.03, 0.1, 0.3])
+# Near a fold steps shrink slowly: the last one is shorter than this share of the longest.
+_EXACT = 1e-4
 # Two ends of searches are one touch if they are this close (mm, mm, degrees, logarithm of the
 # force), and by the curvature of chi-square too.
 _SAME = np.array([0.5, 0.5, 8.0, 0.3])
@@ -108,13 +117,47 @@ def search(problem: Problem, touch: int, known: dict[int, float]) -> Descent:
     A sought rotation is held at first, at many values: a few degrees change charges by less than
     the table's pitch of places does.
     """
-    charges, spread = problem.charges_pC[touch], problem.deviations_pC[touch]
+    if len(problem.charges_pC) > 1:
+        charges, spread = problem.charges_pC[[touch]], problem.deviations_pC[[touch]]
+        problem = replace(problem, charges_pC=charges, deviations_pC=spread)
+    charges, spread = problem.charges_pC[0], problem.deviations_pC[0]
     at = starts(problem.model, charges, spread, problem.electrodes, known)
     others = problem.unknown[problem.unknown != ROTATION]
-    rows = np.full(len(at), touch)
     if 0 < len(others) < len(problem.unknown):
-        at = descend(replace(problem, unknown=others), at, rows).at
-    return descend(problem, at, rows, _LISTED)
+        at = _descended(replace(problem, unknown=others), at, np.inf).at
+    ends = _descended(problem, at, _LISTED)
+    # one by one: together those that come close go on as one
+    about = _about_fold(problem, ends)
+    across = [descend_few(problem, start[None], short=_EXACT) for start in about]
+    return joined([ends, *across]) if across else ends
+
+
+def _about_fold(problem: Problem, ends: Descent) -> Array:
+    """Starts (n, 4) on both sides of a fold at the best end of searches, if one is near.
+
+    Where charges turn along a direction two touches close together have almost the same ones, and a
+    search on one side of the fold between them does not see the other. Charges tell which it is if
+    they are as exact as that, and more than the unknown.
+    """
+    none, moving = np.empty((0, 4)), problem.moving
+    size = float(np.linalg.norm(problem.charges_pC / problem.deviations_pC))
+    few = len(problem.electrodes) <= len(moving)
+    if few or _FOLD * size < _HIDDEN or not ends.arrived.any():
+        return none
+    best = np.where(ends.arrived, ends.chi_square, np.inf).argmin()
+    longest = LONGEST * problem.scale
+    _, values, vectors = np.linalg.svd(ends.slopes[best][:, moving] * longest[moving])
+    if values[-1] > _FOLD * size:
+        return none
+    at = np.tile(ends.at[best], (len(_ALONG), 1))
+    at[:, moving] += _ALONG[:, None] * vectors[-1] * longest[moving]
+    return at
+
+
+def _descended(problem: Problem, at: Array, hopeless: float) -> Descent:
+    if len(at) <= FEW:
+        return descend_few(problem, at, hopeless)
+    return descend(problem, at, np.zeros(len(at), dtype=np.intp), hopeless)
 
 
 def _relative(sigma: float | Mapping[str, float], charges_pC: Mapping[str, float]) -> Array:
@@ -127,7 +170,8 @@ def deviations(model: Model, charges: Array, relative: Array, noise_pC: float) -
     return np.sqrt((relative**2 + own**2) * charges**2 + noise_pC**2)
 
 
-def _of_scene(model: Model) -> dict[str, float]:
+@lru_cache(maxsize=8)
+def _of_scene(model: Model) -> Mapping[str, float]:
     probe, force_N = model.scene.probe, model.scene.load.force_N
     if probe is None:
         return {"force_N": force_N}
@@ -206,12 +250,12 @@ def location(problem: Problem, ends: Descent) -> Location:
     if not keep.size:
         return Location((), names, freedom, -np.inf, problem)
     at, slopes, chi_square = ends.at[keep], ends.slopes[keep], ends.chi_square[keep]
-    extent = extents(problem)
+    extent = extents(problem.model)
     logs = _log_masses(slopes * extent, chi_square)
     total = float(np.logaddexp.reduce(logs))
     values, scale = at.copy(), np.ones(at.shape)
     values[:, FORCE] = scale[:, FORCE] = np.exp(at[:, FORCE])
-    if ROTATION in problem.unknown:
+    if QUANTITIES[ROTATION] in names:
         values[:, ROTATION] %= period_deg(problem.model)
     columns = (
         (slopes / scale[:, None]).take(problem.unknown, axis=2),
@@ -225,21 +269,22 @@ def location(problem: Problem, ends: Descent) -> Location:
         Touch(x, y, rotation, force, names, *row)
         for (x, y, rotation, force), *row in zip(values.tolist(), *columns, strict=True)
     )
-    spread = np.log(np.sqrt(2.0 * np.pi) * problem.deviations_pC[0]).sum()
-    return Location(tuple(touches), names, freedom, total - float(spread), problem)
+    spread = math.log(2.0 * math.pi) / 2.0 + np.log(problem.deviations_pC[0])
+    return Location(tuple(touches), names, freedom, total - float(spread.sum()), problem)
 
 
 def _distinct(problem: Problem, ends: Descent) -> Indices:
     """The likely ends of searches that are no repetition of a better one, the best first."""
-    keep = np.flatnonzero(ends.arrived)
-    keep = keep[np.argsort(ends.chi_square[keep], kind="stable")]
-    keep = keep[ends.chi_square[keep] <= ends.chi_square[keep[:1]] + _LISTED]
+    rows = zip(ends.chi_square.tolist(), ends.arrived.tolist(), strict=True)
+    best_first = sorted((value, row) for row, (value, arrived) in enumerate(rows) if arrived)
+    likely = [row for value, row in best_first if value <= best_first[0][0] + _LISTED]
+    keep = np.array(likely, dtype=np.intp)
     period = period_deg(problem.model)
     k = 1
     while k < len(keep):
         best, others = keep[k - 1], keep[k:]
         apart = ends.at[others] - ends.at[best]
-        apart[:, ROTATION] -= period * np.round(apart[:, ROTATION] / period)
+        apart[:, ROTATION] -= period * np.rint(apart[:, ROTATION] / period)
         # by the slopes of the better one
         same = np.square(apart @ ends.slopes[best].T).sum(axis=1) < _SAME_CHI_SQUARE
         same &= (np.abs(apart) < _SAME).all(axis=1)
@@ -248,12 +293,11 @@ def _distinct(problem: Problem, ends: Descent) -> Indices:
     return keep
 
 
-def extents(problem: Problem) -> Array:
-    """Size of the domain in each coordinate, (4,)."""
-    domain = problem.model.domain
-    lowest, highest = domain.force_N
-    turn = 0.5 * period_deg(problem.model)
-    return np.array([domain.reach_mm, domain.reach_mm, turn, math.log(highest / lowest)])
+@lru_cache(maxsize=8)
+def extents(model: Model) -> Array:
+    """Size of a model's domain in each coordinate, (4,)."""
+    reach_mm, (lowest, highest) = model.domain.reach_mm, model.domain.force_N
+    return np.array([reach_mm, reach_mm, 0.5 * period_deg(model), math.log(highest / lowest)])
 
 
 def _log_masses(slopes: Array, chi_square: Array) -> Array:

@@ -212,7 +212,8 @@ def _touches(problem: Problem, ends: Descent, unknown: tuple[str, ...]) -> Touch
         values[:, ROTATION] %= period_deg(problem.model)
     values[:, FORCE] = np.exp(values[:, FORCE])
     scale = np.where(sought == FORCE, values[:, FORCE:], 1.0)
-    covariances, determined = _covariances(ends.slopes[:, :, sought], extents(problem)[sought])
+    extent = extents(problem.model)[sought]
+    covariances, determined = _covariances(ends.slopes[:, :, sought], extent)
     covariances *= scale[:, :, None] * scale[:, None]
     values[~ends.arrived] = np.nan
     chi_square = np.where(ends.arrived, ends.chi_square, np.nan)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pvdf_fem.newton import Status
 from pvdf_fem.scene import Scene
-from pvdf_fem.sensing.descent import Descent, Problem, descend
+from pvdf_fem.sensing.descent import Descent, Problem, descend, joined
 from pvdf_fem.sensing.locate import deviations, location
 from pvdf_fem.sensing.location import Location
 from pvdf_fem.sensing.touch import FORCE, QUANTITIES, Domain, Model, Touch, touched
@@ -97,13 +97,7 @@ def polish(
     if not ends:
         return found
     problems, descents = zip(*ends, strict=True)
-    together = Descent(
-        np.concatenate([one.at for one in descents]),
-        np.concatenate([one.slopes for one in descents]),
-        np.concatenate([one.chi_square for one in descents]),
-        np.concatenate([one.arrived for one in descents]),
-    )
-    return location(problems[0], together)
+    return location(problems[0], joined(descents))
 
 
 def _polished(

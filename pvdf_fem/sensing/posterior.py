@@ -99,7 +99,7 @@ def posterior(problem: Problem, touches: Sequence[Touch]) -> Posterior:
     inside = once & (problem.inside(at) == at).all(axis=1)
     # all may be beyond the domain, where the first maximum is
     at = at[inside if inside.any() else once]
-    residuals = problem.linearised(at, np.zeros(len(at), dtype=np.intp))[:, :, 0]
+    residuals = problem.linearised(at)[:, :, 0]
     apart = _nearest(at[:, None, unknown] - coordinates[:, unknown], periods)
     logs = -0.5 * np.square(residuals).sum(axis=1) - _log_density(apart, roots, shares)
     weights = np.exp(logs - logs.max())

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from skfem import Basis, asm
 from skfem.models import mass
 
+from pvdf_fem.cut import local_coordinates
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.mesh import PROBE, Sizes, mesh_scene, outlines
 from pvdf_fem.newton import Status, factorise, newton, seed
@@ -30,14 +31,15 @@ Array = NDArray[np.float64]
 ORDER = 3
 # Elements have this share of the probe's size (the root of its area) along its edge, and grow by
 # this share of the distance to this share of the film's radius.
-PROBE_SIZE, GROWTH, FILM_SIZE = 1 / 13, 0.18, 1 / 14
-# The same for a disc: its elements are sampled as if their edges were straight, and 1/9 is off by
-# 4e-4 of a charge.
-DISC_SIZE = 1 / 36
-# Stress beyond this share of the radius is taken from there; the mesh ends at chords of the rim.
+PROBE_SIZE, GROWTH, FILM_SIZE = 1 / 13, 0.13, 1 / 20
+# The same for a disc, whose edge is round.
+DISC_SIZE = 1 / 18
+# Stress beyond this share of the radius is taken from there.
 INSIDE = 0.98
 # Triangles in which a point is sought.
 CANDIDATES = 10
+# How many forces between two may help from one to the other.
+BETWEEN = 4
 # Cells of a raster below zero, beyond the memory of a spline.
 BELOW = 6
 # Parts of a raster's step, each with two samples.
@@ -170,13 +172,32 @@ def _stresses(equilibrium: Equilibrium, forces: Sequence[float]) -> Iterator[Arr
     """The stress (elements, points, 3) of each force; solutions start from those before."""
     known: list[tuple[float, Array]] = []
     for force in forces:
-        equilibrium.load = replace(equilibrium.load, force=force)
-        start = _extrapolated(known, force) if known else seed(equilibrium)
-        result = newton(equilibrium, start, near=bool(known))
-        if result.status is not Status.CONVERGED:
-            raise NotConvergedError(f"{force:g} N: {result.status}; {result.status.advice}")
-        known.append((force, result.q))
-        yield equilibrium.state(result.q).stress
+        q = _solved(equilibrium, force, known, BETWEEN)
+        known.append((force, q))
+        yield equilibrium.state(q).stress
+
+
+def _solved(
+    equilibrium: Equilibrium, force: float, known: list[tuple[float, Array]], between: int
+) -> Array:
+    """The solution for a force from those known for others.
+
+    Where Newton's method fails, a force between comes first, so many times at the most.
+    """
+    equilibrium.load = replace(equilibrium.load, force=force)
+    start = _extrapolated(known, force) if known else seed(equilibrium)
+    result = newton(equilibrium, start, near=bool(known))
+    if result.status is Status.CONVERGED:
+        return result.q
+    reason = f"{force:g} N: {result.status}; {result.status.advice}"
+    if not between:
+        raise NotConvergedError(reason)
+    middle = float(np.sqrt(force * known[-1][0])) if known else 0.5 * force
+    try:
+        nearer = [*known, (middle, _solved(equilibrium, middle, known, between - 1))]
+        return _solved(equilibrium, force, nearer, between - 1)
+    except NotConvergedError:
+        raise NotConvergedError(reason) from None
 
 
 def _extrapolated(known: list[tuple[float, Array]], force: float) -> Array:
@@ -216,7 +237,9 @@ class _Projection:
 
 def _sampling(basis: Basis, points: Array) -> sp.csr_matrix:
     """Matrix (points, dofs) that takes nodal values to values at points (n, 2)."""
-    elements, values = located(basis, points.T, CANDIDATES)
+    elements, _ = located(basis, points.T, CANDIDATES)
+    place = local_coordinates(basis.mesh, elements, points[:, None])[:, :, 0]
+    values = np.stack([basis.elem.lbasis(place, i)[0] for i in range(basis.Nbfun)], axis=-1)
     rows = np.broadcast_to(np.arange(len(points))[:, None], values.shape)
     columns = basis.element_dofs.T[elements]
     shape = (len(points), basis.N)

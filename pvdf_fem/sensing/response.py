@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pvdf_fem.scene import Scene
 from pvdf_fem.sensing.cubic_spline import Axis, CubicSpline
+from pvdf_fem.sensing.touch import all_within
 
 Array = NDArray[np.float64]
 
@@ -28,7 +29,7 @@ POWER = 1.0 / 6.0
 # Relative excess over a domain that is rounding.
 ROUNDING = 1e-9
 # Of derivatives of order 0 and 1 by the force within those by x, y and rotation.
-_VALUE_AND_SLOPES = np.array([0, 2, 4, 6, 1])
+_VALUE_AND_SLOPES = np.array([0, 2, 4, 6, 1], dtype=np.intp)
 FORMAT = "pvdf_fem response 1"
 
 
@@ -63,25 +64,24 @@ class Domain:
         at = np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))
         return (0.5 * (low + high) + 0.5 * (high - low) * at) ** (1.0 / POWER)
 
-    @property
+    @cached_property
     def _ends(self) -> tuple[float, float]:
         low, high = self.force_N
         return low**POWER, high**POWER
 
     def refuse_others(self, touches: Array) -> None:
         """Raise `ValueError` for touches (n, 4) outside."""
-        away, force = np.hypot(touches[:, 0], touches[:, 1]), touches[:, 3]
+        more, less = 1.0 + ROUNDING, 1.0 - ROUNDING
+        limits = more * self.reach_mm, less * self.force_N[0], more * self.force_N[1]
+        if all_within(touches, *limits):
+            return
+        x, y, rotation, force = next(one for one in touches if not all_within(one[None], *limits))
         low, high = self.force_N
-        near = away <= self.reach_mm * (1.0 + ROUNDING)
-        fair = (force >= low * (1.0 - ROUNDING)) & (force <= high * (1.0 + ROUNDING))
-        turned = np.isfinite(touches[:, 2])
-        if not (inside := near & fair & turned).all():
-            x, y, rotation, newton = touches[np.argmin(inside)]
-            raise ValueError(
-                f"touches: x = {x:g} mm, y = {y:g} mm, {rotation:g} deg, {newton:g} N is outside of"
-                f" the response, {self.reach_mm:g} mm about the centre and {low:g} to {high:g} N;"
-                " build one for a larger domain"
-            )
+        raise ValueError(
+            f"touches: x = {x:g} mm, y = {y:g} mm, {rotation:g} deg, {force:g} N is outside of the"
+            f" response, {self.reach_mm:g} mm about the centre and {low:g} to {high:g} N; build one"
+            " for a larger domain"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,10 +140,10 @@ class Response:
         # (n, value and derivative by force, polynomials)
         by_force = (powers @ self._polynomials).reshape(len(touches), 2, -1)
         by_force[:, 1] *= rate[:, None]
-        # (n, electrodes, value and derivatives by place, value and derivative by force)
-        both = np.matmul(by_force[:, None], by_place).transpose(0, 3, 1, 2)
-        found = both.reshape(*both.shape[:2], 8)[:, :, _VALUE_AND_SLOPES]
-        return found[:, :, 0], found[:, :, 1:]
+        # (n, value and derivatives by place times value and derivative by force, electrodes)
+        both = np.matmul(by_force[:, None], by_place).reshape(len(touches), 8, -1)
+        found = both.take(_VALUE_AND_SLOPES, axis=1)
+        return found[:, 0], found[:, 1:].swapaxes(1, 2)
 
     def with_thickness(self, thickness_um: float) -> Response:
         """The response of a film of another thickness: without bending, F/h alone counts."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import joblib
@@ -11,6 +11,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from pvdf_fem.gradients import PLACE
+from pvdf_fem.outline import Outline
 from pvdf_fem.scene import Scene
 from pvdf_fem.sensing.cubic_spline import Axis, CubicSpline
 from pvdf_fem.sensing.probe_frame import PolarRaster, mean_stress_about_probe
@@ -26,9 +27,11 @@ Array = NDArray[np.float64]
 # Distances of the rim's places: the first try, and the last.
 RADII = (4, 7)
 # Polynomials of the force where it varies by e; their coefficients fall by 4 from one to the next.
-FORCES_PER_E = 1.5
+FORCES_PER_E = 1.75
 # Cell of the table over the root of the probe's area, and the largest.
 CELL, LARGEST_CELL_MM = 1 / 16, 0.375
+# The same of a disc, whose rotation does not count.
+DISC_CELL = 1 / 28
 # Way of the corners in a step of the rotation, over the cell.
 TURN = 0.8
 # Step of the raster of stress over the table's cell.
@@ -129,9 +132,31 @@ def solved(scene: Scene, touches: Array, tolerance: float, processes: int) -> tu
     return parts.sum(axis=-1), np.abs(parts).sum(axis=-1)
 
 
+def _continued(
+    charges: ProbeCharges,
+    positions_mm: Array,
+    limit_mm: float,
+    electrodes: Sequence[Outline],
+    rotation: float,
+    d31_pC_N: float,
+    d32_pC_N: float,
+) -> Array:
+    """`ProbeCharges.charges_pC`, continued on parabolas along the radius beyond a limit."""
+    away = np.linalg.norm(positions_mm, axis=-1, keepdims=True)
+    far = np.flatnonzero(away > limit_mm)
+    beyond = away[far] - limit_mm
+    at = positions_mm * (limit_mm / np.maximum(away, limit_mm))
+    rows = [at, *(at[far] * (1.0 - k * beyond / limit_mm) for k in (1.0, 2.0))]
+    found = charges.charges_pC(electrodes, np.concatenate(rows), rotation, d31_pC_N, d32_pC_N)
+    whole, once, twice = np.split(found, [len(at), len(at) + len(far)])
+    whole[far] = 3.0 * whole[far] - 3.0 * once + twice
+    return whole
+
+
 def _cell_mm(scene: Scene) -> float:
     assert scene.probe is not None
-    return min(CELL * 1e3 * float(np.sqrt(scene.probe.outline.area)), LARGEST_CELL_MM)
+    share = CELL if PERIOD_DEG.get(scene.probe.shape, 360.0) else DISC_CELL
+    return min(share * 1e3 * float(np.sqrt(scene.probe.outline.area)), LARGEST_CELL_MM)
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,17 +234,14 @@ class Plan:
         """The spline of a response."""
         x, y, rotation = (axis.values for axis in self.axes)
         positions = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-        # beyond the domain, near which alone the table is used, the probe stays where it is
         limit = self.domain.reach_mm + BEYOND * self.axes[0].step
-        away = np.linalg.norm(positions, axis=-1, keepdims=True)
-        positions = positions * limit / np.maximum(away, limit)
         turns = rotation if PERIOD_DEG.get(self.places.probe.shape, 360.0) else rotation[:1]
-        film = self.scene.film
+        d_pC_N = self.scene.film.d31_pC_N, self.scene.film.d32_pC_N
         outlines = [electrode.outline for electrode in self.scene.electrode_list]
         with joblib.parallel_config("loky", inner_max_num_threads=1):
             found = joblib.Parallel(processes)(
-                joblib.delayed(charges.charges_pC)(
-                    outlines, positions, np.radians(turn), film.d31_pC_N, film.d32_pC_N
+                joblib.delayed(_continued)(
+                    charges, positions, limit, outlines, np.radians(turn), *d_pC_N
                 )
                 for turn in turns
             )

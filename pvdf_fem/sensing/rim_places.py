@@ -24,8 +24,9 @@ from pvdf_fem.shapes import PERIOD_DEG
 
 Array = NDArray[np.float64]
 
-# Modes of the stress that are less than this part of the largest are left out.
-LEAST_MODE = 1e-6
+# Modes of the stress that are less than this part of the largest are left out; at 1e-6 that is 3e-5
+# of the charge of an electrode across the film.
+LEAST_MODE = 1e-7
 # Of an electrode's integral, along each of its sides or a quarter of a circle.
 GAUSS_POINTS = 12
 # Positions at a time, whose integrals are one sparse matrix.

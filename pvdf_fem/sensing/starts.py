@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,8 @@ from pvdf_fem.sensing.touch import FORCE, ROTATION, Model, X, Y, period_deg
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Indices = NDArray[np.intp]
+# Rotations of a table, one or an array of them, with their shares in an interpolation.
+Turned = tuple[tuple[int | Indices, float], ...]
 
 # The lattice: places across the reach, rotations in the probe's period, forces in the domain's.
 _ACROSS, _ROTATIONS, _FORCES = 25, 24, 5
@@ -61,7 +63,8 @@ class Table:
     rotations_deg, log_forces : ndarray
         The other axes.
     charges_pC : ndarray, shape (rotations, electrodes, forces, places)
-    slopes : ndarray, shape (rotations, electrodes, forces, places, 3)
+    nodes : ndarray, shape (rotations forces places, electrodes, 1 + 3)
+        The charges and their slopes.
     period_deg : float
         Of the rotation, when the axis is the whole period; else 0.
     """
@@ -71,65 +74,80 @@ class Table:
     rotations_deg: Array
     log_forces: Array
     charges_pC: Single
-    slopes: Single
+    nodes: Single
     period_deg: float
 
     def of(self, electrodes: Indices) -> Table:
         """The table of some electrodes."""
-        charges, slopes = self.charges_pC[:, electrodes], self.slopes[:, electrodes]
-        return replace(self, charges_pC=charges, slopes=slopes)
+        charges, nodes = (each.take(electrodes, axis=1) for each in (self.charges_pC, self.nodes))
+        return replace(self, charges_pC=charges, nodes=nodes)
 
-    def turned(self, rotation_deg: float) -> Table:
-        """The table of one rotation: charges interpolated linearly, slopes of the nearest one."""
-        count = len(self.rotations_deg)
-        if count == 1:
-            return self
-        at = (rotation_deg % self.period_deg) / self.period_deg * count
-        k, t = int(at) % count, np.float32(at % 1.0)
-        following = (k + 1) % count
-        Q = self.charges_pC
-        charges = (1 - t) * Q[k] + t * Q[following]
-        near = k if t < 0.5 else following
-        turn, slopes = np.array([rotation_deg]), self.slopes[near : near + 1]
-        axes = self.places_mm, self.neighbours, turn, self.log_forces
-        return Table(*axes, charges[None], slopes, 0.0)
-
-    def starts(self, charges_pC: Array, deviations_pC: Array, sought: Indices) -> Array:
+    def starts(
+        self,
+        charges_pC: Array,
+        deviations_pC: Array,
+        sought: Indices,
+        rotation_deg: float | None = None,
+    ) -> Array:
         """Coordinates (n, 4) near the local minima of chi-square over places, at each rotation.
 
         A Gauss-Newton step in what is `sought` of `_MOVING`, with the table's slopes, leads from
-        the places of the minima to the starts.
+        the places of the minima to the starts. With one of all rotations given the table is
+        interpolated linearly there.
         """
         weights = 1.0 / deviations_pC
         target = charges_pC * weights
-        chi_square, along = self._fitted(weights.astype(np.float32), target.astype(np.float32))
+        turned = self._turned(rotation_deg)
+        chi_square, along = self._fitted(turned, weights.astype(np.float32), target)
         turn, place = np.nonzero(self._bottoms(chi_square.min(axis=1)))
         f = chi_square[turn, :, place].argmin(axis=1)
         t = along[turn, f, place].astype(np.float64)
-        system = np.empty((len(place), len(weights), 1 + len(sought)))
-        lower = self.charges_pC[turn, :, f, place] * weights
-        upper = self.charges_pC[turn, :, f + 1, place] * weights if self._chords else lower
+        lower, upper = self._ends(turned or ((turn, 1.0),), f, place)
         at = np.empty((len(place), 4))
         at[:, :ROTATION] = self.places_mm[place]
-        at[:, ROTATION] = self.rotations_deg[turn]
-        at[:, FORCE] = self.log_forces[f] + self._beyond(lower, upper, t)
+        at[:, ROTATION] = self.rotations_deg[turn] if rotation_deg is None else rotation_deg
+        at[:, FORCE] = self.log_forces[f] + self._beyond(lower[:, :, 0], upper[:, :, 0], t)
         if not sought.size:
             return at
-        system[:, :, 0] = lower + t[:, None] * (upper - lower) - target
-        slopes = self.slopes[turn, :, f, place]
-        if self._chords:
-            slopes = slopes + t[:, None, None] * (self.slopes[turn, :, f + 1, place] - slopes)
-        system[:, :, 1:] = slopes[:, :, sought] * weights[:, None]
+        system = (lower + t[:, None, None] * (upper - lower)) * weights[:, None]
+        system[:, :, 0] -= target
+        if len(sought) < len(_MOVING):
+            system = system.take([0, *(1 + sought)], axis=2)
         normal = np.matmul(system.swapaxes(1, 2), system)
         step, promised = damped_steps(normal, _DAMPING)
-        stretch = np.abs(step / _LONGEST[sought]).max(axis=1)
-        at[:, _MOVING[sought]] += step / np.maximum(stretch, 1.0)[:, None]
+        stretch = np.abs(step / _LONGEST.take(sought)).max(axis=1)
+        step /= np.maximum(stretch, 1.0)[:, None]
+        for k, i in enumerate(_MOVING.take(sought).tolist()):
+            at[:, i] += step[:, k]
         misfit = np.sqrt(np.maximum(normal[:, 0, 0] - promised, 0.0))
-        return at[_chosen(at, misfit, _WORSE + _CURVED * math.sqrt(target @ target))]
+        more = _WORSE + _CURVED * math.sqrt(target @ target)
+        turns = sorted(set(turn.tolist()))
+        rows = [np.flatnonzero(turn == k) for k in turns]
+        return at.take(np.concatenate([_best(row, at, misfit, more) for row in rows]), axis=0)
 
     @property
     def _chords(self) -> int:
         return len(self.log_forces) - 1
+
+    def _turned(self, rotation_deg: float | None) -> Turned:
+        """The table's rotations about one, with their shares in an interpolation."""
+        count = len(self.rotations_deg)
+        if rotation_deg is None or count == 1:
+            return ((0, 1.0),) if count == 1 else ()
+        at = (rotation_deg % self.period_deg) / self.period_deg * count
+        k, share = int(at) % count, at % 1.0
+        return (k, 1.0 - share), ((k + 1) % count, share)
+
+    def _ends(self, turned: Turned, f: Indices, place: Indices) -> tuple[Array, Array]:
+        """Charges and slopes (n, electrodes, 1 + 3) at the ends of chords."""
+        places, forces = len(self.places_mm), len(self.log_forces)
+        k, shares = (np.array(each) for each in zip(*turned, strict=True))
+        lower = (k.reshape(len(turned), -1) * forces + f) * places + place
+        # (2 ends, rotations, n)
+        rows = lower + places * np.arange(2 if self._chords else 1)[:, None, None]
+        found = self.nodes.take(rows, axis=0) * shares[:, None, None, None]
+        found = found.sum(axis=1)
+        return found[0], found[-1]
 
     def _beyond(self, lower: Array, upper: Array, t: Array) -> Array | float:
         """How far a part of a chord is along it, by the logarithm of the force.
@@ -142,9 +160,13 @@ class Table:
         length = (self.log_forces[-1] - self.log_forces[0]) / self._chords
         return length * np.log1p(t * (growth - 1.0)) / np.log(growth)
 
-    def _fitted(self, weights: Single, target: Single) -> tuple[Single, Single]:
+    def _fitted(self, turned: Turned, weights: Single, target: Array) -> tuple[Single, Single]:
         """Least chi-square on each chord (rotations, chords, places), and where along it."""
-        rest = target[:, None, None] - self.charges_pC * weights[:, None, None]
+        charges = self.charges_pC
+        if turned:
+            charges = reduce(np.add, (share * charges[k] for k, share in turned))[None]
+        rest = charges * weights[:, None, None]
+        rest -= target.astype(np.float32)[:, None, None]
         square = np.square(rest).sum(axis=1)
         if not self._chords:
             return square, np.zeros_like(square)
@@ -166,17 +188,18 @@ class Table:
         return chosen | (chi_square <= lowest)
 
 
-def _chosen(at: Array, misfit: Array, more: float) -> Indices:
-    """The best starts of each rotation, with at most so much `more` misfit than the very best.
+def _best(rows: Indices, at: Array, misfit: Array, more: float) -> Indices:
+    """The best of some starts, with at most so much `more` misfit than the very best.
 
     Those close to a better one are left out.
     """
-    rows = np.flatnonzero(~repeated(at, misfit, _CLOSE))
-    rows = rows[np.lexsort((misfit[rows], at[rows, ROTATION]))]
-    turn = at[rows, ROTATION]
-    best = np.searchsorted(turn, turn)
-    good = misfit[rows] <= misfit[rows[best]] + more
-    return rows[good & (np.arange(len(rows)) - best < _KEPT)]
+    values = misfit[rows]
+    good = values <= values.min() + more
+    rows, values = rows[good], values[good]
+    order = values.argsort()
+    if len(rows) > 1:
+        order = order[~repeated(at[rows], values, _CLOSE)[order]]
+    return rows[order[:_KEPT]]
 
 
 def tabulate(
@@ -212,8 +235,11 @@ def tabulate(
     )
     slopes = slopes[..., _MOVING]
     slopes[..., -1] *= forces[:, None]
-    single = np.ascontiguousarray(charges, np.float32), np.ascontiguousarray(slopes, np.float32)
-    return Table(places, neighbours, turns, np.log(forces), *single, period)
+    # (rotations, forces, places, electrodes, 1 + 3)
+    nodes = np.concatenate([charges[..., None], slopes], axis=-1).transpose(0, 2, 3, 1, 4)
+    nodes = nodes.reshape(-1, *nodes.shape[3:])
+    charges, nodes = (np.ascontiguousarray(values, np.float32) for values in (charges, nodes))
+    return Table(places, neighbours, turns, np.log(forces), charges, nodes, period)
 
 
 def _lattice(x: Array, y: Array, reach: float, around: int) -> tuple[Array, Indices]:
@@ -258,12 +284,10 @@ def starts(
     """
     if set(known) <= {ROTATION}:
         table = _table_of(model, tuple(electrodes.tolist()))
-        if known:
-            table = table.turned(known[ROTATION])
     else:
         table = tabulate(model, known).of(electrodes)
     sought = np.array([k for k, i in enumerate((X, Y, FORCE)) if i not in known], dtype=np.intp)
-    at = table.starts(charges_pC, deviations_pC, sought)
+    at = table.starts(charges_pC, deviations_pC, sought, known.get(ROTATION))
     for i, value in known.items():
         at[:, i] = math.log(value) if i == FORCE else value
     return at

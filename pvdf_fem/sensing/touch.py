@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,6 +22,7 @@ QUANTITIES = ("x_mm", "y_mm", "rotation_deg", "force_N")
 KEYS = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg", "load.force_N")
 X, Y, ROTATION, FORCE = range(4)
 
+_FEW = 32
 #: Charges that a right model would give less often than this are called unexplained.
 SIGNIFICANCE = 1e-3
 #: A direction is determined if the domain is so many standard deviations wide along it.
@@ -56,6 +58,19 @@ def period_deg(model: Model) -> float:
     """Least rotation that brings the probe onto itself; 360 for a disc, whose rotation is void."""
     probe = model.scene.probe
     return PERIOD_DEG.get(probe.shape, 360.0) or 360.0 if probe else 360.0
+
+
+def all_within(touches: Array, reach_mm: float, lowest: float, highest: float) -> bool:
+    """Whether touches (n, 4) are within the reach and the range of the force, or its logarithm."""
+    square = reach_mm * reach_mm
+    if len(touches) <= _FEW:  # for which arrays take longer
+        return all(
+            x * x + y * y <= square and math.isfinite(rotation) and lowest <= force <= highest
+            for x, y, rotation, force in touches.tolist()
+        )
+    x, y, rotation, force = touches.T
+    inside = (x * x + y * y <= square) & (lowest <= force) & (force <= highest)
+    return bool((inside & np.isfinite(rotation)).all())
 
 
 @dataclass(frozen=True, eq=False)
