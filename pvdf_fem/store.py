@@ -33,17 +33,8 @@ NUMERICAL_MODULES = (
     *("quantity", "film", "shapes", "outline", "placement", "scene", "symmetry", "mesh"),
     *("six_node", "membrane", "bending", "bending_effect", "load", "equilibrium", "newton"),
     *("continuation", "tension_field", "interior_point", "tension_newton", "admissible"),
-    *(
-        "unfold",
-        "fields",
-        "cut",
-        "charge",
-        "charge_error",
-        "settled",
-        "estimate",
-        "refine",
-        "sizes",
-    ),
+    *("unfold", "fields", "cut", "charge", "charge_error", "settled"),
+    *("layers", "estimate", "refine", "sizes"),
     *("attempt", "solution", "equivalence", "plan", "records"),
 )
 NUMERICAL_PACKAGES = ("gmsh", "numpy", "scikit-fem", "scipy")
