@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from skfem import MeshTri2
 
 from pvdf_fem.bending import LOWEST_ORDER
-from pvdf_fem.charge import Goal, charge_sizes, goal_forces, goal_gradients
+from pvdf_fem.charge import Goal, area_defects, charge_sizes, goal_forces, goal_gradients
 from pvdf_fem.clock import Clock
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.estimate import Correction, correct, indicators, prolongation
@@ -117,6 +117,9 @@ def solve_on(
                 errors *= EDGE_FACTOR
             elif scene.film.compression == "tension-field":
                 errors *= KINK_FACTOR
+            # both orders share the elements, and what these lack of a round electrode
+            defects = area_defects(goals, equilibrium.membrane, part)[:, None] * np.abs(forces)
+            errors += np.where(errors < 0.0, -defects, defects)
     return Attempt(scene, goals, result, Fields(equilibrium, result.q, forces, errors), correction)
 
 

@@ -174,6 +174,17 @@ def charge_sizes(
     return np.where(sizes > 0.0, sizes, 1.0)
 
 
+def area_defects(goals: Sequence[Goal], membrane: Membrane, part: Part = WHOLE) -> Array:
+    """What the curved elements of each electrode lack of its area, as a part of it, (goals,)."""
+    areas = np.array([goal.outline.area for goal in goals])
+    found = areas.copy()
+    for i, goal in enumerate(goals):
+        if goal.patch is not None:
+            patches = [_patch(image, membrane.mesh) for image in goal.images(part)]
+            found[i] = sum(membrane.weights[patch].sum() for patch in patches)
+    return np.abs(found / areas - 1.0)
+
+
 def goal_gradients(
     goals: Sequence[Goal], membrane: Membrane, x: Array, part: Part = WHOLE
 ) -> Array:

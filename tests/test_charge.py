@@ -237,3 +237,18 @@ def test_no_charge_is_stated_to_be_much_better_than_the_others():
     assert 0.0 < stated[2] < 1e-12
     assert np.all(charge_errors(0.0 * forces, 0.0 * errors, (2.0, 2.0)) == 0.0)
     assert charge_errors(1e6 * forces, errors, (2.0, 2.0)) == pytest.approx(stated)
+
+
+def test_what_curved_elements_lack_of_a_round_electrode_counts_as_error() -> None:
+    """Both charges are of the pretension, which any mesh has right. Areas are not, by a hair."""
+    electrodes = [
+        {"name": "round", "shape": "circle", "radius_mm": 20.0 - 1e-9, "x_mm": 0.0, "y_mm": 0.0},
+        {"name": "square", "shape": "square", "side_mm": 3.0, "x_mm": 30.0, "y_mm": 0.0},
+    ]
+    probe = {"shape": "circle", "radius_mm": 20.0}
+    load = {"load.kind": "rigid", "load.contact": "sliding", "load.force_N": 1e-8}
+    solution = solve(Scene().with_(probe=probe, electrodes=electrodes, **load))
+    areas = {e.name: e.outline.area for e in solution.scene.electrode_list}
+    exact = solution.charges_pC["square"] / areas["square"] * areas["round"]
+    error = abs(solution.charges_pC["round"] - exact)
+    assert 1e-6 * exact < error < 1.1 * solution.charge_errors_pC["round"]
