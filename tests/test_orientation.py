@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from pvdf_fem import Scene
@@ -148,6 +148,7 @@ def test_readings_that_do_not_determine_a_series_are_refused() -> None:
 
 @settings(deadline=None, max_examples=40)
 @given(st.floats(0.0, 90.0), st.floats(0.26, 7.4))
+@example(0.0, 2.25)
 def test_angle_and_force_come_back(angle: float, force: float) -> None:
     known = orientations(SERIES, charges(SERIES, angle, force, "A"), force, charge_error_pC=0.1)
     both = orientations(SERIES, charges(SERIES, angle, force, "AB"), charge_error_pC=0.1)

@@ -166,7 +166,7 @@ def _best_cosines(series: CosineSeries, means: _Means, force_N: float) -> list[f
         for a, b, left, right in zip(_GRID[:-1], _GRID[1:], values[:-1], values[1:], strict=True)
         if left < 0 <= right
     ]
-    return minima + [-1.0] * bool(values[0] >= 0) + [1.0] * bool(values[-1] <= 0)
+    return minima + [-1.0] * bool(values[0] >= 0) + [1.0] * bool(values[-1] < 0)
 
 
 def _cosines_and_forces(series: CosineSeries, means: _Means) -> list[tuple[float, float]]:
