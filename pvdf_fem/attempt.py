@@ -11,7 +11,14 @@ from scipy.spatial import cKDTree
 from skfem import MeshTri2
 
 from pvdf_fem.bending import LOWEST_ORDER
-from pvdf_fem.charge import Goal, area_defects, charge_sizes, goal_forces, goal_gradients
+from pvdf_fem.charge import (
+    Goal,
+    area_defects,
+    charge_sizes,
+    charges_of,
+    goal_forces,
+    goal_gradients,
+)
 from pvdf_fem.clock import Clock
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.estimate import Correction, correct, indicators, prolongation
@@ -46,13 +53,14 @@ CORNERS, SHARPEST = 0.5, 0.01
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """A solve on one mesh: Newton's result, the correction and the worst charge's error."""
+    """A solve on one mesh: Newton's result, the correction and the layers in which it bends."""
 
     scene: Scene
     goals: Sequence[Goal]
     result: NewtonResult
     fields: Fields
     correction: Correction | None
+    layers: Layers | None
 
     @property
     def worst(self) -> float:
@@ -62,7 +70,7 @@ class Attempt:
     @property
     def charge_errors(self) -> Array:
         """Estimated error of each charge over the sizes of its two contributions, (goals,)."""
-        return np.abs((self.fields.force_errors * self._d).sum(axis=1)) / self.charge_sizes
+        return np.abs(charges_of(self.goals, self.fields.force_errors)) / self.charge_sizes
 
     @cached_property
     def charge_sizes(self) -> Array:
@@ -70,10 +78,6 @@ class Attempt:
         fields = self.fields
         weights = fields.solved.membrane.weights
         return charge_sizes(self.goals, fields.solved_state, fields.forces, weights)
-
-    @property
-    def _d(self) -> Array:
-        return np.reshape([goal.d for goal in self.goals], (-1, 2))
 
 
 def solve_on(
@@ -98,7 +102,7 @@ def solve_on(
             result = equilibrate(equilibrium, start, near=True, settled=settled, other=lower)
         x = equilibrium.unknowns.expand(result.q)
         forces = goal_forces(goals, equilibrium.membrane, x, part)
-    correction, errors = None, np.zeros_like(forces)
+    correction, layers, errors = None, None, np.zeros_like(forces)
     if result.status is Status.CONVERGED and result.factors is not None:
         with clock("estimate"):
             rich = Equilibrium(scene, mesh, order + 1, part)
@@ -109,7 +113,7 @@ def solve_on(
             correction = found
             x = rich.unknowns.expand(correction.q)
             errors = goal_forces(goals, rich.membrane, x, part) - forces
-            if layers := Layers.of(equilibrium, equilibrium.state(result.q)):
+            if layers := Layers.of(equilibrium, result.q):
                 x = equilibrium.unknowns.expand(result.q + layers.change(result.factors))
                 more = goal_forces(goals, equilibrium.membrane, x, part) - forces
                 errors = _larger(BENT_FACTOR * errors, more, goals)
@@ -120,7 +124,8 @@ def solve_on(
             # both orders share the elements, and what these lack of a round electrode
             defects = area_defects(goals, equilibrium.membrane, part)[:, None] * np.abs(forces)
             errors += np.where(errors < 0.0, -defects, defects)
-    return Attempt(scene, goals, result, Fields(equilibrium, result.q, forces, errors), correction)
+    fields = Fields(equilibrium, result.q, forces, errors)
+    return Attempt(scene, goals, result, fields, correction, layers)
 
 
 def _corrected(
@@ -139,21 +144,20 @@ def _corrected(
         return correction
     prolong = prolongation(equilibrium, rich)
     start = prolong @ result.q
-    found = full_steps(rich, start, RICH_TOLERANCE)
-    unstable = rich.load.conservative and compressed(rich.state(start))
+    state, found = rich.state(start), full_steps(rich, start, RICH_TOLERANCE)
+    unstable = rich.load.conservative and compressed(state)
     if found.factors is not None and unstable:
         unstable = negative_pivots(found.factors) > 0
     if unstable:
         return Status.UNSTABLE
     if found.status is not Status.CONVERGED:
         return found.status
-    return Correction(rich, start, found.q, rich.state(start), prolong, len(found.iterations))
+    return Correction(rich, start, found.q, state, prolong, len(found.iterations))
 
 
 def _larger(errors: Array, others: Array, goals: Sequence[Goal]) -> Array:
     """Of two estimates of the force errors (goals, 2), for each charge that which is larger."""
-    d = np.reshape([goal.d for goal in goals], (-1, 2))
-    own, other = (np.abs((each * d).sum(axis=1)) for each in (errors, others))
+    own, other = (np.abs(charges_of(goals, each)) for each in (errors, others))
     return np.where((own >= other)[:, None], errors, others)
 
 
@@ -190,18 +194,18 @@ def refined(attempt: Attempt, tolerance: float) -> SizeField:
     goals = [attempt.goals[i] for i in worst]
     gradients = goal_gradients(goals, rich.membrane, x, rich.part) / attempt.charge_sizes[worst]
     shares = indicators(correction, factors, gradients).max(axis=1)
-    solved, reduction = attempt.fields.solved, tolerance / attempt.worst
+    load, reduction = attempt.fields.solved.load, tolerance / attempt.worst
     most: Array | float = np.inf
-    if layers := Layers.of(solved, attempt.fields.solved_state):
+    if layers := attempt.layers:
         right = correction.prolong.T @ (rich.unknowns.expansion.T @ gradients)
         effects = layers.effects(factors.solve(right, "T")).max(axis=1)
         total = float((effects * left(layers.widths)).sum())
         most = layers.sizes(effects, max(reduction * total, tolerance))
-        if attempt.scene.load.kind == "rigid":
+        if load.kind == "rigid":
             most = np.minimum(
                 most, _at_corners(attempt.scene, rich.membrane.mesh, shares, reduction)
             )
-    stiff = solved.load.patch if solved.load.kind == "rigid" else None
+    stiff = load.patch if load.kind == "rigid" else None
     return refined_sizes(rich.membrane.mesh, shares, reduction, most, stiff)
 
 

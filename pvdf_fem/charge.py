@@ -158,6 +158,11 @@ def goal_forces(goals: Sequence[Goal], membrane: Membrane, x: Array, part: Part 
     return forces
 
 
+def charges_of(goals: Sequence[Goal], forces: Array) -> Array:
+    """d31 X + d32 Y of each electrode in C, (goals,), from its forces X, Y in N, (goals, 2)."""
+    return np.asarray((forces * _coefficients(goals)).sum(axis=1))
+
+
 def charge_sizes(
     goals: Sequence[Goal], state: MembraneState, forces: Array, weights: Array
 ) -> Array:
@@ -168,7 +173,7 @@ def charge_sizes(
     """
     stress = np.abs(state.stress[..., :2]) * weights[..., None]
     mean = stress.sum(axis=(0, 1)) / weights.sum()
-    d = np.abs(np.reshape([goal.d for goal in goals], (-1, 2)))
+    d = np.abs(_coefficients(goals))
     areas = np.array([goal.outline.area for goal in goals])
     sizes = np.maximum((np.abs(forces) * d).sum(axis=1), NOTHING * areas * (d @ mean))
     return np.where(sizes > 0.0, sizes, 1.0)
@@ -192,7 +197,7 @@ def goal_gradients(
     images, own = _images(goals, part)
     result = np.zeros((membrane.dof_count, len(goals)))
     directions = np.reshape([image.directions for image in images], (-1, 2, 3))
-    d = np.reshape([image.d for image in images], (-1, 2))
+    d = _coefficients(images)
     for stress, sample in _samplings(images, own, membrane):
         gradient, of = _gradient(membrane, x, sample), sample.images
         wanted = sum(d[of, axis, None] * directions[of, axis] for axis in sample.axes)
@@ -207,6 +212,11 @@ def goal_gradients(
         dofs = membrane.element_dofs[sample.elements]
         np.add.at(result, (dofs, own[of][:, None]), local.reshape(dofs.shape))
     return result
+
+
+def _coefficients(goals: Sequence[Goal]) -> Array:
+    """d31, d32 in C/N of each electrode, (goals, 2)."""
+    return np.reshape([goal.d for goal in goals], (-1, 2))
 
 
 def _images(goals: Sequence[Goal], part: Part) -> tuple[list[Goal], Indices]:

@@ -69,6 +69,8 @@ class Iterate:
         Part of Newton's step that was taken.
     factors : SuperLU or None
         The tangent of that step, factorised.
+    state : MembraneState
+        Of `q`.
     """
 
     q: Array
@@ -77,6 +79,7 @@ class Iterate:
     gap: float
     length: float
     factors: SuperLU | None
+    state: MembraneState
 
     @property
     def stress(self) -> Array:
@@ -116,7 +119,7 @@ class _InteriorPoint:
         widest = np.abs(self.membrane.elastic(state.strain)).max()
         strain = max(widest, tension * self.compliance[0, 0])
         ones = np.broadcast_to(LARGER * UNIT, state.strain.shape)
-        return Iterate(q, tension * ones, strain * ones, np.inf, 1.0, None)
+        return Iterate(q, tension * ones, strain * ones, np.inf, 1.0, None, state)
 
     def next(self, at: Iterate) -> Iterate:
         """Mehrotra's step: the predictor's length says how far to go, the corrector goes."""
@@ -135,7 +138,8 @@ class _InteriorPoint:
         state = self.equilibrium.state(q)
         p = _closer(p, s @ self.compliance - self.membrane.elastic(state.strain) @ STRAIN.T)
         gap = float(((s * p).sum(axis=-1) * self.weights).sum())
-        return Iterate(q, s, p, gap / self.equilibrium.work(state, q), length, step.factors)
+        gap /= self.equilibrium.work(state, q)
+        return Iterate(q, s, p, gap, length, step.factors, state)
 
     def _corrected(self, step: _Linearised, wanted: Array, mu: float) -> Step:
         """The step to the products `wanted`, made longer by Gondzio's corrections.
@@ -174,7 +178,7 @@ class _Linearised:
         self.scaled = times(self.inverse, at.s)
         compliance = self.scaling @ points.compliance @ self.scaling + np.eye(3)
         self.root = np.linalg.solve(np.linalg.cholesky(compliance), self.scaling)
-        self.state = points.equilibrium.state(at.q)
+        self.state = at.state
         strain = points.membrane.elastic(self.state.strain) @ STRAIN.T
         self.mismatch = strain + at.p - at.s @ points.compliance
         self.factors = self._factors()

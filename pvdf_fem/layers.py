@@ -21,7 +21,7 @@ from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.bending import plate_stiffness
 from pvdf_fem.equilibrium import Bending, Equilibrium
-from pvdf_fem.membrane import Array, MembraneState
+from pvdf_fem.membrane import Array
 from pvdf_fem.mesh import element_sizes
 
 # The part of their bending forces that elements much larger than the bending length leave
@@ -66,11 +66,12 @@ class Layers:
     values: Array
 
     @classmethod
-    def of(cls, equilibrium: Equilibrium, state: MembraneState) -> Layers | None:
-        """Those of a solution; None where the film does not bend."""
+    def of(cls, equilibrium: Equilibrium, q: Array) -> Layers | None:
+        """Those of a solution (unknowns,); None where the film does not bend."""
         bending = equilibrium.bending
         if bending is None:
             return None
+        state = equilibrium.state(q)
         D, film = plate_stiffness(equilibrium.film), equilibrium.film
         s11, s22, s12 = np.moveaxis(state.stress, -1, 0)
         largest = 0.5 * (s11 + s22) + np.hypot(0.5 * (s11 - s22), s12)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pvdf_fem.charge import Goal, charge_sizes, goal_forces
+from pvdf_fem.charge import Goal, charge_sizes, charges_of, goal_forces
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.membrane import Array, MembraneState
 
@@ -41,19 +41,15 @@ class Settled:
 
     def change(self, before: MembraneState, after: MembraneState) -> float:
         """Largest change of a charge between two states, over that which may be left in the end."""
-        tolerance = self.equilibrium.scene.numerics.tolerance
-        d, new = np.reshape([goal.d for goal in self.goals], (-1, 2)), self._forces(after.dofs)
-        allowed = OF_TOLERANCE * tolerance * charge_sizes(self.goals, after, new, self._weights)
+        tolerance, new = self.equilibrium.scene.numerics.tolerance, self._forces(after.dofs)
+        weights = self.equilibrium.membrane.weights
+        allowed = OF_TOLERANCE * tolerance * charge_sizes(self.goals, after, new, weights)
         if self.start is not None:
             old = self._forces(self.equilibrium.unknowns.expand(self.start))
-            correction = np.abs(((new - old) * d).sum(axis=1))
+            correction = np.abs(charges_of(self.goals, new - old))
             allowed = np.maximum(allowed, OF_CORRECTION * correction)
-        change = np.abs(((new - self._forces(before.dofs)) * d).sum(axis=1))
+        change = np.abs(charges_of(self.goals, new - self._forces(before.dofs)))
         return float(np.max(change / allowed, initial=0.0))
-
-    @property
-    def _weights(self) -> Array:
-        return self.equilibrium.membrane.weights
 
     def _forces(self, x: Array) -> Array:
         return goal_forces(self.goals, self.equilibrium.membrane, x, self.equilibrium.part)

@@ -225,7 +225,7 @@ def _from_afar(
             if result := _newton(equilibrium, point.q, point.stress, tolerance, table, settled):
                 return result
             gap = NARROWER * point.gap
-        left = watch.left(equilibrium.state(point.q))
+        left = watch.left(point.state)
         if 0.0 < point.gap < allowed**2 and left <= 1.0 and _agrees(equilibrium, point, allowed):
             return NewtonResult(point.q, Status.CONVERGED, tuple(table), point.factors)
     return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
@@ -245,7 +245,7 @@ def _agrees(equilibrium: Equilibrium, point: Iterate, tolerance: float) -> bool:
     def square(stress: Array) -> float:
         return float((((stress @ compliance) * stress).sum(axis=-1) * membrane.weights).sum())
 
-    state = equilibrium.state(point.q)
+    state = point.state
     if not square(state.stress - point.stress) < tolerance**2 * square(state.stress):
         return False
     return point.factors is not None and balanced(equilibrium, state, point.factors, tolerance)

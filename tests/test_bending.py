@@ -106,7 +106,7 @@ def test_layer_narrower_than_the_elements(widths):
 def test_a_part_of_what_narrow_layers_do_is_uncertain():
     solution, _, lost = stretched(200.0)
     solved, state = solution.fields.solved, solution.fields.solved_state
-    layers = Layers.of(solved, state)
+    layers = Layers.of(solved, solution.fields.q)
     change = solved.unknowns.expand(layers.change(factorise(solved.tangent(state))))[2::3]
     centre = np.hypot(*solution.basis.doflocs).argmin()
     assert change[centre] / lost == pytest.approx(-UNCERTAIN, rel=0.1)
