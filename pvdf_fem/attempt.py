@@ -49,11 +49,13 @@ FEW = 12_000
 # The part of an error that elements at a punch's corners may make together, and by how much they
 # become smaller at the most.
 CORNERS, SHARPEST = 0.5, 0.01
+# What a Newton iteration costs however small the mesh is, in unknowns.
+OVERHEAD = 1000
 
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """A solve on one mesh: Newton's result, the correction and the layers in which it bends."""
+    """A solve on one mesh: Newton's result, its correction, layers of bending, and its starts."""
 
     scene: Scene
     goals: Sequence[Goal]
@@ -61,6 +63,7 @@ class Attempt:
     fields: Fields
     correction: Correction | None
     layers: Layers | None
+    lower: LowerOrders
 
     @property
     def worst(self) -> float:
@@ -92,14 +95,8 @@ def solve_on(
     """Solve on the mesh of a part of the film, from the solution on a coarser one if there is."""
     with clock("solve"):
         equilibrium = Equilibrium(scene, mesh, order, part)
-        settled = Settled(goals, equilibrium)
-        # what a change of mesh leaves of a heated film's stress leads nowhere
-        if coarser is None or scene.film.thermal_strain > 0.0:
-            start = _start(equilibrium)
-            result = equilibrate(equilibrium, start, near=start is not None, settled=settled)
-        else:
-            start, lower = _carried_over(coarser, equilibrium), partial(_start, equilibrium)
-            result = equilibrate(equilibrium, start, near=True, settled=settled, other=lower)
+        lower = LowerOrders()
+        result = _equilibrated(equilibrium, Settled(goals, equilibrium), lower, coarser)
         x = equilibrium.unknowns.expand(result.q)
         forces = goal_forces(goals, equilibrium.membrane, x, part)
     correction, layers, errors = None, None, np.zeros_like(forces)
@@ -125,7 +122,21 @@ def solve_on(
             defects = area_defects(goals, equilibrium.membrane, part)[:, None] * np.abs(forces)
             errors += np.where(errors < 0.0, -defects, defects)
     fields = Fields(equilibrium, result.q, forces, errors)
-    return Attempt(scene, goals, result, fields, correction, layers)
+    return Attempt(scene, goals, result, fields, correction, layers, lower)
+
+
+def _equilibrated(
+    equilibrium: Equilibrium, settled: Settled, lower: LowerOrders, coarser: Attempt | None
+) -> NewtonResult:
+    # what a change of mesh leaves of a heated film's stress leads nowhere
+    if coarser is not None and not equilibrium.film.thermal_strain > 0.0:
+        start, other = _carried_over(coarser, equilibrium), partial(lower.start, equilibrium)
+        return equilibrate(equilibrium, start, near=True, settled=settled, other=other)
+    from_below = lower.start(equilibrium)
+    if lower.unstable:
+        return replace(lower.unstable, q=np.zeros(equilibrium.unknowns.count))
+    near = from_below is not None
+    return equilibrate(equilibrium, from_below, near=near, settled=settled)
 
 
 def _corrected(
@@ -161,20 +172,44 @@ def _larger(errors: Array, others: Array, goals: Sequence[Goal]) -> Array:
     return np.where((own >= other)[:, None], errors, others)
 
 
-def _start(equilibrium: Equilibrium) -> Array | None:
-    """The solution of the order below, which costs less than the iterations that it saves."""
-    order = equilibrium.membrane.order
-    if order == (1 if equilibrium.bending is None else LOWEST_ORDER):
-        return None
-    if barely_loaded(equilibrium.scene):  # whose solution of another order is far away
-        return None
-    mesh = equilibrium.membrane.mesh
-    lower = Equilibrium(equilibrium.scene, mesh, order - 1, equilibrium.part)
-    start = _start(lower)
-    result = equilibrate(lower, start, START_TOLERANCE, near=start is not None)
-    if result.status is not Status.CONVERGED:
-        return None
-    return prolongation(lower, equilibrium) @ result.q
+class LowerOrders:
+    """Starts that cost less than the iterations that they save, and how much work they were.
+
+    Attributes
+    ----------
+    work : int
+        Sum of `work_of` their solves.
+    unstable : NewtonResult or None
+        Of a film that bends, that which is no minimum of the energy. Nor would the order above find
+        one, whose displacements contain these.
+    """
+
+    def __init__(self) -> None:
+        self.work = 0
+        self.unstable: NewtonResult | None = None
+
+    def start(self, equilibrium: Equilibrium) -> Array | None:
+        """The solution of the order below, or None where that would not help."""
+        order = equilibrium.membrane.order
+        if order == (1 if equilibrium.bending is None else LOWEST_ORDER):
+            return None
+        if barely_loaded(equilibrium.scene):  # whose solution of another order is far away
+            return None
+        mesh = equilibrium.membrane.mesh
+        lower = Equilibrium(equilibrium.scene, mesh, order - 1, equilibrium.part)
+        start = self.start(lower)
+        result = equilibrate(lower, start, START_TOLERANCE, near=start is not None)
+        self.work += work_of(lower, len(result.iterations))
+        if result.status is Status.UNSTABLE and lower.bending is not None:
+            self.unstable = result
+        if result.status is not Status.CONVERGED:
+            return None
+        return prolongation(lower, equilibrium) @ result.q
+
+
+def work_of(equilibrium: Equilibrium, iterations: int) -> int:
+    """Of Newton's iterations, in unknowns; the time of one core is proportional to it."""
+    return iterations * (equilibrium.unknowns.count + OVERHEAD)
 
 
 def _carried_over(coarser: Attempt, equilibrium: Equilibrium) -> Array:

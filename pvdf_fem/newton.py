@@ -267,7 +267,7 @@ def full_steps(equilibrium: Equilibrium, q: Array, tolerance: float) -> NewtonRe
         step = -factors.solve(residual)
         size = float(np.sqrt(abs(residual @ step / equilibrium.work(state, q))))
         table.append(Iteration(size, 1.0, False, True))
-        if not size < LARGEST_FULL:
+        if not size < LARGEST_FULL or (len(table) > 2 and size > table[-2].step):
             break
         q = q + step
         if size < tolerance:

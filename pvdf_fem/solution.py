@@ -16,7 +16,7 @@ from typing import Any
 from skfem import Basis, MeshTri2
 
 from pvdf_fem import admissible
-from pvdf_fem.attempt import Attempt, refined, solve_on
+from pvdf_fem.attempt import Attempt, refined, solve_on, work_of
 from pvdf_fem.bending_effect import (
     CONSIDERABLE,
     BendingEffect,
@@ -42,13 +42,13 @@ SAFETY, SLOW = 0.5, 0.7
 MAX_MESHES = 10
 # Neither meshes of more unknowns are made nor more work is done, so that a solve takes less than
 # 20 s on one core at the usual tolerance; a finer one may take longer. Work is unknowns times
-# Newton iterations, of which an error estimate costs as much as so many, or as so many for each of
-# its own. A film that wrinkles needs these, and tension that concentrates in lines ever more.
+# Newton iterations, of which an error estimate costs as much as so many unless it has its own, as
+# in a film that wrinkles.
 USUAL = 1e-3
 MAX_UNKNOWNS = {"refuse": 60_000, "tension-field": 25_000}
-MAX_WORK = {"refuse": 2.8e6, "tension-field": 1e6}
+MAX_WORK = {"refuse": 2.8e6, "tension-field": 1.1e6}
+ESTIMATE = 8
 # Of a film that bends only iterations with a fresh tangent count, each for so many.
-ESTIMATE, RICH_ITERATION = 8, 4
 ESTIMATE_BENT, FRESH = 14, 4
 # A coarse mesh shows singular corners, and the kinks of a film that wrinkles, larger than they are
 # and in the wrong places, so that the next one has at most so many times its unknowns. One that
@@ -283,9 +283,9 @@ def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock:
         with clock("refine"):
             sizes = refined(attempt, aim)
         unknowns = attempt.fields.solved.unknowns.count
-        cost = _cost(attempt)
-        work -= cost * unknowns
-        most = min(GROWTH * unknowns, largest_mesh, work / cost)
+        done = _work(attempt)
+        work -= done
+        most = min(GROWTH * unknowns, largest_mesh, work / done * unknowns)
         if most < LEAST * unknowns:
             break
         finer = solved(sizes.coarsened(most / UNKNOWNS[order]), attempt)
@@ -302,13 +302,17 @@ def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock:
     return best if attempt.result.status is Status.CONVERGED else attempt
 
 
-def _cost(attempt: Attempt) -> int:
-    """Newton iterations, and those that the error estimate is worth."""
-    rich = attempt.correction.iterations if attempt.correction else 0
-    iterations = attempt.result.iterations
-    if attempt.fields.solved.bending is None:
-        return len(iterations) + max(ESTIMATE, RICH_ITERATION * rich)
-    return FRESH * (sum(row.fresh for row in iterations) + rich) + ESTIMATE_BENT
+def _work(attempt: Attempt) -> int:
+    """Newton iterations times unknowns, and what start and error estimate are worth in these."""
+    solved, correction = attempt.fields.solved, attempt.correction
+    iterations, rich = attempt.result.iterations, correction.iterations if correction else 0
+    if solved.bending is not None:
+        fresh = sum(row.fresh for row in iterations) + rich
+        return solved.unknowns.count * (FRESH * fresh + ESTIMATE_BENT)
+    own = work_of(solved, len(iterations)) + attempt.lower.work
+    if correction is not None and rich > 0:
+        return own + work_of(correction.rich, rich)
+    return own + work_of(solved, ESTIMATE)
 
 
 def _finish(attempt: Attempt, clock: Clock) -> Solution:

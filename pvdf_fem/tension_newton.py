@@ -36,8 +36,9 @@ from pvdf_fem.settled import Settled, Watch
 from pvdf_fem.tension_field import GivenModuli, WrinklingMembrane
 
 MAX_ITERATIONS = 120
-# Of a film with many unknowns fewer: iterations times unknowns, some 10 s of one core.
-MOST_WORK = 5e5
+# Of a film with many unknowns fewer: iterations times unknowns, some 10 s of one core. If no more
+# than so many interior points are left of that, they would not lead anywhere.
+MOST_WORK, FEWEST_POINTS = 5e5, 20
 # Integral of S : P over the work, below which Newton's method for the exact law is tried, and again
 # when it is smaller by a factor; the last of them.
 FIRST_GAP, NARROWER, LAST_GAP = 1e-6, 1e-2, 1e-15
@@ -53,9 +54,11 @@ BARELY = 0.1
 # Newton's last step, as a part of the tolerance of the charges: where the film's state changes from
 # point to point steps shrink but linearly, and rounding in a stiff film ends that early.
 LEFT = 1e-2
-# The same of interior points: the stress of their strain against that in balance.
-DISAGREEMENT = 1e-1
-# Newton's method is given up after this many steps, or when a step is larger than that.
+# The same of interior points: the stress of their strain against that in balance. And of Newton's
+# steps after so many, if the charges have been settled in so many of them.
+DISAGREEMENT, LATE, QUIET = 1e-1, 12, 3
+# Newton's method is given up when a step is larger than that, or after so many; after twice as many
+# if the charges have settled.
 MOST_STEPS, LARGEST_STEP = 25, 3.0
 # Given up after no more than so many, it started from too far away, and another start may help.
 FEW_STEPS = 2
@@ -218,6 +221,8 @@ def _from_afar(
     most = np.clip(MOST_WORK / equilibrium.unknowns.count, MOST_STEPS, MAX_ITERATIONS)
     allowed = max(tolerance, disagreement(equilibrium.scene))
     watch = Watch(settled, equilibrium.state(q))
+    if most - len(table) < FEWEST_POINTS:
+        most = 0
     while len(table) < most and gap > NARROWER * LAST_GAP:
         point = next(points)
         table.append(Iteration(point.gap, point.length, True, True))
@@ -262,17 +267,17 @@ def _newton(
     """Newton's method for the exact law with predicted stresses; None if it leads nowhere."""
     membrane = equilibrium.membrane
     assert isinstance(membrane, WrinklingMembrane)
-    state, size = equilibrium.state(q), DAMPING
-    watch = Watch(settled, state)
+    state, size, quiet = equilibrium.state(q), DAMPING, 0
+    allowed, watch = disagreement(equilibrium.scene), Watch(settled, state)
     if predicted is None:
         predicted = state.stress
-    for _ in range(MOST_STEPS):
+    for steps in range(2 * MOST_STEPS):
+        if steps >= MOST_STEPS and quiet < QUIET:
+            return None
         strain = membrane.elastic(state.strain)
         root = membrane.law.root(strain, state.stress)
         mixed = GivenModuli(state.deformation_gradient, state.strain, predicted, state.dofs, root)
-        tangent = equilibrium.element_tangent(mixed)
-        tangent += membrane.damping(mixed, DAMPING * min(size, 1.0))
-        factors = factorise(equilibrium.assembly.matrix(tangent))
+        factors = _damped(equilibrium, mixed, DAMPING * min(size, 1.0))
         residual = equilibrium.residual(state)
         step = -factors.solve(residual)
         scale = abs(min(equilibrium.work(state, q), 2.0 * membrane.energy(state)))
@@ -289,10 +294,20 @@ def _newton(
         q = q + length * step
         state = equilibrium.state(q)
         left = watch.left(state)
-        if size < tolerance and left <= 1.0:
-            tangent = equilibrium.tangent(state)
-            return NewtonResult(q, Status.CONVERGED, tuple(table), factorise(tangent))
+        small, quiet = size < tolerance, quiet + 1 if settled and left <= 1.0 else 0
+        late = steps >= LATE and quiet >= QUIET and size < allowed
+        if late or (small and left <= 1.0):
+            factors = factorise(equilibrium.tangent(state))
+            if small or balanced(equilibrium, state, factors, allowed):
+                return NewtonResult(q, Status.CONVERGED, tuple(table), factors)
     return None
+
+
+def _damped(equilibrium: Equilibrium, state: GivenModuli, damping: float) -> SuperLU:
+    membrane = equilibrium.membrane
+    assert isinstance(membrane, WrinklingMembrane)
+    tangent = equilibrium.element_tangent(state) + membrane.damping(state, damping)
+    return factorise(equilibrium.assembly.matrix(tangent))
 
 
 def _length(equilibrium: Equilibrium, q: Array, step: Array, slope: float) -> float:

@@ -93,3 +93,15 @@ def test_a_film_that_is_loaded_by_the_rim_needs_no_second_start() -> None:
     solution = solve(BY_THE_RIM)
     assert solution.status is Status.CONVERGED
     assert not any(iteration.convex for iteration in solution.iterations)
+
+
+def test_steps_end_once_the_charges_have_settled() -> None:
+    """Where points of the film still change their state steps hardly shrink any more."""
+    scene = BY_THE_RIM.with_(probe={"shape": "circle", "radius_mm": 0.5, "x_mm": 44.2, "y_mm": 0.0})
+    film = Equilibrium(scene, mesh_scene(scene, first_sizes(scene, 2)), 2)
+    start, settled = 1.1 * equilibrate(film, None).q, Settled(goals_of(scene), film)
+    exact = equilibrate(film, start, near=True)
+    result = equilibrate(film, start, near=True, settled=settled)
+    assert exact.status is result.status is Status.CONVERGED
+    assert len(result.iterations) < 0.7 * len(exact.iterations)
+    assert settled.change(film.state(exact.q), film.state(result.q)) < 1.0
