@@ -21,18 +21,18 @@ from pvdf_fem.charge import (
 )
 from pvdf_fem.clock import Clock
 from pvdf_fem.equilibrium import Equilibrium
-from pvdf_fem.estimate import Correction, correct, indicators, prolongation
+from pvdf_fem.estimate import Correction, indicators, prolongation
 from pvdf_fem.fields import Fields
 from pvdf_fem.layers import Layers, left
 from pvdf_fem.membrane import Array
 from pvdf_fem.mesh import SizeField, element_sizes
-from pvdf_fem.newton import NewtonResult, Status, compressed, full_steps, negative_pivots
+from pvdf_fem.newton import NewtonResult, Status
 from pvdf_fem.outline import Polygon
 from pvdf_fem.refine import refined_sizes, transferred
 from pvdf_fem.scene import Scene
 from pvdf_fem.settled import Settled
 from pvdf_fem.symmetry import Part
-from pvdf_fem.tension_newton import RICH_TOLERANCE, barely_loaded, corrected, equilibrate
+from pvdf_fem.tension_newton import barely_loaded, corrected, equilibrate
 
 # Newton's last step in the orders below, whose discretisation errors are larger.
 START_TOLERANCE = 3e-2
@@ -44,8 +44,6 @@ MOST_DUALS = 32
 EDGE_FACTOR, KINK_FACTOR = 2.0, 1.6
 # The same of a film that bends: 0.85 to 1.1, unless its layers leave more (`layers`).
 BENT_FACTOR = 1.2
-# Unknowns of a space in which a solve from afar takes no more than some seconds.
-FEW = 12_000
 # The part of an error that elements at a punch's corners may make together, and by how much they
 # become smaller at the most.
 CORNERS, SHARPEST = 0.5, 0.01
@@ -103,7 +101,7 @@ def solve_on(
     if result.status is Status.CONVERGED and result.factors is not None:
         with clock("estimate"):
             rich = Equilibrium(scene, mesh, order + 1, part)
-            found = _corrected(equilibrium, result, rich, Settled(goals, rich))
+            found = corrected(equilibrium, result.q, result.factors, rich, Settled(goals, rich))
         if isinstance(found, Status):
             result = replace(result, status=found)
         else:
@@ -137,33 +135,6 @@ def _equilibrated(
         return replace(lower.unstable, q=np.zeros(equilibrium.unknowns.count))
     near = from_below is not None
     return equilibrate(equilibrium, from_below, near=near, settled=settled)
-
-
-def _corrected(
-    equilibrium: Equilibrium, result: NewtonResult, rich: Equilibrium, settled: Settled
-) -> Correction | Status:
-    """The solution in the richer space, or why there is none.
-
-    Of a film that bends, on a mesh that is not small, only a few full steps are made: where these
-    lead nowhere, it is in compression and buckles into waves that its mesh is too coarse for, and
-    Newton's method from afar would take minutes to say no more.
-    """
-    assert result.factors is not None
-    if equilibrium.bending is None or rich.unknowns.count <= FEW:
-        return corrected(equilibrium, result.q, result.factors, rich, settled)
-    if correction := correct(equilibrium, result.q, result.factors, rich):
-        return correction
-    prolong = prolongation(equilibrium, rich)
-    start = prolong @ result.q
-    state, found = rich.state(start), full_steps(rich, start, RICH_TOLERANCE)
-    unstable = rich.load.conservative and compressed(state)
-    if found.factors is not None and unstable:
-        unstable = negative_pivots(found.factors) > 0
-    if unstable:
-        return Status.UNSTABLE
-    if found.status is not Status.CONVERGED:
-        return found.status
-    return Correction(rich, start, found.q, state, prolong, len(found.iterations))
 
 
 def _larger(errors: Array, others: Array, goals: Sequence[Goal]) -> Array:

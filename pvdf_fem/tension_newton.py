@@ -26,8 +26,10 @@ from pvdf_fem.newton import (
     NewtonResult,
     Status,
     balanced,
+    compressed,
     factorise,
     full_steps,
+    negative_pivots,
     newton,
     seed,
 )
@@ -48,6 +50,8 @@ DAMPING = 1e-2
 REMAINDER = 0.2
 # Of Newton's last step in the richer space of an error estimate.
 RICH_TOLERANCE = 1e-3
+# Unknowns of a space in which a solve from afar takes no more than some seconds.
+FEW = 12_000
 # Strain of the load over the thermal one below which a film that no solve balances is called slack.
 # Its tension runs in lines as wide as the root of that ratio times its radius.
 BARELY = 0.1
@@ -105,11 +109,14 @@ def equilibrate(
     settled : Settled, optional
         Charges that Newton's last steps must leave as they are.
     other : callable, optional
-        Makes another near start, for when the one given turns out to be far away.
+        Makes another near start, for when the one given, the solution on another mesh, turns out to
+        be far away. In a large space the load's path is not followed instead.
     """
     result = _equilibrate(equilibrium, q, tolerance, settled, other, near=near)
     if result.status is Status.CONVERGED or equilibrium.load.conservative:
         return result
+    if other is not None and equilibrium.unknowns.count > FEW:
+        return replace(result, status=Status.MAX_ITERATIONS)
     dead = _equilibrate(turned(equilibrium, 0.0), None, tolerance, near=False)
     if dead.status is not Status.CONVERGED:
         return dead
@@ -174,12 +181,29 @@ def corrected(
     prolong = prolongation(coarse, rich)
     start = prolong @ q
     last = settled and replace(settled, start=start)
-    # the start is near: where that does not help, following the load's path would not be worth it
-    result = _equilibrate(rich, start, RICH_TOLERANCE, last, near=True)
+    if rich.unknowns.count <= FEW:
+        result = equilibrate(rich, start, RICH_TOLERANCE, near=True, settled=last)
+    elif isinstance(rich.membrane, WrinklingMembrane):
+        result = _equilibrate(rich, start, RICH_TOLERANCE, last, near=True)
+    else:
+        result = _few_steps(rich, start)
     if result.status is not Status.CONVERGED:
         return result.status
     iterations = len(result.iterations)
     return Correction(rich, start, result.q, rich.state(start), prolong, iterations)
+
+
+def _few_steps(rich: Equilibrium, start: Array) -> NewtonResult:
+    """Full steps in a large space.
+
+    Where these lead nowhere, the film is in compression and buckles into waves that its mesh is too
+    coarse for, and Newton's method from afar would take minutes to say no more.
+    """
+    result = full_steps(rich, start, RICH_TOLERANCE)
+    unsure = rich.load.conservative and compressed(rich.state(start))
+    if unsure and result.factors is not None and negative_pivots(result.factors) > 0:
+        return replace(result, status=Status.UNSTABLE)
+    return result
 
 
 def _lacking(correction: Correction) -> bool:

@@ -234,7 +234,7 @@ def _picture(found: Sequence[Errors], trial: Trial, path: Path) -> None:
             if noise:
                 bound = fractions(bounds_mm(trial, noise, draws=8))
                 ax.plot(*bound, ":", color="black", label=f"Cramér-Rao bound of {LOCATED}")
-            ax.set(xscale="log", xlim=(1e-2 if noise else 1e-4, 20.0), ylim=(0.0, 1.0))
+            ax.set(xscale="log", xlim=(1e-2 if noise else 1e-6, 20.0), ylim=(0.0, 1.0))
             ax.set_xlabel("error (mm)")
             ax.set_title("exact charges" if not noise else f"{100 * noise:g} % noise")
         axes[0].set_ylabel("share of the touches")
