@@ -170,7 +170,7 @@ class LowerOrders:
         lower = Equilibrium(equilibrium.scene, mesh, order - 1, equilibrium.part)
         start = self.start(lower)
         result = equilibrate(lower, start, START_TOLERANCE, near=start is not None)
-        self.work += work_of(lower, len(result.iterations))
+        self.work += work_of(lower, result.iteration_count)
         if result.status is Status.UNSTABLE and lower.bending is not None:
             self.unstable = result
         if result.status is not Status.CONVERGED:

@@ -117,12 +117,21 @@ class Iteration:
 
 @dataclass(frozen=True)
 class NewtonResult:
-    """Unknowns, how the iteration ended, its table and the last factorised tangent."""
+    """Unknowns, how the iteration ended, its table and the last factorised tangent.
+
+    `earlier` counts the iterations of other solves that it took to get to the table's first.
+    """
 
     q: Array
     status: Status
     iterations: tuple[Iteration, ...]
     factors: SuperLU | None
+    earlier: int = 0
+
+    @property
+    def iteration_count(self) -> int:
+        """All iterations that the result took."""
+        return self.earlier + len(self.iterations)
 
 
 def factorise(matrix: sp.csc_matrix) -> SuperLU:

@@ -305,11 +305,11 @@ def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock:
 def _work(attempt: Attempt) -> int:
     """Newton iterations times unknowns, and what start and error estimate are worth in these."""
     solved, correction = attempt.fields.solved, attempt.correction
-    iterations, rich = attempt.result.iterations, correction.iterations if correction else 0
+    result, rich = attempt.result, correction.iterations if correction else 0
     if solved.bending is not None:
-        fresh = sum(row.fresh for row in iterations) + rich
+        fresh = sum(row.fresh for row in result.iterations) + rich
         return solved.unknowns.count * (FRESH * fresh + ESTIMATE_BENT)
-    own = work_of(solved, len(iterations)) + attempt.lower.work
+    own = work_of(solved, result.iteration_count) + attempt.lower.work
     if correction is not None and rich > 0:
         return own + work_of(correction.rich, rich)
     return own + work_of(solved, ESTIMATE)

@@ -120,15 +120,15 @@ def equilibrate(
     dead = _equilibrate(turned(equilibrium, 0.0), None, tolerance, near=False)
     if dead.status is not Status.CONVERGED:
         return dead
-    wrinkles = isinstance(equilibrium.membrane, WrinklingMembrane)
-    if not wrinkles:
-        return follow(equilibrium, dead.q, tolerance, full_steps)
 
-    def solver(turned: Equilibrium, start: Array, wanted: float) -> NewtonResult:
+    def near_by(turned: Equilibrium, start: Array, wanted: float) -> NewtonResult:
+        if not isinstance(turned.membrane, WrinklingMembrane):
+            return full_steps(turned, start, wanted)
         last = settled if wanted == tolerance else None
         return _equilibrate(turned, start, wanted, last, near=True)
 
-    return follow(equilibrium, dead.q, tolerance, solver)
+    followed = follow(equilibrium, dead.q, tolerance, near_by)
+    return replace(followed, earlier=len(result.iterations) + len(dead.iterations))
 
 
 def _equilibrate(
@@ -189,8 +189,8 @@ def corrected(
         result = _few_steps(rich, start)
     if result.status is not Status.CONVERGED:
         return result.status
-    iterations = len(result.iterations)
-    return Correction(rich, start, result.q, rich.state(start), prolong, iterations)
+    state = rich.state(start)
+    return Correction(rich, start, result.q, state, prolong, result.iteration_count)
 
 
 def _few_steps(rich: Equilibrium, start: Array) -> NewtonResult:
