@@ -131,8 +131,8 @@ def _equilibrated(
         start, other = _carried_over(coarser, equilibrium), partial(lower.start, equilibrium)
         return equilibrate(equilibrium, start, near=True, settled=settled, other=other)
     from_below = lower.start(equilibrium)
-    if lower.unstable:
-        return replace(lower.unstable, q=np.zeros(equilibrium.unknowns.count))
+    if lower.refusal:
+        return replace(lower.refusal, q=np.zeros(equilibrium.unknowns.count))
     near = from_below is not None
     return equilibrate(equilibrium, from_below, near=near, settled=settled)
 
@@ -150,14 +150,14 @@ class LowerOrders:
     ----------
     work : int
         Sum of `work_of` their solves.
-    unstable : NewtonResult or None
-        Of a film that bends, that which is no minimum of the energy. Nor would the order above find
-        one, whose displacements contain these.
+    refusal : NewtonResult or None
+        Of a film that bends, that which is no minimum of the energy, or met a limit point. So would
+        the order above, whose displacements contain these.
     """
 
     def __init__(self) -> None:
         self.work = 0
-        self.unstable: NewtonResult | None = None
+        self.refusal: NewtonResult | None = None
 
     def start(self, equilibrium: Equilibrium) -> Array | None:
         """The solution of the order below, or None where that would not help."""
@@ -171,8 +171,8 @@ class LowerOrders:
         start = self.start(lower)
         result = equilibrate(lower, start, START_TOLERANCE, near=start is not None)
         self.work += work_of(lower, result.iteration_count)
-        if result.status is Status.UNSTABLE and lower.bending is not None:
-            self.unstable = result
+        if result.status in (Status.UNSTABLE, Status.LIMIT) and lower.bending is not None:
+            self.refusal = result
         if result.status is not Status.CONVERGED:
             return None
         return prolongation(lower, equilibrium) @ result.q

@@ -46,7 +46,8 @@ MAX_ITERATIONS = 60
 # Under a load that follows the film, whose energy along a step is not known, and for which there is
 # another way (`continuation`).
 MAX_FOLLOWING = 25
-# A film that is still in compression after so many finds no equilibrium that is a minimum.
+# A film that is still in compression after so many, and moves or has an indefinite tangent, finds no
+# equilibrium that is a minimum.
 PATIENCE = 20
 # Full steps from near by: so many, and none larger.
 MOST_FULL, LARGEST_FULL = 8, 3.0
@@ -180,7 +181,8 @@ def newton(
             tangent.remember(residual, length * step)
             q = q + length * step
             state = equilibrium.state(q)
-            if len(table) >= PATIENCE and size > LOCAL**2 and compressed(state):
+            unsettled = size > LOCAL**2 or tangent.convex
+            if len(table) >= PATIENCE and unsettled and compressed(state):
                 return NewtonResult(q, Status.UNSTABLE, tuple(table), None)
         if tangent is None or not _ended(table, tolerance):
             stuck = tangent is not None and tangent.convex and compressed(state)

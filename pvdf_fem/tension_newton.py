@@ -50,8 +50,9 @@ DAMPING = 1e-2
 REMAINDER = 0.2
 # Of Newton's last step in the richer space of an error estimate.
 RICH_TOLERANCE = 1e-3
-# Unknowns of a space in which a solve from afar takes no more than some seconds.
-FEW = 12_000
+# Unknowns of a space in which a solve from afar takes no more than some seconds, and from near by, if
+# the film does not bend.
+FEW, MANY = 12_000, 50_000
 # Strain of the load over the thermal one below which a film that no solve balances is called slack.
 # Its tension runs in lines as wide as the root of that ratio times its radius.
 BARELY = 0.1
@@ -181,9 +182,10 @@ def corrected(
     prolong = prolongation(coarse, rich)
     start = prolong @ q
     last = settled and replace(settled, start=start)
+    wrinkles = isinstance(rich.membrane, WrinklingMembrane)
     if rich.unknowns.count <= FEW:
         result = equilibrate(rich, start, RICH_TOLERANCE, near=True, settled=last)
-    elif isinstance(rich.membrane, WrinklingMembrane):
+    elif wrinkles or (rich.bending is None and rich.unknowns.count <= MANY):
         result = _equilibrate(rich, start, RICH_TOLERANCE, last, near=True)
     else:
         result = _few_steps(rich, start)
