@@ -46,8 +46,8 @@ MAX_ITERATIONS = 60
 # Under a load that follows the film, whose energy along a step is not known, and for which there is
 # another way (`continuation`).
 MAX_FOLLOWING = 25
-# A film that is still in compression after so many, and moves or has an indefinite tangent, finds no
-# equilibrium that is a minimum.
+# A film that is still in compression after so many, and moves or has an indefinite tangent, finds
+# no equilibrium that is a minimum.
 PATIENCE = 20
 # Full steps from near by: so many, and none larger.
 MOST_FULL, LARGEST_FULL = 8, 3.0

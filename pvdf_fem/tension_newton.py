@@ -50,8 +50,8 @@ DAMPING = 1e-2
 REMAINDER = 0.2
 # Of Newton's last step in the richer space of an error estimate.
 RICH_TOLERANCE = 1e-3
-# Unknowns of a space in which a solve from afar takes no more than some seconds, and from near by, if
-# the film does not bend.
+# Unknowns of a space in which a solve from afar takes no more than some seconds; and one from near
+# by, if the film does not bend.
 FEW, MANY = 12_000, 50_000
 # Strain of the load over the thermal one below which a film that no solve balances is called slack.
 # Its tension runs in lines as wide as the root of that ratio times its radius.
