@@ -49,7 +49,7 @@ MAX_FOLLOWING = 25
 # A film that is still in compression after so many, and moves or has an indefinite tangent, finds
 # no equilibrium that is a minimum.
 PATIENCE = 20
-# Full steps from near by: so many, and none larger.
+# Full steps from near by: so many, and none larger, nor a third or later one that grows.
 MOST_FULL, LARGEST_FULL = 8, 3.0
 
 
