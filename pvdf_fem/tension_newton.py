@@ -51,8 +51,8 @@ REMAINDER = 0.2
 # Of Newton's last step in the richer space of an error estimate.
 RICH_TOLERANCE = 1e-3
 # Unknowns of a space in which a solve from afar takes no more than some seconds; and one from near
-# by, if the film does not bend.
-FEW, MANY = 12_000, 50_000
+# by, of a film that bends and of one that does not.
+FEW, MANY_BENT, MANY = 12_000, 25_000, 50_000
 # Strain of the load over the thermal one below which a film that no solve balances is called slack.
 # Its tension runs in lines as wide as the root of that ratio times its radius.
 BARELY = 0.1
@@ -185,7 +185,7 @@ def corrected(
     wrinkles = isinstance(rich.membrane, WrinklingMembrane)
     if rich.unknowns.count <= FEW:
         result = equilibrate(rich, start, RICH_TOLERANCE, near=True, settled=last)
-    elif wrinkles or (rich.bending is None and rich.unknowns.count <= MANY):
+    elif wrinkles or rich.unknowns.count <= (MANY if rich.bending is None else MANY_BENT):
         result = _equilibrate(rich, start, RICH_TOLERANCE, last, near=True)
     else:
         result = _few_steps(rich, start)
