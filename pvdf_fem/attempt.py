@@ -53,7 +53,7 @@ OVERHEAD = 1000
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """A solve on one mesh: Newton's result, its correction, layers of bending, and its starts."""
+    """A solve on one mesh: Newton's result, its correction, layers of bending, what starts cost."""
 
     scene: Scene
     goals: Sequence[Goal]
@@ -61,7 +61,7 @@ class Attempt:
     fields: Fields
     correction: Correction | None
     layers: Layers | None
-    lower: LowerOrders
+    lower_work: int
 
     @property
     def worst(self) -> float:
@@ -93,7 +93,7 @@ def solve_on(
     """Solve on the mesh of a part of the film, from the solution on a coarser one if there is."""
     with clock("solve"):
         equilibrium = Equilibrium(scene, mesh, order, part)
-        lower = LowerOrders()
+        lower = _LowerOrders()
         result = _equilibrated(equilibrium, Settled(goals, equilibrium), lower, coarser)
         x = equilibrium.unknowns.expand(result.q)
         forces = goal_forces(goals, equilibrium.membrane, x, part)
@@ -120,11 +120,11 @@ def solve_on(
             defects = area_defects(goals, equilibrium.membrane, part)[:, None] * np.abs(forces)
             errors += np.where(errors < 0.0, -defects, defects)
     fields = Fields(equilibrium, result.q, forces, errors)
-    return Attempt(scene, goals, result, fields, correction, layers, lower)
+    return Attempt(scene, goals, result, fields, correction, layers, lower.work)
 
 
 def _equilibrated(
-    equilibrium: Equilibrium, settled: Settled, lower: LowerOrders, coarser: Attempt | None
+    equilibrium: Equilibrium, settled: Settled, lower: _LowerOrders, coarser: Attempt | None
 ) -> NewtonResult:
     # what a change of mesh leaves of a heated film's stress leads nowhere
     if coarser is not None and not equilibrium.film.thermal_strain > 0.0:
@@ -143,7 +143,7 @@ def _larger(errors: Array, others: Array, goals: Sequence[Goal]) -> Array:
     return np.where((own >= other)[:, None], errors, others)
 
 
-class LowerOrders:
+class _LowerOrders:
     """Starts that cost less than the iterations that they save, and how much work they were.
 
     Attributes

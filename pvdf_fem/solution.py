@@ -309,7 +309,7 @@ def _work(attempt: Attempt) -> int:
     if solved.bending is not None:
         fresh = sum(row.fresh for row in result.iterations) + rich
         return solved.unknowns.count * (FRESH * fresh + ESTIMATE_BENT)
-    own = work_of(solved, result.iteration_count) + attempt.lower.work
+    own = work_of(solved, result.iteration_count) + attempt.lower_work
     if correction is not None and rich > 0:
         return own + work_of(correction.rich, rich)
     return own + work_of(solved, ESTIMATE)

@@ -103,15 +103,15 @@ def equilibrate(
 ) -> NewtonResult:
     """The equilibrium of a scene from the unknowns `q`, or from its seed, whatever the film does.
 
-    Parameters and result are those of `newton.newton`, and where the film wrinkles:
+    Parameters and result are those of `newton.newton`, and:
 
     Parameters
     ----------
     settled : Settled, optional
-        Charges that Newton's last steps must leave as they are.
+        Charges that the last steps must leave as they are, where the film wrinkles.
     other : callable, optional
-        Makes another near start, for when the one given, the solution on another mesh, turns out to
-        be far away. In a large space the load's path is not followed instead.
+        Given with a start from another mesh. Makes another one, for when that turns out to be far
+        away and the film wrinkles. In a large space the load's path is not followed then.
     """
     result = _equilibrate(equilibrium, q, tolerance, settled, other, near=near)
     if result.status is Status.CONVERGED or equilibrium.load.conservative:
