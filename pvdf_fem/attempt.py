@@ -47,8 +47,6 @@ BENT_FACTOR = 1.2
 # The part of an error that elements at a punch's corners may make together, and by how much they
 # become smaller at the most.
 CORNERS, SHARPEST = 0.5, 0.01
-# What a Newton iteration costs however small the mesh is, in unknowns.
-OVERHEAD = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +59,7 @@ class Attempt:
     fields: Fields
     correction: Correction | None
     layers: Layers | None
-    lower_work: int
+    lower_work: float
 
     @property
     def worst(self) -> float:
@@ -148,15 +146,15 @@ class _LowerOrders:
 
     Attributes
     ----------
-    work : int
-        Sum of `work_of` their solves.
+    work : float
+        Sum of the work of their iterations.
     refusal : NewtonResult or None
         Of a film that bends, that which is no minimum of the energy, or met a limit point. So would
         the order above, whose displacements contain these.
     """
 
     def __init__(self) -> None:
-        self.work = 0
+        self.work = 0.0
         self.refusal: NewtonResult | None = None
 
     def start(self, equilibrium: Equilibrium) -> Array | None:
@@ -170,17 +168,12 @@ class _LowerOrders:
         lower = Equilibrium(equilibrium.scene, mesh, order - 1, equilibrium.part)
         start = self.start(lower)
         result = equilibrate(lower, start, START_TOLERANCE, near=start is not None)
-        self.work += work_of(lower, result.iteration_count)
+        self.work += result.iteration_count * lower.iteration_work
         if result.status in (Status.UNSTABLE, Status.LIMIT) and lower.bending is not None:
             self.refusal = result
         if result.status is not Status.CONVERGED:
             return None
         return prolongation(lower, equilibrium) @ result.q
-
-
-def work_of(equilibrium: Equilibrium, iterations: int) -> int:
-    """Of Newton's iterations, in unknowns; the time of one core is proportional to it."""
-    return iterations * (equilibrium.unknowns.count + OVERHEAD)
 
 
 def _carried_over(coarser: Attempt, equilibrium: Equilibrium) -> Array:

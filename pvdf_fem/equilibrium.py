@@ -28,6 +28,9 @@ from pvdf_fem.symmetry import WHOLE, Part
 from pvdf_fem.tension_field import WrinklingMembrane
 
 FIXED = -1
+# What a Newton iteration costs however small the mesh is, in unknowns, and the root of the unknowns
+# from which on factorising is most of it (fitted to the times of 38 solves of films that wrinkle).
+OVERHEAD, COUPLED = 150.0, 150.0
 
 
 class Equilibrium:
@@ -79,6 +82,12 @@ class Equilibrium:
         for odd in product((False, True), repeat=len(self.part.mirrored)):
             if any(odd):
                 yield Assembly(self.membrane.element_dofs, self._unknowns(odd))
+
+    @property
+    def iteration_work(self) -> float:
+        """What a Newton iteration costs, in unknowns; one core's time is proportional to it."""
+        count = self.unknowns.count
+        return OVERHEAD + count * (1.0 + count**0.5 / COUPLED)
 
     def state(self, q: Array) -> MembraneState:
         """Fields of the unknowns `q`."""

@@ -16,7 +16,7 @@ from typing import Any
 from skfem import Basis, MeshTri2
 
 from pvdf_fem import admissible
-from pvdf_fem.attempt import Attempt, refined, solve_on, work_of
+from pvdf_fem.attempt import Attempt, refined, solve_on
 from pvdf_fem.bending_effect import (
     CONSIDERABLE,
     BendingEffect,
@@ -41,19 +41,21 @@ from pvdf_fem.tension_newton import barely_loaded
 SAFETY, SLOW = 0.5, 0.7
 MAX_MESHES = 10
 # Neither meshes of more unknowns are made nor more work is done, so that a solve takes less than
-# 20 s on one core at the usual tolerance; a finer one may take longer. Work is unknowns times
-# Newton iterations, of which an error estimate costs as much as so many unless it has its own, as
-# in a film that wrinkles.
+# 20 s on one core at the usual tolerance; a finer one may take longer. Work is that of Newton's
+# iterations, of which an error estimate costs as much as so many unless it has its own, as in a
+# film that wrinkles.
 USUAL = 1e-3
-MAX_UNKNOWNS = {"refuse": 60_000, "tension-field": 25_000}
-MAX_WORK = {"refuse": 2.8e6, "tension-field": 1.1e6}
+MAX_UNKNOWNS = {"refuse": 60_000, "tension-field": 30_000}
+MAX_WORK = {"refuse": 2.8e6, "tension-field": 1.9e6}
 ESTIMATE = 8
-# Of a film that bends only iterations with a fresh tangent count, each for so many.
+# Of a film that bends only iterations with a fresh tangent count, each for so many, by unknowns.
 ESTIMATE_BENT, FRESH = 14, 4
 # A coarse mesh shows singular corners, and the kinks of a film that wrinkles, larger than they are
 # and in the wrong places, so that the next one has at most so many times its unknowns. One that
 # may only have less than the second part of them would not be better.
 GROWTH, LEAST = 2.5, 0.7
+# Unknowns grow as this power of the work of an iteration.
+STEEPNESS = 0.8
 # Relative error of a charge above which a film that is barely loaded is called slack.
 UNKNOWN = 0.1
 # Unknowns of an element, by order of the displacement.
@@ -285,7 +287,8 @@ def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock:
         unknowns = attempt.fields.solved.unknowns.count
         done = _work(attempt)
         work -= done
-        most = min(GROWTH * unknowns, largest_mesh, work / done * unknowns)
+        affordable = max(work / done, 0.0) ** STEEPNESS * unknowns
+        most = min(GROWTH * unknowns, largest_mesh, affordable)
         if most < LEAST * unknowns:
             break
         finer = solved(sizes.coarsened(most / UNKNOWNS[order]), attempt)
@@ -302,17 +305,17 @@ def _adapted(scene: Scene, goals: Sequence[Goal], part: Part, order: int, clock:
     return best if attempt.result.status is Status.CONVERGED else attempt
 
 
-def _work(attempt: Attempt) -> int:
-    """Newton iterations times unknowns, and what start and error estimate are worth in these."""
+def _work(attempt: Attempt) -> float:
+    """The work of Newton's iterations, and what start and error estimate are worth in these."""
     solved, correction = attempt.fields.solved, attempt.correction
     result, rich = attempt.result, correction.iterations if correction else 0
     if solved.bending is not None:
         fresh = sum(row.fresh for row in result.iterations) + rich
         return solved.unknowns.count * (FRESH * fresh + ESTIMATE_BENT)
-    own = work_of(solved, result.iteration_count) + attempt.lower_work
+    own = attempt.lower_work + result.iteration_count * solved.iteration_work
     if correction is not None and rich > 0:
-        return own + work_of(correction.rich, rich)
-    return own + work_of(solved, ESTIMATE)
+        return own + rich * correction.rich.iteration_work
+    return own + ESTIMATE * solved.iteration_work
 
 
 def _finish(attempt: Attempt, clock: Clock) -> Solution:

@@ -37,15 +37,16 @@ from pvdf_fem.scene import Scene
 from pvdf_fem.settled import Settled, Watch
 from pvdf_fem.tension_field import GivenModuli, WrinklingMembrane
 
-MAX_ITERATIONS = 120
-# Of a film with many unknowns fewer: iterations times unknowns, some 10 s of one core. If no more
-# than so many interior points are left of that, they would not lead anywhere.
-MOST_WORK, FEWEST_POINTS = 5e5, 20
+MAX_ITERATIONS = 300
+# Of a film with many unknowns fewer, whose work is some 5 s of one core. If no more than so many
+# interior points are left of that, they would not lead anywhere.
+MOST_WORK, FEWEST_POINTS = 7e5, 20
 # Integral of S : P over the work, below which Newton's method for the exact law is tried, and again
 # when it is smaller by a factor; the last of them.
 FIRST_GAP, NARROWER, LAST_GAP = 1e-6, 1e-2, 1e-15
-# Damping of Newton's steps, as a part of the mean tension and of the size of the last step.
-DAMPING = 1e-2
+# Damping of Newton's steps, as a part of the mean tension and of the size of the last step, and the
+# factor by which it grows after a step shorter than that, until one need not be shortened.
+DAMPING, STIFFER, STALLED = 1e-2, 4.0, 0.05
 # Of the richer space's residual, after which a correction is taken for its solution.
 REMAINDER = 0.2
 # Of Newton's last step in the richer space of an error estimate.
@@ -244,7 +245,7 @@ def _from_afar(
     settled: Settled | None,
 ) -> NewtonResult:
     points, gap = interior_points(equilibrium, q), FIRST_GAP
-    most = np.clip(MOST_WORK / equilibrium.unknowns.count, MOST_STEPS, MAX_ITERATIONS)
+    most = np.clip(MOST_WORK / equilibrium.iteration_work, MOST_STEPS, MAX_ITERATIONS)
     allowed = max(tolerance, disagreement(equilibrium.scene))
     watch = Watch(settled, equilibrium.state(q))
     if most - len(table) < FEWEST_POINTS:
@@ -293,7 +294,7 @@ def _newton(
     """Newton's method for the exact law with predicted stresses; None if it leads nowhere."""
     membrane = equilibrium.membrane
     assert isinstance(membrane, WrinklingMembrane)
-    state, size, quiet = equilibrium.state(q), DAMPING, 0
+    state, size, quiet, stiffer = equilibrium.state(q), DAMPING, 0, 1.0
     allowed, watch = disagreement(equilibrium.scene), Watch(settled, state)
     if predicted is None:
         predicted = state.stress
@@ -303,7 +304,7 @@ def _newton(
         strain = membrane.elastic(state.strain)
         root = membrane.law.root(strain, state.stress)
         mixed = GivenModuli(state.deformation_gradient, state.strain, predicted, state.dofs, root)
-        factors = _damped(equilibrium, mixed, DAMPING * min(size, 1.0))
+        factors = _damped(equilibrium, mixed, stiffer * DAMPING * min(size, 1.0))
         residual = equilibrium.residual(state)
         step = -factors.solve(residual)
         scale = abs(min(equilibrium.work(state, q), 2.0 * membrane.energy(state)))
@@ -316,6 +317,7 @@ def _newton(
             return None
         gradient = membrane.gradient(equilibrium.unknowns.expand(length * step))
         strain = strain + strain_rate(state.deformation_gradient, gradient)
+        stiffer = _stiffened(stiffer, length)
         predicted = membrane.law.stress(strain)
         q = q + length * step
         state = equilibrium.state(q)
@@ -324,9 +326,16 @@ def _newton(
         late = steps >= LATE and quiet >= QUIET and size < allowed
         if late or (small and left <= 1.0):
             factors = factorise(equilibrium.tangent(state))
-            if small or balanced(equilibrium, state, factors, allowed):
+            if (small and stiffer == 1.0) or balanced(equilibrium, state, factors, allowed):
                 return NewtonResult(q, Status.CONVERGED, tuple(table), factors)
     return None
+
+
+def _stiffened(damping: float, length: float) -> float:
+    """The damping of the next step over the usual one, from that of a step of this length."""
+    if length < STALLED:
+        return STIFFER * damping
+    return max(damping / STIFFER, 1.0) if length == 1.0 else damping
 
 
 def _damped(equilibrium: Equilibrium, state: GivenModuli, damping: float) -> SuperLU:
