@@ -21,6 +21,8 @@ from pvdf_fem.membrane import Array, Membrane
 from pvdf_fem.mesh import PROBE
 from pvdf_fem.scene import Scene
 
+UP: Array = np.array([0.0, 0.0, 1.0])
+
 
 @dataclass(frozen=True)
 class Load:
@@ -98,9 +100,13 @@ class Load:
             return self._dead
         return self._forces(self.direction(deformation_gradient[self.patch]))
 
+    def turning(self, deformation_gradient: Array) -> Array:
+        """Derivative of `forces` by the part of the traction that follows, in N."""
+        return self._forces(_normal(deformation_gradient[self.patch]) - UP)
+
     @cached_property
     def _dead(self) -> Array:
-        return self._forces(np.array([0.0, 0.0, 1.0]))
+        return self._forces(UP)
 
     def _forces(self, direction: Array) -> Array:
         forces = np.zeros((*self.membrane.basis.element_dofs.T.shape, 3))
@@ -110,11 +116,10 @@ class Load:
 
     def direction(self, deformation_gradient: Array) -> Array:
         """Traction over pressure, (..., 3), per reference area."""
-        along = np.broadcast_to([0.0, 0.0, 1.0], deformation_gradient.shape[:-1])
+        along = np.broadcast_to(UP, deformation_gradient.shape[:-1])
         if self.conservative:
             return along
-        normal = np.cross(deformation_gradient[..., 0], deformation_gradient[..., 1])
-        return (1.0 - self.following) * along + self.following * normal
+        return (1.0 - self.following) * along + self.following * _normal(deformation_gradient)
 
     def stiffness(self, deformation_gradient: Array) -> Array:
         """Derivative of `forces` on the patch, (patch elements, dofs, dofs of an element)."""
@@ -129,3 +134,8 @@ class Load:
         stiffness = np.einsum("epa,epibj->eaibj", scaled, normal)
         dofs = 3 * self.shapes.shape[-1]
         return stiffness.reshape(len(self.patch), dofs, dofs)
+
+
+def _normal(deformation_gradient: Array) -> Array:
+    """The film's normal, as long as its area over that in the reference, (..., 3)."""
+    return np.cross(deformation_gradient[..., 0], deformation_gradient[..., 1])

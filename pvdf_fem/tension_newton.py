@@ -123,13 +123,12 @@ def equilibrate(
     if dead.status is not Status.CONVERGED:
         return dead
 
-    def near_by(turned: Equilibrium, start: Array, wanted: float) -> NewtonResult:
-        if not isinstance(turned.membrane, WrinklingMembrane):
-            return full_steps(turned, start, wanted)
-        last = settled if wanted == tolerance else None
-        return _equilibrate(turned, start, wanted, last, near=True)
+    def near_by(start: Array) -> NewtonResult:
+        if not isinstance(equilibrium.membrane, WrinklingMembrane):
+            return full_steps(equilibrium, start, tolerance)
+        return _equilibrate(equilibrium, start, tolerance, settled, near=True)
 
-    followed = follow(equilibrium, dead.q, tolerance, near_by)
+    followed = follow(equilibrium, dead.q, near_by)
     return replace(followed, earlier=len(result.iterations) + len(dead.iterations))
 
 

@@ -3,9 +3,9 @@
     python reports/extremes.py [--seed N] [--count N] [--checked N] [--seconds S] [--out DIR]
                                [--processes N]
 
-Scenes are drawn with a seed (`reports.extremes_scenes`). Those that end as ``unstable`` or at a
-limit point, where the film may be asked to carry compression, are solved again as films that
-wrinkle, without bending.
+Scenes are drawn with a seed (`reports.extremes_scenes`). Those that end as ``unstable``, at a limit
+point or without convergence, where the film may be asked to carry compression, are solved again as
+films that wrinkle, without bending.
 Some of those with a result are solved once more to a tenth of the tolerance: the first with
 bending and the first without, so many of each. Rows are kept, and found again by later runs.
 """
@@ -72,7 +72,12 @@ def _report(options: argparse.Namespace) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     given = scenes(options.count, options.seed)
     first = _kept("drawn", given, options)
-    again = [n for n, row in enumerate(first) if row.status in (Status.UNSTABLE, Status.LIMIT)]
+    carried = (Status.UNSTABLE, Status.LIMIT, Status.MAX_ITERATIONS)
+    again = [
+        n
+        for n, (scene, row) in enumerate(zip(given, first, strict=True))
+        if scene.film.compression == "refuse" and row.status in carried
+    ]
     wrinkling = {"film.bending": False, "film.compression": "tension-field"}
     second = _kept("wrinkling", [given[n].with_(**wrinkling) for n in again], options)
     drawn = [Drawn(*each, *each) for each in zip(given, first, strict=True)]

@@ -8,15 +8,27 @@ from discs import free_disc
 
 from pvdf_fem import solve
 from pvdf_fem.axisymmetric import axisymmetric_membrane
-from pvdf_fem.continuation import follow, turned
+from pvdf_fem.continuation import Path, beyond_limit, follow, turned
 from pvdf_fem.equilibrium import Equilibrium
 from pvdf_fem.mesh import mesh_scene
-from pvdf_fem.newton import Status, full_steps, newton, seed
+from pvdf_fem.newton import Status, factorise, full_steps, newton, seed
 from pvdf_fem.sizes import first_sizes
+from pvdf_fem.tension_newton import equilibrate
 
 
 def equilibrium_of(scene, order=3):
     return Equilibrium(scene, mesh_scene(scene, first_sizes(scene, order)), order)
+
+
+def overturned():
+    """A patch by the rim under 2.9 E h a, which turns over before its pressure is normal to it."""
+    return free_disc(
+        2.87,
+        poisson_ratio=0.179,
+        patch_radius=0.078,
+        centre=(0.2068, 0.7046),
+        **{"load.kind": "follower", "film.compression": "tension-field"},
+    )
 
 
 def test_a_balloon_is_that_of_the_axisymmetric_membrane():
@@ -24,7 +36,7 @@ def test_a_balloon_is_that_of_the_axisymmetric_membrane():
     equilibrium = equilibrium_of(scene)
     upright = turned(equilibrium, 0.0)
     dead = newton(upright, seed(upright))
-    result = follow(equilibrium, dead.q, 1e-6, full_steps)
+    result = follow(equilibrium, dead.q, lambda q: full_steps(equilibrium, q, 1e-6))
     assert result.status is Status.CONVERGED
     exact = axisymmetric_membrane(0.3, poisson_ratio=0.3, patch_radius=0.05, kind="follower")
     largest = np.abs(result.q[equilibrium.unknowns.deflections()]).max() / scene.film.radius
@@ -45,16 +57,43 @@ def test_forces_in_part_dead_have_their_derivative(following):
     assert tangent @ step == pytest.approx(change, abs=1e-6 * np.abs(change).max())
 
 
-def test_beyond_a_limit_point_the_status_says_so():
-    """A patch near the rim under 2.9 E h a is turned over before its pressure is normal to it."""
-    scene = free_disc(
-        2.87,
-        poisson_ratio=0.179,
-        patch_radius=0.078,
-        centre=(0.2068, 0.7046),
-        **{"load.kind": "follower", "film.compression": "tension-field"},
+@pytest.mark.parametrize("following", [0.0, 0.4])
+def test_turning_is_the_derivative_of_the_forces_by_the_part_that_follows(following):
+    equilibrium = equilibrium_of(overturned(), 2)
+    state = equilibrium.state(
+        1e-3 * np.random.default_rng(2).standard_normal(equilibrium.unknowns.count)
     )
-    solution = solve(scene)
+    F = state.deformation_gradient
+    ahead, here = (turned(equilibrium, p).load.forces(F) for p in (following + 0.5, following))
+    turning = equilibrium.load.turning(F)
+    assert turning == pytest.approx((ahead - here) / 0.5, abs=1e-12 * np.abs(turning).max())
+
+
+def test_a_path_turns_back_at_the_same_limit_on_every_mesh_and_the_determinant_changes_its_sign():
+    limits = []
+    for order in (2, 3):
+        equilibrium = equilibrium_of(overturned(), order)
+        dead = equilibrate(turned(equilibrium, 0.0), None)
+        path = Path(equilibrium, float(np.linalg.norm(dead.q)))
+        points = [path.start(dead.q)]
+        while points[-1].slope > -0.02:
+            length = 0.2
+            while (found := path.next(points[-1], length)) is None:
+                length /= 2
+            points.append(found)
+        for point in points:
+            now = turned(equilibrium, point.following)
+            state = now.state(point.q)
+            assert np.abs(now.residual(state)).max() < 1e-4 * now.load.force
+            if abs(point.slope) > 0.02:
+                assert beyond_limit(factorise(now.tangent(state))) == (point.slope < 0.0)
+        limits.append(max(point.following for point in points))
+    assert limits[0] < 0.5
+    assert limits[0] == pytest.approx(limits[1], rel=5e-3)
+
+
+def test_beyond_a_limit_point_the_status_says_so():
+    solution = solve(overturned())
     assert solution.status is Status.LIMIT
     assert "load.kind" in solution.reason
     assert not solution.to_json().get("charges_pC")
