@@ -46,9 +46,10 @@ MAX_ITERATIONS = 60
 # Under a load that follows the film, whose energy along a step is not known, and for which there is
 # another way (`continuation`).
 MAX_FOLLOWING = 25
-# A film that is still in compression after so many, and moves or has an indefinite tangent, finds
-# no equilibrium that is a minimum.
-PATIENCE = 20
+# A film that is still in compression after so many, or after fresh tangents of so much work, some
+# 15 s of one core where it bends, and moves or has an indefinite tangent, finds no equilibrium
+# that is a minimum.
+PATIENCE, PATIENT_WORK = 20, 1.2e6
 # Full steps from near by: so many, and none larger, nor a third or later one that grows.
 MOST_FULL, LARGEST_FULL = 8, 3.0
 
@@ -182,7 +183,7 @@ def newton(
             q = q + length * step
             state = equilibrium.state(q)
             unsettled = size > LOCAL**2 or tangent.convex
-            if len(table) >= PATIENCE and unsettled and compressed(state):
+            if unsettled and _lasts(equilibrium, table) and compressed(state):
                 return NewtonResult(q, Status.UNSTABLE, tuple(table), None)
         if tangent is None or not _ended(table, tolerance):
             stuck = tangent is not None and tangent.convex and compressed(state)
@@ -237,6 +238,12 @@ def _ended(table: list[Iteration], tolerance: float) -> bool:
         return False
     step, fresh = table[-1].step, table[-1].fresh
     return step * (step if fresh else step / table[-2].step) < tolerance**2
+
+
+def _lasts(equilibrium: Equilibrium, table: list[Iteration]) -> bool:
+    """Whether the iteration has lasted too long for a film in compression."""
+    work = sum(row.fresh for row in table) * equilibrium.iteration_work
+    return len(table) >= PATIENCE or work >= PATIENT_WORK
 
 
 def _outdated(tangent: _Tangent, table: list[Iteration]) -> bool:
