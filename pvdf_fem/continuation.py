@@ -38,7 +38,7 @@ REACHED = 0.99
 Solver = Callable[[Array], NewtonResult]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Point:
     """A point of the path: unknowns, part that follows, and their derivatives by its length."""
 
@@ -51,8 +51,8 @@ class Point:
 def follow(equilibrium: Equilibrium, q: Array, solver: Solver) -> NewtonResult:
     """The equilibrium under a pressure that follows the film, from `q` under the dead one.
 
-    `solver` solves from a near start. The status is `Status.LIMIT` where the path
-    turns back before its end, and `Status.MAX_ITERATIONS` where it is too long or too rough.
+    `solver` solves from a near start. The status is `Status.LIMIT` where the path turns back before
+    its end, and `Status.MAX_ITERATIONS` where it is too long or too rough.
     """
     path = Path(equilibrium, float(np.linalg.norm(q)))
     if result := path.end(q, solver):
@@ -79,7 +79,7 @@ def follow(equilibrium: Equilibrium, q: Array, solver: Solver) -> NewtonResult:
     return NewtonResult(point.q, Status.MAX_ITERATIONS, tuple(path.table), None)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Path:
     """Equilibria between a dead pressure and one that follows.
 

@@ -46,10 +46,10 @@ MAX_ITERATIONS = 60
 # Under a load that follows the film, whose energy along a step is not known, and for which there is
 # another way (`continuation`).
 MAX_FOLLOWING = 25
-# A film that is still in compression after so many, or after fresh tangents of so much work, some
-# 15 s of one core where it bends, and moves or has an indefinite tangent, finds no equilibrium
-# that is a minimum.
-PATIENCE, PATIENT_WORK = 20, 1.2e6
+# A film that is still in compression after so many, and moves or has an indefinite tangent, finds
+# no equilibrium that is a minimum; after so many with fresh tangents if these took so much work,
+# some 15 s of one core where it bends.
+PATIENCE, LEAST_PATIENCE, PATIENT_WORK = 20, 9, 1.2e6
 # Full steps from near by: so many, and none larger, nor a third or later one that grows.
 MOST_FULL, LARGEST_FULL = 8, 3.0
 
@@ -242,8 +242,9 @@ def _ended(table: list[Iteration], tolerance: float) -> bool:
 
 def _lasts(equilibrium: Equilibrium, table: list[Iteration]) -> bool:
     """Whether the iteration has lasted too long for a film in compression."""
-    work = sum(row.fresh for row in table) * equilibrium.iteration_work
-    return len(table) >= PATIENCE or work >= PATIENT_WORK
+    fresh = sum(row.fresh for row in table)
+    laborious = fresh >= LEAST_PATIENCE and fresh * equilibrium.iteration_work >= PATIENT_WORK
+    return laborious or len(table) >= PATIENCE
 
 
 def _outdated(tangent: _Tangent, table: list[Iteration]) -> bool:
