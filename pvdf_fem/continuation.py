@@ -14,7 +14,6 @@ from copy import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.equilibrium import Equilibrium
@@ -155,11 +154,9 @@ class Path:
 
 def _tangent(equilibrium: Equilibrium, state: MembraneState) -> SuperLU:
     """The tangent, factorised."""
-    tangent: sp.csc_matrix = equilibrium.tangent(state)
     if isinstance(equilibrium.membrane, WrinklingMembrane):
-        damping = equilibrium.membrane.damping(state, DAMPING)
-        tangent = tangent + equilibrium.assembly.matrix(damping)
-    return factorise(tangent)
+        return factorise(equilibrium.damped_tangent(state, DAMPING))
+    return factorise(equilibrium.tangent(state))
 
 
 def beyond_limit(factors: SuperLU | None) -> bool:

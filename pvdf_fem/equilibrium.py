@@ -119,6 +119,12 @@ class Equilibrium:
         tangent = self.assembly.matrix(self.element_tangent(state))
         return tangent if self.bending is None else tangent + self.bending.matrix
 
+    def damped_tangent(self, state: MembraneState, part: float) -> sp.csc_matrix:
+        """`tangent` of a film that wrinkles, which `part` of its mean tension holds where slack."""
+        assert isinstance(self.membrane, WrinklingMembrane)
+        damping = self.membrane.damping(state, part)
+        return self.assembly.matrix(self.element_tangent(state) + damping)
+
     def energy_along(self, state: MembraneState, step: Array, slope: float) -> Array:
         """Potential energy in J at q + s step, coefficients (5,) of 1, s, ... s^4.
 

@@ -303,7 +303,8 @@ def _newton(
         strain = membrane.elastic(state.strain)
         root = membrane.law.root(strain, state.stress)
         mixed = GivenModuli(state.deformation_gradient, state.strain, predicted, state.dofs, root)
-        factors = _damped(equilibrium, mixed, stiffer * DAMPING * min(size, 1.0))
+        damping = stiffer * DAMPING * min(size, 1.0)
+        factors = factorise(equilibrium.damped_tangent(mixed, damping))
         residual = equilibrium.residual(state)
         step = -factors.solve(residual)
         scale = abs(min(equilibrium.work(state, q), 2.0 * membrane.energy(state)))
@@ -335,13 +336,6 @@ def _stiffened(damping: float, length: float) -> float:
     if length < STALLED:
         return STIFFER * damping
     return max(damping / STIFFER, 1.0) if length == 1.0 else damping
-
-
-def _damped(equilibrium: Equilibrium, state: GivenModuli, damping: float) -> SuperLU:
-    membrane = equilibrium.membrane
-    assert isinstance(membrane, WrinklingMembrane)
-    tangent = equilibrium.element_tangent(state) + membrane.damping(state, damping)
-    return factorise(equilibrium.assembly.matrix(tangent))
 
 
 def _length(equilibrium: Equilibrium, q: Array, step: Array, slope: float) -> float:
