@@ -1,4 +1,18 @@
-"""A membrane PVDF tactile sensor: charges of its electrodes under a probe, by finite elements."""
+"""A membrane PVDF tactile sensor: charges of its electrodes under a probe, by finite elements.
+
+Scene and solution
+    `Scene` describes film, electrodes, probe and load; `solve` gives a `Solution` with the charges.
+    `SceneError` lists the mistakes of a scene; `NotConvergedError` says why there is no result.
+About one solution
+    `gradients` differentiates the charges; `modes` gives the film's frequencies.
+Many scenes
+    `sweep` solves a grid of scenes.
+From charges to touches
+    `build_response` makes a `Response`, the charges as a fast function of the touch; `locate` and
+    `locate_many` find the touches that gave some charges.
+
+``help(pvdf_fem.solve)`` and so on tell more of each.
+"""
 
 from __future__ import annotations
 
@@ -8,17 +22,55 @@ TYPE_CHECKING = False  # as in `typing`, whose import is as slow as Python's own
 if TYPE_CHECKING:
     from typing import Any
 
-    from pvdf_fem.scene import Scene, SceneError
-    from pvdf_fem.solution import NotConvergedError, Solution, solve
+    from pvdf_fem.response.build import build_response
+    from pvdf_fem.response.response import Response
+    from pvdf_fem.scene.scene import Scene, SceneError
+    from pvdf_fem.solution.gradients import gradients
+    from pvdf_fem.solution.modes import modes
+    from pvdf_fem.solution.solution import NotConvergedError, Solution, solve
+    from pvdf_fem.sweeps.sweep import sweep
+    from pvdf_fem.touch.locate import locate
+    from pvdf_fem.touch.locate_many import locate_many
 
-__all__ = ["NotConvergedError", "Scene", "SceneError", "Solution", "solve"]
+__all__ = [
+    "NotConvergedError",
+    "Response",
+    "Scene",
+    "SceneError",
+    "Solution",
+    "build_response",
+    "gradients",
+    "locate",
+    "locate_many",
+    "modes",
+    "solve",
+    "sweep",
+]
 __version__ = "0.1.0"
+
+_MODULES = {
+    "NotConvergedError": "solution.solution",
+    "Response": "response.response",
+    "Scene": "scene.scene",
+    "SceneError": "scene.scene",
+    "Solution": "solution.solution",
+    "build_response": "response.build",
+    "gradients": "solution.gradients",
+    "locate": "touch.locate",
+    "locate_many": "touch.locate_many",
+    "modes": "solution.modes",
+    "solve": "solution.solution",
+    "sweep": "sweeps.sweep",
+}
 
 
 def __getattr__(name: str) -> Any:
     # What is asked for is imported then: the command line's help waits for nothing, and reading
     # scenes does without gmsh, scikit-fem and scipy.
-    if name in __all__:
-        module = "scene" if name.startswith("Scene") else "solution"
-        return getattr(import_module(f"pvdf_fem.{module}"), name)
+    if name in _MODULES:
+        return getattr(import_module(f"pvdf_fem.{_MODULES[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

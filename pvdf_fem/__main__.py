@@ -9,7 +9,7 @@ from types import FrameType
 def main() -> int:
     """Run the command; returns its exit code. Ctrl-C ends it quietly from the first import on."""
     before = signal.signal(signal.SIGINT, _end)
-    from pvdf_fem.cli import main as run
+    from pvdf_fem.cli.main import main as run
 
     signal.signal(signal.SIGINT, before)
     return run()

@@ -1,1 +1,1 @@
-"""Reports: each script computes with `pvdf_fem` and writes a page; see `reports/thesis.py`."""
+"""Reports: each script computes with `pvdf_fem` and writes a page; see `reports.thesis`."""

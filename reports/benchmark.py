@@ -1,6 +1,6 @@
 """Medians of the run times of the fixed scenes, and their ratios to an earlier run.
 
-    python reports/benchmark.py [--save FILE.json] [--against FILE.json] [--rounds N]
+    python -m reports.benchmark [--save FILE.json] [--against FILE.json] [--rounds N]
 
 Prints one line for each scene and tolerance: the median seconds of a solve on one thread (imports
 not included) in units of one factorisation of a fixed matrix, which takes the machine out, and,
@@ -25,18 +25,14 @@ from collections.abc import Callable, Sequence  # noqa: E402
 from functools import partial  # noqa: E402
 from pathlib import Path  # noqa: E402
 
-ROOT = Path(__file__).resolve().parents[1]
-if str(ROOT) not in sys.path:  # when run as a script, only its own directory is there
-    sys.path.insert(0, str(ROOT))
-
 from pvdf_fem import Solution, solve  # noqa: E402
-from pvdf_fem.equilibrium import Equilibrium  # noqa: E402
+from pvdf_fem.cli.program import ArgumentParser, InputError, run_program  # noqa: E402
 from pvdf_fem.files import read_text, replacing, require_writable  # noqa: E402
-from pvdf_fem.mesh import Sizes, mesh_scene, outlines  # noqa: E402
-from pvdf_fem.newton import Status, factorise, seed  # noqa: E402
-from pvdf_fem.program import ArgumentParser, InputError, run_program  # noqa: E402
-from reports.cases import CASES, cases_named  # noqa: E402
-from reports.options import number_of  # noqa: E402
+from pvdf_fem.film.equilibrium import Equilibrium  # noqa: E402
+from pvdf_fem.mesh.gmsh_mesh import Sizes, mesh_scene, outlines  # noqa: E402
+from pvdf_fem.solvers.newton import Status, factorise, seed  # noqa: E402
+from reports.common.options import number_of  # noqa: E402
+from reports.speed.cases import CASES, cases_named  # noqa: E402
 
 TOLERANCES = (1e-3, 1e-5)
 # Edge lengths in m of the mesh whose order-2 tangent has about 5,500 unknowns.
@@ -50,7 +46,7 @@ LONG = 5.0
 def main(arguments: Sequence[str] | None = None) -> int:
     """Time, print and save; returns 1 if a solve did not converge."""
     options = _options(arguments)
-    return run_program("reports/benchmark.py", lambda: _benchmark(options))
+    return run_program("reports.benchmark", lambda: _benchmark(options))
 
 
 def _benchmark(options: argparse.Namespace) -> int:
@@ -143,7 +139,7 @@ def _summary(medians: dict[str, float], earlier: dict[str, float]) -> list[str]:
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = ArgumentParser(
-        prog="reports/benchmark.py", description="Median run times of a fixed set of scenes."
+        prog="reports.benchmark", description="Median run times of a fixed set of scenes."
     )
     parser.add_argument("--save", type=Path, metavar="FILE", help="write the medians (JSON)")
     parser.add_argument("--against", type=Path, metavar="FILE", help="compare with saved medians")

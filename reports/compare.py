@@ -1,6 +1,6 @@
 """Your own measured charges beside ours, of the same scenes.
 
-    python reports/compare.py FILE.csv [--out DIR] [--contact pressure|sliding|stuck]
+    python -m reports.compare FILE.csv [--out DIR] [--contact pressure|sliding|stuck]
                               [--processes N]
 
 Writes ``index.html`` with figures (SVG) and a table (CSV). Solved scenes are kept in ``results/``
@@ -20,12 +20,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from tqdm import tqdm
 
-ROOT = Path(__file__).resolve().parents[1]
-if str(ROOT) not in sys.path:  # when run as a script, only its own directory is there
-    sys.path.insert(0, str(ROOT))
-
-from pvdf_fem import Scene, __version__  # noqa: E402
-from pvdf_fem.figures import (  # noqa: E402
+from pvdf_fem import Scene, __version__
+from pvdf_fem.cli.program import ArgumentParser, InputError, run_program
+from pvdf_fem.files import make_directory
+from pvdf_fem.output.figures import (
     COLOURS,
     GREY,
     Series,
@@ -35,19 +33,17 @@ from pvdf_fem.figures import (  # noqa: E402
     save,
     style,
 )
-from pvdf_fem.files import make_directory  # noqa: E402
-from pvdf_fem.page import Cell, Column, Page, Picture, Section, Table  # noqa: E402
-from pvdf_fem.program import ArgumentParser, InputError, run_program  # noqa: E402
-from reports.measurements import (  # noqa: E402
+from reports.chapters.contact import CONTACTS, pressed
+from reports.common.measurements import (
     COLUMNS,
     Measurement,
     MeasurementError,
     read_measurements,
 )
-from reports.options import add_out, add_processes  # noqa: E402
-from reports.results import MATERIAL, THESIS_EDGE, Results  # noqa: E402
-from reports.thesis_contact import CONTACTS, pressed  # noqa: E402
-from reports.thesis_scene import TOLERANCE  # noqa: E402
+from reports.common.options import add_out, add_processes
+from reports.common.page import Cell, Column, Page, Picture, Section, Table
+from reports.common.results import MATERIAL, THESIS_EDGE, Results
+from reports.common.thesis_scene import TOLERANCE
 
 #: Our charges that a measured one is compared with.
 READINGS = {
@@ -62,7 +58,7 @@ LEAST = 3
 def main(arguments: Sequence[str] | None = None) -> int:
     """Compare; returns 0, 1 if a solve failed, 2 for a file with mistakes."""
     options = _options(arguments)
-    return run_program("reports/compare.py", lambda: _compare(options))
+    return run_program("reports.compare", lambda: _compare(options))
 
 
 def _compare(options: argparse.Namespace) -> int:
@@ -267,7 +263,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         for name, text in COLUMNS.items()
     )
     parser = ArgumentParser(
-        prog="reports/compare.py",
+        prog="reports.compare",
         description="Compare measured charges with computed ones of the same scenes.",
         epilog=f"columns of the file (CSV, UTF-8, decimal points, a header, any order):\n{columns}"
         "\n\nexample: reports/data/example_measurements.csv"

@@ -1,6 +1,6 @@
 """The design study: what position, force and charge a sensor resolves, by its parameters.
 
-    python reports/design.py [--out DIR] [--quick] [--quiet] [--processes N]
+    python -m reports.design [--out DIR] [--quick] [--quiet] [--processes N]
 
 Writes ``index.html`` with figures (SVG) and tables (CSV): position error and charge sensitivity
 against number, spacing, size and shape of the electrodes, thickness, pretension and poling of the
@@ -13,23 +13,20 @@ import argparse
 import sys
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 from tqdm import tqdm
 
-ROOT = Path(__file__).resolve().parents[1]
-if str(ROOT) not in sys.path:  # when run as a script, only its own directory is there
-    sys.path.insert(0, str(ROOT))
-
-from pvdf_fem import __version__  # noqa: E402
-from pvdf_fem.files import make_directory  # noqa: E402
-from pvdf_fem.page import Page  # noqa: E402
-from pvdf_fem.program import ArgumentParser, InputError, run_program  # noqa: E402
-from reports import design_page as page  # noqa: E402
-from reports.design_checks import checks  # noqa: E402
-from reports.design_choice import recommend  # noqa: E402
-from reports.design_sensor import Lattice, Sensor  # noqa: E402
-from reports.design_study import (  # noqa: E402
+from pvdf_fem import __version__
+from pvdf_fem.cli.program import ArgumentParser, InputError, run_program
+from pvdf_fem.files import make_directory
+from reports.common.options import add_out, add_processes
+from reports.common.page import Page
+from reports.common.results import Results
+from reports.design_study import page
+from reports.design_study.checks import checks
+from reports.design_study.choice import recommend
+from reports.design_study.sensor import Lattice, Sensor
+from reports.design_study.study import (
     Axes,
     Study,
     light,
@@ -38,8 +35,6 @@ from reports.design_study import (  # noqa: E402
     shapes,
     thicknesses,
 )
-from reports.options import add_out, add_processes  # noqa: E402
-from reports.results import Results  # noqa: E402
 
 Solve = Callable[[Sequence[Sensor]], None]
 
@@ -47,7 +42,7 @@ Solve = Callable[[Sequence[Sensor]], None]
 def main(arguments: Sequence[str] | None = None) -> int:
     """Make the report; returns 0, or 1 if a solve failed."""
     options = _options(arguments)
-    return run_program("reports/design.py", lambda: _report(options))
+    return run_program("reports.design", lambda: _report(options))
 
 
 def _report(options: argparse.Namespace) -> int:
@@ -120,7 +115,7 @@ def _solver(study: Study, bar: tqdm[None]) -> Solve:
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = ArgumentParser(
-        prog="reports/design.py",
+        prog="reports.design",
         description="Position error and charge sensitivity by the sensor's design.",
     )
     add_out(parser, "design")

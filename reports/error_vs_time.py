@@ -1,6 +1,6 @@
 """What an error costs: charges of fixed scenes, their errors and the run times, beside other codes.
 
-    python reports/error_vs_time.py [--out DIR] [--quick] [--large] [--quiet]
+    python -m reports.error_vs_time [--out DIR] [--quick] [--large] [--quiet]
 
 Writes ``index.html`` with figures (SVG) and tables (CSV). Everything runs on one thread. NGSolve
 (``pip install 'pvdf-fem[peers]'``) and CalculiX (Debian's calculix-ccx) take part if they are
@@ -28,25 +28,20 @@ from pathlib import Path  # noqa: E402
 
 from tqdm import tqdm  # noqa: E402
 
-ROOT = Path(__file__).resolve().parents[1]
-if str(ROOT) not in sys.path:  # when run as a script, only its own directory is there
-    sys.path.insert(0, str(ROOT))
-
 from pvdf_fem import __version__  # noqa: E402
+from pvdf_fem.cli.program import ArgumentParser, run_program  # noqa: E402
 from pvdf_fem.files import make_directory  # noqa: E402
-from pvdf_fem.page import Page, Picture, Section, Table  # noqa: E402
-from pvdf_fem.program import ArgumentParser, run_program  # noqa: E402
-from pvdf_fem.sizes import ORDER  # noqa: E402
-from reports import error_vs_time_figures as figures  # noqa: E402
-from reports import error_vs_time_tables as tables  # noqa: E402
-from reports.cases import Case, Reference, reference  # noqa: E402
-from reports.error_vs_time_plan import FULL, QUICK, Plan  # noqa: E402
-from reports.growth import LARGE_FACTOR, Size, measure  # noqa: E402
-from reports.options import add_out  # noqa: E402
-from reports.peers import Peers  # noqa: E402
-from reports.runs import GOAL, OURS, Run, effectivities, our_jobs, timed  # noqa: E402
-from reports.stages import STAGES, stages  # noqa: E402
-from reports.sweep_cost import SweepCost, sweep_cost  # noqa: E402
+from pvdf_fem.solution.first_sizes import ORDER  # noqa: E402
+from reports.common.options import add_out  # noqa: E402
+from reports.common.page import Page, Picture, Section, Table  # noqa: E402
+from reports.speed import figures, tables  # noqa: E402
+from reports.speed.cases import Case, Reference, reference  # noqa: E402
+from reports.speed.growth import LARGE_FACTOR, Size, measure  # noqa: E402
+from reports.speed.peers import Peers  # noqa: E402
+from reports.speed.plan import FULL, QUICK, Plan  # noqa: E402
+from reports.speed.runs import GOAL, OURS, Run, effectivities, our_jobs, timed  # noqa: E402
+from reports.speed.stages import STAGES, stages  # noqa: E402
+from reports.speed.sweep_cost import SweepCost, sweep_cost  # noqa: E402
 
 PACKAGES = ("gmsh", "numpy", "scikit-fem", "scipy")
 STAGE_TOLERANCES = (1e-3, 1e-5)
@@ -77,7 +72,7 @@ class Measured:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure and write the page; returns 1 if one of our own runs or sections failed."""
     options = _options(arguments)
-    return run_program("reports/error_vs_time.py", lambda: _measure(options))
+    return run_program("reports.error_vs_time", lambda: _measure(options))
 
 
 def _measure(options: argparse.Namespace) -> int:
@@ -371,7 +366,7 @@ def _processor() -> str:
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = ArgumentParser(
-        prog="reports/error_vs_time.py",
+        prog="reports.error_vs_time",
         description="Measure errors and run times of fixed scenes, beside other codes.",
     )
     add_out(parser, "error_vs_time")

@@ -1,6 +1,6 @@
 """A virtual experiment: the thesis's sources of error propagated into its measured positions.
 
-    python reports/experiment.py [--out DIR] [--samples N] [--processes N]
+    python -m reports.experiment [--out DIR] [--samples N] [--processes N]
 
 Tables 5.1 and 5.2 of the thesis: predicted distributions of the position's error beside the
 measured errors, and the share of each source. Writes ``index.html`` with figures (SVG) and tables
@@ -20,28 +20,24 @@ from joblib import Parallel, delayed
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-ROOT = Path(__file__).resolve().parents[1]
-if str(ROOT) not in sys.path:  # when run as a script, only its own directory is there
-    sys.path.insert(0, str(ROOT))
-
-from pvdf_fem import __version__  # noqa: E402
-from pvdf_fem.figures import COLOURS, GREY, new_figure, save, style  # noqa: E402
-from pvdf_fem.files import make_directory  # noqa: E402
-from pvdf_fem.page import Cell, Column, Page, Picture, Section, Table  # noqa: E402
-from pvdf_fem.program import ArgumentParser, run_program  # noqa: E402
-from pvdf_fem.sensing.locate_many import locate_many  # noqa: E402
-from reports.experiment_sources import SOURCES, Job, Pressed, Source, changes  # noqa: E402
-from reports.locate_models import (  # noqa: E402
+from pvdf_fem import __version__
+from pvdf_fem.cli.program import ArgumentParser, run_program
+from pvdf_fem.files import make_directory
+from pvdf_fem.output.figures import COLOURS, GREY, new_figure, save, style
+from pvdf_fem.touch.locate_many import locate_many
+from reports.chapters.experiments import thesis_circuit
+from reports.common.options import add_out, add_processes, number_of
+from reports.common.page import Cell, Column, Page, Picture, Section, Table
+from reports.common.results import MATERIAL
+from reports.common.thesis_data import Position, Thesis
+from reports.common.thesis_scene import scene_of
+from reports.locating.models import (
     electrodes_of,
     response_of,
     sensor,
     triangulated_mm,
 )
-from reports.options import add_out, add_processes, number_of  # noqa: E402
-from reports.results import MATERIAL  # noqa: E402
-from reports.thesis_data import Position, Thesis  # noqa: E402
-from reports.thesis_experiments import thesis_circuit  # noqa: E402
-from reports.thesis_scene import scene_of  # noqa: E402
+from reports.locating.sources import SOURCES, Job, Pressed, Source, changes
 
 Array = NDArray[np.float64]
 
@@ -95,7 +91,7 @@ class Predicted:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Predict and compare; returns 0."""
     options = _options(arguments)
-    return run_program("reports/experiment.py", lambda: _predict(options))
+    return run_program("reports.experiment", lambda: _predict(options))
 
 
 def _predict(options: argparse.Namespace) -> int:
@@ -380,7 +376,7 @@ def _judged(ratio: float) -> str:
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = ArgumentParser(
-        prog="reports/experiment.py",
+        prog="reports.experiment",
         description="Propagate the thesis's sources of error into its measured positions.",
     )
     add_out(parser, "experiment")

@@ -1,9 +1,9 @@
 """Scenes from the ends of what a file may ask for: what becomes of each, and the laws they obey.
 
-    python reports/extremes.py [--seed N] [--count N] [--checked N] [--seconds S] [--out DIR]
+    python -m reports.extremes [--seed N] [--count N] [--checked N] [--seconds S] [--out DIR]
                                [--processes N]
 
-Scenes are drawn with a seed (`reports.extremes_scenes`). Those that end as ``unstable``, at a limit
+Scenes are drawn with a seed (`robustness.scenes`). Those that end as ``unstable``, at a limit
 point or without convergence, where the film may be asked to carry compression, are solved again as
 films that wrinkle, without bending.
 Some of those with a result are solved once more to a tenth of the tolerance: the first with
@@ -23,21 +23,17 @@ from typing import Any
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[1]
-if str(ROOT) not in sys.path:  # when run as a script, only its own directory is there
-    sys.path.insert(0, str(ROOT))
-
-from pvdf_fem import Scene  # noqa: E402
-from pvdf_fem.bending_effect import bending_joins  # noqa: E402
-from pvdf_fem.newton import Status  # noqa: E402
-from pvdf_fem.page import Cell, Column, Page, Picture, Section, Table  # noqa: E402
-from pvdf_fem.program import ArgumentParser, run_program  # noqa: E402
-from pvdf_fem.tension_newton import barely_loaded  # noqa: E402
-from reports.extremes_figures import draw_scenes, draw_times  # noqa: E402
-from reports.extremes_laws import laws  # noqa: E402
-from reports.extremes_runs import CRASHED, DIED, HUNG, TIME_LIMIT, Row, rows  # noqa: E402
-from reports.extremes_scenes import SEED, scenes  # noqa: E402
-from reports.options import add_out, add_processes, number_of  # noqa: E402
+from pvdf_fem import Scene
+from pvdf_fem.cli.program import ArgumentParser, run_program
+from pvdf_fem.film.bending_effect import bending_joins
+from pvdf_fem.solvers.newton import Status
+from pvdf_fem.solvers.wrinkling import barely_loaded
+from reports.common.options import add_out, add_processes, number_of
+from reports.common.page import Cell, Column, Page, Picture, Section, Table
+from reports.robustness.figures import draw_scenes, draw_times
+from reports.robustness.laws import laws
+from reports.robustness.runs import CRASHED, DIED, HUNG, TIME_LIMIT, Row, rows
+from reports.robustness.scenes import SEED, scenes
 
 FINER = 0.1
 #: Results may differ from finer ones by so many times their estimated error.
@@ -65,7 +61,7 @@ class Drawn:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Solve, check, write the page; 0 if nothing crashed and no result was wrong."""
     options = _options(arguments)
-    return run_program("reports/extremes.py", lambda: _report(options))
+    return run_program("reports.extremes", lambda: _report(options))
 
 
 def _report(options: argparse.Namespace) -> int:
@@ -278,7 +274,7 @@ def _read(path: Path) -> dict[str, Row]:
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = ArgumentParser(
-        prog="reports/extremes.py", description="Scenes from the ends of every range."
+        prog="reports.extremes", description="Scenes from the ends of every range."
     )
     scenes_wanted = number_of("scenes", 100_000)
     parser.add_argument("--seed", type=number_of("seed", 10**9), default=SEED, metavar="N")

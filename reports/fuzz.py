@@ -1,6 +1,6 @@
 """Damaged inputs by the thousand, none of which may be taken for a valid one.
 
-    python reports/fuzz.py [--count N] [--seed N] [--processes N]
+    python -m reports.fuzz [--count N] [--seed N] [--processes N]
 
 Gives every program damaged scene and sweep files, changes, measurements, stores and command lines
 (`reports/fuzz_inputs.py`), in this process and stopped where work on a valid input would begin; a
@@ -33,31 +33,27 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-ROOT = Path(__file__).resolve().parents[1]
-if str(ROOT) not in sys.path:  # when run as a script, only its own directory is there
-    sys.path.insert(0, str(ROOT))
-
-from pvdf_fem import cli  # noqa: E402
-from pvdf_fem.program import (  # noqa: E402
+from pvdf_fem.cli import main as cli
+from pvdf_fem.cli.program import (
     BAD_INPUT,
     LONGEST_LINE,
     MOST_LINES,
     ArgumentParser,
     run_program,
 )
-from pvdf_fem.scene import Scene  # noqa: E402
-from pvdf_fem.store import Record, Store, StoreError  # noqa: E402
-from reports import benchmark, compare, error_vs_time, thesis  # noqa: E402
-from reports.fuzz_damage import decayed  # noqa: E402
-from reports.fuzz_inputs import CORPORA, FILE, Input  # noqa: E402
-from reports.fuzz_oracle import (  # noqa: E402
+from pvdf_fem.scene.scene import Scene
+from pvdf_fem.sweeps.store import Record, Store, StoreError
+from reports import benchmark, compare, error_vs_time, thesis
+from reports.common.options import number_of
+from reports.robustness.damage import decayed
+from reports.robustness.inputs import CORPORA, FILE, Input
+from reports.robustness.oracle import (
     lost_values,
     spread,
     wrong_grid,
     wrong_measurement,
     wrong_scene,
 )
-from reports.options import number_of  # noqa: E402
 
 #: A refusal takes less of processor time, and no input more than `HANG` before it is stopped.
 SECONDS, HANG = 1.0, 20
@@ -120,11 +116,11 @@ def _kept() -> tuple[list[Scene], list[Record], bytes]:
 
 
 PROGRAMS = {
-    "solve": Program(cli.main, ("solve",), ("pvdf_fem.solution.solve",)),
-    "mesh": Program(cli.main, ("mesh",), ("pvdf_fem.mesh.mesh_scene",)),
-    "modes": Program(cli.main, ("modes",), ("pvdf_fem.modal.modes",)),
-    "sweep": Program(cli.main, ("sweep",), ("pvdf_fem.sweep.planned",)),
-    "locate": Program(cli.main, ("locate",), ("pvdf_fem.cli_locate.model_of",)),
+    "solve": Program(cli.main, ("solve",), ("pvdf_fem.solution.solution.solve",)),
+    "mesh": Program(cli.main, ("mesh",), ("pvdf_fem.mesh.gmsh_mesh.mesh_scene",)),
+    "modes": Program(cli.main, ("modes",), ("pvdf_fem.solution.modes.modes",)),
+    "sweep": Program(cli.main, ("sweep",), ("pvdf_fem.sweeps.sweep.planned",)),
+    "locate": Program(cli.main, ("locate",), ("pvdf_fem.cli.locate.model_of",)),
     "compare": Program(compare.main, (), ("reports.compare._scenes",)),
     "thesis": Program(thesis.main, (), ("reports.thesis.Thesis.read",)),
     "benchmark": Program(benchmark.main, (), ("reports.benchmark.yardstick",)),
@@ -260,7 +256,7 @@ def process_faults(given: Input, folder: Path) -> list[str]:
     path.write_bytes(given.data)
     words = [*PROGRAMS[given.program].command, *_filled(given.arguments, path)]
     command = [sys.executable, "-m", "pvdf_fem", *words]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[1])}
     try:
         run = subprocess.run(
             command,
@@ -347,7 +343,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = ArgumentParser(prog="reports/fuzz.py", description="Damaged inputs by the thousand.")
+    parser = ArgumentParser(prog="reports.fuzz", description="Damaged inputs by the thousand.")
     number = number_of("inputs", 10_000_000)
     parser.add_argument("--count", type=number, default=20_000, metavar="N", help="default: 20000")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="default: 1")

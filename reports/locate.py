@@ -1,6 +1,6 @@
 """Positions from charges: the thesis's triangulation beside maximum likelihood.
 
-    python reports/locate.py [--out DIR] [--touches N] [--quick] [--processes N]
+    python -m reports.locate [--out DIR] [--touches N] [--quick] [--processes N]
 
 Writes ``index.html`` with figures (SVG) and tables (CSV): the thesis's scenes, random touches with
 exact and noisy charges, and maps of resolution and ambiguity. Models and solved scenes are kept in
@@ -13,22 +13,20 @@ import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-ROOT = Path(__file__).resolve().parents[1]
-if str(ROOT) not in sys.path:  # when run as a script, only its own directory is there
-    sys.path.insert(0, str(ROOT))
-
-from pvdf_fem import Scene, __version__  # noqa: E402
-from pvdf_fem.files import make_directory  # noqa: E402
-from pvdf_fem.page import Page  # noqa: E402
-from pvdf_fem.program import ArgumentParser, run_program  # noqa: E402
-from reports.locate_errors import WAYS, Trial, random_touches  # noqa: E402
-from reports.locate_models import (  # noqa: E402
+from pvdf_fem import Scene, __version__
+from pvdf_fem.cli.program import ArgumentParser, run_program
+from pvdf_fem.files import make_directory
+from reports.common.options import add_out, add_processes, number_of
+from reports.common.page import Page
+from reports.common.results import MATERIAL, Results
+from reports.common.thesis_data import Thesis
+from reports.locating.errors import WAYS, Trial, random_touches
+from reports.locating.models import (
     DISC,
     FORCES_N,
     REACH_MM,
@@ -39,7 +37,7 @@ from reports.locate_models import (  # noqa: E402
     scene_at,
     sensor,
 )
-from reports.locate_page import (  # noqa: E402
+from reports.locating.page import (
     LAYOUT,
     SHAPES,
     Models,
@@ -47,9 +45,6 @@ from reports.locate_page import (  # noqa: E402
     random_section,
     thesis_section,
 )
-from reports.options import add_out, add_processes, number_of  # noqa: E402
-from reports.results import MATERIAL, Results  # noqa: E402
-from reports.thesis_data import Thesis  # noqa: E402
 
 Array = NDArray[np.float64]
 
@@ -82,7 +77,7 @@ FULL, QUICK = Scope(), Scope(8, 7.0, (0.5, 2.0), 4)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Compare; returns 0, or 1 if a solve failed."""
     options = _options(arguments)
-    return run_program("reports/locate.py", lambda: _compare(options))
+    return run_program("reports.locate", lambda: _compare(options))
 
 
 def _compare(options: argparse.Namespace) -> int:
@@ -155,7 +150,7 @@ def _trial(thesis: Thesis, probe: str, touches: Array, models: Models, results: 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = ArgumentParser(
-        prog="reports/locate.py",
+        prog="reports.locate",
         description="Compare the thesis's triangulation with maximum likelihood.",
     )
     add_out(parser, "locate")

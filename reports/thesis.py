@@ -1,6 +1,6 @@
 """The thesis report: the sensor computed again, beside the numbers of A. Mirbagheri's thesis.
 
-    python reports/thesis.py [--out DIR] [--only FIGURE] [--quick] [--quiet] [--processes N]
+    python -m reports.thesis [--out DIR] [--only FIGURE] [--quick] [--quiet] [--processes N]
 
 Writes ``index.html`` with its figures (SVG) and tables (CSV) into one directory. Every solved
 scene is kept in ``results/`` there as soon as it is solved: a report that was interrupted goes on,
@@ -25,60 +25,56 @@ from platform import python_version
 from joblib import Parallel, delayed, parallel_config
 from tqdm import tqdm
 
-ROOT = Path(__file__).resolve().parents[1]
-if str(ROOT) not in sys.path:  # when run as a script, only its own directory is there
-    sys.path.insert(0, str(ROOT))
-
-from pvdf_fem import Scene, __version__  # noqa: E402
-from pvdf_fem.files import FileError, make_directory, printable  # noqa: E402
-from pvdf_fem.page import Page, Section  # noqa: E402
-from pvdf_fem.program import ArgumentParser, run_program  # noqa: E402
-from reports.kept import kept  # noqa: E402
-from reports.options import add_out, add_processes  # noqa: E402
-from reports.part import Part  # noqa: E402
-from reports.results import Results  # noqa: E402
-from reports.thesis_angle import ANGLE_PART  # noqa: E402
-from reports.thesis_contact import CONTACT_PART  # noqa: E402
-from reports.thesis_contours import (  # noqa: E402
+from pvdf_fem import Scene, __version__
+from pvdf_fem.cli.program import ArgumentParser, run_program
+from pvdf_fem.files import FileError, make_directory, printable
+from reports.chapters.contact import CONTACT_PART
+from reports.chapters.contours import (
     FIGURE_3_9_PART,
     FIGURE_3_16_PART,
     RECTANGLE_MAP_PART,
     TRIANGLE_MAP_PART,
 )
-from reports.thesis_data import Thesis  # noqa: E402
-from reports.thesis_drawings import DRAWINGS_PART  # noqa: E402
-from reports.thesis_experiments import (  # noqa: E402
+from reports.chapters.drawings import DRAWINGS_PART
+from reports.chapters.experiments import (
     CHARGE_PARTS_PART,
     CIRCUIT_PART,
     MEASURED_POSITIONS_PART,
 )
-from reports.thesis_findings import FINDINGS_PART  # noqa: E402
-from reports.thesis_force import (  # noqa: E402
+from reports.chapters.findings import FINDINGS_PART
+from reports.chapters.force_and_angle.angle import ANGLE_PART
+from reports.chapters.force_and_angle.force import (
     RECTANGLE_FORCE_PART,
     TRIANGLE_FORCE_PART,
 )
-from reports.thesis_force_law import FORCE_LAW_PART  # noqa: E402
-from reports.thesis_mapping import (  # noqa: E402
+from reports.chapters.force_and_angle.force_law import FORCE_LAW_PART
+from reports.chapters.force_and_angle.orientation import ROTATION_PART
+from reports.chapters.force_and_angle.recovery import RECOVERY_PART
+from reports.chapters.force_and_angle.surface import SURFACE_PART
+from reports.chapters.mapping import (
     FIGURE_3_5_PART,
     FIGURE_3_7_PART,
     FIGURE_3_17_PART,
     FIGURE_3_18_PART,
     OTHER_MAPPINGS_PART,
 )
-from reports.thesis_orientation import ROTATION_PART  # noqa: E402
-from reports.thesis_positions import (  # noqa: E402
+from reports.chapters.positions.positions import (
     EXPERIMENT_POSITIONS_PART,
     RECTANGLE_POSITIONS_PART,
     TRIANGLE_POSITIONS_PART,
     TWO_NEWTON_POSITIONS_PART,
     UNIAXIAL_POSITIONS_PART,
 )
-from reports.thesis_recovery import RECOVERY_PART  # noqa: E402
-from reports.thesis_scene import TOLERANCE  # noqa: E402
-from reports.thesis_summary import ALL_PART, MESH_PART, SUMMARY_PART  # noqa: E402
-from reports.thesis_surface import SURFACE_PART  # noqa: E402
-from reports.thesis_tables import SCENES_PART  # noqa: E402
-from reports.thesis_thickness import THICKNESS_PART  # noqa: E402
+from reports.chapters.summary import ALL_PART, MESH_PART, SUMMARY_PART
+from reports.chapters.thickness import THICKNESS_PART
+from reports.common.kept import kept
+from reports.common.options import add_out, add_processes
+from reports.common.page import Page, Section
+from reports.common.part import Part
+from reports.common.results import Results
+from reports.common.tables import SCENES_PART
+from reports.common.thesis_data import Thesis
+from reports.common.thesis_scene import TOLERANCE
 
 #: In the order of the page.
 PARTS = (
@@ -123,7 +119,7 @@ PACKAGES = ("gmsh", "matplotlib", "numpy", "scikit-fem", "scipy")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Make the report; returns 0, or 1 if a part or a solve failed."""
     options = _options(arguments)
-    return run_program("reports/thesis.py", lambda: _report(options))
+    return run_program("reports.thesis", lambda: _report(options))
 
 
 def _report(options: argparse.Namespace) -> int:
@@ -278,7 +274,7 @@ def _progress(total: int, quiet: bool) -> Iterator[tqdm[None]]:
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = ArgumentParser(
-        prog="reports/thesis.py",
+        prog="reports.thesis",
         description="Compute the thesis's sensor and compare it with the thesis's numbers.",
     )
     add_out(parser)

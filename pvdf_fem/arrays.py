@@ -1,0 +1,39 @@
+"""Types of arrays, and the small operations on them that several folders need."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+Selection = slice | Indices
+
+#: Selects everything along an axis.
+ALL = slice(None)
+
+#: Imaginary step of a complex-step derivative, which is exact to rounding (Squire and Trapp, SIAM
+#: Rev. 40 (1998) 110-112).
+COMPLEX_STEP = 1e-30
+
+
+def components_first(values: Array, axes: int) -> Array:
+    """The last `axes` moved to the front."""
+    return np.moveaxis(values, range(-axes, 0), range(axes))
+
+
+def components_last(values: Array, axes: int) -> Array:
+    """The first `axes` moved to the end; in memory they stay first.
+
+    Each component is then one block, on which sums and products over all points are several times
+    faster.
+    """
+    return np.moveaxis(values, range(axes), range(-axes, 0))
+
+
+def times(matrix: Array, vector: Array) -> Array:
+    """Vectors (..., n) times one matrix (n, n), or times one (..., n, n) each."""
+    if matrix.ndim > 2:
+        return np.matmul(matrix, vector[..., None])[..., 0]
+    return components_last(np.tensordot(matrix, components_first(vector, 1), 1), 1)

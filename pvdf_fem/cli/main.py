@@ -1,0 +1,406 @@
+"""The command ``pvdf-fem``.
+
+Everything slow is imported where it is used, so that help and complaints come at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import re
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pvdf_fem import __version__
+from pvdf_fem.cli import locate as cli_locate
+from pvdf_fem.cli import sweep as cli_sweep
+from pvdf_fem.cli.program import (
+    CONVERGED,
+    NOT_CONVERGED,
+    ArgumentParser,
+    InputError,
+    output_mistakes,
+    run_program,
+)
+
+if TYPE_CHECKING:
+    from pvdf_fem.scene.scene import Scene
+    from pvdf_fem.solution.modes import Modes
+    from pvdf_fem.solution.solution import Solution
+
+#: `pvdf_fem.solution.modes.MOST_MODES`, whose import is slow.
+MOST_MODES = 200
+
+_DESCRIPTION = """\
+A model of a membrane PVDF tactile sensor: charges of its electrodes when a
+probe presses on the stretched film, by nonlinear finite elements."""
+
+_EPILOG = """\
+example:
+  printf '[probe]\\nshape = "rectangle"\\nx_mm = 5.0\\n' > scene.toml
+  pvdf-fem solve scene.toml --set load.force_N=2 --plot scene.png
+
+scene files are TOML. Their keys, each with a default:
+  [film]        radius_mm, thickness_um, youngs_modulus_GPa (or [E1, E2]),
+                poisson_ratio, shear_modulus_GPa, density_kg_m3,
+                thermal_expansion_per_K, temperature_change_K (below zero
+                stretches the film), d31_pC_N, d32_pC_N, bending (true, false,
+                "auto": where it matters), compression (refuse, tension-field:
+                the film wrinkles)
+  [electrodes]  layout (four, three), ring_radius_mm, side_mm
+  [probe]       shape and its sizes, x_mm, y_mm (centroid), rotation_deg
+  [load]        force_N, kind (dead, follower, rigid), and for rigid: contact
+                (sliding, stuck)
+  [numerics]    tolerance (of every charge), observable (material, thesis-edge)
+Any electrodes instead of a layout, each below a heading [[electrodes]]:
+  name, x_mm, y_mm, shape and its sizes, rotation_deg
+Shapes: triangle (side_mm; probes only), square (side_mm; electrodes only),
+rectangle (width_mm, height_mm), circle (radius_mm), polygon (vertices_mm).
+
+`pvdf-fem COMMAND --help` tells more about a command, that of `sweep` about sweep
+files.
+
+exit codes: 0 converged, 2 bad input or an output that cannot be written,
+3 not converged, 130 interrupted"""
+
+_SOLVE = """\
+Charges of the electrodes in pC, each with its estimated discretisation error,
+and the largest deflection in mm. Meshes are refined until every charge is
+within numerics.tolerance of the scene."""
+
+_SOLVE_EPILOG = """\
+examples:
+  pvdf-fem solve scene.toml
+  pvdf-fem solve scene.toml --set probe.x_mm=5 --set load.kind=follower --json
+  pvdf-fem solve scene.toml --vtu scene.vtu --plot scene.png
+
+exit codes: 0 converged, 2 bad input, 3 not converged (there are no charges
+then, and nothing is written to the files)"""
+
+_MESH = """\
+Write the mesh that `solve` starts with: six-node triangles in metres, with
+the patches `electrode NAME` and `probe`.
+The extension chooses the format:
+  .msh                physical groups; where patches overlap, their combination
+                      is a group of its own, such as `electrode A + probe`
+  .inp                element sets, and the node set `rim`
+  .vtu .vtk .xdmf     a 0/1 array for each patch"""
+
+_MESH_EPILOG = """\
+example:
+  pvdf-fem mesh scene.toml scene.msh --set numerics.tolerance=1e-4
+
+exit codes: 0 written, 2 bad input, 3 gmsh failed"""
+
+_MODES = """\
+Lowest frequencies of the stretched film in Hz, each with its estimated
+discretisation error; pairs of equal frequency are listed twice."""
+
+_MODES_EPILOG = """\
+examples:
+  pvdf-fem modes scene.toml
+  pvdf-fem modes scene.toml --count 12 --loaded --set load.force_N=0.5 --json
+
+exit codes: 0 converged, 2 bad input, 3 no frequencies (a film without tension,
+or no equilibrium under the load)"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns its exit code."""
+    return run_program("pvdf-fem", lambda: _run(arguments))
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    options = _parser().parse_args(arguments)
+    command: Callable[[argparse.Namespace], int] = options.run
+    return command(options)
+
+
+# ------------------------------------------------------------------------------------ arguments
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = ArgumentParser(
+        "pvdf-fem",
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action="version", version=f"pvdf-fem {__version__}")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+
+    solve = _command(commands, "solve", _solve, "charges of a scene", _SOLVE, _SOLVE_EPILOG)
+    _add_json(solve)
+    solve.add_argument(
+        "--vtu", metavar="FILE", type=Path, help="write deflection, stresses, patches for ParaView"
+    )
+    solve.add_argument(
+        "--plot", metavar="FILE", type=Path, help="draw the deflection (.png, .svg, .pdf, ...)"
+    )
+    mesh = _command(commands, "mesh", _mesh, "write the mesh of a scene", _MESH, _MESH_EPILOG)
+    mesh.add_argument("file", metavar="FILE", type=Path, help="mesh file to write")
+    modes = _command(
+        commands, "modes", _modes, "frequencies of the stretched film", _MODES, _MODES_EPILOG
+    )
+    modes.add_argument(
+        "--count",
+        metavar="N",
+        default="6",
+        help="how many frequencies (default: 6)",
+    )
+    modes.add_argument(
+        "--loaded", action="store_true", help="about the film under its load, not the flat film"
+    )
+    _add_json(modes)
+    cli_sweep.add_to(commands)
+    locate = _command(
+        commands,
+        "locate",
+        _locate,
+        "the touch that gave some charges",
+        cli_locate.DESCRIPTION,
+        cli_locate.EPILOG,
+    )
+    cli_locate.add_options(locate)
+    _add_json(locate)
+    return parser
+
+
+def _command(
+    commands: Any,
+    name: str,
+    run: Callable[[argparse.Namespace], int],
+    summary: str,
+    description: str,
+    epilog: str,
+) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name,
+        help=summary,
+        description=description,
+        epilog=epilog,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.set_defaults(run=run)
+    parser.add_argument("scene", metavar="SCENE.toml", help="scene file")
+    parser.add_argument(
+        "--set",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        dest="changes",
+        help="change a value of the scene, such as load.force_N=2 or electrodes[0].x_mm=9; VALUE "
+        "is TOML, and a bare word is text; may be given several times, the last counts",
+    )
+    return parser
+
+
+def _add_json(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--json", action="store_true", help="print one JSON object and nothing else"
+    )
+
+
+def _scene(options: argparse.Namespace, *mistakes: str) -> Scene:
+    """The scene with its changes; `InputError` with all mistakes, those given included."""
+    from pvdf_fem.scene.scene import Scene, SceneError
+
+    found, changes = list(mistakes), {}
+    for text in options.changes:
+        try:
+            key, value = _change(text)
+            changes[key] = value
+        except InputError as error:
+            found += error.args
+    try:
+        scene: Scene = Scene.load(options.scene)
+        scene = scene.with_(**changes) if changes else scene
+    except SceneError as error:
+        found += error.problems
+    if found:
+        raise InputError(*found)
+    return scene
+
+
+def _change(text: str) -> tuple[str, Any]:
+    """Key and value of KEY=VALUE."""
+    from pvdf_fem.scene.scene_file import SceneError, parse_toml
+
+    shown = text if len(text) <= 80 else f"{text[:77]}..."
+    key, equals, value = (part.strip() for part in text.partition("="))
+    if not (key and equals and value):
+        raise InputError(f"--set {shown}: is no change; write KEY=VALUE, such as load.force_N=2")
+    try:
+        table = parse_toml(f"value = {value}", "--set")
+    except SceneError:
+        table = {}
+    if list(table) == ["value"]:
+        return key, table["value"]
+    if re.fullmatch(r"[^\W\d][\w -]*", value):
+        return key, value
+    raise InputError(
+        f"--set {shown}: the value is not TOML; write a number, a word, [...] or '\"...\"'"
+    )
+
+
+# ------------------------------------------------------------------------------------- commands
+
+
+def _solve(options: argparse.Namespace) -> int:
+    mistakes = output_mistakes(options.vtu, [".vtu"])
+    if options.plot:
+        mistakes += output_mistakes(options.plot, _plot_extensions())
+    scene = _scene(options, *mistakes)
+    from pvdf_fem.solution.solution import solve
+    from pvdf_fem.solvers.newton import Status
+
+    solution = solve(scene)
+    converged = solution.status is Status.CONVERGED
+    try:
+        if converged:
+            _write_files(solution, options.vtu, options.plot)
+    finally:  # a full disk does not take the charges with it
+        _print(solution.to_json(), options.json, lambda: _solution_lines(solution))
+    return CONVERGED if converged else NOT_CONVERGED
+
+
+def _mesh(options: argparse.Namespace) -> int:
+    from pvdf_fem.output.export import FORMATS, write_mesh
+
+    scene = _scene(options, *output_mistakes(options.file, list(FORMATS)))
+    from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
+    from pvdf_fem.solution.first_sizes import ORDER, first_sizes
+
+    try:
+        mesh = mesh_scene(scene, first_sizes(scene, ORDER))
+        write_mesh(mesh, options.file)
+    except MeshError as error:
+        print(f"not meshed: {error}; move or resize the probe slightly", file=sys.stderr)
+        return NOT_CONVERGED
+    patches = ", ".join(name for name in mesh.subdomains if name != "film")
+    nodes = mesh.doflocs.shape[1]
+    print(f"{options.file}: {mesh.nelements} triangles, {nodes} nodes, patches {patches}")
+    return CONVERGED
+
+
+def _modes(options: argparse.Namespace) -> int:
+    text, wrong = options.count, []
+    if not re.fullmatch("[0-9]{1,9}", text) or not 1 <= int(text) <= MOST_MODES:
+        wrong = [f"--count {text[:60]}: is out of range; give 1 to {MOST_MODES}"]
+    scene = _scene(options, *wrong)
+    from pvdf_fem.solution.modes import modes
+    from pvdf_fem.solvers.newton import Status
+
+    found = modes(scene, int(text), options.loaded)
+    _print(found.to_json(), options.json, lambda: _mode_lines(found))
+    return CONVERGED if found.status is Status.CONVERGED else NOT_CONVERGED
+
+
+def _locate(options: argparse.Namespace) -> int:
+    request, files = cli_locate.Request.of(options), [options.scene, *options.others]
+    mistakes, scenes = list(request.mistakes), {}
+    for file in dict.fromkeys(files):
+        try:
+            scenes[file] = _scene(argparse.Namespace(scene=file, changes=options.changes))
+        except InputError as error:
+            mistakes += error.args
+    mistakes += [f"{f}: has no [probe]; add one" for f, s in scenes.items() if s.probe is None]
+    if mistakes:
+        raise InputError(*mistakes)
+    from pvdf_fem.solution.solution import NotConvergedError
+    from pvdf_fem.touch.polish import PolishError
+
+    try:
+        choices = cli_locate.located(scenes, options.model, request, options.polish)
+    except ValueError as error:
+        raise InputError(*str(error).splitlines()) from error
+    except (PolishError, NotConvergedError) as error:
+        print(error, file=sys.stderr)
+        return NOT_CONVERGED
+    cli_locate.print_choices(choices, options.json)
+    return CONVERGED if choices[0].location.touches else NOT_CONVERGED
+
+
+def _plot_extensions() -> list[str]:
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    return [f".{extension}" for extension in FigureCanvasBase.get_supported_filetypes()]
+
+
+def _write_files(solution: Solution, vtu: Path | None, plot: Path | None) -> None:
+    if vtu:
+        solution.to_vtu(vtu)
+    if plot:
+        from pvdf_fem.output import figures
+
+        with figures.style():
+            figure = figures.new_figure(120.0, 100.0)
+            figures.deflection_map(figure.subplots(), solution)
+            figures.save(figure, plot)
+
+
+# --------------------------------------------------------------------------------------- output
+
+
+def _print(result: dict[str, Any], as_json: bool, lines: Callable[[], list[str]]) -> None:
+    """A result as JSON, or as lines; why there is none goes to standard error."""
+    if as_json:
+        print(json.dumps(result, allow_nan=False))
+    elif "reason" in result:
+        print(f"not converged: {result['status']}: {result['reason']}", file=sys.stderr)
+    else:
+        print(*lines(), sep="\n")
+
+
+def _solution_lines(solution: Solution) -> list[str]:
+    errors = solution.charge_errors_pC
+    rows = [(name, *_rounded(q, errors[name])) for name, q in solution.charges_pC.items()]
+    deflection = f"{solution.deflection_max_mm:.4g} mm"
+    iterations = f"{solution.unknowns} unknowns, {solution.newton_iterations} Newton iterations"
+    return [
+        f"charges ({solution.scene.numerics.observable})",
+        *_table(rows, "pC"),
+        *_remarks(
+            ("deflection", deflection),
+            ("status", f"{solution.status}, {iterations}"),
+            *(("included", text) for text in solution.included),
+            *(("left out", text) for text in solution.left_out),
+            *(("warning", text) for text in solution.warnings),
+            ("seconds", f"{solution.seconds['total']:.2f}"),
+        ),
+    ]
+
+
+def _mode_lines(found: Modes) -> list[str]:
+    pairs = zip(found.frequencies_Hz.tolist(), found.frequency_errors_Hz.tolist(), strict=True)
+    rows = [(str(n), *_rounded(*pair)) for n, pair in enumerate(pairs, start=1)]
+    return [
+        f"frequencies ({'loaded' if found.loaded else 'flat'} film)",
+        *_table(rows, "Hz"),
+        *_remarks(
+            ("status", str(found.status)),
+            *(("left out", text) for text in found.left_out),
+            ("seconds", f"{found.seconds['total']:.2f}"),
+        ),
+    ]
+
+
+def _rounded(value: float, error: float) -> tuple[str, str]:
+    """A value to the second digit of its error, or to ten digits, and the error."""
+    places = [9 - math.floor(math.log10(abs(x))) for x in (value,) if x]
+    places += [1 - math.floor(math.log10(x)) for x in (error,) if x]
+    return f"{value:.{max(0, min(places, default=0))}f}", f"{error:.2g}"
+
+
+def _table(rows: Sequence[tuple[str, str, str]], unit: str) -> list[str]:
+    names, values, errors = (max(map(len, column)) for column in zip(*rows, strict=True))
+    return [f"  {n:<{names}}  {v:>{values}} ± {e:>{errors}} {unit}" for n, v, e in rows]
+
+
+def _remarks(*remarks: tuple[str, str]) -> list[str]:
+    return [f"{name:<11} {text}" for name, text in remarks]

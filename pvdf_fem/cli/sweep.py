@@ -1,0 +1,150 @@
+"""The command ``pvdf-fem sweep``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pvdf_fem.cli.program import CONVERGED, NOT_CONVERGED, InputError, output_mistakes
+
+if TYPE_CHECKING:
+    import xarray
+
+    from pvdf_fem.sweeps.grid import Grid
+    from pvdf_fem.sweeps.plan import Plan
+    from pvdf_fem.sweeps.store import Store
+
+_DESCRIPTION = """\
+Charges over a grid of scenes, as a NetCDF file with a dimension for each axis.
+Scenes whose films deform alike are solved together: electrodes and d31, d32
+only read the stress, a turned or mirrored film deforms alike, and so does a
+thicker one under a force in proportion. What is solved is kept in a store: after
+an interruption of any kind the same command goes on where it was."""
+
+_EPILOG = """\
+sweep files are TOML. `scene` is the path of a scene file, seen from the sweep
+file, or a table of its keys. Each [[axes]] is a dimension: the keys in it vary
+together, over a list or over `count` numbers from `start` to `stop`:
+  scene = "four_electrodes.toml"
+  [[axes]]
+  film.thickness_um = [9, 25, 110]
+  [[axes]]
+  load.force_N = { start = 0.1, stop = 10, count = 5, spacing = "log" }
+  [[axes]]
+  name = "place"
+  probe.x_mm = { start = 0, stop = 10, count = 41 }
+  probe.y_mm = { start = 0, stop = 5, count = 41 }
+or the places of the thesis's mapping scheme, lines from an electrode's centre:
+  [[axes]]
+  mapping = { electrode = "A", angles_deg = [0, 45], distances_mm = [0, 4, 8] }
+Optional there: name, reach_mm (from the film's centre).
+
+examples:
+  pvdf-fem sweep geometry/thickness_spacing.toml --plan
+  pvdf-fem sweep geometry/thickness_spacing.toml --output charges.nc
+  dask scheduler & dask worker tcp://localhost:8786 --nworkers 8 --nthreads 1 &
+  pvdf-fem sweep sweep.toml --scheduler tcp://localhost:8786
+
+exit codes: 0 all converged, 2 bad input, 3 some scenes have no charges (their
+`status` in the file says why), 130 interrupted"""
+
+
+def add_to(commands: Any) -> None:
+    """Add the command to those of an argument parser."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "sweep",
+        help="charges over a grid of scenes",
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.set_defaults(run=_sweep)
+    parser.add_argument("sweep", metavar="SWEEP.toml", type=Path, help="sweep file")
+    parser.add_argument(
+        "--output",
+        metavar="FILE.nc",
+        type=Path,
+        help="NetCDF file to write (default: the sweep file's name here, ending in .nc)",
+    )
+    parser.add_argument(
+        "--store",
+        metavar="FILE",
+        type=Path,
+        help="where solved scenes are kept (default: the output's name, ending in .db)",
+    )
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--processes", metavar="N", type=int, default=-1, help="processes (default: all cores)"
+    )
+    where.add_argument(
+        "--scheduler", metavar="ADDRESS", help="of a Dask cluster that solves (see below)"
+    )
+    parser.add_argument("--plan", action="store_true", help="only print what there is to solve")
+    parser.add_argument("--quiet", action="store_true", help="print complaints only")
+
+
+def _sweep(options: argparse.Namespace) -> int:
+    from pvdf_fem.scene.scene_file import SceneError
+
+    output = options.output or Path(options.sweep.with_suffix(".nc").name)
+    mistakes = [] if options.plan else output_mistakes(output, [".nc"])
+    if options.processes == 0 or options.processes < -1:
+        mistakes.append(f"--processes {options.processes}: give 1 or more, or -1 for all cores")
+    from pvdf_fem.sweeps.grid import Grid
+
+    try:
+        grid = Grid.load(options.sweep)
+        scenes = grid.scenes()
+    except SceneError as error:
+        raise InputError(*mistakes, *error.problems) from error
+    if mistakes:
+        raise InputError(*mistakes)
+    from pvdf_fem.sweeps.store import Store, StoreError
+    from pvdf_fem.sweeps.sweep import planned
+    from pvdf_fem.sweeps.workers import ClusterError
+
+    path = options.store or output.with_suffix(".db")
+    try:
+        if options.plan and not path.exists():
+            print(planned(scenes))
+            return CONVERGED
+        with Store(path) as store:
+            plan = planned(scenes, store)
+            if options.plan or not options.quiet:
+                print(plan, flush=True)
+            return CONVERGED if options.plan else _run(grid, plan, store, output, options)
+    except (StoreError, ClusterError) as error:
+        raise InputError(str(error)) from error
+
+
+def _run(grid: Grid, plan: Plan, store: Store, output: Path, options: argparse.Namespace) -> int:
+    from tqdm import tqdm
+
+    from pvdf_fem.sweeps.dataset import dataset, write_netcdf
+    from pvdf_fem.sweeps.sweep import records
+
+    hidden = options.quiet or not sys.stderr.isatty()
+    with tqdm(total=plan.missing, unit="scene", disable=hidden) as bar:
+        found = records(
+            plan,
+            store,
+            processes=options.processes,
+            scheduler=options.scheduler,
+            progress=lambda done, _: bar.update(done - bar.n),
+        )
+        data = dataset(grid, plan, found)
+    write_netcdf(data, output)
+    if not options.quiet:
+        print(f"{output}: {_sizes(data)}")
+    failed = Counter(status for status in data.status.values.ravel() if status != "converged")
+    for status, count in failed.items():
+        print(f"no charges in {count} scenes: {status}", file=sys.stderr)
+    return NOT_CONVERGED if failed else CONVERGED
+
+
+def _sizes(data: xarray.Dataset) -> str:
+    return ", ".join(f"{count} {name}" for name, count in data.sizes.items())

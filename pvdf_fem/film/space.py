@@ -1,0 +1,177 @@
+"""The finite-element space: scikit-fem's basis, and its functions wherever they are asked for.
+
+All three displacement components have the same scalar space of order 1 to 4 on six-node triangles.
+The dofs are those of ``ElementVector(element, 3)``: component c of scalar dof i is dof 3 i + c.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from skfem import (
+    Basis,
+    Element,
+    ElementTriP1,
+    ElementTriP2,
+    ElementTriP3,
+    ElementTriP4,
+    ElementVector,
+    MeshTri2,
+)
+
+from pvdf_fem.arrays import ALL, COMPLEX_STEP, Array, Indices, Selection, components_last
+from pvdf_fem.mesh.points import CANDIDATES, local_coordinates, nearest_elements
+
+ELEMENTS: dict[int, type[Element]] = {
+    1: ElementTriP1,
+    2: ElementTriP2,
+    3: ElementTriP3,
+    4: ElementTriP4,
+}
+# Exact for the membrane's residual on straight-sided elements: four gradients of degree order - 1.
+# The tangent of order 3 keeps its full rank with degree 6, and a higher degree moves no digit.
+INTEGRATION_ORDER = {1: 1, 2: 4, 3: 6, 4: 8}
+
+
+class Space:
+    """Continuous displacements of one polynomial order on a mesh.
+
+    Parameters
+    ----------
+    mesh : MeshTri2
+        Reference disc, metres.
+    order : int
+        Polynomial order of all three displacement components, 1 to 4.
+
+    Attributes
+    ----------
+    basis : skfem.Basis
+        The scalar basis of each component.
+    gradients : (elements, points, functions, 2)
+        Gradients of its functions at the quadrature points, 1/m.
+    weights : (elements, points)
+        Quadrature weights times area, m^2.
+    element_dofs : (elements, dofs of an element) int
+    dof_count : int
+    """
+
+    def __init__(self, mesh: MeshTri2, order: int) -> None:
+        self.mesh, self.order = mesh, order
+        self.basis = Basis(mesh, ELEMENTS[order](), intorder=INTEGRATION_ORDER[order])
+        self.gradients: Array = np.stack(
+            [shape[0].grad for shape in self.basis.basis], -1
+        ).transpose(1, 2, 3, 0)
+        elements, points, functions, _ = self.gradients.shape
+        rows = self.gradients.swapaxes(2, 3).reshape(elements, 2 * points, functions)
+        #: The same, (elements, 2 points, functions): components of a point are neighbours.
+        self.gradient_rows = np.ascontiguousarray(rows)
+        self.weights: Array = self.basis.dx
+        nodes = self.nodes
+        self.element_dofs: Indices = (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), -1)
+        self.dof_count = 3 * self.basis.N
+
+    @property
+    def nodes(self) -> Indices:
+        """Scalar dofs of the elements, (elements, functions)."""
+        return np.asarray(self.basis.element_dofs.T)
+
+    @cached_property
+    def vector_basis(self) -> Basis:
+        """The three-component basis on which the scikit-fem forms assemble."""
+        element = ElementVector(ELEMENTS[self.order](), 3)
+        return Basis(self.mesh, element, intorder=INTEGRATION_ORDER[self.order])
+
+    @cached_property
+    def values(self) -> Array:
+        """Values of the functions at the quadrature points, (elements, points, functions)."""
+        shape = self.weights.shape
+        return np.stack([np.broadcast_to(s[0], shape) for s in self.basis.basis], axis=-1)
+
+    def gradient(self, x: Array, elements: Selection = ALL) -> Array:
+        """Displacement gradient (elements, points, 3, 2) of the dofs `x` at quadrature points."""
+        rows, nodes = self.gradient_rows[elements], self.nodes[elements]
+        slopes = np.matmul(rows, x.reshape(-1, 3)[nodes]).reshape(len(rows), -1, 2, 3)
+        return components_last(np.ascontiguousarray(slopes.transpose(3, 2, 0, 1)), 2)
+
+    def forces(self, flux: Array) -> Array:
+        """Integrals of flux : grad v, (elements, dofs of an element).
+
+        `flux` (2, 3, elements, points) has direction and component first, and the weights in it.
+        """
+        stacked = flux.transpose(2, 3, 0, 1).reshape(len(self.gradient_rows), -1, 3)
+        return np.matmul(self.gradient_rows.swapaxes(1, 2), stacked).reshape(
+            self.element_dofs.shape
+        )
+
+    def sum(self, element_vectors: Array, elements: Selection = ALL) -> Array:
+        """Sum of element vectors (elements, dofs of an element) at the dofs, (dofs,)."""
+        dofs = self.element_dofs[elements]
+        return np.bincount(dofs.ravel(), element_vectors.ravel(), self.dof_count)
+
+    def laplace(self) -> Array:
+        """Integrals of grad v . grad u, (elements, dofs of an element, dofs of an element)."""
+        weighted = self.gradients * self.weights[..., None, None]
+        return self._by_component(np.matmul(weighted, self.gradients.swapaxes(2, 3)).sum(axis=1))
+
+    def mass(self) -> Array:
+        """Integrals of v . u in m^2, (elements, dofs of an element, dofs of an element)."""
+        weighted = self.values * self.weights[..., None]
+        return self._by_component(np.matmul(weighted.swapaxes(1, 2), self.values))
+
+    def _by_component(self, scalar: Array) -> Array:
+        blocks = np.einsum("eab,ij->eaibj", scalar, np.eye(3))
+        return blocks.reshape(*self.element_dofs.shape, self.element_dofs.shape[1])
+
+    def gradients_at(self, elements: Indices, points: Array) -> Array:
+        """Gradients of the functions in 1/m, (n, points, functions, 2).
+
+        `points` (2, n, points) are local coordinates, each row in one of the `elements` (n,).
+        """
+        local = reference_gradients(self.basis.elem, points.reshape(2, -1))
+        inverse = self.mesh.mapping().invDF(points, elements)
+        local = local.reshape(*points.shape[1:], -1, 2)
+        return np.matmul(local, inverse.transpose(2, 3, 0, 1))
+
+    def interpolation(self, points: Array, candidates: int = CANDIDATES) -> sp.csr_matrix:
+        """Matrix (points, scalar dofs) that takes nodal values to values at points (2, n)."""
+        elements, _ = nearest_elements(self.mesh, points, candidates)
+        local = local_coordinates(self.mesh, elements, points.T[:, None])[:, :, 0]
+        values = shape_values(self.basis.elem, local)
+        rows = np.broadcast_to(np.arange(len(values))[:, None], values.shape)
+        entries = values.ravel(), (rows.ravel(), self.nodes[elements].ravel())
+        return sp.csr_matrix(entries, shape=(len(values), self.basis.N))
+
+
+def shape_values(element: Element, points: Array) -> Array:
+    """Values (..., functions) of an element's functions at local points (2, ...)."""
+    flat = points.reshape(2, -1)
+    values = [element.lbasis(flat, i)[0] for i in range(len(element.doflocs))]
+    return np.stack(values, axis=-1).reshape(*points.shape[1:], -1)
+
+
+def reference_gradients(element: Element, points: Array) -> Array:
+    """First derivatives (points, functions, 2) by the local coordinates, at points (2, points)."""
+    first = [element.lbasis(points, i)[1] for i in range(len(element.doflocs))]
+    return np.array(first).transpose(2, 0, 1)
+
+
+def reference_hessians(element: Element, points: Array) -> Array:
+    """Second derivatives (points, functions, 2, 2) by the local coordinates."""
+    second = []
+    for direction in np.eye(2):
+        moved = points + 1j * COMPLEX_STEP * direction[:, None]
+        second.append(reference_gradients(element, moved).imag / COMPLEX_STEP)
+    return np.stack(second, axis=-1)
+
+
+def transferred(space: Space, x: Array, target: Space) -> Array:
+    """The dofs on `target`, another mesh, of the displacement that has the dofs `x` on `space`.
+
+    A starting guess: points in none of the triangles tried are extrapolated from the nearest.
+    """
+    elements, local = nearest_elements(space.mesh, target.basis.doflocs)
+    nodal = x.reshape(-1, 3)[space.basis.element_dofs[:, elements]]
+    values = shape_values(space.basis.elem, local)
+    return np.einsum("pi,ipc->pc", values, nodal).ravel()

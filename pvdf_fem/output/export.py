@@ -1,0 +1,263 @@
+"""Solutions and meshes as files for other programs, by meshio."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+from xml.sax.saxutils import escape
+
+import numpy as np
+from numpy.typing import NDArray
+from skfem import Basis, ElementTriP2, MeshTri2
+
+from pvdf_fem.files import FileError, replacing
+from pvdf_fem.film.membrane import Array, principal, strain_of
+from pvdf_fem.mesh.gmsh_mesh import FILM, RIM
+
+if TYPE_CHECKING:
+    from pvdf_fem.solution.solution import Solution
+
+
+class ExportError(FileError):
+    """A format cannot hold a solution or a mesh; the text says what to change."""
+
+
+# ------------------------------------------------------------------------------------- solutions
+
+
+def write_vtu(solution: Solution, path: str | Path) -> None:
+    """Write a solution as an unstructured grid of VTK, for ParaView.
+
+    Points are the reference disc in m, cells six-node triangles. Values at the points are those of
+    the solution, which is cubic in between; a finer tolerance gives a finer grid.
+
+    Point data: ``displacement`` (m, three components: Warp By Vector shows the deformed film) and
+    ``S11``, ``S22``, ``S12``, the second Piola-Kirchhoff stress in Pa as the mean over the elements
+    around a node, weighted with their areas, and ``principal_tension``, the larger principal value
+    of that mean. Cell data: the same three stresses averaged over the element, and for each patch
+    an array of its name (``electrode A``, ``probe``), 1 inside and 0 outside.
+
+    Parameters
+    ----------
+    solution : Solution
+        Converged.
+    path : str or Path
+        Ends in ``.vtu``.
+
+    Raises
+    ------
+    NotConvergedError
+        When the solution has no fields.
+    ExportError, FileError
+        When the path has another ending; when the file cannot be written.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".vtu":
+        raise ExportError(f"{path}: is written as VTU; give a name that ends in .vtu")
+    displacement, nodal = _at_nodes(solution)
+    membrane, state = solution.fields.equilibrium.membrane, solution.fields.state
+    weights = membrane.weights[..., None]
+    mean = (state.stress * weights).sum(axis=1) / weights.sum(axis=1)
+    point_data = {"displacement": displacement, **_components(nodal)}
+    point_data["principal_tension"] = principal(nodal)[1]
+    cell_data = {**_components(mean), **_masks(solution.mesh)}
+    _write(_grid(solution.mesh, point_data=point_data, cell_data=cell_data), path, "vtu")
+
+
+def _at_nodes(solution: Solution) -> tuple[Array, Array]:
+    """Displacement (nodes, 3) and averaged stress (nodes, 3) at the nodes of the mesh."""
+    membrane, mesh = solution.fields.equilibrium.membrane, solution.mesh
+    corners = ElementTriP2.doflocs.T
+    basis = Basis(mesh, membrane.basis.elem, quadrature=(corners, np.full(6, 1.0 / 12.0)))
+    values = np.stack([np.broadcast_to(s[0], basis.dx.shape) for s in basis.basis], axis=-1)
+    gradients = np.stack([s[0].grad for s in basis.basis], axis=-1).transpose(1, 2, 3, 0)
+    dofs = solution.displacement[basis.element_dofs.T][:, None]
+    stress = membrane.stress(strain_of(np.matmul(dofs.swapaxes(2, 3), gradients)))
+
+    nodes = mesh.dofs.element_dofs.T
+    displacement = np.zeros((mesh.doflocs.shape[1], 3))
+    displacement[nodes] = np.einsum("epf,ezfc->epc", values, dofs)
+    areas = np.broadcast_to(membrane.weights.sum(axis=1)[:, None], nodes.shape).ravel()
+    total = np.bincount(nodes.ravel(), areas)
+    sums = [np.bincount(nodes.ravel(), areas * part.ravel()) for part in np.moveaxis(stress, -1, 0)]
+    return displacement, np.stack(sums, axis=-1) / total[:, None]
+
+
+def _components(stress: Array) -> dict[str, Array]:
+    return dict(zip(("S11", "S22", "S12"), np.moveaxis(stress, -1, 0), strict=True))
+
+
+# ---------------------------------------------------------------------------------------- meshes
+
+
+@dataclass(frozen=True)
+class Format:
+    """How a mesh goes into a file.
+
+    Attributes
+    ----------
+    name : str
+        meshio's name of the format.
+    patches : str
+        ``arrays``: 0/1 cell data of each patch; ``groups``: named groups without overlap, one for
+        each combination of patches; ``sets``: named sets, which may overlap.
+    options : tuple
+        Keyword arguments of meshio's writer.
+    """
+
+    name: str
+    patches: Literal["arrays", "groups", "sets"]
+    options: tuple[tuple[str, Any], ...] = ()
+
+
+#: Formats of meshio that hold six-node triangles and patches, by extension.
+FORMATS = {
+    ".msh": Format("gmsh22", "groups", (("binary", False),)),
+    ".inp": Format("abaqus", "sets"),
+    ".vtu": Format("vtu", "arrays"),
+    ".vtk": Format("vtk", "arrays"),
+    ".xdmf": Format("xdmf", "arrays", (("data_format", "XML"),)),  # the others: in two files
+}
+
+
+def mesh_format(path: str | Path) -> Format:
+    """The format that a file's extension means; raises `ExportError` listing the extensions."""
+    path = Path(path)
+    found = FORMATS.get(path.suffix.lower())
+    if found is None:
+        raise ExportError(
+            f"{path}: no format for six-node triangles with patches has the extension "
+            f"{path.suffix!r}; choose from {' '.join(FORMATS)}"
+        )
+    return found
+
+
+def write_mesh(mesh: MeshTri2, path: str | Path) -> None:
+    """Write a mesh in the format of the path's extension (`FORMATS`).
+
+    Points are in m with z = 0, elements six-node triangles, counter-clockwise. Patches become:
+
+    - ``.msh``: physical groups. An element of an MSH file has one group only while a probe may
+      press on an electrode, so each combination of patches is a group: ``electrode A``, ``probe``,
+      ``electrode A + probe``, ``film`` for the rest, and ``rim``, three-node lines.
+    - ``.inp``: element sets of the patches, which may overlap, and the node set ``rim``; blanks in
+      names become underscores.
+    - ``.vtu``, ``.vtk``, ``.xdmf``: cell data, 1 inside a patch and 0 outside (blanks
+      become underscores in ``.vtk``).
+
+    Parameters
+    ----------
+    mesh : MeshTri2
+        From `mesh_scene`.
+    path : str or Path
+
+    Raises
+    ------
+    ExportError, FileError
+        When there is no such format or meshio lacks a library for it; when the file cannot be
+        written.
+    """
+    path = Path(path)
+    kind = mesh_format(path)
+    patches = _masks(mesh)
+    if kind.name in ("abaqus", "vtk"):
+        patches = _without_blanks(patches, path)
+    data: dict[str, Any] = {}
+    if kind.patches == "arrays":
+        data["cell_data"] = patches
+    elif kind.patches == "sets":
+        data["cell_sets"] = {name: [np.flatnonzero(mask)] for name, mask in patches.items()}
+        data["point_sets"] = {RIM: np.unique(_rim(mesh))}
+    grid = _grid(mesh, **data)
+    if kind.patches == "groups":
+        _add_groups(grid, mesh)
+    _write(grid, path, kind.name, **dict(kind.options))
+
+
+def _add_groups(grid: Any, mesh: MeshTri2) -> None:
+    """Physical groups of gmsh: one for each combination of patches, and the rim."""
+    patches = _masks(mesh)
+    combinations, group = np.unique(
+        np.array([*patches.values()]).reshape(len(patches), -1), axis=1, return_inverse=True
+    )
+    names = [
+        " + ".join(name for name, inside in zip(patches, column, strict=True) if inside) or FILM
+        for column in combinations.T
+    ]
+    rim = _rim(mesh)
+    tags = [group.ravel() + 1, np.full(len(rim), len(names) + 1)]
+    grid.cells.append(_meshio().CellBlock("line3", rim))
+    grid.cell_data = {"gmsh:physical": tags, "gmsh:geometrical": tags}
+    dimensions = {name: (tag, 2) for tag, name in enumerate(names, start=1)}
+    dimensions[RIM] = (len(names) + 1, 1)
+    grid.field_data = {name: np.array(value) for name, value in dimensions.items()}
+
+
+def _masks(mesh: MeshTri2) -> dict[str, NDArray[np.int32]]:
+    """For each patch 1 in its elements and 0 elsewhere, (elements,)."""
+    masks = {}
+    for name, elements in mesh.subdomains.items():
+        if name != FILM:
+            masks[name] = np.zeros(mesh.nelements, dtype=np.int32)
+            masks[name][elements] = 1
+    return masks
+
+
+def _without_blanks(patches: dict[str, Any], path: Path) -> dict[str, Any]:
+    renamed = {re.sub(r"\s", "_", name): mask for name, mask in patches.items()}
+    if len(renamed) < len(patches):
+        raise ExportError(
+            f"{path}: this format has no blanks in names, and without them two electrodes have "
+            "one name; rename an electrode"
+        )
+    return renamed
+
+
+def _rim(mesh: MeshTri2) -> NDArray[np.int64]:
+    """Nodes of the three-node lines of the rim, (lines, 3)."""
+    facets = mesh.boundaries[RIM]
+    return np.vstack([mesh.facets[:, facets], mesh.dofs.facet_dofs[0, facets]]).T
+
+
+# --------------------------------------------------------------------------------------- writing
+
+
+def _meshio() -> Any:
+    import meshio  # takes a quarter of a second
+
+    return meshio
+
+
+def _grid(mesh: MeshTri2, **data: Any) -> Any:
+    """The mesh for meshio; cell data as one array each."""
+    points = np.column_stack([mesh.doflocs.T, np.zeros(mesh.doflocs.shape[1])])
+    cell_data = {name: [values] for name, values in data.pop("cell_data", {}).items()}
+    triangles = [("triangle6", _counter_clockwise(mesh))]
+    return _meshio().Mesh(points, triangles, cell_data=cell_data, **data)
+
+
+def _counter_clockwise(mesh: MeshTri2) -> NDArray[np.int64]:
+    """Nodes of the elements, (elements, 6): vertices, then the midside nodes that follow them."""
+    nodes = np.asarray(mesh.dofs.element_dofs.T)
+    a, b, c = mesh.doflocs.T[nodes[:, :3]].swapaxes(0, 1)
+    (x1, y1), (x2, y2) = (b - a).T, (c - a).T
+    return np.where((x1 * y2 < x2 * y1)[:, None], nodes[:, [0, 2, 1, 5, 4, 3]], nodes)
+
+
+def _write(grid: Any, path: Path, name: str, **options: Any) -> None:
+    if name == "vtu":  # meshio writes names into the XML as they are
+        grid.cell_data = {_xml(key): values for key, values in grid.cell_data.items()}
+    try:
+        with replacing(path) as part:
+            grid.write(part, file_format=name, **options)
+    except ImportError as error:
+        raise ExportError(
+            f"{path}: meshio writes this format with {error.name}; run `pip install {error.name}`,"
+            " or choose another extension"
+        ) from error
+
+
+def _xml(text: str) -> str:
+    return escape(text).encode("ascii", "xmlcharrefreplace").decode()

@@ -1,0 +1,158 @@
+"""All mistakes of a scene, told under the keys of the scene file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from itertools import chain, islice
+from typing import Any, cast
+
+from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
+
+from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.placement import misplacements
+from pvdf_fem.scene.scene_file import choose, problem, quote
+from pvdf_fem.scene.shapes import ELECTRODES, MOST_ELECTRODES, PROBES, Electrode, Layout, Probe
+
+#: Mistakes told about one scene.
+MOST_MISTAKES = 100
+
+_REASONS = {
+    "finite_number": "must be finite; give a number",
+    "float_type": "must be a number; write digits without quotes",
+    "missing": "is required; add it",
+    "model_type": "must be a table; put its keys below a heading in brackets",
+    "string_unicode": "is not Unicode text; write it with other characters",
+    "string_type": "must be text; put it in quotes",
+    "tuple_type": "must be a list; put it in brackets",
+    "union_tag_not_found": "must be a table; put its keys below a heading in brackets",
+}
+
+
+def mistakes(error: ValidationError, data: Mapping[str, Any], model: type[BaseModel]) -> list[str]:
+    """One line for each mistake, at most `MOST_MISTAKES` of them.
+
+    Parameters
+    ----------
+    error : ValidationError
+        What pydantic found when it validated `data`.
+    data : mapping
+        The scene as tables, lists and scalars.
+    model : type
+        The model of the scene.
+
+    Notes
+    -----
+    The scene compares its shapes with each other only when each part is valid by itself. The
+    parts that are valid are compared here, so that mistakes of both sorts are told together.
+    """
+    found = [d for d in error.errors(include_url=False) if not _is_shortened(d)]
+    lines: Iterator[str]
+    if found[0]["type"] == "misplaced":
+        lines = iter(found[0]["ctx"]["problems"])
+    else:
+        lines = chain((_line(details, model) for details in found), _among_valid_parts(data))
+    told = list(islice(lines, MOST_MISTAKES + 1))
+    if len(told) > MOST_MISTAKES:
+        told[MOST_MISTAKES:] = ["there are more mistakes; correct these first"]
+    return told
+
+
+def _is_shortened(details: ErrorDetails) -> bool:
+    """Whether a list is called too short only because its invalid entries were not counted."""
+    short = details["type"] == "too_short"
+    return short and len(details["input"]) >= details["ctx"]["min_length"]
+
+
+def _line(details: ErrorDetails, model: type[BaseModel]) -> str:
+    """One complaint of pydantic in the words of the scene file."""
+    kind, loc, value = details["type"], details["loc"], details["input"]
+    context = details.get("ctx", {})
+    key = _key(loc)
+    reason = _REASONS.get(kind, details["msg"])
+    if kind == "scene":
+        reason = context["reason"]
+    elif kind == "missing":
+        return f"{key} = (nothing): {reason}"
+    elif kind == "extra_forbidden":
+        reason = f"is no key there; {choose(loc[-1], list(_owner(loc, model).model_fields))}"
+    elif kind == "literal_error":
+        reason = f"is not known; {choose(value, _quoted(context['expected']))}"
+    elif kind == "union_tag_invalid":
+        key, value = f"{key}.shape", value["shape"]
+        reason = f"is not known; {choose(value, _quoted(context['expected_tags']))}"
+    elif kind == "float_type" and isinstance(value, int) and not isinstance(value, bool):
+        reason = "is too large; give a smaller number"
+    elif kind in ("too_short", "too_long"):
+        few, bound = ("few", "at least") if kind == "too_short" else ("many", "at most")
+        limit = context["min_length" if kind == "too_short" else "max_length"]
+        reason = f"has too {few} entries; give {bound} {limit}"
+    return problem(key, value, reason)
+
+
+def _key(loc: tuple[int | str, ...]) -> str:
+    """The key as the scene file has it: pydantic adds the member of a union that it tried."""
+    parts = list(loc)
+    if parts[0] in ("probe", "electrodes"):
+        del parts[1:2]
+        if len(parts) > 2 and parts[0] == "electrodes" and isinstance(parts[1], int):
+            del parts[2]
+    elif parts[:2] == ["film", "youngs_modulus_GPa"]:
+        del parts[2:3]
+    steps = (f"[{part}]" if isinstance(part, int) else f".{_bare(part)}" for part in parts)
+    return "".join(steps).removeprefix(".")
+
+
+def _bare(key: str) -> str:
+    return key if re.fullmatch(r"[\w-]{1,60}", key) else quote(key)
+
+
+def _owner(loc: tuple[int | str, ...], model: type[BaseModel]) -> type[BaseModel]:
+    """The model that has the key at `loc`, or should have it."""
+    match loc[:-1]:
+        case ():
+            return model
+        case ("probe", str(shape)):
+            return PROBES[shape]
+        case ("electrodes", "layout"):
+            return Layout
+        case ("electrodes", "list", int(), str(shape)):
+            return ELECTRODES[shape]
+    section: Any = model.model_fields[str(loc[0])].annotation
+    return cast(type[BaseModel], section)
+
+
+def _quoted(text: str) -> list[str]:
+    return re.findall("'([^']*)'", text)
+
+
+def _among_valid_parts(data: Mapping[str, Any]) -> Iterator[str]:
+    """Misplacements among those parts of a scene that are valid by themselves."""
+    sections = {name: part for name, part in data.items() if isinstance(part, Mapping)}
+    radius = {key: value for key, value in sections.get("film", {}).items() if key == "radius_mm"}
+    film = _valid(Film, radius)
+    electrodes: Any = data.get("electrodes", {})
+    if isinstance(electrodes, list):
+        parts = [_valid(Electrode, part) for part in electrodes[:MOST_ELECTRODES]]
+        electrodes = {i: part for i, part in enumerate(parts) if part is not None}
+    else:
+        electrodes = _valid(Layout, electrodes) or {}
+    yield from misplacements(
+        film.radius_mm if film else None,
+        electrodes,
+        _valid(Probe, data.get("probe")),
+        _text(sections.get("load", {}).get("kind")),
+        _text(sections.get("numerics", {}).get("observable")),
+    )
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else ""
+
+
+def _valid(part: Any, value: Any) -> Any:
+    try:
+        return TypeAdapter(part).validate_python(value)
+    except ValidationError:
+        return None

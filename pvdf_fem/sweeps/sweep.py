@@ -1,0 +1,150 @@
+"""Many scenes: what can be shared is solved once, on all cores or a cluster, and kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from pvdf_fem.scene.scene import Scene
+from pvdf_fem.sweeps.grid import Grid
+from pvdf_fem.sweeps.plan import Plan, plan
+from pvdf_fem.sweeps.records import records_of
+from pvdf_fem.sweeps.store import Record, Store
+from pvdf_fem.sweeps.workers import Died, on_cluster, on_processes
+
+if TYPE_CHECKING:
+    import xarray
+
+#: Status of a scene whose solve ended in an exception or with the death of its process. It is not
+#: stored, so the next run tries it again.
+CRASHED = "crashed"
+
+Progress = Callable[[int, int], None]
+
+
+def silent(done: int, total: int) -> None:
+    """A `Progress` that tells nobody."""
+
+
+def sweep(
+    scene: Scene,
+    axes: Sequence[Mapping[str, Any]],
+    store: Store | None = None,
+    *,
+    processes: int = -1,
+    scheduler: str | None = None,
+    progress: Progress = silent,
+) -> xarray.Dataset:
+    """Charges of a scene over a grid.
+
+    Parameters
+    ----------
+    scene : Scene
+        The base scene.
+    axes : sequence of mapping
+        See `pvdf_fem.sweeps.grid.Grid.of`: ``[{"film.thickness_um": [9, 25, 110]}, ...]``.
+    store, processes, scheduler, progress
+        As for `solve_all`.
+
+    Returns
+    -------
+    xarray.Dataset
+        See `pvdf_fem.sweeps.dataset.dataset`.
+
+    Raises
+    ------
+    SceneError
+        When an axis, or a scene of the grid, has a mistake.
+    """
+    from pvdf_fem.sweeps.dataset import dataset  # xarray is slow to import
+
+    grid = Grid.of(scene, axes)
+    todo = planned(grid.scenes(), store)
+    found = records(todo, store, processes=processes, scheduler=scheduler, progress=progress)
+    return dataset(grid, todo, found)
+
+
+def solve_all(
+    scenes: Sequence[Scene],
+    store: Store | None = None,
+    *,
+    processes: int = -1,
+    scheduler: str | None = None,
+    progress: Progress = silent,
+) -> list[Record]:
+    """Records of scenes, in their order.
+
+    Parameters
+    ----------
+    scenes : sequence of Scene
+        One solve serves all whose films deform alike, see `pvdf_fem.sweeps.equivalence`.
+    store : Store, optional
+        Scenes found in it are not solved; others are added as they are solved, except crashed ones.
+    processes : int
+        Number of processes, -1 for all cores; 1 solves in this one.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers solve in place of processes of this machine.
+    progress : callable
+        Called with the numbers of finished and of all distinct scenes to be solved.
+    """
+    todo = planned(scenes, store)
+    found = dict(records(todo, store, processes=processes, scheduler=scheduler, progress=progress))
+    return [found[first] for first in todo.first.tolist()]
+
+
+def planned(scenes: Sequence[Scene], store: Store | None = None) -> Plan:
+    """The plan for scenes, less what the store has."""
+    return plan(scenes, None if store is None else [scene in store for scene in scenes])
+
+
+def records(
+    todo: Plan,
+    store: Store | None = None,
+    *,
+    processes: int = -1,
+    scheduler: str | None = None,
+    progress: Progress = silent,
+) -> Iterator[tuple[int, Record]]:
+    """The records of a plan as they come: index of the first of equal scenes, and its record.
+
+    For the parameters see `solve_all`.
+    """
+    if store is not None:
+        for index in todo.stored:
+            record = store.get(todo.scenes[index])
+            assert record is not None  # rows are never removed
+            yield index, record
+    tasks = {
+        number: ([todo.scenes[i] for i in block.indices], block.frames)
+        for number, block in enumerate(todo.blocks)
+    }
+    run = (
+        partial(on_cluster, scheduler=scheduler)
+        if scheduler
+        else partial(on_processes, processes=processes)
+    )
+    done, total = 0, todo.missing
+    progress(done, total)
+    for number, result in run(_solved, tasks):
+        indices = todo.blocks[number].indices
+        if isinstance(result, Died):
+            result = _crashed(tasks[number][0], result.reason)
+        if store is not None:
+            pairs = zip((todo.scenes[i] for i in indices), result, strict=True)
+            store.put((scene, record) for scene, record in pairs if record.status != CRASHED)
+        done += len(indices)
+        progress(done, total)
+        yield from zip(indices, result, strict=True)
+
+
+def _solved(task: tuple[list[Scene], Any]) -> list[Record]:
+    try:
+        return records_of(*task)
+    except Exception as error:  # whatever it is, the other scenes go on
+        return _crashed(task[0], f"{type(error).__name__}: {error}")
+
+
+def _crashed(scenes: Sequence[Scene], reason: str) -> list[Record]:
+    names = [tuple(electrode.name for electrode in scene.electrode_list) for scene in scenes]
+    return [Record(CRASHED, reason, each, {}, {}, 0.0, 0, 0, (), 0.0) for each in names]

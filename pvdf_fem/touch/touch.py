@@ -1,0 +1,209 @@
+"""A touch recovered from charges, and the model it is recovered with."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.shapes import PERIOD_DEG
+
+Array = NDArray[np.float64]
+
+#: What a touch is made of, in the order of a model's argument.
+QUANTITIES = ("x_mm", "y_mm", "rotation_deg", "force_N")
+# The same in a scene.
+KEYS = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg", "load.force_N")
+X, Y, ROTATION, FORCE = range(4)
+
+_FEW = 32
+#: Charges that a right model would give less often than this are called unexplained.
+SIGNIFICANCE = 1e-3
+#: A direction is determined if the domain is so many standard deviations wide along it.
+DETERMINED = 3.0
+
+
+class Domain(Protocol):
+    """Where a model holds: centroids up to a distance from the film's centre, and forces."""
+
+    @property
+    def reach_mm(self) -> float: ...
+    @property
+    def force_N(self) -> tuple[float, float]: ...
+
+
+class Model(Hashable, Protocol):
+    """Charges of the electrodes as a smooth function of a touch (`pvdf_fem.response.response`)."""
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+    @property
+    def scene(self) -> Scene: ...
+    @property
+    def domain(self) -> Domain: ...
+    @property
+    def error_bound(self) -> float: ...
+
+    def evaluate(self, touches: Array) -> tuple[Array, Array]:
+        """Charges (n, electrodes) in pC of touches (n, 4), and their slopes (..., 4)."""
+
+
+def period_deg(model: Model) -> float:
+    """Least rotation that brings the probe onto itself; 360 for a disc, whose rotation is void."""
+    probe = model.scene.probe
+    return PERIOD_DEG.get(probe.shape, 360.0) or 360.0 if probe else 360.0
+
+
+def all_within(touches: Array, reach_mm: float, lowest: float, highest: float) -> bool:
+    """Whether touches (n, 4) are within the reach and the range of the force, or its logarithm."""
+    square = reach_mm * reach_mm
+    if len(touches) <= _FEW:  # for which arrays take longer
+        return all(
+            x * x + y * y <= square and math.isfinite(rotation) and lowest <= force <= highest
+            for x, y, rotation, force in touches.tolist()
+        )
+    x, y, rotation, force = touches.T
+    inside = (x * x + y * y <= square) & (lowest <= force) & (force <= highest)
+    return bool((inside & np.isfinite(rotation)).all())
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """A touch whose charges are, among touches nearby, the likeliest to give those measured.
+
+    Attributes
+    ----------
+    x_mm, y_mm, rotation_deg, force_N : float
+        The rotation from 0 to the probe's period.
+    unknown : tuple of str
+        The quantities that were sought, of `QUANTITIES`; the order of all matrices.
+    jacobian : ndarray, shape (electrodes, unknown)
+        Slopes of the charges by the unknown, divided by the charges' standard deviations.
+    extent : ndarray, shape (unknown,)
+        Size of the domain in each unknown: what is known of it without any charge.
+    chi_square : float
+        Sum of the squared residuals, each divided by its standard deviation.
+    p_value : float
+        Probability of a larger chi-square if the model is right; NaN if there are no more charges
+        than unknown quantities.
+    weight : float
+        Share of this touch in the likelihood of all touches of its location.
+    at_edge : tuple of str
+        Which limits of the model's domain hold it: ``reach_mm``, ``force_N``. The true touch may
+        lie beyond.
+    """
+
+    x_mm: float
+    y_mm: float
+    rotation_deg: float
+    force_N: float
+    unknown: tuple[str, ...]
+    jacobian: Array
+    extent: Array
+    chi_square: float
+    p_value: float
+    weight: float
+    at_edge: tuple[str, ...]
+
+    @property
+    def values(self) -> Array:
+        """The touch as a model takes it, (4,)."""
+        return np.array([self.x_mm, self.y_mm, self.rotation_deg, self.force_N])
+
+    @cached_property
+    def _singular(self) -> tuple[Array, Array]:
+        """Singular values, and right singular vectors as rows, per extent of each unknown."""
+        _, values, vectors = np.linalg.svd(self.jacobian * self.extent)
+        return np.pad(values, (0, len(vectors) - len(values))), vectors
+
+    @property
+    def null_directions(self) -> Array:
+        """Combinations of the unknown that the charges do not determine, (n, unknown).
+
+        Moved by a third of the domain along one of them, a touch changes its charges by less than
+        their standard deviation. In units of the unknown, the largest entry relative to its extent
+        being positive.
+        """
+        values, vectors = self._singular
+        free = vectors[values < DETERMINED]
+        largest = np.abs(free).argmax(axis=1)
+        signs = np.sign(free[np.arange(len(free)), largest])
+        return free * self.extent * signs[:, None]
+
+    @property
+    def determined(self) -> bool:
+        """Whether the charges determine every unknown."""
+        return bool(self._singular[0][-1] >= DETERMINED)
+
+    @cached_property
+    def root(self) -> Array:
+        """A square root of the covariance, its columns along the singular vectors."""
+        values, vectors = self._singular
+        precision = values**2 + (values < DETERMINED)
+        return vectors.T / np.sqrt(precision) * self.extent[:, None]
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance (unknown, unknown) by the curvature of the likelihood at this touch.
+
+        That of the errors where the charges are as good as linear over them; if not, see
+        `Location.covariance`. Along a direction that the charges do not determine, that of the
+        domain is added: its extent is a standard deviation.
+        """
+        return self.root @ self.root.T
+
+    @property
+    def deviations(self) -> dict[str, float]:
+        """Standard deviation of each unknown."""
+        return dict(zip(self.unknown, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+    @property
+    def condition(self) -> float:
+        """Condition number of the Jacobian, its columns scaled to length 1; inf if one is 0.
+
+        This scaling is within √unknown of the best (van der Sluis 1969): units do not matter.
+        """
+        lengths = np.linalg.norm(self.jacobian, axis=0)
+        if not lengths.all() or len(self.jacobian) < len(lengths):
+            return np.inf
+        return float(np.linalg.cond(self.jacobian / lengths))
+
+    @property
+    def explained(self) -> bool:
+        """Whether charges as far from the model's are common, or cannot be judged."""
+        return not self.p_value < SIGNIFICANCE
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values for JSON, None for what is infinite or not defined."""
+        return {
+            **{name: float(getattr(self, name)) for name in QUANTITIES},
+            "standard_deviations": {k: finite(v) for k, v in self.deviations.items()},
+            "covariance": [[finite(v) for v in row] for row in self.covariance.tolist()],
+            "condition": finite(self.condition),
+            "chi_square": self.chi_square,
+            "p_value": finite(self.p_value),
+            "explained": self.explained,
+            "weight": self.weight,
+            "determined": self.determined,
+            "null_directions": [
+                dict(zip(self.unknown, row, strict=True)) for row in self.null_directions.tolist()
+            ],
+            "at_edge": list(self.at_edge),
+        }
+
+
+def finite(value: float) -> float | None:
+    """The value, or None where JSON has no number for it."""
+    return float(value) if np.isfinite(value) else None
+
+
+def touched(scene: Scene, touch: Array, tolerance: float) -> Scene:
+    """The scene of one touch."""
+    changes = dict(zip(KEYS, map(float, touch), strict=True))
+    return scene.with_(**changes, **{"numerics.tolerance": tolerance})

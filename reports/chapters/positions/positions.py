@@ -1,0 +1,213 @@
+"""Parts of the thesis report: the place of the probe recovered from its charges.
+
+Tables 3.1 to 3.3 and 3.5 with sections 3.1.2 and 3.2.2, and the scenes of the measured positions
+(Tables 5.1 and 5.2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from pvdf_fem import Scene
+from reports.chapters.positions.figures import Panel, picture
+from reports.chapters.positions.groups import EXPERIMENTS, GROUPS, Group
+from reports.chapters.positions.location import (
+    REFERENCE,
+    Answer,
+    Case,
+    Way,
+    answer,
+    located_scenes,
+    mm_per_percent,
+    place_of,
+)
+from reports.chapters.positions.texts import (
+    CLOSE_PERCENT,
+    Answers,
+    measured_texts,
+    position_texts,
+)
+from reports.common.page import Cell, Column, Picture, Table
+from reports.common.part import Content, Part
+from reports.common.results import Results
+from reports.common.thesis_data import Position, Thesis, TriangulationPoint
+
+
+def _scenes(group: Group) -> Callable[[Thesis], list[Scene]]:
+    return lambda thesis: located_scenes(thesis, group.cases(thesis))
+
+
+def _compose(
+    group: Group, texts: Callable[[Group, Thesis, Answers], list[str]]
+) -> Callable[[Thesis, Results, Path], Content]:
+    def compose(thesis: Thesis, results: Results, out: Path) -> Content:
+        cases = group.cases(thesis)
+        if not cases:
+            return Content(["None of its positions is among the chosen ones."], [])
+        answers = {case: answer(thesis, results, case) for case in cases}
+        blocks = [*_pictures(group, thesis, answers, out), _positions(group, thesis, answers)]
+        if group.printed(thesis):
+            blocks.append(_triangulation(group, thesis, answers))
+        return Content([text for text in texts(group, thesis, answers) if text], blocks)
+
+    return compose
+
+
+def _pictures(group: Group, thesis: Thesis, answers: Answers, out: Path) -> list[Table | Picture]:
+    rows, printed = {row.case: row for row in group.rows(thesis)}, group.printed(thesis)
+    panels, shown = [], []
+    for title, name in group.panels.items():
+        case = Case.of(rows[name]) if name in rows else None
+        found = answers[case] if case else None
+        if case and found:
+            panels.append(Panel(title, found, printed.get(case, ()), "close-up" in title))
+            shown += [title.split(":")[0]] if title.startswith("Fig.") else []
+    if not panels:
+        return []
+    picture(panels, out / f"{group.name}.svg")
+    kind = "measured" if group is EXPERIMENTS else "simulated"
+    return [
+        Picture(
+            f"{group.name}.svg",
+            f"{', '.join(dict.fromkeys(shown)) or group.title}: the {kind} cases of the thesis "
+            "with our charges. Full: contours of maps made for the probe's true orientation; "
+            "dashed: contours by the thesis's method, from the probe as it is not turned.",
+        )
+    ]
+
+
+# ------------------------------------------------------------------------------------- tables
+
+
+def _positions(group: Group, thesis: Thesis, answers: Answers) -> Table:
+    measured = group is EXPERIMENTS
+    lines, maps = "ours, thesis's method (mm)", "ours, contours of maps (mm)"
+    columns = [
+        Column("case", "case"),
+        Column("position", "position"),
+        Column("thesis_mm", "measured (mm)" if measured else "thesis (mm)", 3),
+        Column("turned_lines_mm", f"lines of {REFERENCE}, turned", 3, lines),
+        Column("own_lines_mm", "own lines", 3, lines),
+        Column("unturned_mm", "not turned", 3, maps),
+        Column("true_mm", "true orientation", 4, maps),
+        Column("least_squares_mm", "ours, least squares (mm)", 4),
+        Column("closest_pair", "closest contours"),
+        Column("margin_percent", "they cross by (% of a charge)", 2),
+    ]
+    if measured:
+        columns += [
+            Column("mm_per_percent", "error from 1 % of the charges (mm)", 3),
+            Column("percent", "charge error that makes the measured one (%)", 1),
+        ]
+    columns.append(Column("remark", "remark"))
+    rows = [_row(row, answers[Case.of(row)], measured) for row in group.rows(thesis)]
+    return Table(
+        group.name,
+        f"{', '.join(group.sources)}: distance of the recovered position from the probe's centre.",
+        columns,
+        rows,
+    )
+
+
+def _row(row: Position, found: Answer | None, measured: bool) -> list[Cell]:
+    head: list[Cell] = [row.case, row.position, row.error_mm]
+    if found is None:
+        return [*head, *[np.nan] * 5, "", np.nan, *([np.nan] * 2 if measured else []), "not solved"]
+    turned = found.turned_lines.get(REFERENCE)
+    cells: list[Cell] = [*head, turned.error_mm if turned else None, found.own_lines.error_mm]
+    cells += [found.unturned.error_mm, found.true.error_mm, found.fit_error_mm, *found.closest]
+    if measured:
+        sensitivity = mm_per_percent(found)
+        cells += [sensitivity, row.error_mm / sensitivity]
+    return [*cells, remark(row, found)]
+
+
+def remark(row: Position, found: Answer) -> str:
+    """Why contours do not cross, in the thesis or here."""
+    texts = []
+    pair, margin = found.closest
+    if np.isnan(row.error_mm):
+        texts.append("thesis: not intersecting")
+        if margin < 0.0:
+            texts.append(f"contours of {pair} of the probe not turned do not meet")
+        elif margin < CLOSE_PERCENT:
+            texts.append(f"contours of {pair} nearly touch")
+    ways = {"own lines": found.own_lines}
+    if REFERENCE in found.turned_lines:
+        ways = {f"lines of {REFERENCE}": found.turned_lines[REFERENCE], **ways}
+    for name, way in ways.items():
+        if way.found.reason:
+            texts.append(f"{name} here: {_count(way)}{way.found.reason}")
+    if found.true.found.reason:
+        texts.append(f"true orientation: {_count(found.true)}{found.true.found.reason}")
+    return "; ".join(texts)
+
+
+def _count(way: Way) -> str:
+    """How many triples have a place, if more than one could."""
+    triples = way.found.triangles
+    return f"{len(way.found.located)} of {len(triples)} triples, " if len(triples) > 1 else ""
+
+
+def _triangulation(group: Group, thesis: Thesis, answers: Answers) -> Table:
+    ours = f"ours, lines of {REFERENCE}, turned"
+    columns = [
+        Column("case", "case"),
+        Column("item", "triple"),
+        Column("status", "thesis"),
+        Column("thesis_x_mm", "x (mm)", 4, "thesis"),
+        Column("thesis_y_mm", "y (mm)", 4, "thesis"),
+        Column("thesis_error_mm", "error (mm)", 3, "thesis"),
+        Column("turned_x_mm", "x (mm)", 4, ours),
+        Column("turned_y_mm", "y (mm)", 4, ours),
+        Column("turned_error_mm", "error (mm)", 3, ours),
+        Column("apart_mm", "from the thesis's (mm)", 3, ours),
+        Column("own_x_mm", "x (mm)", 4, "ours, own lines"),
+        Column("own_y_mm", "y (mm)", 4, "ours, own lines"),
+        Column("own_error_mm", "error (mm)", 3, "ours, own lines"),
+        Column("true_x_mm", "x (mm)", 4, "ours, true orientation"),
+        Column("true_y_mm", "y (mm)", 4, "ours, true orientation"),
+        Column("true_error_mm", "error (mm)", 4, "ours, true orientation"),
+    ]
+    printed = group.printed(thesis)
+    rows = [_point(p, case, answers[case]) for case, points in printed.items() for p in points]
+    return Table(
+        f"{group.name}_triangulation",
+        "Places from each three of the four electrodes, and their mean.",
+        columns,
+        rows,
+    )
+
+
+def _point(point: TriangulationPoint, case: Case, found: Answer | None) -> list[Cell]:
+    head: list[Cell] = [point.case, point.item, point.status.replace("_", " ")]
+    head += [point.x_mm, point.y_mm, point.error_mm]
+    if point.item == "target":
+        return [*head, *case.target_mm.tolist(), *[None] * 8]
+    if found is None:
+        return [*head, *[np.nan] * 10]
+    thesis = np.array([point.x_mm, point.y_mm])
+    cells: list[Cell] = []
+    for way in (found.lines, found.own_lines, found.true):
+        place = place_of(way, point.item)
+        cells += [*place.tolist(), float(np.linalg.norm(place - case.target_mm))]
+        if way is found.lines:
+            cells.append(float(np.linalg.norm(place - thesis)))
+    return [*head, *cells]
+
+
+def _part(group: Group, texts: Callable[[Group, Thesis, Answers], list[str]]) -> Part:
+    name = group.name.replace("_", "-").lower()
+    return Part(name, group.title, group.shows, _scenes(group), _compose(group, texts))
+
+
+(
+    TRIANGLE_POSITIONS_PART,
+    RECTANGLE_POSITIONS_PART,
+    UNIAXIAL_POSITIONS_PART,
+    TWO_NEWTON_POSITIONS_PART,
+) = (_part(group, position_texts) for group in GROUPS)
+EXPERIMENT_POSITIONS_PART = _part(EXPERIMENTS, measured_texts)

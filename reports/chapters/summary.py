@@ -1,0 +1,151 @@
+"""Parts of the thesis report: all differences together, and the share of the thesis's mesh."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pvdf_fem.output.figures import COLOURS, GREY, new_figure, save, style
+from pvdf_fem.scene.scene import Scene
+from reports.chapters.linear_mesh import charges_on_thesis_mesh
+from reports.common.comparison import LIMIT, Comparison, compare, long_table, verdict
+from reports.common.page import Cell, Column, Picture, Table
+from reports.common.part import Content, Part, comparing
+from reports.common.results import Results
+from reports.common.thesis_data import DEFECTS, Charge, Thesis
+from reports.common.thesis_scene import scene_of
+
+#: Cases solved on the thesis's mesh too.
+MESH_CASES = ("t41_r0", "t41_r45", "t41_r90", "s312_1", "s322_1")
+
+
+def _summary(found: list[Comparison], out: Path) -> Content:
+    counted = sorted((one for one in found if one.counts), key=lambda one: -abs(one.difference))
+    skipped = [one for one in found if one.charge.defect]
+    if not counted:
+        return Content([verdict(found)], [])
+    _picture(_by_place(counted), out / "summary.svg")
+    every = np.abs([one.difference for one in found])
+    return Content(
+        [
+            verdict(found),
+            f"{len(skipped)} printed charges are shown but do not count, because of what the "
+            f"thesis's own tables show: {'; '.join(DEFECTS.values())}. With them, the median is "
+            f"{np.nanmedian(every):.2f} % and the largest difference {np.nanmax(every):.2f} %.",
+        ],
+        [
+            Picture(
+                "summary.svg",
+                "Differences of all charges that count, by place in the thesis. Dashed: ±2 %.",
+            ),
+            _places(_by_place(counted)),
+            long_table("worst", "The ten largest differences.", counted[:10]),
+            long_table("not_counted", "Printed charges that do not count.", skipped),
+        ],
+    )
+
+
+def _by_place(found: list[Comparison]) -> dict[str, list[Comparison]]:
+    """Comparisons by table or section, in the thesis's order of both."""
+    places: dict[str, list[Comparison]] = {}
+    for one in found:
+        places.setdefault(" ".join(one.charge.source.split()[:2]), []).append(one)
+    return dict(sorted(places.items()))
+
+
+def _places(places: dict[str, list[Comparison]]) -> Table:
+    columns = [
+        Column("place", "place"),
+        Column("charges", "charges", 0),
+        Column("median_percent", "median |difference| (%)", 2),
+        Column("least_percent", "from (%)", 2, signed=True),
+        Column("largest_percent", "to (%)", 2, signed=True),
+    ]
+    rows: list[list[Cell]] = []
+    for place, some in places.items():
+        values = np.array([one.difference for one in some])
+        median = float(np.median(np.abs(values)))
+        rows.append([place, len(some), median, float(values.min()), float(values.max())])
+    return Table("summary", "Differences by place in the thesis.", columns, rows)
+
+
+def _picture(places: dict[str, list[Comparison]], path: Path) -> None:
+    with style():
+        figure = new_figure(160, 15 + 9 * max(len(places), 3))
+        ax = figure.subplots()
+        for level in (-LIMIT, LIMIT):
+            ax.axvline(level, color=GREY, linewidth=0.8, linestyle=(0, (4, 3)))
+        ax.axvline(0.0, color=GREY, linewidth=0.8)
+        for height, some in enumerate(places.values()):
+            values = np.array([one.difference for one in some])
+            ax.plot(values, np.full(len(values), height), "|", color=COLOURS[0], markersize=9)
+        ax.set_yticks(range(len(places)), list(places))
+        ax.set_ylim(len(places) - 0.5, -0.5)
+        ax.set_xlabel("ours − thesis (%)")
+        ax.grid(axis="y", visible=False)
+        save(figure, path)
+
+
+def _all(found: list[Comparison], out: Path) -> Content:
+    text = (
+        "Every charge that the thesis prints, with both observables. thesis-edge is what its "
+        "post-processor computes, on which the differences rest; material is the charge of the "
+        "electrode's area, the physical one. Both come from one solve."
+    )
+    return Content([text], [long_table("charges", "All printed charges.", found)])
+
+
+def _mesh_charges(thesis: Thesis) -> list[Charge]:
+    return [charge for charge in thesis.charges if charge.case in MESH_CASES]
+
+
+def _mesh_scenes(thesis: Thesis) -> list[Scene]:
+    return [scene_of(charge) for charge in _mesh_charges(thesis)]
+
+
+def _mesh(thesis: Thesis, results: Results, out: Path) -> Content:
+    columns = [
+        Column("case_id", "case"),
+        Column("electrode", "electrode"),
+        Column("thesis_pC", "thesis (pC)"),
+        Column("ours_pC", "ours (pC)"),
+        Column("ours_on_thesis_mesh_pC", "ours, thesis's mesh (pC)"),
+        Column("difference_percent", "ours − thesis (%)", 2, signed=True),
+        Column("difference_on_thesis_mesh_percent", "on its mesh (%)", 2, signed=True),
+        Column("effect_of_mesh_percent", "effect of the mesh (%)", 2, signed=True),
+    ]
+    found = compare(_mesh_charges(thesis), results)
+    coarse = charges_on_thesis_mesh(
+        [scene_of(one.charge) for one in found], results.folder / "thesis_mesh.db"
+    )
+    rows = [_mesh_row(one, coarse[scene_of(one.charge)]) for one in found]
+    numbers = np.array([row[5:7] for row in rows], dtype=float)
+    ours, on_its_mesh = np.median(np.abs(numbers), axis=0) if rows else (np.nan, np.nan)
+    return Content(
+        [
+            "The same scenes once more with the thesis's discretisation: linear triangles of 1 mm, "
+            "0.75 mm at the electrodes and the probe, stresses averaged at the nodes, electrode "
+            "edges integrated through the nodal values. What this changes is discretisation error "
+            "of the thesis, and so not expected of a converged solution.",
+            f"The median difference from the thesis is {ours:.2f} % with our meshes and "
+            f"{on_its_mesh:.2f} % with meshes of its sizes. Its own mesh is not known, only its "
+            "sizes; its charges scatter by 0.2 % between equivalent positions.",
+        ],
+        [Table("thesis_mesh", "Charges on both kinds of mesh.", columns, rows)],
+    )
+
+
+def _mesh_row(one: Comparison, on_its_mesh: dict[str, float]) -> list[Cell]:
+    printed, ours = one.charge.charge_pC, one.ours_pC
+    coarse = on_its_mesh.get(one.charge.electrode, np.nan)
+    row: list[Cell] = [one.charge.case, one.charge.electrode, printed, ours, coarse]
+    differences = [ours - printed, coarse - printed, coarse - ours]
+    return [*row, *(100.0 * difference / printed for difference in differences)]
+
+
+SUMMARY_PART = comparing(
+    "summary", "Summary of all charges", (), lambda t: list(t.charges), _summary
+)
+MESH_PART = Part("thesis-mesh", "The share of the thesis's mesh", (), _mesh_scenes, _mesh)
+ALL_PART = comparing("charges", "All printed charges", (), lambda t: list(t.charges), _all)

@@ -1,0 +1,230 @@
+"""Part of the thesis report: charge against force for films of three thicknesses (3.4.3)."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from pvdf_fem import Scene
+from pvdf_fem.maps.force_law import linearity, local_exponents
+from pvdf_fem.output.figures import (
+    COLOURS,
+    GREY,
+    Series,
+    charge_against_force,
+    new_figure,
+    save,
+    style,
+)
+from reports.chapters.force_and_angle.force_law import finite, law_through
+from reports.common.page import Cell, Column, Picture, Table
+from reports.common.part import Content, Part
+from reports.common.results import THESIS_EDGE, Results
+from reports.common.thesis_data import Thesis
+from reports.common.thesis_scene import thesis_scene
+
+Array = NDArray[np.float64]
+
+#: Films of Figs. 3.23 to 3.25 in µm, and where the triangle is: 4 mm from A at 60°.
+THICKNESSES_UM = {"3.23": 25.0, "3.24": 110.0, "3.25": 1000.0}
+PLACE_MM = (4.0 * math.cos(math.pi / 3), 4.0 * math.sin(math.pi / 3) - 10.0)
+
+
+def _thickness_forces(thesis: Thesis) -> list[float]:
+    """The forces of Table 3.4; those of the three figures are not printed."""
+    return sorted({charge.force_N for charge in thesis.from_("Table 3.4")})
+
+
+def _film(thickness_um: float, force_N: float) -> Scene:
+    x_mm, y_mm = PLACE_MM
+    scene = thesis_scene("3", "tri7", x_mm=x_mm, y_mm=y_mm, force_N=force_N)
+    return scene.with_(**{"film.thickness_um": thickness_um})
+
+
+def _thickness_scenes(thesis: Thesis) -> list[Scene]:
+    forces = _thickness_forces(thesis)
+    films = [_film(h, F) for h in THICKNESSES_UM.values() for F in forces]
+    return films + [_bending(film) for film in films]
+
+
+def _bending(scene: Scene) -> Scene:
+    return scene.with_(**{"film.bending": True})
+
+
+def _thickness(thesis: Thesis, results: Results, out: Path) -> Content:
+    forces = np.array(_thickness_forces(thesis))
+    ours = {
+        h: [Series(e, forces, _charges(results, h, forces, e)) for e in "ABC"]
+        for h in THICKNESSES_UM.values()
+    }
+    printed = [Series(e, forces, thesis.polynomials[f"3.4.3_{e}"](forces)) for e in "ABC"]
+    _thickness_picture(ours, printed, out / "figure_3_23.svg")
+    table = _thickness_table(ours, printed)
+    bent = {
+        h: [Series(e, forces, _charges(results, h, forces, e, bending=True)) for e in "ABC"]
+        for h in THICKNESSES_UM.values()
+    }
+    return Content(
+        [*_thickness_text(ours, printed), *_bending_text(ours, bent)],
+        [
+            Picture(
+                "figure_3_23.svg",
+                "Figs. 3.23, 3.24 and 3.25: charge against force for films of 25, 110 and "
+                "1000 µm, the triangle 4 mm from A at 60°. Rings: the equations that section "
+                "3.4.3 prints for the 1 mm film, drawn over the 25 µm film too. Last: A of all "
+                "three films over force per thickness, on which alone the charge of a membrane "
+                "depends.",
+            ),
+            table,
+            _bending_table(ours, bent),
+        ],
+    )
+
+
+def _charges(
+    results: Results, thickness_um: float, forces: Array, electrode: str, *, bending: bool = False
+) -> Array:
+    scenes = [_film(thickness_um, float(F)) for F in forces]
+    records = [results[_bending(scene) if bending else scene] for scene in scenes]
+    return np.array([record.charge_pC(electrode, THESIS_EDGE) for record in records])
+
+
+def _thickness_picture(ours: dict[float, list[Series]], printed: list[Series], path: Path) -> None:
+    with style():
+        figure = new_figure(180, 150)
+        axes = figure.subplots(2, 2).flat
+        for ax, (number, h) in zip(axes, THICKNESSES_UM.items(), strict=False):
+            shown = [] if number == "3.24" else printed
+            charge_against_force(ax, ours[h], shown, others="thesis's “1 mm” equation")
+            ax.set_title(f"Fig. {number}: {h:g} µm", pad=17 if shown else None)
+        _scaled_by_thickness(axes[3], ours)
+        save(figure, path)
+
+
+def _scaled_by_thickness(ax: Axes, ours: dict[float, list[Series]]) -> None:
+    """Charges of A over F/h, double logarithmic, with one law through all of them."""
+    ax.set(xlabel="force / thickness (N/mm)", ylabel="charge of A (pC)")
+    ax.set_title("A, all three films")
+    loads = np.concatenate([1e3 * some[0].x / h for h, some in ours.items()])
+    law = law_through(loads, np.concatenate([some[0].y for some in ours.values()]))
+    if law is None:
+        return
+    x = np.geomspace(loads.min() / 2, 1.5 * loads.max(), 100)
+    ax.loglog(x, law.charge_pC(x), color=GREY, linewidth=1.0, label="membrane law")
+    for (h, some), marker, ink in zip(ours.items(), "so^", COLOURS, strict=False):
+        ax.plot(1e3 * some[0].x / h, some[0].y, marker, color=ink, label=f"{h:g} µm")
+    ax.legend(loc="upper left")
+
+
+def _thickness_table(ours: dict[float, list[Series]], printed: list[Series]) -> Table:
+    forces = printed[0].x
+    columns = [Column("thickness_um", "film (µm)", 0), Column("electrode", "electrode")]
+    columns += [Column(f"ours_{F:g}_N_pC", f"{F:g} N", 1, "ours (pC)") for F in forces]
+    columns += [
+        Column(f"printed_over_ours_{F:g}_N", f"{F:g} N", 2, "“1 mm” equation / ours")
+        for F in forces
+    ]
+    columns += [
+        Column("exponent_first", "first", 2, "d ln Q / d ln F"),
+        Column("exponent_last", "last", 2, "d ln Q / d ln F"),
+        Column("deviation_percent", "off a line (%)", 1),
+    ]
+    rows: list[list[Cell]] = []
+    for h, some in ours.items():
+        for one, equation in zip(some, printed, strict=True):
+            row: list[Cell] = [h, one.label, *one.y.tolist(), *(equation.y / one.y).tolist()]
+            rows.append([*row, *_straightness(one)])
+    return Table(
+        "figures_3_23_to_3_25",
+        "Figs. 3.23 to 3.25: charges, the equations printed for 1 mm over ours, first and last "
+        "local exponent, and the largest distance from the best straight line in percent of the "
+        "charges' span.",
+        columns,
+        rows,
+    )
+
+
+def _bending_table(ours: dict[float, list[Series]], bent: dict[float, list[Series]]) -> Table:
+    forces = next(iter(ours.values()))[0].x
+    columns = [Column("thickness_um", "film (µm)", 0), Column("electrode", "electrode")]
+    columns += [Column(f"bent_{F:g}_N_pC", f"{F:g} N", 1, "with bending (pC)") for F in forces]
+    columns += [
+        Column(f"change_{F:g}_N_percent", f"{F:g} N", 2, "change by bending (%)") for F in forces
+    ]
+    rows: list[list[Cell]] = [
+        [h, one.label, *stiff.y.tolist(), *(100.0 * (stiff.y / one.y - 1.0)).tolist()]
+        for h in ours
+        for one, stiff in zip(ours[h], bent[h], strict=True)
+    ]
+    return Table(
+        "bending_by_thickness",
+        "The same films as von Kármán plates: charges, and how much bending changes them.",
+        columns,
+        rows,
+    )
+
+
+def _bending_text(ours: dict[float, list[Series]], bent: dict[float, list[Series]]) -> list[str]:
+    changes = {
+        h: np.concatenate([b.y / o.y - 1.0 for b, o in zip(bent[h], ours[h], strict=True)])
+        for h in ours
+    }
+    if not all(np.isfinite(change).all() and change.size for change in changes.values()):
+        return []
+    ranges = [
+        f"between {100.0 * change.min():.2g} and {100.0 * change.max():.2g} % for {h:g} µm"
+        for h, change in changes.items()
+    ]
+    return [
+        "With bending in the model (the last table), the charges change by "
+        f"{', '.join(ranges[:-1])} and {ranges[-1]}: the 25 µm film is a membrane, the "
+        "110 µm film nearly, and the 1 mm film a plate, whose charges hardly leave those of its "
+        "pretension."
+    ]
+
+
+def _straightness(one: Series) -> list[Cell]:
+    F, Q = finite(one)
+    if len(F) < 3:
+        return [None] * 3
+    _, exponents = local_exponents(F, Q)
+    return [
+        float(exponents[0]),
+        float(exponents[-1]),
+        100.0 * linearity(F, Q, float(F[-1])).deviation,
+    ]
+
+
+def _thickness_text(ours: dict[float, list[Series]], printed: list[Series]) -> list[str]:
+    thin, thick = (
+        np.concatenate([p.y / o.y for p, o in zip(printed, ours[h], strict=True)])
+        for h in (25.0, 1000.0)
+    )
+    if not np.isfinite([*thin, *thick]).all() or not thin.size:
+        return ["Not all charges could be computed."]
+    signal = [float(np.max([one.y[-1] for one in ours[h]])) for h in (25.0, 1000.0)]
+    return [
+        "Section 3.4.3 prints three cubics for the 1 mm film and takes them as evidence that "
+        "thickness makes the sensor more linear. They are those of the 25 µm film: they give "
+        f"{thin.min():.3f} to {thin.max():.3f} times our charges of that film, and "
+        f"{thick.min():.1f} to {thick.max():.1f} times those of the 1 mm film, which are a "
+        "membrane's here.",
+        "A thicker film does give a straighter curve, but only because the pretension's constant "
+        "charge takes over: the largest charge is "
+        f"{signal[1]:.0f} pC instead of {signal[0]:.0f} pC, and the local exponents move away "
+        "from 1, not towards it. The mean stress is even in the deflection, so the charge begins "
+        "as a constant plus a multiple of F² whatever carries the load.",
+    ]
+
+
+THICKNESS_PART = Part(
+    "force-thickness",
+    "Section 3.4.3: charge against force for three thicknesses",
+    ("Fig. 3.23", "Fig. 3.24", "Fig. 3.25"),
+    _thickness_scenes,
+    _thickness,
+)

@@ -1,0 +1,41 @@
+"""Command-line options that several reports have."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+OUT = Path(__file__).resolve().parents[1] / "out"
+
+
+def number_of(what: str, most: int = 1000) -> Callable[[str], int]:
+    """A type for `argparse`: a whole number from 1 to `most`."""
+
+    def parse(text: str) -> int:
+        digits = text.isascii() and text.isdigit() and len(text) < 20
+        if not digits or not 1 <= int(text) <= most:
+            wrong = f"{text[:60]!r} is not a number of {what}; give 1 to {most}"
+            raise argparse.ArgumentTypeError(wrong)
+        return int(text)
+
+    return parse
+
+
+def add_out(parser: argparse.ArgumentParser, folder: str = "") -> None:
+    """``--out``, by default a folder of `OUT`."""
+    parser.add_argument(
+        "--out", type=Path, default=OUT / folder, metavar="DIR", help="output directory"
+    )
+
+
+def add_processes(parser: argparse.ArgumentParser) -> None:
+    """``--processes``, by default as many as there are cores."""
+    parser.add_argument(
+        "--processes",
+        type=number_of("processes"),
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="default: cores",
+    )

@@ -1,0 +1,178 @@
+"""What charges tell about a touch: their Jacobian, and the least covariance of place and force.
+
+Charges q_e(x, y, F) have independent normal errors of standard deviation
+
+    σ_e = sqrt((0.01 q_e)² + (1 pC)²):
+
+1 % of the charge that the touch adds to that of the film at rest, as a charge amplifier sees it,
+and the noise of the amplifier, without which an electrode that gives no charge would be an exact
+one. The information about (x, y, F) is Σ_e J_eᵀ J_e/σ_e² with J_e = ∂q_e/∂(x, y, F), its inverse
+the covariance of the best unbiased estimate (Cramér and Rao). That σ_e depends on the touch as
+well adds information of the relative order 2·0.01², which is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from pvdf_fem import Scene
+from pvdf_fem.sweeps.store import Record
+from reports.design_study.sensor import Lattice, Sensor, is_even
+
+Array = NDArray[np.float64]
+
+# A place at which the smallest eigenvalue of the scaled information is below this has none.
+SINGULAR = 1e-12
+# In place of a radius of zero, at which polar directions are not defined, mm.
+TINY = 1e-6
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviation of a charge's error: a part of the charge, and a constant in pC."""
+
+    relative: float = 0.01
+    floor_pC: float = 1.0
+
+    def deviations_pC(self, charges_pC: Array) -> Array:
+        """Of each charge, in its shape."""
+        return np.hypot(self.relative * charges_pC, self.floor_pC)
+
+
+@dataclass(frozen=True, eq=False)
+class PolarMap:
+    """Charges by the probe's place: Fourier series in the direction, cubic splines in the radius.
+
+    A series coefficient c_k goes on beyond the centre as (-1)^k c_k, so that the map is smooth
+    there.
+
+    Attributes
+    ----------
+    radii_mm : (n,)
+        From 0 with equal steps.
+    samples : (n, angles, values)
+        On whole circles with equal steps; the number of angles is even.
+    """
+
+    radii_mm: Array
+    samples: Array
+
+    @cached_property
+    def _coefficients(self) -> CubicSpline:
+        count = self.samples.shape[1]
+        c = np.fft.rfft(self.samples, axis=1) / count
+        c[:, 1:-1] *= 2.0  # of the conjugate ones too
+        sign = (-1.0) ** np.arange(c.shape[1])[:, None]
+        radii = np.concatenate([-self.radii_mm[:0:-1], self.radii_mm])
+        return CubicSpline(radii, np.concatenate([sign * c[:0:-1], c]))
+
+    def value_and_gradient(self, positions_mm: Array) -> tuple[Array, Array]:
+        """Values (points, values) and gradients (points, values, 2) per mm at (points, 2).
+
+        A map that has a gap, where a solve failed, is NaN everywhere.
+        """
+        if not np.isfinite(self.samples).all():
+            shape = len(positions_mm), self.samples.shape[2]
+            return np.full(shape, np.nan), np.full((*shape, 2), np.nan)
+        x, y = positions_mm.T
+        r = np.maximum(np.hypot(x, y), TINY)
+        phi = np.arctan2(y, x)
+        c, slope = self._coefficients(r), self._coefficients(r, 1)
+        k = np.arange(c.shape[1])
+        wave = np.exp(1j * np.outer(phi, k))[..., None]
+        value = (c * wave).real.sum(axis=1)
+        along = (slope * wave).real.sum(axis=1)
+        across = (1j * k[:, None] * c * wave).real.sum(axis=1) / r[:, None]
+        cos, sin = np.cos(phi)[:, None], np.sin(phi)[:, None]
+        return value, np.stack([cos * along - sin * across, sin * along + cos * across], axis=-1)
+
+
+def polar_map(lattice: Lattice, alone: Scene, rest: Record, records: Sequence[Record]) -> PolarMap:
+    """The map of an electrode's charge less that at rest, in pC, for the two forces.
+
+    Parameters
+    ----------
+    lattice : Lattice
+    alone : Scene
+        See `Sensor.alone`.
+    rest : Record
+        That of `alone`.
+    records : sequence of Record
+        Those of `Lattice.scenes`; a failed one gives NaN.
+    """
+    d = alone.film.d31_pC_N, alone.film.d32_pC_N
+    charges = np.array([one.charge_pC("A", "material", *d) for one in records])
+    q = charges.reshape(len(lattice.radii_mm), -1, 2) - rest.charge_pC("A", "material", *d)
+    if is_even(alone):
+        q = np.concatenate([q, q[:, -2:0:-1]], axis=1)
+    return PolarMap(lattice.radii_mm, q)
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """Charges of a sensor at places of the probe.
+
+    Attributes
+    ----------
+    charges_pC : (points, electrodes)
+        Less those at rest.
+    jacobian : (points, electrodes, 3)
+        By x and y in pC/mm, and by the force in pC/N.
+    force_N : float
+    """
+
+    charges_pC: Array
+    jacobian: Array
+    force_N: float
+
+    def information(self, noise: Noise) -> Array:
+        """About x and y in mm and the force in units of itself, (points, 3, 3)."""
+        scaled = self.jacobian * np.array([1.0, 1.0, self.force_N])
+        weighted = scaled / noise.deviations_pC(self.charges_pC)[..., None]
+        return weighted.swapaxes(1, 2) @ weighted
+
+    def covariance(self, noise: Noise) -> Array:
+        """Of x and y in mm and the force in units of itself; infinite where singular.
+
+        NaN where a charge is unknown.
+        """
+        information = self.information(noise)
+        known = np.asarray(np.isfinite(information).all(axis=(1, 2)))
+        eigenvalues = np.linalg.eigvalsh(information[known])
+        sound = np.zeros_like(known)
+        sound[known] = eigenvalues[:, 0] > SINGULAR * eigenvalues[:, -1]
+        found = np.where(known[:, None, None], np.full_like(information, np.inf), np.nan)
+        found[sound] = np.linalg.inv(information[sound])
+        return found
+
+    def position_errors_mm(self, noise: Noise) -> Array:
+        """Root mean square distance of the estimated place from the true one, (points,)."""
+        covariance = self.covariance(noise)
+        return np.sqrt(covariance[:, 0, 0] + covariance[:, 1, 1])
+
+    def force_errors(self, noise: Noise) -> Array:
+        """Root mean square error of the estimated force over the force, (points,)."""
+        return np.sqrt(self.covariance(noise)[:, 2, 2])
+
+
+def response(
+    sensor: Sensor, lattice: Lattice, maps: Mapping[tuple[Scene, float], PolarMap], places_mm: Array
+) -> Response:
+    """The response of a sensor at places (n, 2), from maps by `Sensor.alone` and force."""
+    charges, rows = [], []
+    low, high = lattice.forces_N(sensor.force_N)
+    for angle in sensor.angles_deg:
+        a = np.radians(angle)
+        turn = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]])
+        one = maps[sensor.alone(angle, lattice.tolerance), sensor.force_N]
+        q, gradient = one.value_and_gradient(places_mm @ turn.T)
+        charges.append(q.mean(axis=1))
+        by_force = (q[:, 1] - q[:, 0]) / (high - low)
+        rows.append(np.column_stack([gradient.mean(axis=1) @ turn, by_force]))
+    return Response(np.stack(charges, axis=1), np.stack(rows, axis=1), sensor.force_N)

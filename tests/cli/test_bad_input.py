@@ -1,0 +1,240 @@
+"""Invalid input is refused, in words, at once; whatever it is."""
+
+from __future__ import annotations
+
+import math
+import os
+import resource
+import subprocess
+import sys
+import time
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pvdf_fem.files import printable
+from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.scene import Scene, SceneError
+from pvdf_fem.scene.scene_file import MOST_BYTES
+from reports import fuzz
+from reports.common.measurements import MeasurementError, read_measurements
+from reports.robustness import inputs as fuzz_inputs
+from reports.robustness.inputs import FILE, Input
+from reports.robustness.oracle import documented, lost_values, wrong_scene
+from tests.helpers.strategies import tables
+
+ROOT = Path(__file__).parents[2]
+VALID = b"[probe]\nx_mm = 5.0\n"
+
+
+# --------------------------------------------------------------------------------------- fuzzing
+
+
+def test_damaged_inputs_of_every_corpus() -> None:
+    counts = fuzz.fuzz(400, seed=5)
+    assert counts.told == []
+    assert counts.inputs.total() == 400
+    assert set(counts.inputs) == {corpus.__name__ for corpus in fuzz_inputs.CORPORA}
+    # accidents in comments harm nothing
+    assert counts.accepted["damaged_scene"] > 0
+    assert counts.refused["damaged_scene"] > 0
+
+
+@pytest.mark.parametrize(
+    ("given_input", "fault"),
+    [
+        (Input("solve", (FILE,), VALID, invalid=True), "accepted, though invalid"),
+        (Input("solve", (FILE,), b"film = 1", named="film = 2: "), "does not name"),
+        (Input("mesh", (FILE, "{folder}/new/a.msh"), VALID, named="a.stl"), "does not name"),
+        (Input("store", (FILE, "no number"), b""), "traceback"),
+    ],
+)
+def test_faults_are_found(given_input: Input, fault: str, tmp_path: Path) -> None:
+    assert fault in fuzz.outcome(given_input, tmp_path).faults[0]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[film]\nradius_mm = true",
+        "[film]\nradius_mm = -1",
+        "[film]\nRadius_mm = 45",
+        "[flim]\nradius_mm = 45",
+        "[film]\nthermal_expansion_per_K = nan",
+        '[load]\nkind = "Dead"',
+        '[load]\nforce_N = "1"',
+        "[probe]\nx_mm = 44.0",
+        '[probe]\nshape = "polygon"\nvertices_mm = [[0, 0], [1, 1], [1, 0], [0, 1]]',
+        '[[electrodes]]\nname = "A"\nx_mm = 0\ny_mm = 0\n[[electrodes]]\nname = "B"\nx_mm = 2.9\n'
+        "y_mm = 0",
+    ],
+)
+def test_the_oracle_finds_what_is_wrong(text: str) -> None:
+    assert wrong_scene(fuzz.tomllib.loads(text))
+
+
+@given(tables())
+def test_the_oracle_finds_nothing_wrong_with_valid_scenes(table: dict[str, Any]) -> None:
+    assert wrong_scene(table) == ""
+    assert lost_values(table, Scene.model_validate(table).model_dump()) == ""
+
+
+_SCALARS = (
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text(max_size=5)
+    | st.sampled_from([5e-324, -0.0, 1e308, 1e-300, 10**400, "nan", b"", 1j, "\ud800", "a\nb"])
+)
+_VALUES = st.recursive(
+    _SCALARS,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner),
+    max_leaves=6,
+)
+_KEYS = [
+    f"{section}.{key}" for section, keys in documented().items() for key in [*sorted(keys), "", "x"]
+]
+_KEYS += ["electrodes[0].x_mm", "electrodes.0.name", "electrodes[1]", "film", "probe", "electrodes"]
+
+
+@settings(max_examples=200)
+@given(st.dictionaries(st.sampled_from(_KEYS) | st.text(max_size=9), _VALUES, min_size=1))
+def test_changes_of_any_value_give_a_valid_scene_or_a_complaint(changes: dict[str, Any]) -> None:
+    scene, problems = None, ("",)
+    try:
+        scene = Scene().with_(**changes)
+    except SceneError as error:
+        problems = error.problems
+    if scene is None:
+        assert all(line.isprintable() and ": " in line for line in problems)
+    else:
+        assert wrong_scene(scene.model_dump(mode="json", exclude_none=True)) == ""
+        assert Scene.parse(scene.to_toml()) == scene
+
+
+@given(
+    st.tuples(st.floats(1e-6, 1e6), st.floats(1e-6, 1e6)),
+    st.floats(-1.0, 1.0),
+    st.sampled_from([1.0, 1 - 1e-16, 1 - 1e-12, 0.5]),
+)
+def test_an_accepted_film_has_a_positive_stiffness(
+    moduli: tuple[float, float], sign: float, share: float
+) -> None:
+    ratio = math.copysign(share, sign) * math.sqrt(moduli[0] / moduli[1])
+    try:
+        film = Film(youngs_modulus_GPa=moduli, poisson_ratio=ratio)
+    except ValueError:
+        return
+    stiffness = film.stiffness
+    assert np.isfinite(stiffness).all()
+    scale = np.sqrt(np.diag(stiffness))
+    assert np.linalg.eigvalsh(stiffness / np.outer(scale, scale)).min() > 1e-12
+
+
+# ----------------------------------------------------------------------------- files of all kinds
+
+
+def _pipe(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def _loop(path: Path) -> None:
+    path.symlink_to(path)
+
+
+def _large(path: Path) -> None:
+    path.touch()
+    os.truncate(path, 100_000_000)
+
+
+STRANGE = {
+    "directory": (Path.mkdir, "Is a directory"),
+    "pipe": (_pipe, "is no regular file"),
+    "loop": (_loop, "Too many levels of symbolic links"),
+    "endless": (lambda path: path.symlink_to("/dev/zero"), "is no regular file"),
+    "empty device": (lambda path: path.symlink_to(os.devnull), "is no regular file"),
+    "100 MB": (_large, "has 100000000 bytes, more than 1000000"),
+    "latin-1": (lambda path: path.write_bytes(b"\n# \xb5m"), "line 2 is not UTF-8"),
+    "missing\x1b[31m\n": (lambda path: None, "missing\\x1b[31m\\n"),
+}
+
+
+@pytest.mark.parametrize("name", STRANGE)
+def test_what_is_no_text_file_is_refused_at_once(tmp_path: Path, name: str) -> None:
+    make, told = STRANGE[name]
+    path = tmp_path / name
+    make(path)
+    for read, refusal in ((Scene.load, SceneError), (read_measurements, MeasurementError)):
+        start = time.process_time()
+        tracemalloc.start()
+        with pytest.raises(refusal) as caught:
+            read(path)  # type: ignore[operator]
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert time.process_time() - start < 1.0
+        assert peak < 10 * MOST_BYTES
+        (line,) = caught.value.problems  # type: ignore[attr-defined]
+        assert told in printable(line)
+
+
+LONG_CSV = {
+    "one cell": b"x" * 900_000,
+    "an open quote": b'"' + b"x\n" * 400_000,
+    "cells": b"," * 900_000,
+    "columns": b",".join(b"%d" % i for i in range(150_000)),
+    "rows": b"1\n" * 400_000,
+    "wrong rows": b"a,5,square,x,y,z,f,E,q\n" * 40_000,
+    "escapes": b"a,\x1b[31m,tri7,0,0,0,1,A,1\n" * 40_000,
+}
+
+
+@pytest.mark.parametrize("below_a_header", [True, False])
+@pytest.mark.parametrize("name", LONG_CSV)
+def test_long_measurements_are_refused_quickly_and_briefly(
+    tmp_path: Path, name: str, below_a_header: bool
+) -> None:
+    header = fuzz_inputs.MEASUREMENTS.read_bytes().split(b"\n")[0] + b"\n"
+    path = tmp_path / "m.csv"
+    path.write_bytes((header if below_a_header else b"") + LONG_CSV[name])
+    start = time.process_time()
+    with pytest.raises(MeasurementError) as caught:
+        read_measurements(path)
+    assert time.process_time() - start < 1.0
+    assert len(caught.value.problems) <= 101
+    assert max(map(len, caught.value.problems)) < 600
+
+
+# ------------------------------------------------------------------------------------- processes
+
+
+@pytest.mark.parametrize(
+    ("data", "told"),
+    [
+        (b"[load]\nforce_N = " + b"9" * 100_000, "an integer of thousands of digits"),
+        (b"x = " + b"[" * 500_000, "nested too deeply"),
+        (b"\0" * 100, "not TOML"),
+        (b"[film]\nradius_mm = 1\nradius_mm = 2", "Cannot overwrite a value"),
+        (b"[load]\nforce_N = 1" + b"\n" * 1_000_000, "more than 1000000"),
+    ],
+)
+def test_a_process_refuses_in_little_memory(tmp_path: Path, data: bytes, told: str) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_bytes(data)
+    run = subprocess.run(
+        [sys.executable, "-m", "pvdf_fem", "solve", str(path), "--json"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (2**30, 2**30)),
+    )
+    assert (run.returncode, run.stdout) == (2, "")
+    assert run.stderr.count("\n") == 1
+    assert told in run.stderr

@@ -1,0 +1,379 @@
+"""The command: what it prints where, its exit codes, and that it complains before it computes."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import meshio
+import pytest
+from pydantic import BaseModel
+
+from pvdf_fem import Scene, __version__, solve
+from pvdf_fem.cli import main as cli
+from pvdf_fem.files import printable
+from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.scene import Load, Numerics
+from pvdf_fem.scene.shapes import ELECTRODES, PROBES, Layout
+from pvdf_fem.solution.modes import MOST_MODES, modes
+
+SCENE = '[probe]\nshape = "rectangle"\nx_mm = 3.0\n'
+
+
+class Run:
+    """Exit code, standard output and standard error of a command in this process."""
+
+    def __init__(self, arguments: Sequence[object], capture: pytest.CaptureFixture[str]) -> None:
+        try:
+            self.code: Any = cli.main([str(argument) for argument in arguments])
+        except SystemExit as exit_:  # of argparse
+            self.code = exit_.code
+        self.out, self.err = capture.readouterr()
+
+    @property
+    def json(self) -> Any:
+        return json.loads(self.out)
+
+    @property
+    def mistakes(self) -> list[str]:
+        """Lines of standard error, of a run that must have refused its input."""
+        assert (self.code, self.out) == (2, "")
+        return self.err.splitlines()
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE)
+    return path
+
+
+@pytest.fixture
+def no_solve(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Mistakes must be told before anything is meshed or solved."""
+
+    def fail(*_: object, **__: object) -> None:
+        pytest.fail("computed in spite of mistakes")
+
+    for place in (
+        "solution.solution.solve",
+        "solution.solution.mesh_scene",
+        "mesh.gmsh_mesh.mesh_scene",
+        "solution.modes.modes",
+    ):
+        monkeypatch.setattr(f"pvdf_fem.{place}", fail)
+
+
+# ---------------------------------------------------------------------------------------- solve
+
+
+def test_json_is_the_solution(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = Run(["solve", scene, "--json", "--set", "load.force_N=2"], capsys)
+    expected = solve(Scene.parse(SCENE).with_(**{"load.force_N": 2.0})).to_json()
+    assert (run.code, run.err) == (0, "")
+    assert run.out.count("\n") == 1
+    assert {**run.json, "seconds": 0} == {**expected, "seconds": 0}
+    assert run.json["charges_pC"].keys() == run.json["charge_errors_pC"].keys() == set("ABCD")
+
+
+def test_table_has_each_charge_with_its_error(
+    scene: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = Run(["solve", scene], capsys)
+    solution = solve(Scene.load(scene))
+    assert (run.code, run.err) == (0, "")
+    rows = re.findall(r"^  (\w) +([\d.]+) ± +([\d.e-]+) pC$", run.out, re.MULTILINE)
+    assert [name for name, _, _ in rows] == list("ABCD")
+    for name, charge, error in rows:
+        # rounding changes a charge by less than its error, and the error by less than a tenth
+        bound = solution.charge_errors_pC[name]
+        assert float(charge) == pytest.approx(solution.charges_pC[name], abs=0.1 * bound)
+        assert float(error) == pytest.approx(bound, rel=0.1)
+    assert f"{solution.deflection_max_mm:.4g} mm" in run.out
+    assert all(text in run.out for text in ("converged", "material", *solution.left_out))
+
+
+def test_charges_without_error_are_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No probe: the stress is uniform, 48 pC by the thesis's film, and there is no error."""
+    (tmp_path / "empty.toml").touch()
+    assert "A  48.00000000 ± 0 pC" in Run(["solve", tmp_path / "empty.toml"], capsys).out
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "value"),
+    [
+        ("load.force_N=2", "load", {"force_N": 2.0}),
+        ("load.kind=follower", "load", {"kind": "follower"}),
+        ('load.kind="follower"', "load", {"kind": "follower"}),
+        ("numerics.observable=thesis-edge", "numerics", {"observable": "thesis-edge"}),
+        (" load.force_N = 2 ", "load", {"force_N": 2.0}),
+        ("film.youngs_modulus_GPa=[2.5, 2.0]", "film", {"youngs_modulus_GPa": (2.5, 2.0)}),
+        ("electrodes.layout=three", "electrodes", {"layout": "three"}),
+    ],
+)
+def test_set_takes_toml_and_bare_words(
+    scene: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    change: str,
+    key: str,
+    value: dict[str, Any],
+) -> None:
+    seen = []
+
+    def spy(scene: Scene) -> Any:
+        seen.append(scene)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("pvdf_fem.solution.solution.solve", spy)
+    assert Run(["solve", scene, "--set", "film.d31_pC_N=1", "--set", change], capsys).code == 130
+    changed = getattr(seen[0], key)
+    assert value.items() <= dict(changed).items()
+    assert seen[0].film.d31_pC_N == 1.0
+
+
+def test_last_change_of_a_key_counts(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    changes = ["--set", "load.force_N=-5", "--set", "load.force_N=0"]
+    assert Run(["solve", scene, *changes, "--json"], capsys).json["deflection_max_mm"] == 0.0
+
+
+@pytest.mark.usefixtures("no_solve")
+@pytest.mark.parametrize("command", ["solve", "mesh", "modes"])
+def test_mistakes_of_a_file_are_told_together(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text("[film]\nradius_mm = -45.0\n[load]\nforce = 2\n[numerics]\ntolerance = nan\n")
+    file = [tmp_path / "a.msh"] if command == "mesh" else []
+    mistakes = Run([command, path, *file, "--set", "probe.shape"], capsys).mistakes
+    keys = ("film.radius_mm = -45.0: ", "load.force = 2: ", "numerics.tolerance = nan: ")
+    for start in ("--set probe.shape: ", *keys):
+        assert sum(line.startswith(start) for line in mistakes) == 1
+    assert len(mistakes) == 4
+
+
+@pytest.mark.usefixtures("no_solve")
+@pytest.mark.parametrize(
+    "change",
+    [
+        "load.force_N",
+        "=2",
+        "load.force_N=",
+        "load.kind=2,5",
+        "load.force_N=2N",
+        "probe.x_mm=1\ny=2",
+    ],
+)
+def test_changes_that_are_none(
+    scene: Path, capsys: pytest.CaptureFixture[str], change: str
+) -> None:
+    run = Run(["solve", scene, "--set", change, "--set", "load.force_N=-1"], capsys)
+    assert run.err.startswith(f"--set {printable(change)}: ")
+    assert run.mistakes[-1].startswith("load.force_N = -1: ")
+
+
+@pytest.mark.usefixtures("no_solve")
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ("load.force_N=-1", "load.force_N = -1: is too small"),
+        ("load.kind=ded", 'load.kind = "ded": is not known; did you mean dead?'),
+        ("lod.kind=dead", "lod = a table: is no key there; did you mean load?"),
+        ("probe.x_mm=44", "probe"),
+        ("self=3", "self = 3: is no key there"),
+    ],
+)
+def test_changes_that_the_scene_refuses(
+    scene: Path, capsys: pytest.CaptureFixture[str], change: str, told: str
+) -> None:
+    (mistake,) = Run(["solve", scene, "--set", change], capsys).mistakes
+    assert mistake.startswith(told)
+
+
+@pytest.mark.usefixtures("no_solve")
+def test_outputs_are_checked_before_the_solve(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    nowhere = tmp_path / "nowhere"
+    run = Run(["solve", scene, "--vtu", nowhere / "a.vtu", "--plot", nowhere / "a.png"], capsys)
+    assert [line.split(": ")[0] for line in run.mistakes] == [
+        f"{nowhere}/a.vtu",
+        f"{nowhere}/a.png",
+    ]
+    run = Run(["solve", scene, "--vtu", tmp_path / "a.txt", "--plot", tmp_path / "a.dxf"], capsys)
+    vtu, plot = run.mistakes
+    assert "a.txt" in vtu
+    assert ".vtu" in vtu
+    assert "a.dxf" in plot
+    assert ".png" in plot
+    run = Run(["mesh", scene, tmp_path / "a.stl"], capsys)
+    assert "a.stl" in run.mistakes[0]
+    assert ".msh" in run.mistakes[0]
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
+
+
+def test_files_are_written(scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    vtu, plot = tmp_path / "a.vtu", tmp_path / "a.svg"
+    run = Run(["solve", scene, "--json", "--vtu", vtu, "--plot", plot], capsys)
+    assert (run.code, run.err) == (0, "")
+    deflection = meshio.read(vtu).point_data["displacement"][:, 2]
+    # the largest is not at a node
+    assert 0.99 < 1e3 * deflection.max() / run.json["deflection_max_mm"] <= 1.0 + 1e-12
+    assert "<svg" in plot.read_text()[:1000]
+    assert {path.name for path in tmp_path.iterdir()} == {"scene.toml", "a.vtu", "a.svg"}
+
+
+@pytest.mark.parametrize("as_json", [True, False])
+def test_no_charges_unless_converged(
+    scene: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    as_json: bool,
+) -> None:
+    monkeypatch.setattr("pvdf_fem.solvers.newton.MAX_ITERATIONS", 2)
+    flags = ["--json"] if as_json else []
+    run = Run(["solve", scene, "--vtu", tmp_path / "a.vtu", *flags], capsys)
+    assert run.code == 3
+    assert not (tmp_path / "a.vtu").exists()
+    told = run.json["status"] + run.json["reason"] if as_json else run.err
+    assert "max_iterations" in told
+    assert "lower load.force_N" in told
+    if as_json:
+        assert "charges_pC" not in run.json
+    else:
+        assert run.out == ""
+        assert run.err.count("\n") == 1
+
+
+# ------------------------------------------------------------------------------- mesh and modes
+
+
+def test_mesh_writes_the_patches(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = Run(["mesh", scene, tmp_path / "a.msh", "--set", "electrodes.layout=three"], capsys)
+    assert (run.code, run.err) == (0, "")
+    grid = meshio.read(tmp_path / "a.msh")
+    assert {"electrode A", "electrode B", "electrode C", "probe"} < set(grid.field_data)
+    assert f"{len(grid.cells[0].data)} triangles" in run.out
+
+
+def test_modes(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = Run(["modes", scene, "--count", 2, "--loaded", "--json"], capsys)
+    expected = modes(Scene.load(scene), 2, loaded=True).to_json()
+    assert (run.code, run.err) == (0, "")
+    assert {**run.json, "seconds": 0} == {**expected, "seconds": 0}
+    assert len(run.json["frequencies_Hz"]) == 2
+    run = Run(["modes", scene], capsys)
+    rows = re.findall(r"^  (\d) +([\d.]+) ± +[\d.e-]+ Hz$", run.out, re.MULTILINE)
+    assert [number for number, _ in rows] == list("123456")
+    assert float(rows[0][1]) == pytest.approx(117.05, rel=1e-3)
+
+
+def test_modes_of_a_film_without_tension(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    slack = ["modes", scene, "--set", "film.temperature_change_K=0"]
+    run = Run(slack, capsys)
+    assert (run.code, run.out) == (3, "")
+    assert "singular_tangent" in run.err
+    assert "film.temperature_change_K below zero" in run.err
+    run = Run([*slack, "--json"], capsys)
+    assert (run.code, run.err) == (3, "")
+    assert "frequencies_Hz" not in run.json
+
+
+@pytest.mark.usefixtures("no_solve")
+@pytest.mark.parametrize("count", ["0", "-3", "1000", "2.0", "1_0", "٣", 5000 * "9"])
+def test_modes_without_a_number(
+    scene: Path, capsys: pytest.CaptureFixture[str], count: str
+) -> None:
+    (mistake,) = Run(["modes", scene, "--count", count], capsys).mistakes
+    assert mistake.startswith(f"--count {count[:60]}: is out of range; give 1 to ")
+
+
+# -------------------------------------------------------------------------- help, pipes, signals
+
+
+def test_help_names_every_key_of_a_scene(capsys: pytest.CaptureFixture[str]) -> None:
+    told = Run(["--help"], capsys).out
+    models: list[type[BaseModel]] = [Film, Layout, Load, Numerics]
+    models += [*PROBES.values(), *ELECTRODES.values()]
+    keys = {key for model in models for key in model.model_fields}
+    missing = {key for key in keys if not re.search(rf"\b{key}\b", told)}
+    assert not missing
+
+
+@pytest.mark.parametrize("command", ["solve", "mesh", "modes"])
+def test_examples_of_the_help_are_valid(
+    scene: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    command: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = Run([command, "--help"], capsys).out
+    examples = re.findall(rf"^  pvdf-fem ({command} .*)$", text, re.MULTILINE)
+    assert examples
+    for example in examples:
+        assert Run(example.split(), capsys).code == 0, example
+
+
+def python(*arguments: object, **options: Any) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "pvdf_fem", *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=Path(__file__).parents[2],
+        **options,
+    )
+
+
+def test_help_and_version_import_nothing_slow() -> None:
+    code = (
+        "import sys\n"
+        "from pvdf_fem.cli.main import main\n"
+        "try:\n    main(sys.argv[1:])\n"
+        "finally:\n"
+        "    slow = {'numpy', 'scipy', 'pydantic', 'skfem', 'gmsh', 'meshio', 'matplotlib'}\n"
+        "    print(slow & set(sys.modules))\n"
+    )
+    for arguments in (["--help"], ["solve", "--help"], ["--version"]):
+        run = subprocess.run(
+            [sys.executable, "-c", code, *arguments],
+            capture_output=True,
+            text=True,
+            check=True,
+            cwd=Path(__file__).parents[2],
+        )
+        assert run.stdout.endswith("set()\n")
+    assert run.stdout.startswith(f"pvdf-fem {__version__}\n")
+
+
+def test_no_command_is_a_mistake(capsys: pytest.CaptureFixture[str]) -> None:
+    run = Run([], capsys)
+    assert run.code == 2
+    assert "COMMAND" in run.err
+
+
+def test_closed_pipe_is_no_error(scene: Path) -> None:
+    process = python("solve", scene, "--json")
+    assert process.stdout is not None
+    process.stdout.close()
+    _, err = process.communicate(timeout=60)
+    # once gmsh was there, the signal ends the process, which a shell also shows as 141
+    assert process.returncode in (141, -signal.SIGPIPE)
+    assert err == ""
+
+
+def test_the_bound_of_count_is_that_of_the_frequencies() -> None:
+    assert cli.MOST_MODES == MOST_MODES

@@ -1,0 +1,375 @@
+"""How programs end, and that their files appear whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pvdf_fem import Scene, Solution, solve
+from pvdf_fem.cli.program import InputError, run_program
+from pvdf_fem.files import FileError, make_directory, replacing, require_writable
+from pvdf_fem.maps import carried
+from pvdf_fem.output.export import write_mesh, write_vtu
+from pvdf_fem.output.figures import new_figure, save
+from pvdf_fem.sweeps.records import record_of
+from pvdf_fem.sweeps.store import Store, StoreError
+from reports import benchmark, compare, error_vs_time, thesis
+from reports.common.kept import kept
+from reports.common.page import Column, Page, Section, Table
+from reports.common.results import Results
+from reports.common.thesis_data import Thesis
+
+ROOT = Path(__file__).parents[2]
+SCENE = '[probe]\nshape = "circle"\nradius_mm = 2.0\n[numerics]\ntolerance = 0.05\n'
+NO_SPACE = "File too large"
+
+
+@pytest.fixture(scope="module")
+def solution() -> Solution:
+    return solve(Scene.parse(SCENE))
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE)
+    return path
+
+
+@contextmanager
+def small_disk(most: int = 500) -> Iterator[None]:
+    """Files hold `most` bytes, whatever comes after them is refused by the system.
+
+    Not a fixture: the tests' own output may go to a file.
+    """
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+# --------------------------------------------------------------------------------------- writers
+
+
+def _figure(path: Path, _: Solution) -> None:
+    figure = new_figure(50, 50)
+    figure.subplots().plot([0, 1])
+    save(figure, path)
+
+
+def _page(path: Path, _: Solution) -> None:
+    Page("Title", ["x" * 1000], []).write(path.parent)
+
+
+def _table(path: Path, _: Solution) -> None:
+    Table(path.stem, "", [Column("a", "a")], [["x" * 1000]]).write_csv(path.parent)
+
+
+def _mesh(path: Path, solution: Solution) -> None:
+    write_mesh(solution.mesh, path)
+
+
+def _section(path: Path, solution: Solution) -> None:
+    results = Results(path.parent, 1)
+    results._records = {solution.scene: record_of(solution)}
+    thesis_ = Thesis.read().quick()
+    kept("a", [], thesis_, results, path.parent, lambda: Section("a", "x" * 1000))
+
+
+WRITERS: dict[str, Callable[[Path, Solution], None]] = {
+    "a.vtu": lambda path, solution: write_vtu(solution, path),
+    "b.vtu": _mesh,
+    "a.msh": _mesh,
+    "a.inp": _mesh,
+    "a.vtk": _mesh,
+    "a.png": _figure,
+    "a.svg": _figure,
+    "a.pdf": _figure,
+    "index.html": _page,
+    "a.csv": _table,
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_full_disk_leaves_the_old_file(solution: Solution, tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_text("old")
+    # numpy, which writes .vtk, has its own words for a full disk
+    problem = pytest.raises(FileError, match=f"{NO_SPACE}|problem writing")
+    with small_disk(), problem as caught:
+        WRITERS[name](path, solution)
+    assert str(caught.value).startswith(f"{path}: cannot be written")
+    assert [file.name for file in tmp_path.iterdir()] == [name]
+    assert path.read_text() == "old"
+
+
+def test_a_full_disk_leaves_no_half_section_or_field(
+    solution: Solution, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with small_disk(), pytest.raises(FileError, match=NO_SPACE):
+        _section(tmp_path / "any", solution)
+    field = carried.CarriedField(np.zeros(500), {"material": np.zeros((500, 500, 3))})
+    monkeypatch.setattr(carried, "_field", lambda scene: field)
+    with small_disk(), pytest.raises(FileError, match=NO_SPACE):
+        carried.carried_field(solution.scene, tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_full_disk_loses_no_record(solution: Solution, tmp_path: Path) -> None:
+    record = record_of(solution)
+    with Store(tmp_path / "results.db") as store:
+        store.put([(solution.scene, record)])
+        with small_disk(100), pytest.raises(StoreError, match="see to its disk"):
+            store.put([(Scene(), record)])
+    with Store(tmp_path / "results.db") as store:
+        assert store.get(solution.scene) == record
+        assert store.get(Scene()) is None
+
+
+def test_replacing_keeps_a_link_and_follows_it(tmp_path: Path) -> None:
+    target, link = tmp_path / "far" / "target.txt", tmp_path / "link.txt"
+    target.parent.mkdir()
+    link.symlink_to(target)
+    for text in ("new", "newer"):
+        with replacing(link) as part:
+            part.write_text(text)
+        assert link.is_symlink()
+        assert target.read_text() == text
+    assert len(list(tmp_path.rglob("*"))) == 3
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError, SystemExit])
+def test_replacing_removes_what_an_exception_leaves(
+    tmp_path: Path, error: type[BaseException]
+) -> None:
+    def write() -> None:
+        with replacing(tmp_path / "a.txt") as part:
+            part.write_text("half")
+            raise error
+
+    with pytest.raises(error):
+        write()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_long_name_can_be_written(tmp_path: Path) -> None:
+    path = tmp_path / f"{250 * 'a'}.txt"
+    require_writable(path)
+    with replacing(path) as part:
+        part.write_text("text")
+    assert path.read_text() == "text"
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_read_only_directory_is_named(tmp_path: Path) -> None:
+    tmp_path.chmod(0o555)
+    for check in (require_writable, lambda path: make_directory(path / "b", "c")):
+        with pytest.raises(FileError, match="Permission denied"):
+            check(tmp_path / "a.vtu")
+
+
+# ---------------------------------------------------------------------------------------- reports
+
+
+@pytest.mark.parametrize(
+    ("program", "arguments"),
+    [
+        (thesis, ["--only", "3.5", "--quick"]),
+        (compare, [str(ROOT / "reports" / "data" / "example_measurements.csv")]),
+        (error_vs_time, ["--quick"]),
+    ],
+)
+@pytest.mark.parametrize(
+    ("out", "told"),
+    [("file", "File exists"), ("file/below", "Not a directory"), ("page", "regular")],
+)
+def test_reports_refuse_an_impossible_directory(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    program: Any,
+    arguments: list[str],
+    out: str,
+    told: str,
+) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / "page" / "index.html").mkdir(parents=True)
+    assert program.main([*arguments, "--out", str(tmp_path / out)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert str(tmp_path / out) in line
+    assert told in line
+
+
+def test_saved_run_times_are_checked_first(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(benchmark, "yardstick", lambda rounds: pytest.fail("it began"))
+    assert benchmark.main(["--save", str(tmp_path)]) == 2
+    assert "no regular file" in capsys.readouterr().err
+    saved = tmp_path / "saved.json"
+    for medians in ({"a": -1.0}, {"a": "1"}, {"a": float("nan")}, [], 3):
+        saved.write_text(json.dumps({"medians": medians}))
+        assert benchmark.main(["--against", str(saved)]) == 2
+        assert "has no medians" in capsys.readouterr().err
+
+
+# ------------------------------------------------------------------------------------------- ends
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "told"),
+    [
+        (InputError("a = 1: bad", "b\n\x9b = 2: bad"), 2, "a = 1: bad\nb\\n\\x9b = 2: bad\n"),
+        (FileError("a.vtu: full"), 2, "a.vtu: full\n"),
+        (OSError(28, "No space left on device", "a.svg"), 2, "a.svg: No space left on device\n"),
+        (InputError(*"x" * 130), 2, "x\n" * 120 + "there are more mistakes; correct these first\n"),
+        (InputError("x" * 10_000), 2, "x" * 397 + "...\n"),
+        (KeyboardInterrupt(), 130, "test: interrupted\n"),
+        (BrokenPipeError(), 141, ""),
+    ],
+)
+def test_ends_have_a_code_and_lines(
+    capsys: pytest.CaptureFixture[str], error: BaseException, code: int, told: str
+) -> None:
+    def job() -> int:
+        raise error
+
+    assert run_program("test", job) == code
+    assert capsys.readouterr() == ("", told)
+
+
+def shell(scene: Path, rest: str) -> subprocess.CompletedProcess[str]:
+    """Run a command line of `pvdf-fem solve SCENE` in a shell."""
+    line = f"{sys.executable} -m pvdf_fem solve {scene} {rest}"
+    return subprocess.run(
+        ["sh", "-c", line], capture_output=True, text=True, cwd=ROOT, timeout=60, check=False
+    )
+
+
+@pytest.mark.parametrize(
+    ("rest", "told"),
+    [
+        ("--json >/dev/full", "standard output: No space left on device\n"),
+        (">&-", "standard output: is closed; redirect it to a file instead\n"),
+    ],
+)
+def test_a_result_that_cannot_be_told_is_no_success(scene: Path, rest: str, told: str) -> None:
+    run = shell(scene, rest)
+    assert (run.returncode, run.stdout, run.stderr) == (2, "", told)
+
+
+@pytest.mark.parametrize("where", ["2>&-", "2>/dev/full"])
+def test_complaints_that_nobody_can_read_keep_the_exit_code(scene: Path, where: str) -> None:
+    run = shell(scene, f"--json --set load.force_N=-1 {where}")
+    assert (run.returncode, run.stdout, run.stderr) == (2, "", "")
+
+
+def test_charges_are_told_though_a_file_cannot_be_written(scene: Path) -> None:
+    line = f"ulimit -f 1; exec {sys.executable} -m pvdf_fem solve {scene} --json --vtu {scene}.vtu"
+    run = subprocess.run(
+        ["sh", "-c", line], capture_output=True, text=True, cwd=ROOT, timeout=60, check=False
+    )
+    assert run.returncode == 2
+    assert json.loads(run.stdout)["status"] == "converged"
+    assert run.stderr.startswith(f"{scene}.vtu: cannot be written ({NO_SPACE})")
+    assert [file.name for file in scene.parent.iterdir()] == [scene.name]
+
+
+def _interrupted(after: Callable[[], bool], *command: object) -> tuple[int, str, str]:
+    """Run a command in a group of processes and interrupt all of them, as a terminal does."""
+
+    def heed() -> None:  # jobs that a shell starts in the background ignore the signal
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    process = subprocess.Popen(
+        [sys.executable, *map(str, command)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+        start_new_session=True,
+        preexec_fn=heed,
+    )
+    deadline = time.monotonic() + 60
+    while not after() and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    return process.returncode, out, err
+
+
+@pytest.mark.parametrize("tangents", [1, 5])
+def test_an_interrupted_solve_leaves_the_old_files(tangents: int, scene: Path) -> None:
+    old = scene.with_name("a.vtu")
+    old.write_text("old")
+    arguments = ["solve", *map(str, (scene, "--vtu", old, "--plot", scene.with_name("a.png")))]
+    # interrupts itself when so many tangents are assembled: no clock, so no race with the solve
+    code = f"""
+import os, runpy, signal, sys
+from pvdf_fem.film.equilibrium import Equilibrium
+signal.signal(signal.SIGINT, signal.default_int_handler)
+assembled, tangent = [], Equilibrium.tangent
+def counted(*arguments):
+    assembled.append(1)
+    if len(assembled) == {tangents}:
+        os.kill(os.getpid(), signal.SIGINT)
+    return tangent(*arguments)
+Equilibrium.tangent = counted
+sys.argv[:] = ["pvdf-fem", *{arguments!r}]
+runpy.run_module("pvdf_fem", run_name="__main__")
+"""
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False
+    )
+    assert (run.returncode, run.stdout, run.stderr) == (130, "", "pvdf-fem: interrupted\n")
+    assert {file.name for file in scene.parent.iterdir()} == {scene.name, old.name}
+    assert old.read_text() == "old"
+
+
+@pytest.mark.parametrize("module", ["argparse", "json", "numpy", "gmsh", "scipy.sparse"])
+def test_an_interrupted_import_is_told_in_a_line(module: str, scene: Path) -> None:
+    # interrupts itself at the first import of a module, by the program or by another one
+    code = f"""
+import importlib.abc, os, runpy, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+class Finder(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        if name == {module!r}:
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Finder())
+sys.modules.pop("argparse", None)
+sys.argv[:] = ["pvdf-fem", "solve", {str(scene)!r}]
+runpy.run_module("pvdf_fem", run_name="__main__")
+"""
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False
+    )
+    assert (run.returncode, run.stdout, run.stderr) == (130, "", "pvdf-fem: interrupted\n")
+
+
+def test_an_interrupted_report_keeps_what_is_solved(tmp_path: Path) -> None:
+    store = tmp_path / "results" / "results.db"
+
+    def solved() -> bool:
+        wal = store.with_name("results.db-wal")
+        return wal.exists() and wal.stat().st_size > 16_500
+
+    csv = ROOT / "reports" / "data" / "example_measurements.csv"
+    command = ("-m", "reports.compare", csv, "--out", tmp_path, "--processes", 2)
+    assert _interrupted(solved, *command) == (130, "", "reports.compare: interrupted\n")
+    assert [path.name for path in tmp_path.iterdir()] == ["results"]
+    rows = Store(store)._rows.execute("SELECT count(*) FROM records").fetchone()
+    assert rows[0] >= 1

@@ -1,0 +1,123 @@
+"""The entry script `run` on machines that lack something, without root and without installing."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import gmsh
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+# Imported by Python at start: plays an interpreter on a machine where something is missing.
+NO_GLU_AND_GOMP = """
+import ctypes
+load = ctypes.CDLL
+def refuse(name, *args, **kwargs):
+    if name in ("libGLU.so.1", "libgomp.so.1"):
+        raise OSError(name + ": cannot open shared object file")
+    if name in {names!r}:
+        return None
+    return load(name, *args, **kwargs)
+ctypes.CDLL = refuse
+"""
+NO_ENSUREPIP = "import sys; sys.modules['ensurepip'] = None"
+OLD_PYTHON = "import sys; sys.version_info = (3, 9, 2, 'final', 0)"
+
+Run = Callable[..., subprocess.CompletedProcess[str]]
+
+
+def executable(path: Path, text: str) -> None:
+    path.write_text("#!/bin/sh\n" + text)
+    path.chmod(0o755)
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """A checkout with a space in its path that holds the script and nothing to install."""
+    folder = tmp_path / "a checkout"
+    folder.mkdir()
+    shutil.copy(ROOT / "run", folder)
+    return folder
+
+
+@pytest.fixture
+def run(checkout: Path, tmp_path: Path) -> Run:
+    """Call `run` as a user without root on a Debian machine with the given Python defect."""
+    tools = tmp_path / "bin"
+    tools.mkdir()
+    executable(tools / "id", "echo 1000\n")
+    executable(tools / "sudo", "echo called sudo; exit 1\n")
+    executable(tools / "apt-get", "echo called apt-get; exit 1\n")
+    executable(tools / "uname", "echo Linux\n")
+    executable(tools / "python3", f'exec "{sys.executable}" "$@"\n')
+
+    def call(*arguments: str, defect: str = "") -> subprocess.CompletedProcess[str]:
+        (tmp_path / "sitecustomize.py").write_text(defect)
+        environment = {"PATH": f"{tools}:{os.environ['PATH']}", "PYTHONPATH": str(tmp_path)}
+        return subprocess.run(
+            [str(checkout / "run"), *arguments],
+            cwd=tmp_path,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
+
+    return call
+
+
+def library_names() -> list[str]:
+    return re.findall(r"^(lib\S+\.so\.\d+) ", (ROOT / "run").read_text(), re.MULTILINE)
+
+
+def test_missing_libraries_give_the_line_to_type(run: Run, checkout: Path) -> None:
+    done = run("report", defect=NO_GLU_AND_GOMP.format(names=library_names()))
+    assert done.returncode == 1
+    assert "gmsh" in done.stderr
+    line = (
+        "sudo apt-get update && "
+        "sudo apt-get install -y --no-install-recommends libglu1-mesa libgomp1"
+    )
+    assert line in [text.strip() for text in done.stderr.splitlines()]
+    assert "called" not in done.stdout + done.stderr
+    assert not (checkout / ".venv").exists()
+
+
+def test_missing_venv_module_gives_the_line_to_type(run: Run) -> None:
+    done = run("setup", defect=NO_ENSUREPIP)
+    assert done.returncode == 1
+    assert "no working venv module" in done.stderr
+    assert re.search(r"install -y --no-install-recommends python3-venv$", done.stderr, re.MULTILINE)
+
+
+def test_old_python_is_refused_with_its_version(run: Run) -> None:
+    done = run("test", defect=OLD_PYTHON)
+    assert done.returncode == 1
+    assert "python3 is Python 3.9" in done.stderr
+    assert "PYTHON=python3.11 ./run test" in done.stderr
+
+
+def test_unknown_command_is_named(run: Run) -> None:
+    done = run("reprot")
+    assert done.returncode == 2
+    assert "'reprot'" in done.stderr
+    assert "usage:" in done.stderr
+
+
+def test_table_of_libraries_covers_what_gmsh_loads() -> None:
+    """A new gmsh wheel that needs another library must not surprise a bare machine."""
+    # The names that the dynamic loader reads stand in the file as null-terminated strings.
+    named = re.findall(rb"\0(lib[\w+-]+\.so\.\d+)(?=\0)", Path(gmsh.libpath).read_bytes())
+    loaded = {name.decode() for name in named}
+    python_has = {"libc.so.6", "libdl.so.2", "libm.so.6", "libpthread.so.0", "librt.so.1"}
+    with_libstdc = {"libgcc_s.so.1"}
+    only_for_windows_on_screen = {"libgtk-3.so.0", "libXrandr.so.2"}  # opened late, if there
+    assert loaded - python_has - with_libstdc - only_for_windows_on_screen == set(library_names())

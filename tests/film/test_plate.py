@@ -1,0 +1,339 @@
+"""Bending against plates: clamped, stretched, at large deflection, vibrating; and its equations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.polynomial import polynomial
+from scipy.optimize import brentq
+from scipy.special import iv, jv, kv
+
+from pvdf_fem import Scene, solve
+from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.film.layers import UNCERTAIN, Layers
+from pvdf_fem.film.membrane import Membrane
+from pvdf_fem.film.plate import bending_form, plate_stiffness
+from pvdf_fem.mesh.gmsh_mesh import FILM, PROBE, RIM, Sizes, mesh_scene
+from pvdf_fem.mesh.six_node import compression
+from pvdf_fem.reference.circular_plate import (
+    clamped_plate_deflection,
+    stretched_plate_deflection,
+    von_karman_plate,
+)
+from pvdf_fem.solution.estimate import prolongation
+from pvdf_fem.solution.first_sizes import first_sizes
+from pvdf_fem.solution.modes import modes
+from pvdf_fem.solvers.newton import factorise, negative_pivots
+from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, free_disc, graded_mesh, uniform_mesh
+
+NONE = np.empty(0, dtype=np.int64)
+PLATE = {"film.bending": True}
+# F a^2/(D h): the deflection is some 1e-4 h, and its square what the linear plate leaves out.
+LOAD = 1e-2
+
+
+def plate(thickness_um, patch_radius=1.0, tension=0.0, **changes):
+    """A film that bends, with `tension` N0 a^2/D, under so small a force that it is linear."""
+    scene = free_disc(
+        1.0,
+        poisson_ratio=0.3,
+        patch_radius=patch_radius,
+        **{"film.thickness_um": thickness_um, "numerics.tolerance": 1e-4, **PLATE},
+    )
+    film = scene.film
+    D = plate_stiffness(film)[0, 0]
+    strain = tension * D / film.radius**2 / (film.thickness * film.stiffness[:2, :2].sum() / 2)
+    return scene.with_(
+        **{
+            "load.force_N": LOAD * D * film.thickness / film.radius**2,
+            "film.temperature_change_K": -strain / film.thermal_expansion_per_K,
+            **changes,
+        }
+    )
+
+
+def solved(scene):
+    """On a mesh of fixed sizes, as charges of a nearly flat plate are second-order small."""
+    patch_mm = min(1.0, scene.probe.radius_mm)
+    return solve(scene, mesh=graded_mesh(scene, patch_mm, 2.0), order=3)
+
+
+def profile(solution):
+    """r/a and deflection in m of all nodes."""
+    radius = np.hypot(*solution.basis.doflocs) / solution.scene.film.radius
+    return np.minimum(radius, 1.0), solution.displacement[:, 2]
+
+
+@pytest.mark.parametrize("thickness_um", [0.5, 25.0, 1000.0])
+@pytest.mark.parametrize("patch_radius", [0.02, 0.3, 1.0])
+def test_clamped_plate(thickness_um, patch_radius):
+    """F a^2/(16 pi D) and p a^4/(64 D) with the correction for a disc."""
+    scene = plate(thickness_um, patch_radius)
+    expected = LOAD * clamped_plate_deflection(patch_radius) * 1e-3 * thickness_um
+    assert solved(scene).deflection_max_mm == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("bending_length", [0.5, 0.1])
+def test_stretched_plate(bending_length):
+    scene = plate(20.0, 0.2, bending_length**-2)
+    solution = solved(scene)
+    radius, w = profile(solution)
+    expected = stretched_plate_deflection(radius, patch_radius=0.2, bending_length=bending_length)
+    scale = LOAD * scene.film.thickness * bending_length**2
+    np.testing.assert_allclose(w, scale * expected, rtol=0, atol=1e-4 * scale * expected.max())
+    assert solution.force_balance < 1e-6
+
+
+def stretched(widths):
+    """Solution in elements of so many bending lengths at the rim; deflection lost by bending, m."""
+    length = 0.05 / widths
+    scene = plate(1.0, 0.5, length**-2)
+    radius = scene.film.radius
+    sizes = Sizes({FILM: 0.05 * radius, PROBE: 0.15 * radius}, 0.5, 0.15 * radius)
+    scale = LOAD * scene.film.thickness * length**2
+    membrane = scale * (np.log(2.0) + 0.5) / (2.0 * np.pi)
+    bent = scale * stretched_plate_deflection(0.0, patch_radius=0.5, bending_length=length)
+    return solve(scene, mesh=mesh_scene(scene, sizes), order=3), membrane, membrane - bent
+
+
+@pytest.mark.parametrize("widths", [3.0, 6.0, 10.0, 15.0, 25.0, 50.0, 200.0])
+def test_layer_narrower_than_the_elements(widths):
+    solution, membrane, lost = stretched(widths)
+    found = membrane - 1e-3 * solution.deflection_max_mm
+    assert found / lost == pytest.approx(1.0, abs=0.08)
+
+
+def test_a_part_of_what_narrow_layers_do_is_uncertain():
+    solution, _, lost = stretched(200.0)
+    solved, state = solution.fields.solved, solution.fields.solved_state
+    layers = Layers.of(solved, solution.fields.q)
+    change = solved.unknowns.expand(layers.change(factorise(solved.tangent(state))))[2::3]
+    centre = np.hypot(*solution.basis.doflocs).argmin()
+    assert change[centre] / lost == pytest.approx(-UNCERTAIN, rel=0.1)
+
+
+@pytest.mark.parametrize(("load", "tension"), [(10.0, 0.0), (100.0, 0.0), (1e3, 0.0), (1e3, 50.0)])
+def test_large_deflection(load, tension):
+    """von Karman's plate under a uniform pressure P = p a^4/(D h), at slopes of 1e-3."""
+    scene = plate(20.0, 1.0, tension)
+    film, D = scene.film, plate_stiffness(scene.film)[0, 0]
+    force = np.pi * load * D * film.thickness / film.radius**2
+    solution = solved(scene.with_(**{"load.force_N": force}))
+    expected, centre = von_karman_plate(load, poisson_ratio=0.3, pretension=tension)
+    found = 1e-3 * solution.deflection_max_mm / film.thickness
+    assert found == pytest.approx(expected, rel=1e-4)
+    membrane, state = solution.fields.equilibrium.membrane, solution.fields.state
+    points = membrane.basis.global_coordinates()
+    nearest = np.unravel_index(np.hypot(*points).argmin(), points.shape[1:])
+    stress = film.thickness * state.stress[nearest][0] * film.radius**2 / D
+    assert stress == pytest.approx(centre, rel=1e-3)
+
+
+def punched(radius, b, length):
+    """Deflection in F/N around a rigid punch on a stretched plate: flat at the punch's edge."""
+
+    def functions(r):
+        return np.array([np.ones_like(r), iv(0, r / length), kv(0, r / length)])
+
+    def slopes(r):
+        return np.array([0.0, iv(1, r / length), -kv(1, r / length)]) / length
+
+    matrix = np.array([slopes(b), functions(np.array(1.0)), slopes(1.0)])
+    factors = np.linalg.solve(matrix, np.array([1.0 / b, 0.0, 1.0]) / (2.0 * np.pi))
+    return np.tensordot(factors, functions(radius), 1) - np.log(radius) / (2.0 * np.pi)
+
+
+@pytest.mark.parametrize("bending_length", [0.3, 0.1])
+def test_punch_keeps_the_film_horizontal_up_to_its_edge(bending_length):
+    scene = plate(20.0, 0.2, bending_length**-2, **LOADS["sliding"])
+    scale = LOAD * scene.film.thickness * bending_length**2
+    radius, w = profile(solved(scene))
+    expected = scale * punched(np.maximum(radius, 0.2), 0.2, bending_length)
+    np.testing.assert_allclose(w, expected, rtol=0, atol=1e-4 * expected.max())
+
+
+@pytest.mark.parametrize(("order", "rate"), [(2, 2.0), (3, 4.0), (4, 4.0)])
+def test_deflection_converges(order, rate):
+    """Of p a^4/(64 D) (1 - r^2/a^2)^2; of order 4, the curved rim's fourth power is left."""
+    scene, errors, sizes = plate(1000.0), [], []
+    for size_mm in (12.0, 6.0, 3.0):
+        membrane = Membrane(uniform_mesh(scene, size_mm), scene.film, order)
+        basis = membrane.basis
+        free = np.setdiff1d(np.arange(basis.N), basis.get_dofs(RIM).all())
+        forces = np.zeros(basis.N)
+        shapes = np.stack([s[0] * np.ones_like(membrane.weights) for s in basis.basis], -1)
+        loads = (shapes * membrane.weights[..., None]).sum(axis=1)
+        np.add.at(forces, basis.element_dofs.T, loads)
+        w = np.zeros(basis.N)
+        matrix = bending_form(membrane, NONE).matrix[free][:, free].tocsc()
+        w[free] = factorise(matrix).solve(forces[free])
+        a, D = scene.film.radius, plate_stiffness(scene.film)[0, 0]
+        exact = (a**2 - (basis.doflocs**2).sum(axis=0)) ** 2 / (64.0 * D)
+        errors.append(np.sqrt(np.mean((w - exact) ** 2)))
+        sizes.append(membrane.mesh.nelements**-0.5)
+    assert np.polyfit(np.log(sizes), np.log(errors), 1)[0] > rate - 0.35
+
+
+ORTHOTROPIC = {"film.youngs_modulus_GPa": [50.0, 1.0], "film.poisson_ratio": 0.34}
+
+
+@pytest.mark.parametrize("order", [2, 3, 4])
+@pytest.mark.parametrize("material", [{}, ORTHOTROPIC, {"film.poisson_ratio": 0.499}])
+def test_clamped_film_resists_any_bending(order, material):
+    """Elements from 1 to 40 mm, and as small a penalty as they bear."""
+    scene = TRIANGLE.with_(**material)
+    membrane = Membrane(graded_mesh(scene, 1.0, 40.0, 1.5), scene.film, order)
+    matrix = bending_form(membrane, NONE).matrix
+    free = np.setdiff1d(np.arange(membrane.basis.N), membrane.basis.get_dofs(RIM).all())
+    assert abs(matrix - matrix.T).max() <= 1e-12 * abs(matrix).max()
+    assert negative_pivots(factorise(matrix[free][:, free].tocsc())) == 0
+
+
+@pytest.mark.parametrize("order", [2, 3, 4])
+def test_flat_film_and_constant_moments_need_no_forces(order):
+    """At nodes of straight-sided elements; their neighbours' edges are straight too."""
+    membrane = Membrane(uniform_mesh(TRIANGLE, 6.0), TRIANGLE.film, order)
+    matrix, (x, y) = bending_form(membrane, NONE).matrix, membrane.basis.doflocs
+    inner = np.hypot(x, y) < 0.6 * TRIANGLE.film.radius
+    for w in (np.ones_like(x), x - 2.0 * y, x**2 - 3.0 * x * y + 0.5 * y**2):
+        forces = matrix @ w
+        assert np.abs(forces[inner]).max() < 1e-10 * abs(matrix).max() * np.abs(w).max()
+
+
+def test_order_1_cannot_bend():
+    with pytest.raises(ValueError, match=r"order = 1: .* give 2 or 3"):
+        Equilibrium(TRIANGLE.with_(**PLATE), uniform_mesh(TRIANGLE, 10.0), 1)
+
+
+def bent(kind, order=3):
+    """Equations in which bending, stretching and the load are of a size, with random states."""
+    scene = TRIANGLE.with_(
+        **{"film.thickness_um": 1000.0, "load.force_N": 2e3, **PLATE}, **LOADS[kind]
+    )
+    problem = Equilibrium(scene, uniform_mesh(scene, 15.0), order)
+    random = np.random.default_rng(4)
+    return problem, *(1e-4 * random.normal(size=(2, problem.unknowns.count)))
+
+
+@pytest.mark.parametrize("kind", LOADS)
+def test_tangent_is_the_derivative_of_the_residual(kind):
+    problem, q, d = bent(kind)
+    residual = {s: problem.residual(problem.state(q + s * d)) for s in (-2, -1, 1, 2)}
+    difference = (residual[-2] - 8 * residual[-1] + 8 * residual[1] - residual[2]) / 12
+    derivative = problem.tangent(problem.state(q)) @ d
+    assert np.abs(derivative - difference).max() <= 1e-10 * np.abs(difference).max()
+    bending = problem.bending.matrix @ d
+    assert np.linalg.norm(bending) > 1e-2 * np.linalg.norm(derivative)
+
+
+def test_energy_along_a_step_has_the_residual_as_its_slope():
+    problem, q, d = bent("dead")
+    state = problem.state(q)
+    quartic = problem.energy_along(state, d, float(problem.residual(state) @ d))
+    s = np.array([-1.0, 0.5, 2.0])
+    slopes = [problem.residual(problem.state(q + length * d)) @ d for length in s]
+    assert polynomial.polyval(s, polynomial.polyder(quartic)) == pytest.approx(slopes, rel=1e-10)
+
+
+def test_richer_space_has_the_energy_of_the_function_written_in_it():
+    """Else the estimate would correct what is no error; edges of the rim are curved."""
+    problem, q, _ = bent("dead", 2)
+    rich = Equilibrium(problem.scene, problem.membrane.mesh, 3)
+    prolong = prolongation(problem, rich)
+    energy = rich.bending.energy(prolong @ q)
+    assert energy == pytest.approx(problem.bending.energy(q), rel=1e-3)
+
+
+@pytest.mark.parametrize("kind", LOADS)
+def test_vanishing_thickness_gives_the_membrane(kind):
+    """At the same F/h: what bending changes falls with it, as its length, which goes as h.
+
+    Charges are within 1e-3, a third of the middle change, so that a factor of 4 may look like 2.
+    """
+    changes = []
+    for thickness_um in (100.0, 25.0, 1.0):
+        scene = RECTANGLE.with_(
+            **{"film.thickness_um": thickness_um, "load.force_N": thickness_um / 25.0},
+            **LOADS[kind],
+        )
+        bends = solve(scene.with_(**PLATE))
+        charges = solve(scene, mesh=bends.mesh, order=3).charges_pC
+        changes.append(max(abs(bends.charges_pC[k] / charges[k] - 1) for k in charges))
+    assert changes[0] > 2.0 * changes[1] > 20.0 * changes[2] > 0.0
+    assert changes[2] < 3e-4
+
+
+HONEST = {
+    "thin": RECTANGLE.with_(**{"film.thickness_um": 9.0}),
+    "thesis": RECTANGLE,
+    "thick": RECTANGLE.with_(**{"film.thickness_um": 110.0}),
+    "plate": TRIANGLE.with_(**{"film.thickness_um": 1000.0}),
+    "punch": RECTANGLE.with_(**{"film.thickness_um": 110.0}, **LOADS["sliding"]),
+    "stuck": TRIANGLE.with_(**LOADS["stuck"]),
+}
+
+
+@pytest.mark.parametrize("case", HONEST)
+def test_error_estimates_are_honest(case):
+    scene = HONEST[case].with_(**PLATE, **{"numerics.tolerance": 3e-3})
+    solution, exact = solve(scene), solve(scene.with_(**{"numerics.tolerance": 3e-4}))
+    found, reference, estimate = (
+        np.array(list(values.values()))
+        for values in (solution.charges_pC, exact.charges_pC, solution.charge_errors_pC)
+    )
+    wrong = np.abs(found - reference)
+    worst = np.argmax(wrong / reference)
+    assert wrong[worst] <= scene.numerics.tolerance * reference[worst]
+    assert estimate[worst] > 0.5 * wrong[worst]
+
+
+def test_film_in_compression_buckles_at_the_load_of_a_plate():
+    """N = -14.68 D/a^2 (Timoshenko and Gere, Theory of Elastic Stability, section 7.3)."""
+    below, above = (plate(1000.0, tension=N, **{"load.force_N": 0.0}) for N in (-14.0, -15.4))
+    assert solve(below).status == "converged"
+    assert solve(above).status == "unstable"
+
+
+# vibration
+
+
+def test_clamped_plate_vibrates():
+    """k^2 of the modes 01, 11 twice, 21 twice: Leissa, Vibration of Plates (NASA SP-160), 2.1."""
+    scene = plate(1000.0, **{"probe": None, "numerics.tolerance": 1e-3})
+    film, D = scene.film, plate_stiffness(scene.film)[0, 0]
+    unit = np.sqrt(D / (film.density * film.thickness)) / (2 * np.pi * film.radius**2)
+    found = modes(scene, 5).frequencies_Hz / unit
+    np.testing.assert_allclose(found, [10.2158, 21.2606, 21.2606, 34.8770, 34.8770], rtol=1e-3)
+
+
+@pytest.mark.parametrize("bending", [True, "auto"])
+def test_stretched_plate_vibrates(bending):
+    """J0(p r) and I0(q r), q^2 - p^2 = N a^2/D; w and its slope vanish on the rim."""
+    N = 100.0
+
+    def determinant(p):
+        q = np.sqrt(p**2 + N)
+        return float(p * jv(1, p) / jv(0, p) + q * iv(1, q) / iv(0, q))
+
+    p = brentq(determinant, 2.41, 3.8)
+    scene = plate(1000.0, tension=N, **{"probe": None, "film.bending": bending})
+    film, D = scene.film, plate_stiffness(scene.film)[0, 0]
+    unit = np.sqrt(D / (film.density * film.thickness)) / (2 * np.pi * film.radius**2)
+    (found,) = modes(scene, 1).frequencies_Hz
+    assert found == pytest.approx(p * np.sqrt(p**2 + N) * unit, rel=1e-4)
+
+
+def test_modes_say_what_they_leave_out():
+    assert "bending" not in modes(Scene().with_(**PLATE), 1).left_out[0]
+
+
+@pytest.mark.parametrize("order", [2, 3, 4])
+def test_form_is_positive_definite_beside_a_cusp(order):
+    """The probe's circle touches corners of the electrodes; distorted elements would not do."""
+    scene = plate(20.0, 0.2, 100.0)
+    mesh = mesh_scene(scene, first_sizes(scene, 3))
+    assert compression(mesh).min() > 0.2
+    equilibrium = Equilibrium(scene, mesh, order)
+    deflections = np.flatnonzero(equilibrium.unknowns.deflections())
+    stiffness = equilibrium.bending.matrix[deflections][:, deflections].tocsc()
+    assert negative_pivots(factorise(stiffness)) == 0

@@ -1,0 +1,67 @@
+"""Scenes and meshes that several tests of the solver share."""
+
+from __future__ import annotations
+
+from skfem import MeshTri2
+
+from pvdf_fem import Scene
+from pvdf_fem.mesh.gmsh_mesh import Sizes, mesh_scene, outlines
+
+LOADS = {
+    "dead": {"load.kind": "dead"},
+    "follower": {"load.kind": "follower"},
+    "sliding": {"load.kind": "rigid"},
+    "stuck": {"load.kind": "rigid", "load.contact": "stuck"},
+}
+RECTANGLE = Scene.parse('[probe]\nshape = "rectangle"')
+TRIANGLE = Scene.parse('[probe]\nshape = "triangle"\nx_mm = 5.0714\ny_mm = 0.8757')
+
+
+def uniform_mesh(scene: Scene, size_mm: float) -> MeshTri2:
+    """A mesh of one element size."""
+    size = size_mm / 1e3
+    return mesh_scene(scene, Sizes(dict.fromkeys(outlines(scene), size), 1.0, size))
+
+
+def graded_mesh(scene: Scene, patch_mm: float, film_mm: float, growth: float = 0.4) -> MeshTri2:
+    """A mesh that is fine along the outlines of all patches."""
+    patches = dict.fromkeys(outlines(scene), patch_mm / 1e3)
+    return mesh_scene(scene, Sizes(patches, growth, film_mm / 1e3))
+
+
+def free_disc(
+    force: float,
+    *,
+    poisson_ratio: float,
+    patch_radius: float = 1.0,
+    pretension: float = 0.0,
+    centre: tuple[float, float] = (0.0, 0.0),
+    **changes: object,
+) -> Scene:
+    """A film under a round probe, in the scale-free terms of `pvdf_fem.reference.axisymmetric`.
+
+    `force` is F/(E h a), `pretension` N0/(E h), lengths are in a. One square electrode, with a
+    corner on the film's centre, so that every mesh has a node there.
+    """
+    radius_mm, thickness_um, modulus_GPa = 50.0, 20.0, 2.0
+    stiffness = modulus_GPa * 1e9 * thickness_um * 1e-6
+    side_mm = radius_mm / 5
+    return Scene().with_(
+        **{
+            "film.radius_mm": radius_mm,
+            "film.thickness_um": thickness_um,
+            "film.youngs_modulus_GPa": modulus_GPa,
+            "film.poisson_ratio": poisson_ratio,
+            "film.thermal_expansion_per_K": 1e-3,
+            "film.temperature_change_K": -pretension * (1 - poisson_ratio) / 1e-3,
+            "electrodes": [
+                {"name": "A", "x_mm": side_mm / 2, "y_mm": side_mm / 2, "side_mm": side_mm}
+            ],
+            "probe.shape": "circle",
+            "probe.radius_mm": patch_radius * radius_mm,
+            "probe.x_mm": centre[0] * radius_mm,
+            "probe.y_mm": centre[1] * radius_mm,
+            "load.force_N": force * stiffness * radius_mm / 1e3,
+            **changes,
+        }
+    )

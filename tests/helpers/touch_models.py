@@ -1,0 +1,72 @@
+"""Made-up models of charges with the symmetries of a sensor, quick to evaluate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pvdf_fem import Scene
+from pvdf_fem.scene.outline import rectangle, triangle, turn
+
+
+@dataclass(frozen=True)
+class Reach:
+    reach_mm: float = 12.0
+    force_N: tuple[float, float] = (0.1, 5.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Bumps:
+    """Charges k (40 + 700 F^0.65 mean of 1/(1 + |p - e|²/s²)) over points p of the probe.
+
+    They fall off about the electrodes' centres e (n, 2), and have the probe's symmetries.
+    """
+
+    scene: Scene
+    points_mm: np.ndarray
+    electrodes_mm: np.ndarray
+    names: tuple[str, ...]
+    width_mm: float = 9.0
+    error_bound: float = 1e-4
+    domain: Reach = Reach()
+
+    def evaluate(self, touches):
+        x, y, rotation, force = touches.T
+        c, s = np.cos(np.radians(rotation)), np.sin(np.radians(rotation))
+        px, py = self.points_mm.T
+        ox, oy = c[:, None] * px - s[:, None] * py, s[:, None] * px + c[:, None] * py
+        dx = (x[:, None] + ox)[:, None] - self.electrodes_mm[:, 0, None]
+        dy = (y[:, None] + oy)[:, None] - self.electrodes_mm[:, 1, None]
+        value = 1.0 / (1.0 + (dx**2 + dy**2) / self.width_mm**2)
+        slope = -2.0 * value**2 / self.width_mm**2
+        turned = slope * (dy * ox[:, None] - dx * oy[:, None]) * np.pi / 180.0
+        power = 700.0 * force[:, None] ** 0.65
+        mean = value.mean(axis=2)
+        parts = [(slope * dx).mean(axis=2), (slope * dy).mean(axis=2), turned.mean(axis=2)]
+        parts.append(0.65 * mean / force[:, None])
+        return 40.0 + power * mean, power[:, :, None] * np.stack(parts, axis=2)
+
+
+POINTS = {
+    "triangle": triangle(7.0),
+    "rectangle": rectangle(14.0, 7.0),
+    "circle": np.zeros((1, 2)),
+}
+
+
+def bumps(shape: str = "triangle", electrodes: int = 4, **changes) -> Bumps:
+    """Electrodes on the ring of 10 mm, the first at +x."""
+    angles = 360.0 * np.arange(electrodes) / electrodes
+    places = np.array([turn([10.0, 0.0], angle) for angle in angles])
+    scene = Scene().with_(probe={"shape": shape})
+    names = tuple("ABCDEFGH"[:electrodes])
+    return Bumps(scene, POINTS[shape], places, names, **changes)
+
+
+def random_touches(count: int, seed: int, reach_mm: float = 12.0) -> np.ndarray:
+    """Touches (count, 4) evenly over a disc, all rotations, and magnitudes of 0.1 to 5 N."""
+    draw = np.random.default_rng(seed)
+    r, a = reach_mm * np.sqrt(draw.random(count)), 2.0 * np.pi * draw.random(count)
+    turns, forces = 360.0 * draw.random(count), 0.1 * 50.0 ** draw.random(count)
+    return np.stack([r * np.cos(a), r * np.sin(a), turns, forces], axis=1)

@@ -1,0 +1,309 @@
+"""Meshes: exact patches in awkward places, curved rims, obeyed sizes, no trace left in gmsh."""
+
+from __future__ import annotations
+
+import math
+import threading
+
+import gmsh
+import numpy as np
+import pytest
+import shapely
+from skfem import Basis, ElementTriP2
+
+from pvdf_fem import Scene
+from pvdf_fem.film.membrane import Membrane
+from pvdf_fem.mesh.gmsh_mesh import (
+    PROBE,
+    MeshError,
+    SizeField,
+    Sizes,
+    element_sizes,
+    mesh_scene,
+    outlines,
+)
+from pvdf_fem.mesh.six_node import compression
+from pvdf_fem.scene.outline import Circle
+from pvdf_fem.solution.first_sizes import first_sizes
+from tests.helpers.discs import RECTANGLE, graded_mesh, uniform_mesh
+
+ON_A = "x_mm = 10\nwidth_mm = 3\nheight_mm = 3"
+PLACES = {
+    "no probe": "",
+    "rectangle overlaps an electrode": '[probe]\nshape = "rectangle"\nx_mm = 3',
+    "edges touch": '[probe]\nshape = "rectangle"\nx_mm = 1.5',
+    "edges coincide in part": '[probe]\nshape = "rectangle"\nx_mm = 7\nwidth_mm = 3\nheight_mm = 6',
+    "corner touches corner": '[probe]\nshape = "polygon"\nvertices_mm = [[0,0],[8.5,1.5],[0,3]]',
+    "corner touches edge": '[probe]\nshape = "polygon"\nvertices_mm = [[0,-3],[8.5,0.3],[0,3]]',
+    "gap of a nanometre": '[probe]\nshape = "rectangle"\nx_mm = 1.499999',
+    "overlap of a nanometre": '[probe]\nshape = "rectangle"\nx_mm = 1.500001',
+    "probe is an electrode": f'[probe]\nshape = "rectangle"\n{ON_A}',
+    "probe is nearly an electrode": f'[probe]\nshape = "rectangle"\n{ON_A}\nrotation_deg = 1e-6',
+    "probe covers all": '[probe]\nshape = "rectangle"\nwidth_mm = 30\nheight_mm = 30',
+    "probe covers two": '[probe]\nshape = "triangle"\nside_mm = 30\ny_mm = 3',
+    "circle through electrodes": '[probe]\nshape = "circle"\nradius_mm = 10',
+    "circle through corners": f'[probe]\nshape = "circle"\nradius_mm = {math.hypot(8.5, 1.5)!r}',
+    "circle touches edges": '[probe]\nshape = "circle"\nradius_mm = 8.5',
+    "probe is the film": '[probe]\nshape = "circle"\nradius_mm = 45',
+    "probe inscribed in the rim": (
+        f'[probe]\nshape = "rectangle"\nwidth_mm = {90 * math.cos(0.5)!r}\n'
+        f"height_mm = {90 * math.sin(0.5)!r}"
+    ),
+    "electrode touches the rim": (
+        f'[[electrodes]]\nname = "A"\nx_mm = {45 * math.cos(1) - 1.5!r}\n'
+        f"y_mm = {45 * math.sin(1) - 1.5!r}"
+    ),
+    "round electrode touches the rim": (
+        '[[electrodes]]\nname = "A"\nshape = "circle"\nradius_mm = 3\nx_mm = 42\ny_mm = 0'
+    ),
+    "electrodes touch under the probe": (
+        '[[electrodes]]\nname = "A"\nx_mm = 10\ny_mm = 0\n'
+        '[[electrodes]]\nname = "name of 4 words"\nx_mm = 13\ny_mm = 0\n[probe]\nx_mm = 11'
+    ),
+}
+
+
+def area_basis(mesh):
+    """Quadrature that integrates the area of six-node triangles exactly."""
+    return Basis(mesh, ElementTriP2(), intorder=4)
+
+
+@pytest.fixture(scope="module", params=PLACES.values(), ids=PLACES.keys())
+def placed(request):
+    scene = Scene.parse(request.param)
+    return scene, graded_mesh(scene, 1.0, 6.0)
+
+
+def test_patches_have_their_names_and_areas(placed):
+    scene, mesh = placed
+    names = [f"electrode {e.name}" for e in scene.electrode_list] + ["probe"] * bool(scene.probe)
+    assert set(mesh.subdomains) == {"film", *names}
+    assert set(mesh.boundaries) == {"rim"}
+    basis = area_basis(mesh)
+    for name, outline in outlines(scene).items():
+        area = basis.dx[mesh.subdomains[name]].sum()
+        assert area == pytest.approx(outline.area, rel=1e-10), name
+    assert np.array_equal(np.sort(mesh.subdomains["film"]), np.arange(mesh.nelements))
+    assert basis.dx.sum() == pytest.approx(math.pi * scene.film.radius**2, rel=1e-12)
+
+
+def test_patches_are_where_their_outlines_are(placed):
+    """With the areas, the first moments fix place and orientation."""
+    scene, mesh = placed
+    basis = area_basis(mesh)
+    points = np.asarray(basis.global_coordinates())
+    for name, outline in outlines(scene).items():
+        patch = mesh.subdomains[name]
+        assert len(np.unique(patch)) == len(patch)
+        weights = basis.dx[patch] / basis.dx[patch].sum()
+        centroid = (points[:, patch] * weights).sum(axis=(1, 2))
+        # a circle to the order of its quadratic arcs
+        off = 1e-5 * outline.radius if isinstance(outline, Circle) else 1e-8
+        assert centroid == pytest.approx(outline.centroid, abs=off)
+
+
+def test_elements_are_not_inverted(placed):
+    _, mesh = placed
+    basis = area_basis(mesh)
+    determinants = basis.mapping.detDF(basis.X)
+    assert np.all(determinants * np.sign(determinants[:, :1]) > 0)
+    assert np.all(np.diff(mesh.t[:3], axis=0) > 0)  # as cubic elements need it
+
+
+def test_rim_is_the_circle_and_all_of_the_boundary(placed):
+    scene, mesh = placed
+    assert np.array_equal(np.sort(mesh.boundaries["rim"]), np.sort(mesh.boundary_facets()))
+    assert_on_circle(mesh, mesh.boundaries["rim"], np.zeros(2), scene.film.radius)
+
+
+def assert_on_circle(mesh, facets, centre, radius):
+    """Vertices on the circle, midside nodes outside of it by what makes the area right."""
+    vertices = np.unique(mesh.facets[:, facets])
+    distance = np.linalg.norm(mesh.p[:, vertices] - centre[:, None], axis=0)
+    assert distance == pytest.approx(radius, rel=1e-12)
+    basis = area_basis(mesh)
+    nodes = basis.doflocs[:, basis.get_dofs(facets).all()]
+    middle = np.linalg.norm(nodes - centre[:, None], axis=0) / radius - 1
+    longest = np.linalg.norm(np.diff(mesh.p[:, mesh.facets[:, facets]], axis=1), axis=0).max()
+    assert middle.min() > -1e-12
+    assert middle.max() < (longest / radius) ** 4 / 200
+    assert middle.max() > 0
+
+
+def test_circular_patches_converge_with_the_order_of_the_curve():
+    """With the area right, the polar moment is wrong by the arcs' sixth power, not the fourth."""
+    scene = Scene.parse('[probe]\nshape = "circle"\nradius_mm = 6\nx_mm = 20\ny_mm = 5')
+    counts, errors = [], []
+    for size_mm in (3.0, 1.5, 0.75):
+        mesh = uniform_mesh(scene, size_mm)
+        basis, patch = area_basis(mesh), mesh.subdomains["probe"]
+        from_centre = np.asarray(basis.global_coordinates())[:, patch] - [[[0.02]], [[0.005]]]
+        moment = ((from_centre**2).sum(axis=0) * basis.dx[patch]).sum()
+        errors.append(abs(moment / (math.pi * 6e-3**4 / 2) - 1))
+        edges, times = np.unique(mesh.t2f[:, patch], return_counts=True)
+        counts.append(len(edges[times == 1]))
+    orders = np.diff(np.log(errors)) / -np.diff(np.log(counts))
+    assert orders == pytest.approx([6, 6], abs=0.2)
+
+
+def edge_lengths(mesh):
+    return np.linalg.norm(np.diff(mesh.p[:, mesh.facets], axis=1)[:, 0], axis=0)
+
+
+@pytest.mark.parametrize("electrode_mm", [0.3, 1.0])
+@pytest.mark.parametrize("probe_mm", [0.5, 2.0])
+def test_sizes_are_obeyed_along_every_outline(electrode_mm, probe_mm):
+    names = outlines(RECTANGLE)
+    patches = {name: (probe_mm if name == "probe" else electrode_mm) / 1e3 for name in names}
+    mesh = mesh_scene(RECTANGLE, Sizes(patches, 0.4, 8e-3))
+    lengths = edge_lengths(mesh)
+    for name in names:
+        edges, times = np.unique(mesh.t2f[:, mesh.subdomains[name]], return_counts=True)
+        asked = patches[name]
+        on_outline = lengths[edges[times == 1]]
+        assert on_outline.max() <= 1.1 * asked
+        assert on_outline.mean() >= 0.5 * asked
+    assert lengths.max() <= 1.5 * 8e-3
+    assert lengths.max() >= 0.7 * 8e-3
+
+
+def test_sizes_grow_with_the_distance_from_the_outlines():
+    scene = Scene.parse('[probe]\nshape = "circle"\nradius_mm = 5\n[electrodes]\nside_mm = 0.5')
+    sizes = Sizes({name: 0.5e-3 for name in outlines(scene)}, 0.3, 6e-3)
+    mesh = mesh_scene(scene, sizes)
+    middles = mesh.p[:, mesh.facets].mean(axis=1)
+    shapes = [o.shape.boundary for o in outlines(scene).values()]
+    points = shapely.points(middles.T)
+    distance = np.min([shapely.distance(points, shape) for shape in shapes], axis=0)
+    asked = np.minimum(0.5e-3 + 0.3 * distance, 6e-3)
+    ratio = edge_lengths(mesh) / asked
+    assert ratio.max() < 1.8
+    assert np.mean(ratio) == pytest.approx(0.95, abs=0.15)
+
+
+def test_halved_sizes_give_four_times_the_elements():
+    sizes = Sizes({name: 1e-3 for name in outlines(RECTANGLE)}, 0.4, 6e-3)
+    coarse, fine = (mesh_scene(RECTANGLE, sizes.scaled(f)).nelements for f in (1.0, 0.5))
+    assert fine / coarse == pytest.approx(4, rel=0.15)
+
+
+@pytest.mark.parametrize("radius_mm", [0.45, 4.5e3])
+def test_meshes_are_similar_for_films_of_any_size(radius_mm):
+    factor = radius_mm / 45
+    small = Scene().with_(
+        **{
+            "film.radius_mm": radius_mm,
+            "electrodes.ring_radius_mm": 10 * factor,
+            "electrodes.side_mm": 3 * factor,
+        }
+    )
+    mesh, reference = graded_mesh(small, factor, 6 * factor), graded_mesh(Scene(), 1.0, 6.0)
+    assert mesh.nelements == pytest.approx(reference.nelements, rel=0.02)
+    area = area_basis(mesh).dx[mesh.subdomains["electrode A"]].sum()
+    assert area == pytest.approx((3e-3 * factor) ** 2, rel=1e-10)
+
+
+# gmsh's state
+
+
+def same(a, b):
+    return np.array_equal(a.doflocs, b.doflocs) and np.array_equal(a.t, b.t)
+
+
+def test_one_mesh_does_not_depend_on_those_before():
+    first = graded_mesh(RECTANGLE, 1.0, 6.0)
+    uniform_mesh(Scene.parse('[probe]\nshape = "circle"'), 3.0)
+    assert same(first, graded_mesh(RECTANGLE, 1.0, 6.0))
+    assert not gmsh.isInitialized()
+
+
+def test_meshes_are_made_outside_of_the_main_thread():
+    made = []
+    thread = threading.Thread(target=lambda: made.append(graded_mesh(RECTANGLE, 1.0, 6.0)))
+    thread.start()
+    thread.join()
+    assert same(made[0], graded_mesh(RECTANGLE, 1.0, 6.0))
+
+
+def test_gmsh_is_left_finalized_when_it_fails(monkeypatch):
+    def fail(_):
+        raise Exception("no elements in surface 7")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(gmsh.model.mesh, "generate", fail)
+        with pytest.raises(MeshError, match="no elements in surface 7"):
+            graded_mesh(RECTANGLE, 1.0, 6.0)
+    assert not gmsh.isInitialized()
+    assert graded_mesh(RECTANGLE, 1.0, 6.0).nelements > 500
+
+
+def test_lost_patches_are_named(monkeypatch):
+    get_elements = gmsh.model.mesh.getElements
+    lost = []
+
+    def lose_one(dimension, surface):
+        if not lost or surface in lost:
+            lost.append(surface)
+            return [], [], []
+        return get_elements(dimension, surface)
+
+    monkeypatch.setattr(gmsh.model.mesh, "getElements", lose_one)
+    with pytest.raises(MeshError, match=r"without elements: \['electrode A'\]; .*'electrode B'"):
+        graded_mesh(Scene(), 1.0, 6.0)
+
+
+def test_circles_stay_circles_on_their_own_nodes():
+    scene = Scene.parse('[probe]\nshape = "circle"\nradius_mm = 6\nx_mm = 20\ny_mm = 5')
+    mesh = uniform_mesh(scene, 3.0)
+    outline = scene.probe.outline
+    assert isinstance(outline, Circle)
+    edges, times = np.unique(mesh.t2f[:, mesh.subdomains["probe"]], return_counts=True)
+    assert_on_circle(mesh, edges[times == 1], outline.centre, outline.radius)
+
+
+def test_a_cusp_between_arcs_takes_few_elements():
+    """A disc that touches the rim: elements in the cusp stay distorted however small they are."""
+    electrode = {"name": "A", "shape": "circle", "radius_mm": 8.0, "x_mm": 37.0, "y_mm": 0.0}
+    scene = Scene().with_(electrodes=[electrode])
+    mesh = mesh_scene(scene, Sizes({"electrode A": 4.0e-3}, 0.5, 10.0e-3))
+    assert 0.1 < compression(mesh).min() < 0.2
+    again = mesh_scene(scene, SizeField.of_elements(mesh, element_sizes(mesh)))
+    assert compression(again).min() > 0.1
+    assert again.nelements < 2 * mesh.nelements
+
+
+def test_a_short_chord_of_the_rim_is_no_arc():
+    """An electrode with two corners on the rim: its edge is a millionth of its length from it."""
+    radius, side = 268.5, 0.0514
+    far = math.sqrt(radius**2 - side**2 / 4) - side / 2
+    electrode = {"name": "A", "x_mm": far, "y_mm": 0.0, "side_mm": side}
+    scene = Scene().with_(**{"film.radius_mm": radius, "electrodes": [electrode]})
+    mesh = mesh_scene(scene, first_sizes(scene, 3))
+    assert compression(mesh).min() > 0.14
+    assert mesh.nelements < 3000
+
+
+def test_touching_circles_are_told_apart():
+    """Where a disc touches the rim, nodes of one are as near to the other as rounding."""
+    electrode = {"name": "A", "shape": "circle", "radius_mm": 3.0, "x_mm": 42.0, "y_mm": 0.0}
+    scene = Scene().with_(electrodes=[electrode])
+    mesh = mesh_scene(scene, first_sizes(scene, 3))
+    for _ in range(6):
+        sizes = element_sizes(mesh)
+        sizes[compression(mesh).argsort()[:6]] *= 0.1
+        mesh = mesh_scene(scene, SizeField.of_elements(mesh, sizes))
+    assert element_sizes(mesh).min() < 1e-6
+    assert compression(mesh).min() > 0.0
+
+
+@pytest.mark.parametrize(
+    ("x_mm", "y_mm", "radius_mm"),
+    [(-5.7447104, 2.6726427, 5.0), (0.8122590, -4.0584843, 5.0), (-10.9135558, 4.6956717, 4.0)],
+)
+def test_an_arc_beside_a_corner_does_not_fold(x_mm: float, y_mm: float, radius_mm: float):
+    probe = {"shape": "circle", "radius_mm": radius_mm, "x_mm": x_mm, "y_mm": y_mm}
+    scene = Scene().with_(probe=probe)
+    mesh = mesh_scene(scene, first_sizes(scene, 3))
+    assert compression(mesh).min() > 0.0
+    area = Membrane(mesh, scene.film).weights[mesh.subdomains[PROBE]].sum()
+    assert area == pytest.approx(math.pi * (1e-3 * radius_mm) ** 2, rel=1e-6)

@@ -1,0 +1,26 @@
+"""Sizes of the next mesh from the shares of elements in the error."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pvdf_fem.solution.refine import refined_sizes
+from tests.helpers.discs import RECTANGLE, graded_mesh
+
+
+def test_elements_without_any_share_are_refined_alike() -> None:
+    """On a slack film no element has a share in the error of a charge."""
+    mesh = graded_mesh(RECTANGLE, 1.5, 8.0)
+    none = np.zeros(mesh.nelements)
+    for reduction in (0.5, 1e-4):
+        sizes = refined_sizes(mesh, none, reduction)
+        assert sizes.sizes == pytest.approx(refined_sizes(mesh, none + 1.0, reduction).sizes)
+
+
+def test_an_error_of_so_many_times_less_takes_so_many_more_elements() -> None:
+    """Equal shares e h^3: a reduction by 8 halves all sizes."""
+    mesh = graded_mesh(RECTANGLE, 1.5, 8.0)
+    even = np.ones(mesh.nelements)
+    whole, halved = (refined_sizes(mesh, even, reduction).sizes for reduction in (1.0, 0.125))
+    assert halved == pytest.approx(0.5 * whole, rel=0.05)

@@ -1,0 +1,265 @@
+"""Solves on a half or a quarter of a symmetric film, against those on the whole of it."""
+
+import re
+
+import meshio
+import numpy as np
+import pytest
+from scipy.sparse.linalg import eigsh
+
+from pvdf_fem import solve
+from pvdf_fem.charges.forces import Goal, goal_forces, goal_gradients, goals_of
+from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.mesh.gmsh_mesh import RIM, mesh_scene
+from pvdf_fem.mesh.symmetry import WHOLE, part_of
+from pvdf_fem.scene.outline import Circle, Polygon
+from pvdf_fem.solution import admissible, solution
+from pvdf_fem.solution.attempt import solve_on
+from pvdf_fem.solution.clock import Clock
+from pvdf_fem.solution.first_sizes import first_sizes
+from pvdf_fem.solution.gradients import gradients
+from pvdf_fem.solution.modes import element_mass
+from pvdf_fem.solution.unfold import unfolded
+from pvdf_fem.solvers.newton import factorise, negative_pivots
+from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE
+
+EDGES = {"numerics.observable": "thesis-edge"}
+DISC = RECTANGLE.with_(**{"probe.shape": "circle", "probe.radius_mm": 2.0})
+# A touches the line x = 0, as its image B does; C lies across it.
+TOUCHING = RECTANGLE.with_(
+    electrodes=[
+        {"name": "A", "x_mm": 1.5, "y_mm": 9.0},
+        {"name": "B", "x_mm": -1.5, "y_mm": 9.0},
+        {"name": "C", "x_mm": 0.0, "y_mm": -8.0},
+    ]
+)
+# The mesh follows the images of electrodes too, which are none of the scene's.
+ANYWHERE = DISC.with_(**{"probe.x_mm": 5.0, "probe.y_mm": 2.5, "numerics.tolerance": 1e-4})
+HALVES = {
+    "triangle on the y axis": TRIANGLE.with_(**{"probe.x_mm": 0.0, "probe.y_mm": 5.0}),
+    "triangle at the centre, three electrodes": TRIANGLE.with_(
+        **{"probe.x_mm": 0.0, "probe.y_mm": 0.0, "electrodes.layout": "three"}
+    ),
+    "disc on the x axis": DISC.with_(**{"probe.x_mm": 7.0}),
+    "disc on the diagonal": DISC.with_(**{"probe.x_mm": -4.0, "probe.y_mm": 4.0}),
+    "disc anywhere": ANYWHERE,
+    "disc anywhere, means along edges": ANYWHERE.with_(**EDGES),
+    "edges on the mirror line": TOUCHING,
+    "means along them": TOUCHING.with_(**EDGES),
+    "stiff along x": TRIANGLE.with_(
+        **{"probe.x_mm": 0.0, "film.youngs_modulus_GPa": [3.0, 2.0], **EDGES}
+    ),
+}
+QUARTERS = {
+    "rectangle": RECTANGLE,
+    "rectangle at 45 degrees": RECTANGLE.with_(**{"probe.rotation_deg": 45.0}),
+    "rectangle at 45 degrees, means along edges": RECTANGLE.with_(
+        **{"probe.rotation_deg": 45.0, **EDGES}
+    ),
+    "rectangle at 90 degrees, means along edges": RECTANGLE.with_(
+        **{"probe.rotation_deg": 90.0, **EDGES}
+    ),
+    "disc": DISC,
+    "stiff along y": RECTANGLE.with_(**{"film.youngs_modulus_GPa": [2.0, 3.0]}),
+    "follower": RECTANGLE.with_(**LOADS["follower"]),
+    "stuck": RECTANGLE.with_(**LOADS["stuck"]),
+    "sliding": RECTANGLE.with_(**LOADS["sliding"]),
+    "wrinkling": RECTANGLE.with_(
+        **{"film.compression": "tension-field", "film.temperature_change_K": 2.0}
+    ),
+}
+SYMMETRIC = HALVES | QUARTERS
+OTHERS = {
+    "triangle beside an axis": TRIANGLE,
+    "triangle turned by 10 degrees": TRIANGLE.with_(
+        **{"probe.x_mm": 0.0, "probe.y_mm": 0.0, "probe.rotation_deg": 10.0}
+    ),
+    "nearly": RECTANGLE.with_(**{"probe.x_mm": 45e-6, "probe.y_mm": 45e-6}),
+    "nearly at this angle": RECTANGLE.with_(**{"probe.rotation_deg": 1e-4}),
+    "nearly at 45 degrees": RECTANGLE.with_(**{"probe.rotation_deg": 45.0001}),
+    "one electrode smaller": RECTANGLE.with_(
+        electrodes=[
+            {"name": "A", "x_mm": 10.0, "y_mm": 4.0, "side_mm": 3.0},
+            {"name": "B", "x_mm": -10.0, "y_mm": 4.0, "side_mm": 3.001},
+        ]
+    ),
+    "rectangle at 45 degrees, stiff along x": RECTANGLE.with_(
+        **{"probe.rotation_deg": 45.0, "film.youngs_modulus_GPa": [3.0, 2.0]}
+    ),
+    "bending": RECTANGLE.with_(**{"film.bending": True}),
+    "disc anywhere, where a coarse mesh will do": ANYWHERE.with_(**{"numerics.tolerance": 1e-3}),
+    "disc anywhere, its images in the way": ANYWHERE.with_(**{"probe.y_mm": 1e-3}),
+    "nothing presses": RECTANGLE.with_(**{"load.force_N": 0.0}),
+    "no probe": RECTANGLE.with_(probe=None),
+}
+
+
+def charges(solved):
+    return np.array(list(solved.charges_pC.values()))
+
+
+def nearest(text):
+    """A warning with the place of all those that mirror images bring to it."""
+
+    def image(place):
+        return str(sorted(abs(float(number)) for number in place.groups()))
+
+    return re.sub(r"\((.*), (.*)\) mm", image, text)
+
+
+def on_part(scene):
+    """The solution on the first mesh of a part of the film."""
+    part, order = part_of(scene), 3
+    mesh = mesh_scene(scene, first_sizes(scene, order), part)
+    return solve_on(scene, goals_of(scene), mesh, part, order, Clock()).fields
+
+
+@pytest.mark.parametrize("name", SYMMETRIC)
+def test_symmetry_is_found(name):
+    part = part_of(SYMMETRIC[name])
+    assert len(part.signs) == (2 if name in HALVES else 4)
+    assert part.frame @ part.frame.T == pytest.approx(np.eye(2), abs=1e-15)
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_no_symmetry_is_found_where_there_is_none(name):
+    assert part_of(OTHERS[name]) is WHOLE
+
+
+@pytest.mark.parametrize("name", SYMMETRIC)
+def test_charges_are_those_of_the_whole_film(name, monkeypatch):
+    scene = SYMMETRIC[name]
+    solved = solve(scene)
+    assert solved.fields.solved.part.mirrored
+    monkeypatch.setattr(solution, "part_of", lambda scene: WHOLE)
+    tolerance = scene.numerics.tolerance
+    other = solve(scene.with_(**{"numerics.tolerance": 0.1 * tolerance}))
+    assert charges(solved) == pytest.approx(charges(other), rel=tolerance)
+    assert solved.deflection_max_mm == pytest.approx(other.deflection_max_mm, rel=1e-3)
+    assert solved.force_balance < 1e-9
+
+
+@pytest.mark.parametrize("name", SYMMETRIC)
+def test_unfolded_solution_solves_the_whole_film(name):
+    scene = SYMMETRIC[name]
+    fields = on_part(scene)
+    whole, mesh = fields.equilibrium, fields.equilibrium.membrane.mesh
+    assert mesh.nelements == len(fields.solved.part.signs) * fields.solved.membrane.mesh.nelements
+    areas = whole.membrane.weights
+    assert areas.sum() == pytest.approx(np.pi * scene.film.radius**2, rel=1e-12)
+    for electrode in scene.electrode_list:
+        patch = mesh.subdomains[f"electrode {electrode.name}"]
+        assert areas[patch].sum() == pytest.approx(electrode.outline.area, rel=1e-12)
+        centre = mesh.p[:, mesh.t[:, patch]].mean(axis=(1, 2))
+        assert np.linalg.norm(centre - electrode.outline.centroid) < 1e-3
+    assert np.array_equal(np.sort(mesh.boundaries[RIM]), np.sort(mesh.boundary_facets()))
+    held = whole.unknowns.expand(whole.unknowns.restrict(fields.displacement))
+    assert held == pytest.approx(fields.displacement, abs=1e-15)
+    assert np.abs(whole.residual(fields.state)).max() < 1e-9 * scene.load.force
+    forces = goal_forces(goals_of(scene), whole.membrane, fields.displacement)
+    assert fields.forces == pytest.approx(forces, rel=1e-11, abs=1e-11 * np.abs(forces).max())
+    solved = fields.solved
+    for force in (whole.rim_reaction, whole.applied_force):
+        on_solved = getattr(solved, force.__name__)(fields.solved_state)
+        assert on_solved == pytest.approx(force(fields.state), rel=1e-11)
+
+
+@pytest.mark.parametrize("name", ["disc on the diagonal", "edges on the mirror line", "rectangle"])
+@pytest.mark.parametrize("observable", ["material", "thesis-edge"])
+def test_electrodes_anywhere_have_what_they_have_on_the_whole_film(name, observable):
+    fields = on_part(SYMMETRIC[name])
+    turn = np.array([[0.6, 0.8], [-0.8, 0.6]])
+    square = 1e-3 * np.array([[-3.0, -2.0], [4.0, -2.0], [4.0, 6.0], [-3.0, 6.0]])
+    shapes = [Polygon(square), Polygon(np.add(square, [6e-3, 1e-3]))]
+    if observable == "material":
+        shapes.append(Circle([-1e-3, 2e-3], 4e-3))
+    goals = [Goal(shape, observable, (1.0, 1.0), None, turn) for shape in shapes]
+    whole = goal_forces(goals, fields.equilibrium.membrane, fields.displacement)
+    assert fields.forces_of(goals) == pytest.approx(whole, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["means along them", "rectangle at 45 degrees", "disc"])
+def test_gradients_of_charges_on_a_part(name):
+    scene = SYMMETRIC[name]
+    fields, goals = on_part(scene), goals_of(scene)
+    membrane, part, x = fields.solved.membrane, fields.solved.part, fields.solved_dofs
+    step = 1e-7 * np.random.default_rng(1).standard_normal(len(x))
+
+    def values(x):
+        return goal_forces(goals, membrane, x, part) @ [scene.film.d31, scene.film.d32]
+
+    slopes = goal_gradients(goals, membrane, x, part).T @ step
+    assert 0.5 * (values(x + step) - values(x - step)) == pytest.approx(slopes, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["disc on the diagonal", "rectangle", "sliding"])
+def test_even_and_odd_displacements_are_all_there_are(name):
+    """Small vibrations of the part, even and odd ones, are those of the whole film."""
+    fields = on_part(SYMMETRIC[name])
+    solved, state = fields.solved, fields.solved_state
+    stiffness, mass = solved.element_tangent(state), element_mass(solved.membrane)
+    found = [
+        eigsh(assembly.matrix(stiffness), 8, M=assembly.matrix(mass), sigma=0.0)[0]
+        for assembly in (solved.assembly, *solved.odd_assemblies())
+    ]
+    whole = fields.equilibrium
+    mass = whole.assembly.matrix(element_mass(whole.membrane))
+    expected = eigsh(whole.tangent(fields.state), 8, M=mass, sigma=0.0)[0]
+    assert np.sort(np.concatenate(found))[:8] == pytest.approx(np.sort(expected), rel=1e-9)
+
+
+def test_what_is_unstable_but_for_its_symmetry_is_found_on_the_part():
+    scene = DISC.with_(**{"probe.x_mm": 3.0, "probe.y_mm": 3.0, "film.temperature_change_K": 1.0})
+    part = part_of(scene)
+    film = Equilibrium(scene, mesh_scene(scene, first_sizes(scene, 2), part), 2, part)
+    flat = film.state(np.zeros(film.unknowns.count))
+    tangents = film.element_tangent(flat)
+    odd = [negative_pivots(factorise(a.matrix(tangents))) for a in film.odd_assemblies()]
+    even = negative_pivots(factorise(film.tangent(flat)))
+    whole = unfolded(film)
+    both = negative_pivots(factorise(whole.tangent(whole.state(np.zeros(whole.unknowns.count)))))
+    assert sum(odd) > 0
+    assert even + sum(odd) == both
+    assert not admissible.keeps_symmetry(film, flat)
+
+
+def test_a_solution_that_does_not_keep_its_symmetry_is_none(monkeypatch: pytest.MonkeyPatch):
+    assert solve(DISC).fields.solved.part.mirrored
+    monkeypatch.setattr(admissible, "keeps_symmetry", lambda *_: False)
+    assert not solve(DISC).fields.solved.part.mirrored
+
+
+def test_warnings_are_those_of_the_whole_film():
+    scene = SYMMETRIC["rectangle at 45 degrees"].with_(
+        **{"load.force_N": 150.0, "film.temperature_change_K": 3.0}
+    )
+    fields = on_part(scene)
+    of_part = list(admissible.warnings(fields.solved, fields.solved_state))
+    of_whole = list(admissible.warnings(fields.equilibrium, fields.state))
+    assert len(of_part) == len(of_whole) >= 2
+    assert [nearest(text) for text in of_part] == [nearest(text) for text in of_whole]
+
+
+@pytest.mark.parametrize("name", ["disc on the x axis", "rectangle at 45 degrees", "follower"])
+def test_derivatives_are_those_of_the_whole_film(name):
+    scene = SYMMETRIC[name]
+    solved = solve(scene)
+    other = solve(scene, mesh=solved.mesh)
+    assert other.fields.solved.part is WHOLE
+    assert charges(solved) == pytest.approx(charges(other), rel=1e-9)
+    found, expected = gradients(solved), gradients(other)
+    for key, rates in expected.items():
+        scale = max(1e-3, *map(abs, rates.values()))  # 0 by symmetry of some
+        assert found[key] == pytest.approx(rates, abs=1e-6 * scale)
+
+
+def test_file_has_the_whole_film(tmp_path):
+    solved = solve(SYMMETRIC["disc on the diagonal"])
+    solved.to_vtu(tmp_path / "film.vtu")
+    written = meshio.read(tmp_path / "film.vtu")
+    assert len(written.cells[0]) == 2 * solved.fields.solved.membrane.mesh.nelements
+    x, y, _ = written.points.T
+    w = written.point_data["displacement"][:, 2]
+    other = np.argmin(np.hypot(x[:, None] + y, y[:, None] + x), axis=1)
+    assert w[other] == pytest.approx(w, abs=1e-12)
+    assert np.ptp(x) == pytest.approx(np.ptp(y), rel=1e-6)

@@ -1,0 +1,243 @@
+"""Files as other programs read them."""
+
+from __future__ import annotations
+
+import importlib.util
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import gmsh
+import meshio
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from pvdf_fem import Scene, Solution, solve
+from pvdf_fem.files import FileError, require_writable
+from pvdf_fem.output.export import FORMATS, ExportError, write_mesh, write_vtu
+from pvdf_fem.solution.solution import NotConvergedError
+from pvdf_fem.solvers.newton import Status
+from tests.helpers.discs import LOADS, TRIANGLE, uniform_mesh
+
+# The probe presses on half of electrode A.
+OVERLAPPING = Scene.parse('[probe]\nshape = "rectangle"\nx_mm = 3.0')
+
+
+@pytest.fixture(scope="module")
+def solution() -> Solution:
+    return solve(OVERLAPPING.with_(**LOADS["follower"]))
+
+
+def areas(points: NDArray[np.float64], triangles: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Signed areas of curved six-node triangles: each side's parabola adds 2/3 of its chord's."""
+    x, y = points[triangles, :2].swapaxes(0, 2).swapaxes(1, 2)
+    total = np.zeros(len(triangles))
+    for a, middle, b in ((0, 3, 1), (1, 4, 2), (2, 5, 0)):
+        total += 0.5 * (x[:, a] * y[:, b] - x[:, b] * y[:, a])
+        dx, dy = x[:, b] - x[:, a], y[:, b] - y[:, a]
+        total += 2.0 / 3.0 * ((x[:, middle] - x[:, a]) * dy - (y[:, middle] - y[:, a]) * dx)
+    return total
+
+
+def read_vtu(solution: Solution, path: Path) -> tuple[meshio.Mesh, dict[str, Any]]:
+    solution.to_vtu(path)
+    grid = meshio.read(path)
+    return grid, {name: values[0] for name, values in grid.cell_data.items()}
+
+
+def test_charges_follow_from_the_vtu_file(solution: Solution, tmp_path: Path) -> None:
+    grid, cells = read_vtu(solution, tmp_path / "a.vtu")
+    area = areas(grid.points, grid.cells[0].data)
+    assert area.min() > 0.0
+    assert area.sum() == pytest.approx(np.pi * 0.045**2, rel=1e-4)
+    for name, charge in solution.charges_pC.items():
+        inside = cells[f"electrode {name}"] == 1
+        assert area[inside].sum() == pytest.approx(9e-6, rel=1e-10)
+        forces = ((cells["S11"] + cells["S22"]) * area)[inside].sum()
+        assert 8.0 * forces == pytest.approx(charge, rel=1e-9)
+    assert area[cells["probe"] == 1].sum() == pytest.approx(98e-6, rel=1e-10)
+
+
+def test_vtu_displacement_is_that_of_the_solution(solution: Solution, tmp_path: Path) -> None:
+    grid, _ = read_vtu(solution, tmp_path / "a.vtu")
+    found = grid.point_data["displacement"]
+    distance, node = cKDTree(grid.points[:, :2]).query(solution.basis.doflocs.T)
+    shared = distance < 1e-12
+    assert shared.sum() == solution.mesh.nvertices
+    np.testing.assert_array_equal(found[node[shared]], solution.displacement[shared])
+    # the middles of sides are no nodes of an order-3 solution
+    for component in range(3):
+        halved, values = solution.basis.refinterp(solution.displacement[:, component], nrefs=1)
+        distance, node = cKDTree(grid.points[:, :2]).query(halved.p.T)
+        assert distance.max() < 1e-12
+        np.testing.assert_allclose(found[node, component], values, atol=1e-15)
+    assert np.all(found[np.hypot(*grid.points[:, :2].T) > 0.045 * (1 - 1e-6)] == 0.0)
+
+
+def test_vtu_nodal_stress_is_the_mean_around_a_node(tmp_path: Path) -> None:
+    """Linear elements have one stress each, so that the mean can be taken from the file."""
+    mesh = uniform_mesh(OVERLAPPING, 4.0)
+    grid, cells = read_vtu(solve(OVERLAPPING, mesh=mesh, order=1), tmp_path / "a.vtu")
+    triangles = grid.cells[0].data
+    # curved elements, on the rim, have no single stress
+    corner = triangles[:, :3]
+    rim = np.isin(np.arange(len(grid.points)), np.unique(triangles[_is_curved(grid)]))
+    area = areas(grid.points, triangles)
+    for node in np.flatnonzero(~rim):
+        around = (triangles == node).any(axis=1)
+        mean = [np.average(cells[c][around], weights=area[around]) for c in ("S11", "S22", "S12")]
+        found = [grid.point_data[c][node] for c in ("S11", "S22", "S12")]
+        np.testing.assert_allclose(found, mean, rtol=1e-9, atol=1e-6 * mean[0])
+        tensor = np.array([[mean[0], mean[2]], [mean[2], mean[1]]])
+        largest = np.linalg.eigvalsh(tensor)[1]
+        assert grid.point_data["principal_tension"][node] == pytest.approx(largest, rel=1e-9)
+    u = grid.point_data["displacement"]
+    np.testing.assert_allclose(u[triangles[:, 3]], u[corner[:, :2]].mean(axis=1), atol=1e-15)
+
+
+def _is_curved(grid: meshio.Mesh) -> NDArray[np.bool_]:
+    p = grid.points[grid.cells[0].data]
+    middles = 0.5 * (p[:, :3] + np.roll(p[:, :3], -1, axis=1))
+    return np.abs(middles - p[:, 3:]).max(axis=(1, 2)) > 1e-9
+
+
+@pytest.mark.parametrize("extension", [".msh", ".inp", ".vtu", ".vtk"])
+def test_names_keep_their_characters(tmp_path: Path, extension: str) -> None:
+    scene = Scene().with_(electrodes=[{"name": "<é & b>", "x_mm": 0, "y_mm": 0, "side_mm": 9}])
+    write_mesh(uniform_mesh(scene, 9.0), tmp_path / f"a{extension}")
+    grid = meshio.read(tmp_path / f"a{extension}")
+    assert _patch(grid, FORMATS[extension].patches, "electrode <é & b>").sum() > 0
+
+
+def test_no_file_of_a_failed_solve(tmp_path: Path) -> None:
+    failed = Solution(TRIANGLE, Status.UNSTABLE, "lower the load")
+    with pytest.raises(NotConvergedError, match="unstable: lower the load"):
+        write_vtu(failed, tmp_path / "a.vtu")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("extension", FORMATS)
+def test_patches_survive_in_every_format(
+    solution: Solution, tmp_path: Path, extension: str
+) -> None:
+    path = tmp_path / f"mesh{extension}"
+    if extension == ".xdmf" and not importlib.util.find_spec("h5py"):
+        with pytest.raises(ExportError, match="pip install h5py"):
+            write_mesh(solution.mesh, path)
+        return
+    write_mesh(solution.mesh, path)
+    assert [file.name for file in tmp_path.iterdir()] == [path.name]
+    grid = meshio.read(path)
+    triangles = grid.cells[0].data
+    area = areas(grid.points, triangles)
+    assert triangles.shape == (solution.mesh.nelements, 6)
+    assert area.min() > 0.0
+    for name, expected in (("electrode A", 9e-6), ("electrode C", 9e-6), ("probe", 98e-6)):
+        inside = _patch(grid, FORMATS[extension].patches, name)
+        assert area[inside].sum() == pytest.approx(expected, rel=1e-10)
+
+
+def _patch(grid: meshio.Mesh, patches: str, name: str) -> NDArray[np.bool_]:
+    """Elements of a patch, in a file whose format keeps `patches` in that way."""
+    plain = name.replace(" ", "_")
+    inside = np.zeros(len(grid.cells[0].data), dtype=bool)
+    if patches == "arrays":
+        data = grid.cell_data[name if name in grid.cell_data else plain][0]
+        return np.asarray(data == 1)
+    if patches == "sets":
+        inside[grid.cell_sets[plain][0]] = True
+        return inside
+    for group, (tag, _) in grid.field_data.items():
+        if name in group.split(" + "):
+            inside |= grid.cell_data["gmsh:physical"][0] == tag
+    return inside
+
+
+def test_rim_of_the_mesh_files(solution: Solution, tmp_path: Path) -> None:
+    write_mesh(solution.mesh, tmp_path / "a.inp")
+    grid = meshio.read(tmp_path / "a.inp")
+    on_rim = np.hypot(*grid.points[:, :2].T) > 0.045 * (1 - 1e-6)
+    np.testing.assert_array_equal(np.sort(grid.point_sets["rim"]), np.flatnonzero(on_rim))
+
+    write_mesh(solution.mesh, tmp_path / "a.msh")
+    grid = meshio.read(tmp_path / "a.msh")
+    lines = grid.cells_dict["line3"]
+    assert set(np.unique(lines)) == set(np.flatnonzero(on_rim))
+    points = grid.points[lines[:, [0, 2, 1]]]
+    length = sum(np.linalg.norm(b - a, axis=-1).sum() for a, b in pairwise(points.swapaxes(0, 1)))
+    assert length == pytest.approx(2 * np.pi * 0.045, rel=1e-2)
+
+
+def test_gmsh_reads_sound_elements_and_named_groups(solution: Solution, tmp_path: Path) -> None:
+    write_mesh(solution.mesh, tmp_path / "a.msh")
+    gmsh.initialize(["", "-v", "1"], readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.open(str(tmp_path / "a.msh"))
+        _, elements, _ = gmsh.model.mesh.getElements(2)
+        quality = gmsh.model.mesh.getElementQualities(elements[0], "minSJ")
+        names = {gmsh.model.getPhysicalName(*group) for group in gmsh.model.getPhysicalGroups()}
+    finally:
+        gmsh.finalize()
+    assert quality.min() > 0.1
+    electrodes = {f"electrode {name}" for name in "ABCD"}
+    assert names == electrodes | {"film", "probe", "electrode A + probe", "rim"}
+
+
+@pytest.mark.parametrize("name", ["mesh.stl", "mesh", "mesh.vtu.bak", ".vtu"])
+def test_unknown_extension_is_told_with_the_known_ones(
+    solution: Solution, tmp_path: Path, name: str
+) -> None:
+    with pytest.raises(ExportError) as caught:
+        write_mesh(solution.mesh, tmp_path / name)
+    assert name in str(caught.value)
+    assert all(extension in str(caught.value) for extension in FORMATS)
+    with pytest.raises(ExportError, match=r"ends in \.vtu"):
+        write_vtu(solution, tmp_path / name)
+
+
+def test_unwritable_places_are_named(solution: Solution, tmp_path: Path) -> None:
+    (tmp_path / "directory.vtu").mkdir()
+    (tmp_path / "file").touch()
+    for place in ("directory.vtu", "none/a.vtu", "file/a.vtu", f"{300 * 'a'}.vtu"):
+        path = tmp_path / place
+        for write in (require_writable, lambda path: write_vtu(solution, path)):
+            with pytest.raises(FileError, match="name another") as caught:
+                write(path)
+            assert str(path) in str(caught.value)
+    assert {file.name for file in tmp_path.iterdir()} == {"directory.vtu", "file"}
+
+
+def test_check_of_a_path_leaves_the_file_alone(tmp_path: Path) -> None:
+    path = tmp_path / "a.vtu"
+    require_writable(path)
+    assert not list(tmp_path.iterdir())
+    path.write_text("old")
+    require_writable(path)
+    assert path.read_text() == "old"
+
+
+def test_failed_write_leaves_the_old_file(
+    solution: Solution, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def half(_: meshio.Mesh, path: Path, **__: object) -> None:
+        path.write_text("half")
+        raise OSError(28, "No space left on device")
+
+    path = tmp_path / "a.vtu"
+    path.write_text("old")
+    monkeypatch.setattr(meshio.Mesh, "write", half)
+    with pytest.raises(FileError, match="No space left on device"):
+        write_vtu(solution, path)
+    assert [file.name for file in tmp_path.iterdir()] == ["a.vtu"]
+    assert path.read_text() == "old"
+
+
+def test_names_that_become_equal_are_refused(tmp_path: Path) -> None:
+    squares = [{"name": name, "x_mm": x, "y_mm": 0.0} for name, x in (("a b", 0), ("a_b", 9))]
+    mesh = uniform_mesh(Scene().with_(electrodes=squares), 9.0)
+    with pytest.raises(ExportError, match="rename an electrode"):
+        write_mesh(mesh, tmp_path / "a.inp")
+    write_mesh(mesh, tmp_path / "a.msh")

@@ -1,0 +1,230 @@
+"""The 1-D solver against independently computed digits, its equilibrium and its limits."""
+
+import math
+from itertools import product
+
+import numpy as np
+import pytest
+
+from pvdf_fem.reference.axisymmetric import _grid, _pieces, _ScaledProblem, axisymmetric_membrane
+from pvdf_fem.reference.closed_form import hencky
+
+FVK = "foeppl-von-karman"
+FORCE = 4.444e-4  # F/(E h a): 1 N on the 25 um film of 45 mm radius
+
+
+def scaled_deflection(pretension, **options):
+    """W0 = w0/(F a^2/(E h))^(1/3) for N0 counted in (E h F^2/a^2)^(1/3)."""
+    scale = FORCE ** (1 / 3)
+    membrane = axisymmetric_membrane(
+        FORCE, poisson_ratio=0.3, pretension=pretension * scale**2, **options
+    )
+    return membrane.centre_deflection / scale
+
+
+@pytest.mark.parametrize(
+    ("pressure", "kind", "deflection"),
+    [
+        (1e-3, "follower", 0.0654044),
+        (1e-3, "dead", 0.0653380),
+        (1e-2, "follower", 0.1413846),
+        (1e-2, "dead", 0.1407286),
+    ],
+)
+def test_uniform_pressure_has_the_known_digits(pressure, kind, deflection):
+    """The problem of Fichter, NASA TP-3658 (1997), with Green-Lagrange strains."""
+    membrane = axisymmetric_membrane(math.pi * pressure, poisson_ratio=0.3, kind=kind)
+    assert membrane.centre_deflection == pytest.approx(deflection, abs=5e-8)
+
+
+@pytest.mark.parametrize(
+    ("radius_mm", "pretension", "strain", "deflection"),
+    [
+        (5, 0, FVK, 0.8644167),
+        (5, 0, "green-lagrange", 0.8643790),
+        (5, 0.03, FVK, 0.8435909),
+        (5, 0.03, "green-lagrange", 0.8435545),
+        (2, 0.03, FVK, 0.9022871),
+        (2, 0.03, "green-lagrange", 0.9022513),
+    ],
+)
+def test_patch_has_the_known_digits(radius_mm, pretension, strain, deflection):
+    w0 = scaled_deflection(pretension, patch_radius=radius_mm / 45, strain=strain)
+    assert w0 == pytest.approx(deflection, abs=5e-8)
+
+
+@pytest.mark.parametrize(
+    ("radius_mm", "pretension", "deflection"),
+    [(2, 0, 0.8681492), (5, 0, 0.7632369), (2, 0.03, 0.8476902), (5, 0.03, 0.7435842)],
+)
+def test_stuck_punch_has_the_known_digits(radius_mm, pretension, deflection):
+    w0 = scaled_deflection(
+        pretension, patch_radius=radius_mm / 45, kind="rigid", contact="stuck", strain=FVK
+    )
+    assert w0 == pytest.approx(deflection, abs=5e-8)
+
+
+CASES = [
+    {"kind": "dead", "strain": FVK},
+    {"kind": "dead"},
+    {"kind": "follower"},
+    {"kind": "rigid", "contact": "sliding"},
+    {"kind": "rigid", "contact": "stuck"},
+    {"kind": "rigid", "contact": "stuck", "strain": FVK},
+]
+
+
+@pytest.fixture(params=product(CASES, [0.0, 2e-3], [2 / 45, 0.5]), ids=str)
+def deflected(request):
+    """A film with slopes of 0.3 or so, its load kind and the radius of the patch."""
+    options, pretension, patch_radius = request.param
+    membrane = axisymmetric_membrane(
+        5e-3, poisson_ratio=0.34, pretension=pretension, patch_radius=patch_radius, **options
+    )
+    return membrane, options, patch_radius
+
+
+def test_vertical_force_passes_through_every_circle(deflected):
+    """2 pi r N_r w' is the load within r; of a follower pressure, p times the area spanned."""
+    membrane, options, b = deflected
+    r = np.array([0.3 * b, 0.8 * b, 0.9 * b + 0.1, 0.5 * b + 0.5, 1.0])
+    if options["kind"] == "rigid":
+        r = r[2:]  # below its face the punch takes the load itself
+    loaded = np.minimum(r, b)
+    expected = -5e-3 * (loaded / b) ** 2
+    if options["kind"] == "follower":
+        expected *= (1 + membrane.radial_displacement(loaded) / loaded) ** 2
+    force = 2 * math.pi * r * membrane.radial_tension(r) * membrane.slope(r)
+    assert force == pytest.approx(expected, rel=1e-10)
+
+
+def test_radial_forces_balance_between_circles(deflected):
+    """r (1 + u') N_r grows by N_t (1 + u/r), and by p (r + u) w' under a follower pressure."""
+    membrane, options, b = deflected
+    exact = 0.0 if options.get("strain") == FVK else 1.0
+    for inner, outer in [(0.2 * b, 0.9 * b), (1.1 * b, 0.95)]:
+        if inner < b and options.get("contact") == "stuck":
+            continue  # the punch holds the film
+        node, weight = np.polynomial.legendre.leggauss(60)
+        r = inner + (outer - inner) * (1 + node) / 2
+        u = membrane.radial_displacement(r)
+        growth = membrane.hoop_tension(r) * (1 + exact * u / r)
+        if options["kind"] == "follower" and inner < b:
+            growth += 5e-3 / (math.pi * b**2) * (r + u) * membrane.slope(r)
+        ends = np.array([inner, outer])
+        stretch = 1 + exact * membrane.radial_stretch(ends)
+        pull = ends * stretch * membrane.radial_tension(ends)
+        assert pull[1] - pull[0] == pytest.approx((outer - inner) / 2 * weight @ growth, rel=1e-9)
+
+
+def test_rim_is_clamped_and_profile_continuous(deflected):
+    membrane, _, b = deflected
+    assert abs(membrane.deflection(1.0)) < 1e-15
+    assert abs(membrane.radial_displacement(1.0)) < 1e-15
+    for field in (membrane.deflection, membrane.radial_displacement):
+        assert field(b * (1 + 1e-12)) == pytest.approx(field(b), abs=1e-12)
+
+
+def test_punch_keeps_its_face_flat():
+    r = np.linspace(0, 0.2, 7)
+    sliding, stuck = (
+        axisymmetric_membrane(
+            1e-3, poisson_ratio=0.3, patch_radius=0.2, kind="rigid", contact=contact
+        )
+        for contact in ("sliding", "stuck")
+    )
+    for membrane in (sliding, stuck):
+        assert np.ptp(membrane.deflection(r)) < 1e-15
+    # free film below a punch is evenly stretched, with the tension that pulls at its edge
+    assert sliding.radial_tension(r) == pytest.approx(sliding.hoop_tension(r), rel=1e-10)
+    edges = np.array([0.2, 0.2 + 1e-9])
+    pull = (1 + sliding.radial_stretch(edges)) * sliding.radial_tension(edges)
+    assert pull[1] == pytest.approx(pull[0], rel=1e-6)
+    assert np.all(stuck.radial_displacement(r) == 0)
+    assert stuck.centre_deflection < sliding.centre_deflection
+
+
+def test_green_lagrange_tends_to_fvk_with_the_square_of_the_slope():
+    """The difference in w0 goes with (F/(E h a))^(2/3): a factor of 100 per 1000 in the load."""
+    difference = []
+    for force in (1e-5, 1e-8):
+        green, small = (
+            axisymmetric_membrane(force, poisson_ratio=0.3, patch_radius=0.2, strain=strain)
+            for strain in ("green-lagrange", FVK)
+        )
+        difference.append(1 - green.centre_deflection / small.centre_deflection)
+    assert difference[0] > 1e-6
+    assert difference[0] / difference[1] == pytest.approx(100, rel=5e-3)
+
+
+def test_follower_is_dead_while_slopes_are_small():
+    dead, follower = (
+        axisymmetric_membrane(1e-15, poisson_ratio=0.3, patch_radius=0.2, kind=kind)
+        for kind in ("dead", "follower")
+    )
+    assert follower.centre_deflection == pytest.approx(dead.centre_deflection, rel=1e-9)
+
+
+def test_patch_that_grows_to_the_rim_is_hencky():
+    nearly_all = axisymmetric_membrane(
+        math.pi * 1e-9, poisson_ratio=0.3, patch_radius=1 - 1e-6, strain=FVK
+    )
+    assert nearly_all.centre_deflection / 1e-3 == pytest.approx(
+        hencky(0.3).centre_deflection, rel=1e-5
+    )
+
+
+def test_follower_tangent_is_the_derivative_of_the_load():
+    problem = _ScaledProblem(
+        grid=_grid(_pieces(0.3)),
+        patch_radius=0.3,
+        poisson_ratio=0.3,
+        pretension=0.1,
+        nonlinearity=0.5,
+        follower=True,
+    )
+    state, change = np.random.default_rng(3).normal(size=(2, 2 * problem.grid.value.shape[1]))
+    # the load is a quadratic of the unknowns: central differences are exact
+    difference = (problem.load(state + change)[0] - problem.load(state - change)[0]) / 2
+    tangent = problem.load(state)[1] @ change
+    assert tangent == pytest.approx(difference, abs=1e-12 * np.abs(difference).max())
+
+
+def test_newton_is_quick_from_flat_films_to_tight_ones():
+    for force, pretension in product((1e-12, 1e-4, 1e-2), (0.0, 1e-13, 1e-6, 1e-3)):
+        membrane = axisymmetric_membrane(
+            force, poisson_ratio=0.34, patch_radius=2 / 45, pretension=pretension
+        )
+        assert membrane.iterations <= 12
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"force": 0.0}, "force must be positive and finite, got 0.0"),
+        ({"force": math.inf}, "inf"),
+        ({"patch_radius": 1.2}, "patch_radius .* 1.2"),
+        ({"patch_radius": 1.0, "kind": "rigid"}, "below 1 for a rigid punch"),
+        ({"pretension": -1e-3}, "wrinkles"),
+        ({"poisson_ratio": -0.1}, "-0.1"),
+        ({"kind": "Dead"}, "kind must be one of dead, follower, rigid, got 'Dead'"),
+        ({"contact": "glued"}, "contact"),
+        ({"strain": "small"}, "strain"),
+    ],
+)
+def test_impossible_problems_are_refused(change, message):
+    arguments = {"force": 1e-3, "poisson_ratio": 0.3, "patch_radius": 0.2} | change
+    with pytest.raises(ValueError, match=message):
+        axisymmetric_membrane(arguments.pop("force"), **arguments)
+
+
+def test_loads_beyond_the_model_are_reported():
+    with pytest.raises(RuntimeError, match="reduce the force"):
+        axisymmetric_membrane(1e3, poisson_ratio=0.3, patch_radius=1e-3, kind="follower")
+
+
+def test_profiles_end_at_the_rim():
+    membrane = axisymmetric_membrane(1e-3, poisson_ratio=0.3)
+    assert membrane.deflection(np.zeros((2, 3))).shape == (2, 3)
+    with pytest.raises(ValueError, match=r"\[0, 1\]"):
+        membrane.deflection(1.1)

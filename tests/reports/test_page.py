@@ -1,0 +1,137 @@
+"""The HTML page: every link leads somewhere, text is escaped, numbers survive."""
+
+from __future__ import annotations
+
+import csv
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from reports.common.page import Column, Page, Picture, Section, Table
+
+
+class Links(HTMLParser):
+    """Ids, links and images of a page, and tags that are not closed properly."""
+
+    VOID = ("meta", "img", "br", "link", "hr")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.ids: list[str] = []
+        self.targets: list[str] = []
+        self.alternatives: list[str] = []
+        self.open: list[str] = []
+        self.text = ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        found = {key: value or "" for key, value in attrs}
+        if tag not in self.VOID:
+            self.open.append(tag)
+        self.ids += [found["id"]] if "id" in found else []
+        self.targets += [found[key] for key in ("href", "src") if key in found]
+        if tag == "img":
+            self.alternatives.append(found["alt"])
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if "style" not in self.open:
+            self.text += data
+
+
+def parsed(path: Path) -> Links:
+    links = Links()
+    links.feed(path.read_text(encoding="utf-8"))
+    links.close()
+    assert not links.open
+    return links
+
+
+def assert_links_work(path: Path) -> Links:
+    """Every anchor and file that a page refers to is there."""
+    links = parsed(path)
+    assert len(links.ids) == len(set(links.ids))
+    for target in links.targets:
+        if target.startswith("#"):
+            assert target[1:] in links.ids, target
+        else:
+            assert (path.parent / target).is_file(), target
+    assert all(links.alternatives)
+    return links
+
+
+TABLE = Table(
+    "table_1",
+    "Charges <of> A & B",
+    [
+        Column("case", "case"),
+        Column("A_pC", "ours (pC)", 1, "electrode A"),
+        Column("A_percent", "diff. (%)", 2, "electrode A", signed=True),
+        Column("angle_deg", "angle (°)", None),
+        Column("hidden", "hidden", on_page=False),
+    ],
+    [["r0", 803.4066832570486, -1.4731, 22.901, 1], ["r90", float("nan"), None, 90.0, 2]],
+)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    TABLE.write_csv(tmp_path)
+    (tmp_path / "one.svg").write_text("<svg xmlns='http://www.w3.org/2000/svg'/>")
+    sections = [
+        Section("first", "First <b>", ["a < b & c"], [Picture("one.svg", "A picture"), TABLE]),
+        Section("second", "Second", error="ValueError: <script>alert(1)</script>"),
+        Section("third", "Third", note="1 of 3 solves failed: unstable"),
+    ]
+    return Page("Title", ["Introduction"], sections, {"numpy": "2.0"}).write(tmp_path)
+
+
+def test_links_and_images_are_there(path: Path) -> None:
+    links = assert_links_work(path)
+    assert {"#first", "#second", "#third", "one.svg", "table_1.csv"} <= set(links.targets)
+
+
+def test_text_is_escaped(path: Path) -> None:
+    links = parsed(path)
+    assert "a < b & c" in links.text
+    assert "<script>" not in path.read_text(encoding="utf-8")
+    assert "First <b>" in links.text
+
+
+def test_what_failed_stands_in_its_section_and_in_the_contents(path: Path) -> None:
+    html = path.read_text(encoding="utf-8")
+    contents, body = html.split("</nav>")
+    assert "(failed)" in contents
+    assert "1 of 3 solves failed" in contents
+    assert "alert(1)" in body
+    assert "1 of 3 solves failed" in body
+
+
+def test_numbers_on_the_page_and_in_the_csv(path: Path) -> None:
+    assert [[text for text, _ in row] for row in TABLE.shown_rows] == [
+        ["r0", "803.4", "−1.47", "22.901"],
+        ["r90", "–", "–", "90"],
+    ]
+    assert TABLE.groups == [("", 1), ("electrode A", 2), ("", 1)]
+    with (path.parent / "table_1.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert float(rows[0]["A_pC"]) == 803.4066832570486
+    assert rows[1] == {
+        "case": "r90",
+        "A_pC": "",
+        "A_percent": "",
+        "angle_deg": "90.0",
+        "hidden": "2",
+    }
+
+
+def test_a_row_of_the_wrong_length_is_an_error(tmp_path: Path) -> None:
+    table = Table("t", "", [Column("a", "a"), Column("b", "b")], [[1.0]])
+    with pytest.raises(ValueError, match="zip"):
+        Page("Title", [], [Section("s", "S", (), [table])]).html()
+
+
+def test_nothing_comes_from_elsewhere(path: Path) -> None:
+    assert not [t for t in parsed(path).targets if t.startswith(("http", "/", "file"))]

@@ -1,0 +1,212 @@
+"""Responses: exact for stress that is a polynomial, true to the solver, refused where they end."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pvdf_fem import NotConvergedError, Scene
+from pvdf_fem.maps.carried import area_rule
+from pvdf_fem.response import build as response_table
+from pvdf_fem.response import probe_stress as probe_frame
+from pvdf_fem.response.build import build_response, random_touches, solved
+from pvdf_fem.response.probe_stress import PolarRaster
+from pvdf_fem.response.response import Domain, Response
+from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces
+from pvdf_fem.response.uniform_spline import Axis, CubicSpline
+from pvdf_fem.solvers.newton import Status, newton
+
+DISC = Scene().with_(**{"probe.shape": "circle", "probe.radius_mm": 5.0})
+PROBES = {
+    "triangle": DISC.with_(**{"probe.shape": "triangle"}),
+    "rectangle": DISC.with_(**{"probe.shape": "rectangle"}),
+    "circle": DISC,
+    "polygon": DISC.with_(
+        **{"probe.shape": "polygon", "probe.vertices_mm": [[0, 0], [6, 0], [0, 4]]}
+    ),
+}
+
+
+def stress(place, centre, seen):
+    """Stress 11, 22, 12 in Pa that turns with everything: of film points `place`, mm."""
+    (X, Y), (x, y), (u, v) = (np.moveaxis(np.asarray(p), -1, 0) for p in (place, centre, seen))
+    both = 0.3 * (u * u + v * v)
+    return np.stack([X * X + 2 * x * x + both, Y * Y + 2 * y * y + both, X * Y + 2 * x * y])
+
+
+@pytest.mark.parametrize("shape", PROBES)
+def test_charges_of_a_polynomial_stress(shape):
+    """It is given in the probe's frame at few places, and integrated in the film's at others."""
+    scene = PROBES[shape]
+    places = RimPlaces(scene.probe, 10.0, 2)
+    raster = PolarRaster(26.0, 0.5, 30 * places.angles)
+    fields = []
+    for centre in places.unique_centres_mm:
+        field = stress(raster.samples_mm - centre, centre, raster.samples_mm)
+        fields.append(raster.means(np.stack([field, 3.0 * field])))
+    charges = ProbeCharges.of(places, raster, fields, uniaxial=True)
+    outlines = [electrode.outline for electrode in scene.electrode_list]
+    positions = np.array([[2.0, 1.0], [-5.0, 6.0]])
+    found = charges.charges_pC(outlines, positions, 0.7, 18.0, 2.0)
+    for position, values in zip(positions, found, strict=True):
+        for outline, value in zip(outlines, values.T, strict=True):
+            points, areas = area_rule(outline)
+            S = stress(1e3 * points, position, 1e3 * points - position)
+            expected = areas @ (18.0 * S[0] + 2.0 * S[1])
+            assert value == pytest.approx([expected, 3.0 * expected], rel=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("shape", "unique"), [("circle", 1), ("triangle", 3), ("rectangle", 4), ("polygon", 14)]
+)
+def test_symmetry_saves_places(shape, unique):
+    places = RimPlaces(PROBES[shape].probe, 10.0, 4)
+    assert len(places.unique_centres_mm) == 4 * unique
+
+
+def test_interpolation_over_the_rim_is_exact_for_polynomials():
+    places = RimPlaces(DISC.probe, 10.0, 3)
+    centres = np.random.default_rng(1).uniform(-6.0, 6.0, (9, 2))
+
+    def polynomial(c):
+        x, y = np.moveaxis(c / 10.0, -1, 0)
+        return 1.0 + x - 2.0 * x * y**2 + x**4 - 3.0 * x * y**4
+
+    found = np.tensordot(places.weights(centres), polynomial(places.centres_mm), axes=2)
+    assert found == pytest.approx(polynomial(centres), abs=1e-12)
+
+
+@pytest.fixture(scope="module")
+def made():
+    """A response over random coefficients."""
+    axes = (Axis(-12.0, 2.0, 13), Axis(-12.0, 2.0, 13), Axis(0.0, 30.0, 4, periodic=True))
+    values = np.random.default_rng(2).normal(size=(13, 13, 4, 5 * 4))
+    spline = CubicSpline.through(axes, values)
+    return Response(tuple("ABCD"), PROBES["triangle"], Domain(8.0, (0.1, 5.0)), 1e-3, 1e-4, spline)
+
+
+def test_the_jacobian_is_the_derivative(made):
+    touches = random_touches(Domain(7.0, (0.2, 4.0)), 20)
+    charges, jacobian = made.evaluate(touches)
+    assert charges.shape == (20, 4)
+    assert jacobian.shape == (20, 4, 4)
+    for i, step in enumerate(np.diag([1e-4, 1e-4, 1e-3, 1e-5])):
+        ahead, behind = (made.evaluate(touches + s * step)[0] for s in (1, -1))
+        slope = (ahead - behind) / (2 * step[i])
+        assert jacobian[..., i] == pytest.approx(slope, rel=1e-4, abs=1e-5)
+
+
+def test_a_film_of_twice_the_thickness_needs_twice_the_force(made):
+    touches = random_touches(made.domain, 5)
+    thick = made.with_thickness(2.0 * made.scene.film.thickness_um)
+    assert thick.scene.film.thickness_um == 50.0
+    assert thick.domain.force_N == (0.2, 10.0)
+    found, slopes = thick.evaluate(touches * [1.0, 1.0, 1.0, 2.0])
+    expected, jacobian = made.evaluate(touches)
+    assert found == pytest.approx(expected, rel=1e-9)
+    assert slopes[..., 3] == pytest.approx(jacobian[..., 3] / 2.0, rel=1e-9)
+
+
+def test_a_response_survives_a_file(made, tmp_path):
+    made.save(tmp_path / "triangle.response")
+    again = Response.load(tmp_path / "triangle.response")
+    assert (again.names, again.scene, again.domain) == (made.names, made.scene, made.domain)
+    assert (again.error_bound, again.error_rms) == (made.error_bound, made.error_rms)
+    touches = random_touches(made.domain, 5)
+    for before, after in zip(made.evaluate(touches), again.evaluate(touches), strict=True):
+        assert np.array_equal(before, after)
+
+
+def test_another_file_is_no_response(tmp_path):
+    np.savez(tmp_path / "other.npz", scene="")
+    with pytest.raises(ValueError, match=r"other\.npz: is not a response"):
+        Response.load(tmp_path / "other.npz")
+
+
+@pytest.mark.parametrize(
+    "touch", [(8.1, 0, 0, 1), (0, 0, 0, 0.09), (0, 0, 0, 5.1), (np.nan, 0, 0, 1), (0, 0, np.inf, 1)]
+)
+def test_a_touch_outside_is_refused(made, touch):
+    with pytest.raises(ValueError, match="outside of the response"):
+        made.evaluate([(0.0, 0.0, 0.0, 1.0), touch])
+
+
+@pytest.mark.parametrize(
+    ("changes", "arguments", "match"),
+    [
+        ({"probe": None}, {}, "has no probe"),
+        ({"film.youngs_modulus_GPa": [2.0, 3.0]}, {}, "take an isotropic film"),
+        ({"load.kind": "rigid"}, {}, "take 'dead' or 'follower'"),
+        ({"numerics.observable": "thesis-edge"}, {}, "take 'material'"),
+        ({}, {"reach_mm": 40.0}, "reach_mm: 40"),
+        ({}, {"force_N": (0.0, 1.0)}, "force_N"),
+    ],
+)
+def test_what_has_no_response_is_refused(changes, arguments, match):
+    with pytest.raises(ValueError, match=match):
+        build_response(DISC.with_(**changes), **arguments)
+
+
+SMALL = {"reach_mm": 3.0, "force_N": (0.8, 1.6), "processes": 1}
+
+
+@pytest.fixture
+def few(monkeypatch):
+    """Fewer places and touches than a real response has."""
+    monkeypatch.setattr(response_table, "RADII", (2, 2))
+    monkeypatch.setattr(response_table, "HELD_OUT", 4)
+
+
+def test_a_response_is_true_to_the_solver(few):
+    """Under a disc of 5 mm that comes close to the electrodes."""
+    response = build_response(DISC.with_(**{"film.d31_pC_N": 18.0}), tolerance=2e-3, **SMALL)
+    assert response.error_rms < response.error_bound < 2e-3
+    touches = random_touches(response.domain, 3, seed=9)
+    exact, sizes = solved(response.scene, touches, 2e-4, 1)
+    errors = np.abs(response.evaluate(touches)[0] - exact) / sizes
+    assert errors.max() < response.error_bound
+
+
+def test_fields_are_sampled_where_they_are():
+    """In curved elements too, of which coordinates are functions."""
+    basis = probe_frame._equilibrium(DISC).membrane.basis
+    angle = np.linspace(0.0, 6.0, 50)[:, None]
+    for r in (4.9e-3, 5.0e-3, 5.1e-3, 30e-3, 44e-3):
+        points = r * np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
+        sample = probe_frame._sampling(basis, points)
+        assert sample @ basis.doflocs.T == pytest.approx(points, abs=1e-9)
+
+
+def test_forces_between_help_where_newton_fails(monkeypatch):
+    """As if from farther than a factor of 1.5 of the force, or from none, it did not converge."""
+    for name, size in (("DISC_SIZE", 0.3), ("GROWTH", 0.6), ("FILM_SIZE", 0.3)):
+        monkeypatch.setattr(probe_frame, name, size)
+    equilibrium, far = probe_frame._equilibrium(DISC), {"last": 0.2}
+    straight = list(probe_frame._stresses(equilibrium, [1.0, 0.4]))
+
+    def failing(equilibrium, q, **near):
+        force, result = equilibrium.load.force, newton(equilibrium, q, **near)
+        if not 1 / 1.5 < force / far["last"] < 1.5:
+            return replace(result, status=Status.MAX_ITERATIONS)
+        far["last"] = force
+        return result
+
+    monkeypatch.setattr(probe_frame, "newton", failing)
+    far["last"] = 0.3
+    for stress, expected in zip(
+        probe_frame._stresses(equilibrium, [1.0, 0.4]), straight, strict=True
+    ):
+        assert stress == pytest.approx(expected, rel=1e-6, abs=1e-6 * np.abs(expected).max())
+    far["last"] = 0.01
+    with pytest.raises(NotConvergedError, match="1 N: max_iterations"):
+        list(probe_frame._stresses(equilibrium, [1.0]))
+
+
+def test_a_tolerance_that_is_missed_makes_no_response(few, monkeypatch):
+    zero = CubicSpline.through([Axis(0.0, 90.0, 4)] * 3, np.zeros((4, 4, 4, 16)))
+    monkeypatch.setattr(response_table.Plan, "charges", lambda *_: None)
+    monkeypatch.setattr(response_table.Plan, "table", lambda *_: zero)
+    with pytest.raises(NotConvergedError, match=r"tolerance: 0\.1 is missed .* is 5\.0e\+00"):
+        build_response(DISC, tolerance=0.1, **SMALL)

@@ -1,0 +1,141 @@
+"""Derivatives of the charges against differences of solves, and against similarity."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pvdf_fem import NotConvergedError, Scene, solve
+from pvdf_fem.solution.gradients import gradients, parameters_of
+from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, graded_mesh
+
+OBSERVABLES = ("material", "thesis-edge")
+PLACE = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg")
+TURNED = TRIANGLE.with_(**{"probe.rotation_deg": 20.0, "film.d32_pC_N": 3.0})
+ORTHOTROPIC = TURNED.with_(**{"film.youngs_modulus_GPa": [2.0, 2.6], "film.poisson_ratio": 0.3})
+STIFF_IN_SHEAR = ORTHOTROPIC.with_(**{"film.shear_modulus_GPa": 1.1})
+
+
+def value(scene, key):
+    for name in key.split("."):
+        scene = scene[int(name)] if name.isdecimal() else getattr(scene, name)
+    return scene
+
+
+def charges(scene, **how):
+    return np.array(list(solve(scene, **how).charges_pC.values()))
+
+
+def difference(scene, direction, step, **how):
+    """Derivative of the charges along changes by key, central and extrapolated: O(step^4)."""
+
+    def at(s):
+        return charges(
+            scene.with_(**{key: value(scene, key) + s * d for key, d in direction.items()}), **how
+        )
+
+    coarse, fine = ((at(s) - at(-s)) / (2 * s) for s in (step, step / 2))
+    return (4 * fine - coarse) / 3
+
+
+def along(found, direction):
+    return sum(d * np.array(list(found[key].values())) for key, d in direction.items())
+
+
+@pytest.mark.parametrize("observable", OBSERVABLES)
+@pytest.mark.parametrize("load", LOADS)
+def test_force_and_film_on_one_mesh(load, observable):
+    """On one mesh the adjoint gives the derivative of the discrete charges: rounding is left."""
+    scene = TURNED.with_(**LOADS[load], **{"numerics.observable": observable})
+    check_on_one_mesh(scene)
+
+
+@pytest.mark.parametrize("scene", [ORTHOTROPIC, STIFF_IN_SHEAR])
+def test_both_moduli_of_an_orthotropic_film(scene):
+    assert "film.youngs_modulus_GPa.1" in check_on_one_mesh(scene)
+
+
+def check_on_one_mesh(scene):
+    mesh = graded_mesh(scene, 3.0, 15.0)
+    keys = [key for key in parameters_of(scene) if key not in PLACE]
+    shares = np.random.default_rng(5).choice([-1.0, 1.0], len(keys)) * np.linspace(
+        0.5, 1, len(keys)
+    )
+    direction = {k: s * value(scene, k) for k, s in zip(keys, shares, strict=True)}
+    found = gradients(solve(scene, mesh=mesh, order=2), keys)
+    expected = difference(scene, direction, 4e-3, mesh=mesh, order=2)
+    assert along(found, direction) == pytest.approx(expected, rel=1e-6)
+    return keys
+
+
+@pytest.mark.parametrize("load", ["dead", "follower"])
+def test_place_of_the_probe(load):
+    """Each place has a mesh of its own, so both sides carry errors of the discretisation.
+
+    The two loads differ by more than the bound.
+    """
+    scene = TURNED.with_(**LOADS[load], **{"numerics.tolerance": 1e-5})
+    direction = {"probe.x_mm": 0.3, "probe.y_mm": -0.2, "probe.rotation_deg": 2.0}
+    found = gradients(solve(scene), PLACE)
+    expected = difference(scene, direction, 0.5)
+    assert np.abs(along(found, direction) - expected).max() < 1e-3 * np.abs(expected).max()
+
+
+@pytest.fixture(scope="module")
+def turned():
+    return solve(TURNED)
+
+
+def test_force_thickness_and_modulus_by_similarity(turned):
+    """Without bending Q = E g(F/(E h)) with the stress, whatever the pretension's strain."""
+    found, film = gradients(turned), TURNED.film
+    by_force = TURNED.load.force_N * along(found, {"load.force_N": 1.0})
+    by_thickness = film.thickness_um * along(found, {"film.thickness_um": 1.0})
+    by_modulus = film.youngs_modulus_GPa * along(found, {"film.youngs_modulus_GPa": 1.0})
+    charge = np.array(list(turned.charges_pC.values()))
+    assert by_thickness == pytest.approx(-by_force, rel=1e-8)
+    assert by_modulus == pytest.approx(charge - by_force, rel=1e-8)
+
+
+def test_piezoelectric_coefficients(turned):
+    found = gradients(turned, ["film.d31_pC_N", "film.d32_pC_N"])
+    assert list(found) == ["film.d31_pC_N", "film.d32_pC_N"]
+    assert found["film.d31_pC_N"] == pytest.approx(turned.charges(1.0, 0.0))
+    assert found["film.d32_pC_N"] == pytest.approx(turned.charges(0.0, 1.0))
+
+
+def test_a_disc_has_no_orientation():
+    scene = TURNED.with_(**{"probe.shape": "circle", "probe.radius_mm": 4.0})
+    found = gradients(solve(scene), PLACE)
+    turning, moving = (max(map(abs, found[key].values())) for key in PLACE[::-2])
+    assert turning < 1e-6 * moving
+
+
+def test_a_film_without_a_probe_has_only_its_own_parameters():
+    solution = solve(Scene())
+    found = gradients(solution)
+    assert not any(key.startswith(("probe", "load")) for key in found)
+    # N0 alone: Q = A (d31 + d32) E α|ΔT|/(1 - ν)
+    for name, charge in solution.charges_pC.items():
+        assert found["film.temperature_change_K"][name] == pytest.approx(-charge, rel=1e-9)
+        by_poisson = charge / (1 - 0.34)
+        assert found["film.poisson_ratio"][name] == pytest.approx(by_poisson, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("scene", "key", "match"),
+    [
+        (RECTANGLE.with_(**LOADS["sliding"]), "probe.x_mm", "'probe.x_mm' of a rigid probe"),
+        (RECTANGLE, "film.radius_mm", "'film.radius_mm' is not a parameter"),
+    ],
+)
+def test_what_has_no_derivative_is_refused(scene, key, match):
+    solution = solve(scene.with_(**{"numerics.tolerance": 1e-2}))
+    with pytest.raises(ValueError, match=match):
+        gradients(solution, [key])
+
+
+def test_no_solution_has_no_gradients():
+    slack = RECTANGLE.with_(**{"film.temperature_change_K": 10.0, "load.force_N": 0.0})
+    with pytest.raises(NotConvergedError, match="unstable"):
+        gradients(solve(slack))

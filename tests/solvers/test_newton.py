@@ -1,0 +1,201 @@
+"""Newton's method: few iterations from threads of force to tons, decreasing energy, named ends."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from pvdf_fem import NotConvergedError, Scene, solve
+from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.mesh.gmsh_mesh import gmsh
+from pvdf_fem.solution import solution
+from pvdf_fem.solvers import newton
+from pvdf_fem.solvers.newton import Status, seed
+from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, graded_mesh
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    return graded_mesh(TRIANGLE, 2.5, 12.0)
+
+
+def scene_of(force_N, temperature_change_K, kind="dead"):
+    return TRIANGLE.with_(
+        **{"load.force_N": force_N, "film.temperature_change_K": temperature_change_K},
+        **LOADS[kind],
+    )
+
+
+@pytest.mark.parametrize("kind", LOADS)
+@pytest.mark.parametrize("temperature_change_K", [-100.0, -1.0, -1e-9, 0.0])
+@pytest.mark.parametrize("force_N", [1e-4, 1e-2, 1.0, 100.0])
+def test_few_iterations_for_any_load(mesh, force_N, temperature_change_K, kind):
+    problem = Equilibrium(scene_of(force_N, temperature_change_K, kind), mesh)
+    result = newton.newton(problem, seed(problem))
+    assert result.status is Status.CONVERGED
+    assert len(result.iterations) <= 40
+    assert result.factors is not None
+    assert newton.negative_pivots(result.factors) == 0
+    residual = problem.residual(problem.state(result.q))
+    assert np.linalg.norm(residual) < 1e-8 * force_N
+
+
+class Recorded(Equilibrium):
+    """Keeps the potential energy of every state that is asked for."""
+
+    def state(self, q):
+        state = super().state(q)
+        forces = self.load.forces(state.deformation_gradient)
+        work = float(self.assembly.vector(forces) @ q)
+        energies = self.__dict__.setdefault("energies", [])
+        energies.append(self.membrane.energy(state) - work)
+        return state
+
+
+@pytest.mark.parametrize("kind", ["dead", "sliding", "stuck"])
+@pytest.mark.parametrize("temperature_change_K", [-1.0, 0.0])
+@pytest.mark.parametrize("force_N", [1e-2, 100.0])
+def test_energy_decreases_to_a_minimum(mesh, force_N, temperature_change_K, kind):
+    problem = Recorded(scene_of(force_N, temperature_change_K, kind), mesh)
+    start = seed(problem)
+    problem.state(0 * start)
+    flat = problem.energies[-1]
+    problem.energies.clear()
+    q = newton.newton(problem, start).q
+    energies = np.array(problem.energies)
+    rounding = 1e-13 * np.abs(energies).max()
+    assert energies[0] < flat
+    assert np.all(np.diff(energies) <= rounding)
+    random = np.random.default_rng(5)
+    for size in (1e-2, 1.0):
+        problem.state(q + size * np.abs(q).max() * random.normal(size=len(q)))
+        assert problem.energies[-1] > energies[-1]
+
+
+def test_start_does_not_matter(mesh):
+    problem = Equilibrium(scene_of(1.0, -1.0), mesh)
+    q = newton.newton(problem, seed(problem)).q
+    deflections = problem.unknowns.deflections()
+    for factor in (0.3, 3.0):
+        start = np.where(deflections, factor * q, 0.0)
+        other = newton.newton(problem, start)
+        assert other.status is Status.CONVERGED
+        assert np.abs(other.q - q).max() < 1e-9 * np.abs(q).max()
+
+
+def test_steps_with_fresh_tangents_end_quadratically(mesh, monkeypatch):
+    monkeypatch.setattr(newton, "DEFER", 0.0)
+    problem = Equilibrium(scene_of(1.0, -1.0), mesh)
+    steps = [row.step for row in newton.newton(problem, seed(problem)).iterations]
+    assert steps[-1] < 1e-8
+    assert steps[-1] < 100 * steps[-2] ** 2
+
+
+def test_an_older_tangent_serves_as_long_as_steps_shrink(mesh):
+    problem = Equilibrium(scene_of(1.0, -1.0), mesh)
+    table = newton.newton(problem, seed(problem)).iterations
+    assert [row.fresh for row in table[-3:]] == [False] * 3
+    assert table[-1].step < 1e-9
+    for earlier, before, row in zip(table, table[1:], table[2:], strict=False):
+        slow = not before.fresh and before.step > newton.CONTRACTION * earlier.step
+        assert row.fresh or not slow
+
+
+# named ends
+
+
+def refuses_results(result):
+    for ask in ("charges_pC", "charge_errors_pC", "deflection_max_mm", "displacement", "mesh"):
+        with pytest.raises(NotConvergedError, match=result.status.value):
+            getattr(result, ask)
+    with pytest.raises(NotConvergedError):
+        result.charges(1.0, 2.0)
+    printed = json.loads(json.dumps(result.to_json()))
+    assert printed["status"] == result.status.value
+    assert not printed.keys() & {"charges_pC", "charge_errors_pC", "deflection_max_mm"}
+    assert printed["reason"]
+
+
+@pytest.mark.parametrize("scene", [Scene(), RECTANGLE.with_(**{"load.force_N": 0.0})])
+def test_slack_film_is_unstable(scene):
+    result = solve(scene.with_(**{"film.temperature_change_K": 10.0}))
+    assert result.status is Status.UNSTABLE
+    assert "film.temperature_change_K below zero" in result.reason
+    refuses_results(result)
+
+
+@pytest.mark.parametrize("force_N", [1e-2, 1.0])
+def test_compression_is_never_passed_over(mesh, force_N):
+    """A small force leaves a slack film in compression: no result, or one with a warning."""
+    result = solve(scene_of(force_N, 10.0), mesh=mesh)
+    if result.status is Status.CONVERGED:
+        assert any("compression" in warning for warning in result.warnings)
+    else:
+        refuses_results(result)
+
+
+def test_slack_film_that_the_force_pulls_taut_has_a_result():
+    result = solve(scene_of(100.0, 10.0))
+    assert result.status is Status.CONVERGED
+    assert not any("compression" in warning for warning in result.warnings)
+
+
+def test_film_without_tension_is_singular_when_flat(mesh):
+    problem = Equilibrium(scene_of(1.0, 0.0), mesh)
+    result = newton.newton(problem, np.zeros(problem.unknowns.count))
+    assert result.status is Status.SINGULAR
+
+
+def test_last_iteration_is_named(monkeypatch):
+    monkeypatch.setattr(newton, "MAX_ITERATIONS", 2)
+    result = solve(TRIANGLE)
+    assert result.status is Status.MAX_ITERATIONS
+    assert result.newton_iterations == 2
+    assert "load.force_N" in result.reason
+    refuses_results(result)
+
+
+def test_missed_tolerance_is_named(monkeypatch):
+    monkeypatch.setattr(solution, "MAX_MESHES", 1)
+    result = solve(TRIANGLE.with_(**{"numerics.tolerance": 2e-8}))
+    assert result.status is Status.TOLERANCE
+    assert "raise numerics.tolerance" in result.reason
+    refuses_results(result)
+
+
+def test_failed_mesh_is_named(monkeypatch):
+    def fail(_):
+        raise Exception("intersecting edges")
+
+    monkeypatch.setattr(gmsh.model.mesh, "generate", fail)
+    result = solve(TRIANGLE)
+    assert result.status is Status.MESH_FAILED
+    assert "intersecting edges" in result.reason
+    refuses_results(result)
+
+
+def test_every_status_says_what_to_do():
+    assert all(status.advice for status in Status)
+
+
+def test_quasi_newton_steps_find_what_the_tangent_lacks():
+    """A linear problem whose tangent misses one mode: the rank-two updates take it in."""
+    random = np.random.default_rng(1)
+    mode = random.standard_normal(30)
+    matrix = np.diag(random.uniform(1.0, 5.0, 30))
+    right = random.standard_normal(30)
+    tangent = newton._Tangent(newton.factorise(sp.csc_matrix(matrix)), False)
+    matrix += 0.03 * np.outer(mode, mode)
+    x, residuals, plain = np.zeros(30), [], np.zeros(30)
+    for _ in range(6):
+        residual = matrix @ x - right
+        step = tangent.step(residual)
+        tangent.remember(residual, step)
+        x = x + step
+        plain = plain - tangent.factors.solve(matrix @ plain - right)
+        residuals.append(np.linalg.norm(matrix @ x - right))
+    assert residuals[-1] < 1e-10 * residuals[0]
+    assert np.linalg.norm(matrix @ plain - right) > 1e-4 * residuals[0]

@@ -1,0 +1,107 @@
+"""The charges settle before an iteration ends, and a start that is too far away is left."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pvdf_fem import Scene, solve
+from pvdf_fem.charges.forces import electrode_forces, goals_of
+from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.film.membrane import Array
+from pvdf_fem.mesh.gmsh_mesh import mesh_scene
+from pvdf_fem.solution.first_sizes import first_sizes
+from pvdf_fem.solvers.newton import Status
+from pvdf_fem.solvers.settled import OF_CORRECTION, OF_TOLERANCE, Settled, Watch
+from pvdf_fem.solvers.wrinkling import equilibrate
+
+# Nearly all of the load goes the short way to the rim; the electrodes have what is left.
+BY_THE_RIM = Scene().with_(
+    **{
+        "film.temperature_change_K": 0.0,
+        "film.compression": "tension-field",
+        "load.kind": "rigid",
+        "load.contact": "stuck",
+        "load.force_N": 1e-3,
+        "probe": {"shape": "circle", "radius_mm": 2.0, "x_mm": 42.9, "y_mm": 0.0},
+    }
+)
+
+
+@pytest.fixture(scope="module")
+def film() -> Equilibrium:
+    return Equilibrium(BY_THE_RIM, mesh_scene(BY_THE_RIM, first_sizes(BY_THE_RIM, 2)), 2)
+
+
+@pytest.fixture(scope="module")
+def solution(film: Equilibrium) -> Array:
+    result = equilibrate(film, None)
+    assert result.status is Status.CONVERGED
+    return result.q
+
+
+def test_changes_of_charges_count_against_the_tolerance(film: Equilibrium, solution: Array) -> None:
+    states = [film.state(q) for q in (0.9999 * solution, solution)]
+    d = [BY_THE_RIM.film.d31, BY_THE_RIM.film.d32]
+    old, new = (electrode_forces(BY_THE_RIM, film.membrane, state.dofs) @ d for state in states)
+    # X and Y of a charge have one sign here, so its size is that of its parts
+    worst = np.abs(new / old - 1.0).max()
+    change = Settled(goals_of(BY_THE_RIM), film).change(*states)
+    assert change == pytest.approx(worst / (OF_TOLERANCE * 1e-3), rel=1e-3)
+
+
+def test_changes_of_corrected_charges_count_against_the_correction(
+    film: Equilibrium, solution: Array
+) -> None:
+    settled = Settled(goals_of(BY_THE_RIM), film, 0.99 * solution)
+    before, after = film.state(0.999 * solution), film.state(solution)
+    assert settled.change(before, after) == pytest.approx(0.1 / OF_CORRECTION, rel=0.02)
+
+
+def test_what_is_left_of_steps_that_shrink_alike(film: Equilibrium, solution: Array) -> None:
+    """Deflections 1 - eps/2^n come nearer by eps/2^n, and that is what is left."""
+    settled, eps = Settled(goals_of(BY_THE_RIM), film), 1e-3
+    states = [film.state(solution * (1.0 - eps / 2.0**n)) for n in range(4)]
+    watch = Watch(settled, states[0])
+    lefts = [watch.left(state) for state in states[1:]]
+    exact = settled.change(states[-1], film.state(solution))
+    assert lefts[-1] == pytest.approx(exact, rel=0.02)
+    assert lefts[0] > settled.change(states[1], film.state(solution))
+
+
+def test_a_small_step_in_the_energy_is_large_for_a_far_electrode(
+    film: Equilibrium, solution: Array
+) -> None:
+    """The film beyond the centre moved by a thousandth is nothing against the whole energy."""
+    x = film.unknowns.expand(solution)
+    away = np.repeat(film.membrane.basis.doflocs[0] < 0.0, 3)
+    moved = film.membrane.state(np.where(away, 1.001 * x, x))
+    state = film.state(solution)
+    assert film.membrane.energy(moved) == pytest.approx(film.membrane.energy(state), rel=1e-6)
+    assert Settled(goals_of(BY_THE_RIM), film).change(state, moved) > 1.0
+
+
+def test_a_start_too_far_away_is_left_for_another(film: Equilibrium, solution: Array) -> None:
+    near = 1.01 * solution
+    result = equilibrate(film, 30.0 * solution, near=True, other=lambda: near)
+    assert result.status is Status.CONVERGED
+    assert len(result.iterations) <= 2 + len(equilibrate(film, near, near=True).iterations)
+
+
+def test_a_film_that_is_loaded_by_the_rim_needs_no_second_start() -> None:
+    """Interior points from afar made its last charges a tenth wrong before these had to settle."""
+    solution = solve(BY_THE_RIM)
+    assert solution.status is Status.CONVERGED
+    assert not any(iteration.convex for iteration in solution.iterations)
+
+
+def test_steps_end_once_the_charges_have_settled() -> None:
+    """Where points of the film still change their state steps hardly shrink any more."""
+    scene = BY_THE_RIM.with_(probe={"shape": "circle", "radius_mm": 0.5, "x_mm": 44.2, "y_mm": 0.0})
+    film = Equilibrium(scene, mesh_scene(scene, first_sizes(scene, 2)), 2)
+    start, settled = 1.1 * equilibrate(film, None).q, Settled(goals_of(scene), film)
+    exact = equilibrate(film, start, near=True)
+    result = equilibrate(film, start, near=True, settled=settled)
+    assert exact.status is result.status is Status.CONVERGED
+    assert len(result.iterations) < 0.7 * len(exact.iterations)
+    assert settled.change(film.state(exact.q), film.state(result.q)) < 1.0

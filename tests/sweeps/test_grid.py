@@ -1,0 +1,126 @@
+"""Sweep files: the scenes they mean, and all their mistakes at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pvdf_fem import Scene, SceneError
+from pvdf_fem.maps.mapping import MappingScheme
+from pvdf_fem.sweeps.grid import Grid
+
+GEOMETRY = Path(__file__).parents[2] / "geometry"
+BASE = Scene().with_(**{"probe.shape": "triangle"})
+
+
+def test_axes_are_lists_and_ranges_and_the_last_is_fastest():
+    steps = {"start": 0.1, "stop": 10.0, "count": 3, "spacing": "log"}
+    grid = Grid.of(
+        BASE,
+        [
+            {"film.thickness_um": [9, 110.0]},
+            {"load": {"force_N": steps}, "name": "F"},
+            {"probe.x_mm": {"start": 0, "stop": 1, "count": 5}, "probe.y_mm": np.arange(5.0)},
+        ],
+    )
+    assert grid.shape == (2, 3, 5)
+    assert [axis.name for axis in grid.axes] == ["thickness_um", "F", "x_mm"]
+    scenes = grid.scenes()
+    assert len(scenes) == 30
+    assert [s.film.thickness_um for s in scenes[::15]] == [9.0, 110.0]
+    assert [s.load.force_N for s in scenes[:15:5]] == pytest.approx([0.1, 1.0, 10.0])
+    places = [(s.probe.x_mm, s.probe.y_mm) for s in scenes[:5]]
+    assert places == [(0.0, 0.0), (0.25, 1.0), (0.5, 2.0), (0.75, 3.0), (1.0, 4.0)]
+    assert scenes[7] == BASE.with_(
+        **{
+            "film.thickness_um": 9,
+            "load.force_N": grid.axes[1][1]["load.force_N"],
+            "probe.x_mm": 0.5,
+            "probe.y_mm": 2.0,
+        }
+    )
+
+
+def test_a_mapping_scheme_is_an_axis():
+    lines = {"electrode": "B", "angles_deg": [0, 90], "distances_mm": [0, 4, 16]}
+    (axis,) = Grid.of(BASE, [{"mapping": lines}]).axes
+    scheme = MappingScheme(BASE, "B", (0.0, 90.0), (0.0, 4.0, 16.0))
+    places = np.transpose([axis.values["probe.x_mm"], axis.values["probe.y_mm"]])
+    assert places == pytest.approx(np.concatenate(scheme.positions_mm))
+    assert axis.beside["angle_deg"] == (0.0, 0.0, 0.0, 90.0, 90.0)
+    assert axis.beside["distance_mm"] == pytest.approx([0.0, 4.0, 16.0, 0.0, 4.0])
+
+
+def test_a_sweep_file_finds_its_scene_beside_it(tmp_path):
+    (tmp_path / "scene.toml").write_text("[load]\nforce_N = 3.0\n[probe]\n")
+    text = 'scene = "scene.toml"\n[[axes]]\nfilm.thickness_um = [9, 25]\n'
+    (tmp_path / "sweep.toml").write_text(text)
+    first, second = Grid.load(tmp_path / "sweep.toml").scenes()
+    assert (first.load.force_N, first.film.thickness_um) == (3.0, 9.0)
+    assert second.film.thickness_um == 25.0
+
+
+def test_the_examples_are_valid():
+    assert Grid.load(GEOMETRY / "thickness_spacing.toml").shape == (5, 9, 41, 5)
+    assert len(Grid.load(GEOMETRY / "mapping_lines.toml").scenes()) == 84
+
+
+def test_all_mistakes_of_a_file_are_told_at_once(tmp_path):
+    path = tmp_path / "sweep.toml"
+    path.write_text(
+        """
+        scen = 3
+        scene = { film = { radius_mm = -1 } }
+        [[axes]]
+        load.force_N = { start = 0, stop = 1, count = 3, spacing = "log" }
+        [[axes]]
+        load.force_N = { start = 1, stop = 2, cuont = 3 }
+        [[axes]]
+        probe.x_mm = 3
+        [[axes]]
+        probe = { x_mm = [1, 2], y_mm = [1, 2, 3] }
+        [[axes]]
+        mapping = { electrode = "Z", angles_deg = [0] }
+        [[axes]]
+        name = "empty"
+        """
+    )
+    with pytest.raises(SceneError) as error:
+        Grid.load(path)
+    told = "\n".join(error.value.problems)
+    for part in (
+        "scen = 3: is no key there; did you mean scene?",
+        "film.radius_mm = -1",
+        "axes[0].load.force_N.start = 0.0: both ends of equal ratios need one sign",
+        "axes[1].load.force_N.count = (nothing): is required",
+        "axes[1].load.force_N.cuont = 3: is no key there; did you mean count?",
+        "axes[2].probe.x_mm = 3: must be a list",
+        "axes[3]: probe.x_mm has 2, probe.y_mm has 3 values",
+        "axes[4].mapping.electrode 'Z': the scene has A, B, C, D",
+        "axes[5] = (nothing): has no key of a scene",
+    ):
+        assert part in told
+    assert len(error.value.problems) == 9
+
+
+@pytest.mark.parametrize(
+    ("axes", "told"),
+    [
+        ([{"load.force_N": [1]}, {"load.force_N": [2]}], "axes[1] = "),
+        ([{"load.force_N": [1], "name": "electrode"}], "dataset's own dimension"),
+        ([{"load.force_N": list(range(2000))}, {"film.d31_pC_N": list(range(2000))}], "4000000"),
+    ],
+)
+def test_axes_that_clash_are_refused(axes, told):
+    with pytest.raises(SceneError, match=None) as error:
+        Grid.of(BASE, axes)
+    assert told in str(error.value)
+
+
+def test_mistakes_of_scenes_are_told_once_each():
+    grid = Grid.of(BASE, [{"electrodes.ring_radius_mm": [1, 10, 50]}, {"load.force_N": [1, 2]}])
+    with pytest.raises(SceneError) as error:
+        grid.scenes()
+    assert len(error.value.problems) == 2

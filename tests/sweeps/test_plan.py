@@ -1,0 +1,126 @@
+"""One solve for all scenes whose films deform alike: which these are, and their charges."""
+
+from __future__ import annotations
+
+import pytest
+
+from pvdf_fem import Scene, solve
+from pvdf_fem.scene.outline import turn
+from pvdf_fem.sweeps.plan import plan
+from pvdf_fem.sweeps.sweep import planned, solve_all
+
+TRIANGLE = Scene().with_(
+    **{
+        "probe": {"shape": "triangle", "x_mm": 3.0, "y_mm": -7.5, "rotation_deg": 200.0},
+        "film.d31_pC_N": 18.0,
+        "film.d32_pC_N": 2.0,
+        "numerics.tolerance": 2e-3,
+    }
+)
+L_SHAPE = [[0.0, 0.0], [3.0, 0.0], [3.0, 1.0], [1.0, 1.0], [1.0, 2.0], [0.0, 2.0]]
+MIRRORED = {"probe.x_mm": -3.0, "probe.rotation_deg": -200.0}
+TURNED = {"probe.x_mm": 7.5, "probe.y_mm": 3.0, "probe.rotation_deg": 290.0}
+X, Y = turn([3.0, -7.5], 37.0).tolist()
+ASKEW = {"probe.x_mm": X, "probe.y_mm": Y, "probe.rotation_deg": 237.0}
+STIFFER_ALONG_X = {"film.youngs_modulus_GPa": [3.0, 2.0]}
+
+
+def solves(*scenes: Scene) -> int:
+    return len(plan(scenes).blocks)
+
+
+@pytest.mark.parametrize(
+    ("base", "change", "count"),
+    [
+        ({}, {"electrodes.ring_radius_mm": 14.0}, 1),
+        ({}, {"electrodes.layout": "three"}, 1),
+        ({}, {"film.d31_pC_N": 1.0, "film.density_kg_m3": 900.0}, 1),
+        ({}, {"numerics.observable": "thesis-edge"}, 1),
+        ({}, {"film.thickness_um": 50.0, "load.force_N": 2.0}, 1),
+        ({}, {"film.thermal_expansion_per_K": 55e-6, "film.temperature_change_K": -2.0}, 1),
+        ({}, MIRRORED, 1),
+        ({}, TURNED, 1),
+        ({}, ASKEW, 1),
+        ({}, {"probe.rotation_deg": 80.0}, 1),
+        ({}, {"film.thickness_um": 50.0}, 2),
+        ({}, {"load.kind": "follower"}, 2),
+        ({}, {"numerics.tolerance": 1e-3}, 2),
+        ({}, {"probe.x_mm": 3.1}, 2),
+        ({}, {"probe.x_mm": -3.0}, 2),
+        ({}, {"film.temperature_change_K": -2.0}, 2),
+        (STIFFER_ALONG_X, MIRRORED, 1),
+        (STIFFER_ALONG_X, TURNED, 2),
+        ({"film.shear_modulus_GPa": 1.0}, TURNED, 1),
+        ({"film.shear_modulus_GPa": 1.0}, ASKEW, 2),
+        ({"probe": {"shape": "polygon", "vertices_mm": L_SHAPE}}, {"probe.rotation_deg": 45.0}, 1),
+        ({"probe": None}, {"load.force_N": 3.0, "film.thickness_um": 9.0}, 1),
+    ],
+)
+def test_scenes_join_when_their_films_deform_alike(base, change, count):
+    scene = TRIANGLE.with_(**base)
+    assert solves(scene, scene.with_(**change)) == count
+
+
+def test_a_probe_on_the_centre_may_be_turned_at_will():
+    scene = TRIANGLE.with_(**{"probe": {"shape": "rectangle"}})
+    turned = [scene.with_(**{"probe.rotation_deg": angle}) for angle in (0.0, 33.0, 90.0, 201.0)]
+    assert solves(*turned) == 1
+
+
+def test_steps_of_the_plan_are_told():
+    forces = [{"film.thickness_um": h, "load.force_N": h / 25.0} for h in (25.0, 50.0)]
+    rings = [{"electrodes.ring_radius_mm": r} for r in (8.0, 12.0)]
+    every = [TRIANGLE.with_(**f, **r, **m) for f in forces for r in rings for m in ({}, MIRRORED)]
+    found = plan([*every, every[0]])
+    assert found.steps == (4, 2, 1)
+    assert (found.missing, len(found.blocks)) == (8, 1)
+    assert [line.split()[0] for line in str(found).splitlines()] == ["9", "8", "4", "2", "1", "1"]
+
+
+@pytest.mark.parametrize("observable", ["material", "thesis-edge"])
+def test_joined_scenes_have_the_charges_of_separate_solves(observable):
+    """Turned by an odd angle, mirrored, another spacing, a thicker film: within the tolerance."""
+    scene = TRIANGLE.with_(**{"numerics.observable": observable})
+    changes = [
+        {},
+        {**ASKEW, "film.thickness_um": 50.0, "load.force_N": 2.0},
+        {**MIRRORED, "electrodes.ring_radius_mm": 6.0},
+    ]
+    scenes = [scene.with_(**change) for change in changes]
+    assert len(planned(scenes).blocks) == 1
+    for one, record in zip(scenes, solve_all(scenes, processes=1), strict=True):
+        alone = solve(one)
+        for name, charge in alone.charges_pC.items():
+            assert record.charge_error_pC(name, observable, 18.0, 2.0) <= 2e-3 * charge
+            found = record.charge_pC(name, observable, 18.0, 2.0)
+            assert found == pytest.approx(charge, rel=2e-3)
+
+
+def test_images_of_a_scene_share_its_mesh():
+    """Electrodes that lie on those of the first scene need no other mesh than its own."""
+    scene = TRIANGLE.with_(**{"numerics.tolerance": 0.02})
+    first, turned = solve_all([scene, scene.with_(**TURNED)], processes=1)
+    assert first.charges_pC(18.0, 2.0) == solve(scene).charges_pC
+    # B of the turned scene lies where A of the first was, and its axes have changed places
+    charge = first.charge_pC("A", "material", 2.0, 18.0)
+    assert turned.charge_pC("B", "material", 18.0, 2.0) == pytest.approx(charge, rel=1e-12)
+
+
+def test_scenes_that_miss_the_tolerance_together_are_solved_alone(monkeypatch):
+    from pvdf_fem.solution.solution import Solution, solve_goals
+    from pvdf_fem.solvers.newton import Status
+    from pvdf_fem.sweeps import records
+
+    asked = []
+
+    def solved(scene, goals):
+        asked.append(len(scene.electrode_list))
+        if not scene.electrode_list:
+            return Solution(scene, Status.TOLERANCE, "", seconds={"total": 0.0})
+        return solve_goals(scene, goals)
+
+    monkeypatch.setattr(records, "solve_goals", solved)
+    scene = TRIANGLE.with_(**{"numerics.tolerance": 0.05})
+    found = solve_all([scene, scene.with_(**{"electrodes.layout": "three"})], processes=1)
+    assert asked == [0, 4, 3]
+    assert [record.status for record in found] == ["converged"] * 2

@@ -1,0 +1,235 @@
+"""Sweeps: datasets, and what survives kills, deaths of workers and failures."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import random
+import signal
+import time
+import tracemalloc
+
+import numpy as np
+import pytest
+import xarray
+
+from pvdf_fem import Scene, solve
+from pvdf_fem.cli import main as cli
+from pvdf_fem.sweeps import sweep
+from pvdf_fem.sweeps.dataset import write_netcdf
+from pvdf_fem.sweeps.store import Record, Store, key
+from pvdf_fem.sweeps.workers import Died, on_processes
+from tests.helpers import deaths
+from tests.helpers.sweep_cases import AXES, BASE, made_up, run
+
+AGAIN = multiprocessing.get_context("forkserver")
+AGAIN.set_forkserver_preload(["tests.helpers.sweep_cases", "pvdf_fem.sweeps.dataset"])
+
+
+@pytest.fixture(autouse=True)
+def real_solves():
+    """`run` replaces them in its process."""
+    real = sweep.records_of
+    yield
+    sweep.records_of = real
+
+
+@pytest.fixture
+def invented(monkeypatch):
+    monkeypatch.setattr(sweep, "records_of", made_up)
+
+
+def test_a_dataset_names_its_axes_units_and_states(tmp_path):
+    """Real solves: charges as those of a scene solved alone, by name and in its place."""
+    axes = [
+        {"film.thickness_um": [25, 50], "load.force_N": [1, 2], "name": "pressed"},
+        {"electrodes.layout": ["four", "three"]},
+    ]
+    data = sweep.sweep(BASE, axes, processes=1)
+    assert dict(data.sizes) == {"pressed": 2, "layout": 2, "electrode": 4}
+    assert set(data.status.values.ravel()) == {"converged"}
+    assert np.isnan(data.charge_pC.sel(layout="three", electrode="D")).all()
+    assert data.charge_pC.sel(layout="four").notnull().all()
+    assert (data.thickness_um.attrs, data.charge_pC.attrs["units"]) == (
+        {"key": "film.thickness_um", "units": "um"},
+        "pC",
+    )
+    scene = BASE.with_(**{"electrodes.layout": "three", "film.thickness_um": 50, "load.force_N": 2})
+    for name, charge in solve(scene).charges_pC.items():
+        found = data.charge_pC.sel(layout="three", electrode=name)[1]
+        assert float(found) == pytest.approx(charge, rel=0.05)
+    write_netcdf(data, tmp_path / "data.nc")
+    with xarray.open_dataset(tmp_path / "data.nc") as read:
+        assert read.identical(data)
+
+
+def test_a_scene_that_fails_is_stored_and_the_rest_goes_on(tmp_path):
+    axes = [{"film.temperature_change_K": [-1.0, 10.0], "load.force_N": [1.0, 0.0]}]
+    with Store(tmp_path / "s.db") as store:
+        data = sweep.sweep(BASE, axes, store, processes=1)
+        assert data.status.values.tolist() == ["converged", "unstable"]
+        assert data.charge_pC.notnull().all(axis=1).values.tolist() == [True, False]
+        assert all(scene in store for scene in sweep.Grid.of(BASE, axes).scenes())
+
+
+def test_a_crashed_scene_is_tried_again(monkeypatch, tmp_path):
+    def broken(scenes, frames):
+        if scenes[0].load.force_N == 1.0:
+            raise MemoryError
+        return made_up(scenes, frames)
+
+    monkeypatch.setattr(sweep, "records_of", broken)
+    with Store(tmp_path / "s.db") as store:
+        data = sweep.sweep(BASE, AXES, store, processes=1)
+        crashed = data.status.sel(force_N=1.0).values
+        assert set(crashed.ravel()) == {"crashed"}
+        assert (data.status == "crashed").sum() == crashed.size
+        monkeypatch.setattr(sweep, "records_of", made_up)
+        assert set(sweep.sweep(BASE, AXES, store, processes=1).status.values.ravel()) == {
+            "converged"
+        }
+
+
+def test_killed_at_any_moment_it_goes_on_where_it_was(tmp_path):
+    """Twenty kills: no scene that was stored is solved again, and the dataset is the same."""
+    store, log = tmp_path / "s.db", tmp_path / "log"
+    moments = random.Random(5)
+    for _ in range(20):
+        log.write_text("")
+        before = _stored(store)
+        process = AGAIN.Process(target=run, args=(store, log, 0.02))
+        process.start()
+        time.sleep(moments.uniform(0.0, 0.15))
+        os.kill(process.pid, signal.SIGKILL)
+        process.join()
+        assert not before & set(log.read_text().split())
+    done = _stored(store)
+    log.write_text("")
+    data = run(store, log)
+    solved = log.read_text().split()
+    assert len(solved) == len(set(solved)) == 48 - len(done)
+    assert data.identical(run(tmp_path / "undisturbed.db"))
+
+
+def _stored(path):
+    with Store(path) as store:
+        return {key(scene) for scene in sweep.Grid.of(BASE, AXES).scenes() if scene in store}
+
+
+def test_two_processes_may_use_one_store(tmp_path):
+    path = tmp_path / "s.db"
+    both = [AGAIN.Process(target=run, args=(path, tmp_path / "log", 0.01)) for _ in range(2)]
+    for process in both:
+        process.start()
+    for process in both:
+        process.join()
+    assert [process.exitcode for process in both] == [0, 0]
+    assert len(_stored(path)) == 48
+    log = tmp_path / "again"
+    log.touch()
+    assert run(path, log).identical(run(tmp_path / "alone.db"))
+    assert log.read_text() == ""
+
+
+def test_a_process_that_dies_is_replaced(tmp_path):
+    tasks = {number: (tmp_path / "died", number) for number in range(6)}
+    found = dict(on_processes(deaths.die_once, tasks, 2))
+    assert found == {number: 10 * number for number in range(6)}
+
+
+def test_a_task_that_always_kills_its_process_has_no_result():
+    found = dict(on_processes(deaths.die, dict(enumerate(range(5))), 2))
+    assert isinstance(found.pop(3), Died)
+    assert found == {number: 10 * number for number in (0, 1, 2, 4)}
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_cluster_gives_the_same_dataset_even_if_a_worker_dies():
+    distributed = pytest.importorskip("distributed")
+    expected = sweep.sweep(BASE, AXES, processes=1)
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+    ) as cluster:
+        with distributed.Client(cluster, set_as_default=False) as client:
+            processes = client.run(os.getpid)
+        seen = []
+
+        def kill_one(done, total):
+            seen.append(done)
+            if len(seen) == 3:
+                os.kill(next(iter(processes.values())), signal.SIGKILL)
+
+        address = cluster.scheduler_address
+        found = sweep.sweep(BASE, AXES, scheduler=address, progress=kill_one)
+    assert len(seen) == 25
+    assert found.identical(expected)
+
+
+def test_a_scheduler_that_is_not_there_is_bad_input(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("distributed")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "s.toml").write_text("[scene.probe]\n[[axes]]\nload.force_N = [1.0]\n")
+    assert cli.main(["sweep", "s.toml", "--scheduler", "nonsense://x"]) == 2
+    assert "--scheduler nonsense://x: " in capsys.readouterr().err
+    assert not (tmp_path / "s.nc").exists()
+
+
+def test_the_command_prints_its_plan_and_writes_the_dataset(
+    tmp_path, monkeypatch, capsys, invented
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "s.toml").write_text(
+        "[scene.probe]\n[[axes]]\nload.force_N = [1.0, 2.0]\n"
+        "[[axes]]\nelectrodes.ring_radius_mm = [8, 12]\n"
+    )
+    command = ["sweep", "s.toml", "--processes", "1"]
+    assert cli.main([*command, "--plan"]) == 0
+    assert capsys.readouterr().out.split("\n")[0].split() == ["4", "scenes"]
+    assert not list(tmp_path.glob("s.[nd]*"))
+    assert cli.main(command) == 0
+    out, err = capsys.readouterr()
+    assert out.endswith("s.nc: 2 force_N, 2 ring_radius_mm, 4 electrode\n")
+    assert err == ""  # no bar, since this is no terminal
+    with xarray.open_dataset("s.nc") as data:
+        assert data.charge_pC.sel(force_N=2.0, ring_radius_mm=8.0, electrode="A") == 6.0
+    assert cli.main([*command, "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_failures_are_told_and_change_the_exit_code(tmp_path, monkeypatch, capsys):
+    failed = Record("unstable", "no", tuple("ABCD"), {}, {}, 0.0, 0, 0, (), 0.0)
+    monkeypatch.setattr(sweep, "records_of", lambda scenes, frames: [failed] * len(scenes))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "s.toml").write_text("scene = {}\n[[axes]]\nload.force_N = [1.0, 2.0]\n")
+    assert cli.main(["sweep", "s.toml", "--processes", "1"]) == 3
+    assert "no charges in 2 scenes: unstable" in capsys.readouterr().err
+
+
+def test_many_scenes_cost_little_memory_and_time(tmp_path, invented):
+    """2,000 of the 100,000 that must stay below 500 MB, and below 1 ms a scene in the store."""
+    axes = [
+        {"load.force_N": {"start": 1.0, "stop": 2.0, "count": 20}},
+        {"probe.x_mm": {"start": 0.0, "stop": 9.0, "count": 10}},
+        {"film.d31_pC_N": {"start": 1.0, "stop": 9.0, "count": 10}},
+    ]
+    tracemalloc.start()
+    try:
+        scenes = sweep.Grid.of(BASE, axes).scenes()
+        assert len(sweep.planned(scenes).blocks) == 200
+        assert tracemalloc.get_traced_memory()[1] < 2000 * 4e3
+    finally:
+        tracemalloc.stop()
+    records = [(scene, made_up([scene], None)[0]) for scene in scenes]
+    with Store(tmp_path / "s.db") as store:
+        start = time.process_time()
+        for first in range(0, len(records), 10):
+            store.put(records[first : first + 10])
+        assert all(store.get(scene) == record for scene, record in records)
+        assert time.process_time() - start < 1e-3 * len(records)
+
+
+def test_a_scene_without_a_probe_can_be_swept():
+    data = sweep.sweep(Scene(), [{"film.temperature_change_K": [-1.0, -2.0]}], processes=1)
+    assert set(data.status.values) == {"converged"}
+    ratio = data.charge_pC[1] / data.charge_pC[0]
+    assert ratio.values == pytest.approx(np.full(4, 2.0), rel=1e-3)

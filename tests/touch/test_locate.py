@@ -1,0 +1,508 @@
+"""Touches from charges, with made-up models whose symmetries are known."""
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pvdf_fem.solvers.newton import Status
+from pvdf_fem.touch.descent import Problem, bend, descend
+from pvdf_fem.touch.few_searches import descend_few
+from pvdf_fem.touch.locate import locate, weigh
+from pvdf_fem.touch.locate_many import locate_many
+from pvdf_fem.touch.polish import PolishError, polish
+from pvdf_fem.touch.starts import starts
+from pvdf_fem.touch.touch import QUANTITIES
+from tests.helpers.touch_models import Bumps, bumps, random_touches
+
+ALL = ("x_mm", "y_mm", "rotation_deg", "force_N")
+PERIODS_DEG = {"triangle": 120.0, "rectangle": 180.0}
+
+
+@dataclass(frozen=True, eq=False)
+class Counted(Bumps):
+    """A model that counts the touches of each evaluation."""
+
+    calls: list[int] = field(default_factory=list)
+
+    def evaluate(self, touches):
+        self.calls.append(len(touches))
+        return super().evaluate(touches)
+
+
+def charges_of(model, touch, noise=None):
+    charges = model.evaluate(np.atleast_2d(touch))[0][0]
+    return dict(zip(model.names, (charges * (1 if noise is None else noise)).tolist(), strict=True))
+
+
+def slopes_of(model, touch):
+    """Central differences of the charges by x, y, rotation and force, (electrodes, 4)."""
+    steps = np.diag([1e-4, 1e-4, 1e-3, 1e-5])
+    ahead, back = (model.evaluate(touch + sign * steps)[0] for sign in (1, -1))
+    return ((ahead - back) / (2.0 * np.diag(steps)[:, None])).T
+
+
+@pytest.mark.parametrize("shape", ["triangle", "rectangle", "circle"])
+@pytest.mark.parametrize("electrodes", [3, 4, 6])
+def test_the_touch_is_found_from_exact_charges(shape, electrodes):
+    model = bumps(shape, electrodes)
+    for touch in random_touches(40, seed=electrodes):
+        found = locate(model, charges_of(model, touch), 1e-3, known={"rotation_deg": touch[2]})
+        # three charges fit a second touch here and there
+        nearest = min(found.touches, key=lambda t: np.hypot(*(t.values - touch)[:2]))
+        assert nearest.values == pytest.approx(touch, rel=1e-5, abs=1e-5)
+        assert nearest.chi_square < 1e-6
+        if electrodes > 3:
+            assert nearest is found.best
+            assert not found.ambiguous
+
+
+@pytest.mark.parametrize("shape", ["triangle", "rectangle"])
+def test_all_touches_with_an_unknown_rotation_are_listed(shape):
+    """As many charges as unknown quantities: several touches may give them exactly."""
+    model, period = bumps(shape), PERIODS_DEG[shape]
+    several = 0
+    for touch in random_touches(30, seed=5):
+        found = locate(model, charges_of(model, touch), 1e-3, unknown=ALL)
+        several += found.ambiguous
+        inside = [one for one in found.touches if not one.at_edge]
+        assert all(0.0 <= one.rotation_deg < period for one in inside)
+        fits = [charges_of(model, one.values) for one in inside if one.chi_square < 1e-6]
+        assert fits
+        assert all(fit == pytest.approx(charges_of(model, touch), rel=1e-4) for fit in fits)
+        apart = np.array([one.values for one in found.touches]) - touch
+        apart[:, 2] -= period * np.round(apart[:, 2] / period)
+        # two touches about to become one are listed as one
+        assert (np.abs(apart) < [0.05, 0.05, 5.0, 0.02]).all(axis=1).any()
+    assert several > 10
+
+
+@pytest.mark.parametrize(
+    ("shape", "rows"), [("rectangle", [47, 168, 451]), ("triangle", [62, 128, 162, 201])]
+)
+def test_touches_at_the_end_of_winding_valleys_are_listed(shape, rows):
+    """Long steps of the rotation, and searches that go on as one too early, miss these."""
+    model, period = bumps(shape), PERIODS_DEG[shape]
+    for touch in random_touches(600, seed=1)[rows]:
+        found = locate(model, charges_of(model, touch), 1e-3, unknown=ALL)
+        apart = np.array([one.values for one in found.touches]) - touch
+        apart[:, 2] -= period * np.round(apart[:, 2] / period)
+        assert (np.abs(apart) < [0.01, 0.01, 0.1, 0.01]).all(axis=1).any()
+
+
+@pytest.mark.parametrize(
+    "unknown", [("force_N",), ("x_mm",), ("rotation_deg",), ("y_mm", "force_N")]
+)
+def test_any_quantities_may_be_known(unknown):
+    model, touch = bumps("rectangle"), np.array([3.0, -4.0, 25.0, 0.7])
+    known = {n: v for n, v in zip(QUANTITIES, touch, strict=True) if n not in unknown}
+    found = locate(model, charges_of(model, touch), 1e-3, unknown=unknown, known=known)
+    assert found.best.values == pytest.approx(touch, abs=1e-4)
+    assert found.best.unknown == unknown
+    assert not found.ambiguous
+
+
+def test_what_is_not_given_is_the_scenes():
+    model = bumps()
+    scene = model.scene.with_(**{"probe.rotation_deg": 40.0})
+    turned = bumps()
+    object.__setattr__(turned, "scene", scene)
+    touch = np.array([3.0, 2.0, 40.0, 1.0])
+    assert locate(turned, charges_of(model, touch), 1e-3).best.values == pytest.approx(touch)
+
+
+def test_a_missing_electrode_is_left_out():
+    model, touch = bumps("circle"), np.array([3.0, -4.0, 0.0, 0.7])
+    charges = charges_of(model, touch)
+    del charges["B"]
+    found = locate(model, charges, 1e-3)
+    assert found.degrees_of_freedom == 0
+    assert np.isnan(found.best.p_value)
+    assert found.best.explained
+    apart = min(np.hypot(*(one.values - touch)[:2]) for one in found.touches)
+    assert apart < 1e-4
+
+
+def test_searches_start_near_touches_at_the_edge():
+    """Valleys there may be narrower than the lattice's pitch."""
+    model, electrodes = bumps("triangle", 4), np.arange(4)
+    reach = model.domain.reach_mm
+    for angle in np.radians(np.arange(2.0, 90.0, 8.0)):
+        touch = np.array([reach * np.cos(angle), reach * np.sin(angle), 0.0, 1.0])
+        charges = model.evaluate(touch[None])[0][0]
+        found = starts(model, charges, 0.01 * charges, electrodes, {2: 0.0})
+        apart = np.hypot(*(found - touch)[:, :2].T)
+        assert apart.min() < 1.01 * np.pi * reach / 48
+
+
+def test_exact_charges_take_few_evaluations():
+    """Starts are so close, and searches end so soon, that a call takes a millisecond."""
+    model, calls = Counted(**vars(bumps("triangle"))), []
+    for touch in random_touches(60, seed=8):
+        charges, known = charges_of(model, touch), {"rotation_deg": touch[2]}
+        locate(model, charges, 1e-3, known=known)  # makes the table of starts
+        model.calls.clear()
+        locate(model, charges, 1e-3, known=known)
+        calls.append(list(model.calls))
+    assert np.median([len(each) for each in calls]) <= 3
+    assert np.median([sum(each) for each in calls]) <= 12
+
+
+@pytest.mark.parametrize("unknown", [(0, 1, 3), (0, 1, 2, 3), (3,)])
+def test_a_few_searches_go_like_many(unknown):
+    """In plain numbers as in arrays: the same ends, those given up too."""
+    model, draw = bumps("rectangle"), np.random.default_rng(2)
+    for k, Q in enumerate(model.evaluate(random_touches(20, seed=5))[0]):
+        charges = (Q * draw.normal(1.0, 0.01, 4))[None]
+        problem = Problem(model, np.arange(4), charges, 0.01 * charges, np.array(unknown))
+        starts = random_touches(6, seed=k)
+        starts[:, 3] = np.log(starts[:, 3])
+        few = descend_few(problem, starts, 25.0)
+        many = descend(problem, starts, np.zeros(6, dtype=int), 25.0)
+        assert (few.arrived == many.arrived).all()
+        # rounding grows along valleys
+        assert few.at == pytest.approx(many.at, rel=1e-3, abs=1e-3)
+        assert few.chi_square == pytest.approx(many.chi_square, rel=1e-4, abs=1e-6)
+        assert few.slopes == pytest.approx(many.slopes, rel=1e-3, abs=1e-3)
+
+
+@dataclass(frozen=True, eq=False)
+class Folded(Bumps):
+    """Charges that are nearly even in x."""
+
+    def evaluate(self, touches):
+        x, y, _, F = touches.T
+        none, one = np.zeros_like(x), np.ones_like(x)
+        by_place = [10.0 + y, 10.0 - y, 10.0 + 0.1 * x**2, 10.0 + 2e-4 * x]
+        by_x, by_y = [none, none, 0.2 * x, 2e-4 * one], [one, -one, none, none]
+        slopes = [[F * a, F * b, none, Q] for Q, a, b in zip(by_place, by_x, by_y, strict=True)]
+        return (F * by_place).T, np.moveaxis(np.array(slopes), -1, 0)
+
+
+@pytest.mark.parametrize("x", [-0.2, -0.05, 0.05, 0.2])
+def test_both_sides_of_a_fold_are_searched(x):
+    """From either side alone the search ends there, chi-square being a little larger or not."""
+    model, touch = Folded(**vars(bumps("circle"))), np.array([x, 1.3, 0.0, 1.0])
+    found = locate(model, charges_of(model, touch), 1e-5, known={"rotation_deg": 0.0})
+    assert found.best.values == pytest.approx(touch, abs=1e-3)
+
+
+def test_second_order_along_the_last_step_is_that_of_chi_square():
+    """Half the difference of the gradients, but for third order, where residuals are large."""
+    model, touch = bumps("triangle"), np.array([6.0, 5.0, 30.0, 1.0])
+    charges = model.evaluate(touch[None])[0] * [1.2, 0.9, 1.1, 0.8]
+    problem = Problem(model, np.arange(4), charges, 0.01 * charges, np.array([0, 1, 3]))
+    at, step = np.array([[6.2, 5.1, 30.0, 0.1]]), np.array([[0.004, -0.006, 0.0, 0.002]])
+    first, there = (problem.linearised(x, np.zeros(1, dtype=int)) for x in (at, at + step))
+    before, normal = (each.swapaxes(1, 2) @ each for each in (first, there))
+    plain = normal[0, 1:, 1:] @ step[0]
+    change = there[:, :, 1:] - first[:, :, 1:]
+    bend(normal, there[:, :, 0], step, change, np.ones(1, dtype=bool))
+    expected = normal[0, 1:, 0] - before[0, 1:, 0]
+    bent = normal[0, 1:, 1:] @ step[0]
+    assert np.abs(bent - expected).max() < 0.05 * np.abs(plain - expected).max()
+
+
+def test_mirror_images_are_both_listed():
+    """Two electrodes on a line, the force known: places mirror each other at it."""
+    model, touch = bumps("circle", 2), np.array([3.0, 4.0, 0.0, 1.0])
+    found = locate(model, charges_of(model, touch), unknown=("x_mm", "y_mm"))
+    assert found.ambiguous
+    assert [one.weight for one in found.touches] == pytest.approx([0.5, 0.5], abs=1e-6)
+    assert sorted(one.y_mm for one in found.touches) == pytest.approx([-4.0, 4.0], abs=1e-5)
+    assert [one.x_mm for one in found.touches] == pytest.approx([3.0, 3.0], abs=1e-5)
+    assert "ambiguous: 2 touches are likely" in found.remarks
+
+
+def test_too_few_charges_name_the_free_direction():
+    model, touch = bumps("circle", 2), np.array([3.0, 4.0, 0.0, 1.0])
+    found = locate(model, charges_of(model, touch))
+    # all of a curve fits; at its ends, beyond the edge, the model has other slopes
+    best = next(one for one in found.touches if not one.at_edge)
+    assert not best.determined
+    assert best.condition == np.inf
+    [free] = best.null_directions
+    slopes = slopes_of(model, best.values)[:, [0, 1, 3]]
+    assert np.sqrt(free @ np.linalg.solve(best.covariance, free)) == pytest.approx(1.0, rel=1e-3)
+    assert slopes @ free == pytest.approx([0.0, 0.0], abs=1e-4 * np.abs(slopes * free).max())
+
+
+def test_a_disc_has_no_rotation():
+    model, touch = bumps("circle"), np.array([3.0, 4.0, 0.0, 1.0])
+    found = locate(model, charges_of(model, touch), unknown=ALL)
+    assert found.best.values[[0, 1, 3]] == pytest.approx(touch[[0, 1, 3]], abs=1e-5)
+    assert not found.best.determined
+    assert found.best.null_directions[0][[0, 1, 3]] == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
+    known = locate(model, charges_of(model, touch)).best
+    for name, deviation in known.deviations.items():
+        assert found.best.deviations[name] == pytest.approx(deviation, rel=1e-4)
+    assert found.best.deviations["rotation_deg"] == pytest.approx(180.0)
+    assert any("undetermined: free along" in text for text in found.remarks)
+    # any rotation is as likely
+    assert found.deviations["rotation_deg"] == pytest.approx(0.6827 * 180.0, rel=0.08)
+
+
+def test_the_covariance_is_the_inverse_information():
+    """Against the Fisher information with slopes by central differences."""
+    model, touch = bumps("rectangle", 6), np.array([3.0, -4.0, 25.0, 0.7])
+    charges = charges_of(model, touch)
+    best = locate(model, charges, 0.02, unknown=ALL, noise_pC=3.0).best
+    q = np.array(list(charges.values()))
+    variance = (0.02**2 + 1e-8 / 3.0) * q**2 + 9.0
+    slopes = slopes_of(model, touch)
+    expected = np.linalg.inv(slopes.T @ (slopes / variance[:, None]))
+    assert best.covariance == pytest.approx(expected, rel=1e-4)
+    lengths = np.linalg.norm(slopes / np.sqrt(variance)[:, None], axis=0)
+    scaled = slopes / np.sqrt(variance)[:, None] / lengths
+    assert best.condition == pytest.approx(np.linalg.cond(scaled), rel=1e-4)
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    model, touches = bumps("rectangle"), random_touches(4000, seed=3, reach_mm=11.0)
+    touches[:, 3] = np.clip(touches[:, 3], 0.13, 4.0)
+    factors = 1.0 + 0.01 * np.random.default_rng(4).standard_normal((len(touches), 4))
+    charges = model.evaluate(touches)[0] * factors
+    return model, touches, locate_many(model, charges, 0.01, rotations_deg=touches[:, 2]), charges
+
+
+def test_stated_deviations_are_calibrated(noisy):
+    """68.3 % within one standard deviation: of 4000, ±2.5 % are more than three of its own."""
+    _, touches, found, _ = noisy
+    errors = np.abs(found.values - touches)[:, [0, 1, 3]]
+    within = errors < np.sqrt(np.einsum("nuu->nu", found.covariances))
+    assert within.mean(axis=0) == pytest.approx(0.6827, abs=0.025)
+
+
+def test_errors_are_calibrated_where_the_likelihood_has_two_maxima():
+    """Two electrodes on a line tell y but for its sign: the likeliest is the wrong one or not."""
+    model, touches = bumps("circle", 2), random_touches(400, seed=9, reach_mm=11.0)
+    touches[:, 1] = np.abs(touches[:, 1])
+    factors = 1.0 + 0.02 * np.random.default_rng(10).standard_normal((len(touches), 2))
+    sign = np.random.default_rng(11).choice([-1.0, 1.0], len(touches))
+    within, alone = [], []
+    for touch, factor, side in zip(touches, factors, sign, strict=True):
+        touch[1] *= side
+        found = locate(
+            model,
+            charges_of(model, touch, factor),
+            0.02,
+            unknown=("x_mm", "y_mm"),
+            known={"force_N": touch[3]},
+        )
+        error = np.abs(found.best.values - touch)[:2]
+        within.append(error < list(found.deviations.values()))
+        alone.append(error < list(found.best.deviations.values()))
+    # three standard deviations of a share of 400 are 0.07
+    assert np.mean(within, axis=0) == pytest.approx(0.6827, abs=0.07)
+    assert np.mean(alone, axis=0)[1] < 0.5
+
+
+def test_where_charges_are_linear_the_posterior_is_normal():
+    model, touch = bumps("rectangle", 6), np.array([3.0, -4.0, 25.0, 0.7])
+    found = locate(model, charges_of(model, touch), 1e-3, unknown=ALL)
+    assert found.posterior.effective > 300.0
+    for name, deviation in found.best.deviations.items():
+        assert found.deviations[name] == pytest.approx(deviation, rel=0.1)
+    sizes = np.array(list(found.best.deviations.values()))
+    local, whole = (c / np.outer(sizes, sizes) for c in (found.best.covariance, found.covariance))
+    assert whole == pytest.approx(local, abs=0.2)
+    assert np.sqrt(np.diag(found.covariance)) == pytest.approx(list(found.deviations.values()))
+
+
+def test_p_values_are_evenly_distributed(noisy):
+    _, _, found, _ = noisy
+    shares = np.histogram(found.p_value, 10, (0.0, 1.0))[0] / len(found.p_value)
+    assert shares == pytest.approx(0.1, abs=0.02)
+    assert (~found.explained).mean() < 0.004
+
+
+def test_errors_are_those_of_the_cramer_rao_bound(noisy):
+    model, touches, found, charges = noisy
+    slopes = model.evaluate(touches)[1][:, :, [0, 1, 3]] / (0.01 * charges)[:, :, None]
+    bound = np.linalg.inv(slopes.swapaxes(1, 2) @ slopes)
+    errors = np.square((found.values - touches)[:, :2]).sum(axis=1)
+    ratio = np.sqrt(errors.sum() / (bound[:, 0, 0] + bound[:, 1, 1]).sum())
+    assert ratio == pytest.approx(1.0, abs=0.06)
+
+
+def test_one_and_many_agree(noisy):
+    model, touches, found, charges = noisy
+    for k in range(0, 4000, 200):
+        one = locate(
+            model,
+            dict(zip(model.names, charges[k].tolist(), strict=True)),
+            known={"rotation_deg": touches[k, 2]},
+        ).best
+        assert one.values == pytest.approx(found.values[k], abs=2e-3)
+        deviations = np.array(list(one.deviations.values()))
+        sizes = np.outer(deviations, deviations)
+        assert one.covariance / sizes == pytest.approx(found.covariances[k] / sizes, abs=1e-2)
+        assert one.chi_square == pytest.approx(found.chi_square[k], abs=1e-2)
+
+
+def test_many_with_known_forces_find_the_place(noisy):
+    model, touches, *_ = noisy
+    some = touches[:200]
+    found = locate_many(
+        model, model.evaluate(some)[0], 1e-3, rotations_deg=some[:, 2], forces_N=some[:, 3]
+    )
+    assert found.unknown == ("x_mm", "y_mm")
+    assert found.values == pytest.approx(some, abs=1e-4)
+    with pytest.raises(ValueError, match="forces_N: one is out of the model"):
+        locate_many(model, np.ones((1, 4)), forces_N=np.array([7.0]))
+
+
+def test_many_with_an_unknown_rotation_explain_the_charges():
+    model, touches = bumps("rectangle", 6), random_touches(200, seed=6)
+    charges = model.evaluate(touches)[0]
+    found = locate_many(model, charges, 0.005)
+    assert found.unknown == ALL
+    assert found.explained.all()
+    assert ((found.values[:, 2] >= 0.0) & (found.values[:, 2] < 180.0)).all()
+
+
+def test_charges_that_no_touch_gives_are_flagged():
+    """A and C, on opposite sides, 20 % too large; errors of 1 %."""
+    model, touch = bumps("circle"), np.array([3.0, -4.0, 0.0, 1.0])
+    noise = np.array([1.2, 1.0, 1.2, 1.0])
+    found = locate(model, charges_of(model, touch, noise))
+    assert not found.best.explained
+    assert found.remarks[0].startswith("unexplained: ")
+    many = locate_many(
+        model, np.array([list(charges_of(model, touch, noise).values())]), rotations_deg=np.zeros(1)
+    )
+    assert not many.explained[0]
+    assert many.chi_square[0] == pytest.approx(found.best.chi_square, rel=1e-3)
+
+
+def test_a_touch_beyond_the_domain_is_at_its_edge():
+    model = bumps("circle")
+    far = locate(model, charges_of(model, np.array([11.0, 9.0, 0.0, 1.0])))
+    assert far.best.at_edge == ("reach_mm",)
+    strong = locate(model, charges_of(model, np.array([3.0, 2.0, 0.0, 20.0])))
+    assert "force_N" in strong.best.at_edge
+    assert any("may lie beyond" in text for text in strong.remarks)
+    inner = locate(model, charges_of(model, np.array([11.9, 0.0, 0.0, 4.9])))
+    assert inner.best.at_edge == ()
+
+
+def test_the_model_is_never_asked_beyond_its_domain():
+    asked = []
+
+    class Watched(type(bumps())):
+        def evaluate(self, touches):
+            asked.append(touches.copy())
+            return super().evaluate(touches)
+
+    model = Watched(**vars(bumps()))
+    for touch in ([11.0, 9.0, 0.0, 20.0], [-15.0, 3.0, 50.0, 0.02], [0.0, 0.0, 0.0, 30.0]):
+        locate(model, charges_of(bumps(), np.array(touch)), unknown=ALL)
+    x, y, _, force = np.concatenate(asked).T
+    assert np.hypot(x, y).max() <= 12.0 * (1.0 + 1e-9)
+    assert force.min() >= 0.1 * (1.0 - 1e-9)
+    assert force.max() <= 5.0 * (1.0 + 1e-9)
+
+
+def test_the_right_probe_is_chosen():
+    """Six charges, unknown rotation: the fit of the wrong probe costs two degrees of freedom."""
+    models = {shape: bumps(shape, 6) for shape in ("triangle", "rectangle", "circle")}
+    for touch in random_touches(10, seed=8, reach_mm=9.0):
+        for name, model in models.items():
+            choices = weigh(models, charges_of(model, touch), 1e-3)
+            assert sum(one.weight for one in choices) == pytest.approx(1.0)
+            right = next(one for one in choices if one.name == name)
+            assert right.weight > 0.05
+            assert right.location.best.chi_square < 1.0
+    sure = weigh(models, charges_of(models["rectangle"], np.array([4.0, 1.0, 20.0, 1.0])), 1e-3)
+    assert (sure[0].name, round(sure[0].weight, 3)) == ("rectangle", 1.0)
+
+
+# ---------------------------------------------------------------------------------------- polish
+
+
+def solved_by(truth):
+    """A solver whose charges are those of another model."""
+
+    def solver(scene):
+        probe = scene.probe
+        touch = np.array([probe.x_mm, probe.y_mm, probe.rotation_deg, scene.load.force_N])
+        return SimpleNamespace(status=Status.CONVERGED, charges_pC=charges_of(truth, touch))
+
+    return solver
+
+
+def test_polishing_removes_the_error_of_the_model():
+    model, truth = bumps("rectangle"), bumps("rectangle", width_mm=9.05)
+    touch = np.array([3.0, -4.0, 25.0, 0.7])
+    charges = charges_of(truth, touch)
+    found = locate(model, charges, 1e-3, known={"rotation_deg": 25.0})
+    assert np.hypot(*(found.best.values - touch)[:2]) > 0.01
+    better = polish(model, found, charges, 1e-3, solver=solved_by(truth))
+    assert better.best.values == pytest.approx(touch, abs=1e-4)
+    assert better.best.chi_square < 1e-4 < found.best.chi_square
+
+
+def test_a_failed_solve_is_no_polished_touch():
+    model, touch = bumps(), np.array([3.0, -4.0, 0.0, 0.7])
+    charges = charges_of(model, touch)
+    failed = SimpleNamespace(status=Status.MAX_ITERATIONS, charges_pC={})
+    with pytest.raises(PolishError, match=r"the solve at \(3, -4\) mm, 0°, 0.7 N ended"):
+        polish(model, locate(model, charges), charges, solver=lambda scene: failed)
+
+
+# -------------------------------------------------------------------------------------- mistakes
+
+
+def test_all_mistakes_are_told():
+    with pytest.raises(ValueError, match="no such electrode") as told:
+        locate(
+            bumps(),
+            {"A": 700.0, "E": 1.0, "B": np.nan},
+            -0.1,
+            unknown=("x_mm", "mass"),
+            known={"x_mm": 3.0, "y_mm": 20.0, "force_N": 9.0},
+        )
+    assert str(told.value).splitlines() == [
+        "charges.E: no such electrode; choose from A, B, C, D",
+        "charges.B = nan: give a charge in pC",
+        "sigma = -0.1: give a share of the charge, 0 to 1",
+        "x_mm: both sought and known; remove one",
+        "mass: no quantity of a touch; choose from x_mm, y_mm, rotation_deg, force_N",
+        "known y_mm = 20: beyond the 12 mm that the model reaches; build a larger one",
+        "known force_N = 9: out of the model's 0.1 to 5 N; build one for it",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("charges", "changes", "message"),
+    [
+        ({}, {}, "charges: none given"),
+        ({"A": 1.0, "B": 0.0}, {}, "a charge of 0 has no deviation"),
+        ({"A": 1.0, "B": 2.0}, {"sigma": {"A": 0.1}}, "sigma.B: missing"),
+        ({"A": 1.0}, {"unknown": ()}, "nothing is sought"),
+        ({"A": 1.0}, {"noise_pC": -1.0}, "noise_pC = -1"),
+    ],
+)
+def test_a_mistake_is_told(charges, changes, message):
+    with pytest.raises(ValueError, match=message):
+        locate(bumps(), charges, **changes)
+
+
+def test_without_any_error_there_is_no_likelihood():
+    with pytest.raises(ValueError, match="give a positive one"):
+        locate(bumps(error_bound=0.0), {"A": 700.0, "B": 600.0}, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("charges", "rotations", "message"),
+    [
+        (np.ones((2, 3)), np.zeros(2), r"give \(n, 4\)"),
+        (np.ones((2, 4)), np.zeros(3), "give one per row"),
+        (np.full((2, 4), np.inf), np.zeros(2), "not finite"),
+    ],
+)
+def test_rows_that_cannot_be_used_are_refused(charges, rotations, message):
+    with pytest.raises(ValueError, match=message):
+        locate_many(bumps(), charges, rotations_deg=rotations)
