@@ -2,23 +2,24 @@
 
 Scene and solution
     `Scene` describes film, electrodes, probe and load; `solve` gives a `Solution` with the charges.
-    `SceneError` lists the mistakes of a scene; `NotConvergedError` says why there is no result.
+    `SceneError` lists the mistakes of a scene; `NotConvergedError` says why there are no charges.
 About one solution
-    `gradients` differentiates the charges; `modes` gives the film's frequencies.
+    `gradients` differentiates the charges; `modes` gives the frequencies of the film.
 Many scenes
     `sweep` solves a grid of scenes.
 From charges to touches
     `build_response` makes a `Response`, the charges as a fast function of the touch; `locate` and
-    `locate_many` find the touches that gave some charges.
+    `locate_many` find the touches that explain measured charges.
 
-``help(pvdf_fem.solve)`` and so on tell more of each.
+``help(pvdf_fem.solve)`` describes `solve` with its arguments, and so on.
 """
 
 from __future__ import annotations
 
 from importlib import import_module
 
-TYPE_CHECKING = False  # as in `typing`, whose import is as slow as Python's own start
+# Type checkers take this for `typing.TYPE_CHECKING`, whose import takes as long as Python's start.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
@@ -27,7 +28,8 @@ if TYPE_CHECKING:
     from pvdf_fem.scene.scene import Scene, SceneError
     from pvdf_fem.solution.gradients import gradients
     from pvdf_fem.solution.modes import modes
-    from pvdf_fem.solution.solution import NotConvergedError, Solution, solve
+    from pvdf_fem.solution.solution import NotConvergedError, Solution
+    from pvdf_fem.solution.solve import solve
     from pvdf_fem.sweeps.sweep import sweep
     from pvdf_fem.touch.locate import locate
     from pvdf_fem.touch.locate_many import locate_many
@@ -48,6 +50,7 @@ __all__ = [
 ]
 __version__ = "0.1.0"
 
+# Where the public names are defined.
 _MODULES = {
     "NotConvergedError": "solution.solution",
     "Response": "response.response",
@@ -59,18 +62,18 @@ _MODULES = {
     "locate": "touch.locate",
     "locate_many": "touch.locate_many",
     "modes": "solution.modes",
-    "solve": "solution.solution",
+    "solve": "solution.solve",
     "sweep": "sweeps.sweep",
 }
 
 
 def __getattr__(name: str) -> Any:
-    # What is asked for is imported then: the command line's help waits for nothing, and reading
-    # scenes does without gmsh, scikit-fem and scipy.
+    # A public name is imported when it is first asked for, so that the command line's help comes at
+    # once, and scenes can be read without gmsh, scikit-fem and scipy.
     if name in _MODULES:
         return getattr(import_module(f"pvdf_fem.{_MODULES[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *__all__])
+    return sorted({*globals(), *__all__})

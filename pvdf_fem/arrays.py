@@ -18,6 +18,12 @@ ALL = slice(None)
 COMPLEX_STEP = 1e-30
 
 
+def unit_gauss(count: int) -> tuple[Array, Array]:
+    """Gauss's points and weights, (count,), on [0, 1]."""
+    points, weights = np.polynomial.legendre.leggauss(count)
+    return (points + 1.0) / 2.0, weights / 2.0
+
+
 def components_first(values: Array, axes: int) -> Array:
     """The last `axes` moved to the front."""
     return np.moveaxis(values, range(-axes, 0), range(axes))

@@ -1,4 +1,4 @@
-"""Files of people: texts read within bounds, and results that appear whole or not at all."""
+"""Input files, which are read within bounds, and output files, which appear whole or not at all."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from pathlib import Path
 
 
 class FileError(ValueError):
-    """A file cannot be read or written; the text names it and says what to change."""
+    """A file cannot be read or written; the text names the file and says what to change."""
 
 
 def printable(text: str) -> str:
-    """A text in one line: whatever is no printable character as its escape."""
+    """A text in one line, in which other than printable characters are escaped."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
@@ -24,16 +24,16 @@ def read_text(path: Path, most_bytes: int, what: str) -> str:
     Parameters
     ----------
     path : Path
-        Of the file; a pipe or a device, which may never end, is refused without reading.
+        Path of the file; a pipe or a device, which may never end, is refused without reading.
     most_bytes : int
-        Larger files are refused.
+        Size of the largest file that is read.
     what : str
-        What the file should be, for the complaint: ``a scene file``.
+        A word for the kind of file, for error texts: ``a scene file``.
 
     Raises
     ------
     FileError
-        Naming the file.
+        When the file cannot be read, is too large or is not UTF-8.
     """
     advice = f"give the path of {what}"
     try:
@@ -63,7 +63,9 @@ def read_text(path: Path, most_bytes: int, what: str) -> str:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A path to write to, which becomes `path` at the end, or vanishes after an exception.
+    """A context with the path of a temporary file, which replaces `path` at the end.
+
+    After an exception the temporary file is removed, and `path` stays as it was.
 
     Raises
     ------
@@ -71,25 +73,31 @@ def replacing(path: Path) -> Iterator[Path]:
         When the file cannot be written.
     """
     with _as_file_error(path):
-        part = _beside(path)
+        temporary = _beside(path)
         try:
-            yield part
-            part.replace(os.path.realpath(path))  # a symbolic link stays one
+            yield temporary
+            temporary.replace(os.path.realpath(path))  # a symbolic link stays one
         finally:
             with suppress(OSError):
-                part.unlink(missing_ok=True)
+                temporary.unlink(missing_ok=True)
 
 
 def require_writable(path: Path) -> None:
     """Raise `FileError` for a path that `replacing` could not write."""
     with _as_file_error(path):
-        part = _beside(path)
-        part.touch()
-        part.unlink()
+        temporary = _beside(path)
+        temporary.touch()
+        temporary.unlink()
 
 
 def make_directory(path: Path, first: str) -> None:
-    """Make a directory and those above it; `FileError` if its `first` file cannot be written."""
+    """Make a directory and those above it.
+
+    Raises
+    ------
+    FileError
+        When the directory cannot be made, or the file named `first` could not be written in it.
+    """
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -99,7 +107,7 @@ def make_directory(path: Path, first: str) -> None:
 
 
 def _beside(path: Path) -> Path:
-    """A name in the directory of a file that may be replaced."""
+    """A temporary name beside a file; raises `FileError` if the file may not be replaced."""
     if path.exists():
         if not path.is_file():
             raise FileError(f"{path}: is no regular file; name another")

@@ -3,7 +3,7 @@
     python -m reports.benchmark [--save FILE.json] [--against FILE.json] [--rounds N]
 
 Prints one line for each scene and tolerance: the median seconds of a solve on one thread (imports
-not included) in units of one factorisation of a fixed matrix, which takes the machine out, and,
+not included) in units of one factorisation of a fixed matrix, which makes machines comparable, and,
 with ``--against``, the ratio to those of a file that ``--save`` wrote before a change.
 """
 
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import os
 
-# Before numpy is imported: one thread.
+# All codes run on one thread, which numpy reads from the environment when it is imported.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[_variable] = "1"
 
@@ -29,22 +29,20 @@ from pvdf_fem import Solution, solve  # noqa: E402
 from pvdf_fem.cli.program import ArgumentParser, InputError, run_program  # noqa: E402
 from pvdf_fem.files import read_text, replacing, require_writable  # noqa: E402
 from pvdf_fem.film.equilibrium import Equilibrium  # noqa: E402
-from pvdf_fem.mesh.gmsh_mesh import Sizes, mesh_scene, outlines  # noqa: E402
-from pvdf_fem.solvers.newton import Status, factorise, seed  # noqa: E402
+from pvdf_fem.mesh.gmsh_mesh import mesh_scene, outlines  # noqa: E402
+from pvdf_fem.mesh.size_field import Sizes  # noqa: E402
+from pvdf_fem.solvers.newton import factorise  # noqa: E402
+from pvdf_fem.solvers.seed import seed  # noqa: E402
+from pvdf_fem.solvers.status import Status  # noqa: E402
 from reports.common.options import number_of  # noqa: E402
 from reports.speed.cases import CASES, cases_named  # noqa: E402
 
+#: Tolerances of the charges at which every scene is timed.
 TOLERANCES = (1e-3, 1e-5)
-# Edge lengths in m of the mesh whose order-2 tangent has about 5,500 unknowns.
-YARDSTICK_PATCH, YARDSTICK_GROWTH, YARDSTICK_FILM = 1.3e-3, 0.35, 6.0e-3
-#: Largest file to compare with, in bytes.
-MOST_BYTES = 1_000_000
-#: Solves that take longer than this many seconds are not repeated.
-LONG = 5.0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Time, print and save; returns 1 if a solve did not converge."""
+    """Time all scenes, print and save the medians; returns 1 if a solve did not converge."""
     options = _options(arguments)
     return run_program("reports.benchmark", lambda: _benchmark(options))
 
@@ -79,9 +77,9 @@ def _benchmark(options: argparse.Namespace) -> int:
     return 1 if failed else 0
 
 
-def _medians(path: Path) -> dict[str, float]:
-    """The medians in a saved file."""
-    text = read_text(path, MOST_BYTES, "a file that --save wrote")
+def _medians(path: Path, most_bytes: int = 1_000_000) -> dict[str, float]:
+    """The medians in a saved file of at most `most_bytes`."""
+    text = read_text(path, most_bytes, "a file that --save wrote")
     try:
         saved = json.loads(text)["medians"]
         if all(isinstance(v, float) and math.isfinite(v) and v > 0 for v in saved.values()):
@@ -91,12 +89,16 @@ def _medians(path: Path) -> dict[str, float]:
     raise InputError(f"{path}: has no medians; give a file that --save wrote")
 
 
-def yardstick(rounds: int) -> tuple[int, float]:
-    """Unknowns of the fixed tangent, and the median seconds of its factorisation."""
+def yardstick(
+    rounds: int, patch_m: float = 1.3e-3, growth: float = 0.35, film_m: float = 6.0e-3
+) -> tuple[int, float]:
+    """Unknowns of a fixed tangent, and the median seconds of its factorisation.
+
+    The default edge lengths `patch_m` on outlines and `film_m` elsewhere, with the growth between
+    them, give about 5,500 unknowns at order 2.
+    """
     [case] = cases_named(["triangle"])
-    sizes = Sizes(
-        dict.fromkeys(outlines(case.scene), YARDSTICK_PATCH), YARDSTICK_GROWTH, YARDSTICK_FILM
-    )
+    sizes = Sizes(dict.fromkeys(outlines(case.scene), patch_m), growth, film_m)
     equilibrium = Equilibrium(case.scene, mesh_scene(case.scene, sizes), 2)
     tangent = equilibrium.tangent(equilibrium.state(seed(equilibrium)))
     seconds = []
@@ -107,16 +109,19 @@ def yardstick(rounds: int) -> tuple[int, float]:
     return equilibrium.unknowns.count, statistics.median(seconds)
 
 
-def _timed(run: Callable[[], Solution], rounds: int) -> tuple[float, Status]:
-    found = []
+def _timed(
+    run: Callable[[], Solution], rounds: int, long_seconds: float = 5.0
+) -> tuple[float, Status]:
+    """Median seconds of `rounds` solves, or of fewer when one takes more than `long_seconds`."""
+    seconds = []
     for _ in range(rounds):
         solution = run()
         if solution.status is not Status.CONVERGED:
             return 0.0, solution.status
-        found.append(solution.seconds["total"])
-        if found[-1] > LONG:
+        seconds.append(solution.seconds["total"])
+        if seconds[-1] > long_seconds:
             break
-    return statistics.median(found), Status.CONVERGED
+    return statistics.median(seconds), Status.CONVERGED
 
 
 def _line(name: str, seconds: float, units: float, before: float | None) -> str:
@@ -125,16 +130,16 @@ def _line(name: str, seconds: float, units: float, before: float | None) -> str:
 
 
 def _summary(medians: dict[str, float], earlier: dict[str, float]) -> list[str]:
-    told = []
+    sentences = []
     for tolerance in TOLERANCES:
-        some = [name for name in medians if name.endswith(f", {tolerance:g}")]
-        if not some:
+        names = [name for name in medians if name.endswith(f", {tolerance:g}")]
+        if not names:
             continue
-        middle = statistics.median(medians[name] for name in some)
-        both = [medians[name] / earlier[name] for name in some if name in earlier]
-        mean = f", {statistics.geometric_mean(both):.2f} times the earlier" if both else ""
-        told.append(f"{tolerance:g}: median {middle:.2f} factorisations{mean}")
-    return told
+        median = statistics.median(medians[name] for name in names)
+        ratios = [medians[name] / earlier[name] for name in names if name in earlier]
+        mean = f", {statistics.geometric_mean(ratios):.2f} times the earlier" if ratios else ""
+        sentences.append(f"{tolerance:g}: median {median:.2f} factorisations{mean}")
+    return sentences
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:

@@ -1,4 +1,4 @@
-"""Your own measured charges beside ours, of the same scenes.
+"""Your own measured charges beside computed ones of the same scenes.
 
     python -m reports.compare FILE.csv [--out DIR] [--contact pressure|sliding|stuck]
                               [--processes N]
@@ -29,11 +29,9 @@ from pvdf_fem.output.figures import (
     Series,
     charge_against_force,
     charge_against_rotation,
-    new_figure,
-    save,
-    style,
 )
 from reports.chapters.contact import CONTACTS, pressed
+from reports.common.figures import drawing
 from reports.common.measurements import (
     COLUMNS,
     Measurement,
@@ -45,18 +43,16 @@ from reports.common.page import Cell, Column, Page, Picture, Section, Table
 from reports.common.results import MATERIAL, THESIS_EDGE, Results
 from reports.common.thesis_scene import TOLERANCE
 
-#: Our charges that a measured one is compared with.
+#: Readings of our charge that a measured charge is compared with.
 READINGS = {
     "material": "charge of the electrode's area",
     "change": "the same less its value without force, which an oscillating force does not show",
     "thesis_edge": "the thesis's averages along the electrode's edges",
 }
-#: Values of a quantity from which on its rows get a figure of their own.
-LEAST = 3
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Compare; returns 0, 1 if a solve failed, 2 for a file with mistakes."""
+    """Compare; returns 0, or 1 if a solve failed, or 2 for a file with mistakes."""
     options = _options(arguments)
     return run_program("reports.compare", lambda: _compare(options))
 
@@ -70,23 +66,23 @@ def _compare(options: argparse.Namespace) -> int:
     results = Results(options.out / "results", options.processes)
     scenes = _scenes(measured, options.contact)
     with tqdm(total=results.missing(scenes), unit="solve", disable=None) as bar:
-        results.solve(scenes, lambda done, total: bar.update(1 if done else 0))
-    found = [_beside(one, options.contact, results) for one in measured]
-    page = _page(options.file, options.contact, found, options.out)
+        results.solve(scenes, lambda solved, total: bar.update(1 if solved else 0))
+    compared = [_beside(measurement, options.contact, results) for measurement in measured]
+    page = _page(options.file, options.contact, compared, options.out)
     print(page.write(options.out))
-    return 0 if all(one.status == "converged" for one in found) else 1
+    return 0 if all(measurement.status == "converged" for measurement in compared) else 1
 
 
 @dataclass(frozen=True)
-class Beside:
-    """A measured charge with ours in pC, by reading; NaN where the solve failed."""
+class ComparedMeasurement:
+    """A measured charge with our charges in pC by their readings; NaN if the solve failed."""
 
     measured: Measurement
     ours_pC: dict[str, float]
     status: str
 
     def difference(self, reading: str) -> float:
-        """Measured less ours, in percent of ours."""
+        """The measured charge minus ours, in percent of ours."""
         return 100.0 * (self.measured.charge_pC / self.ours_pC[reading] - 1.0)
 
 
@@ -95,60 +91,60 @@ def _rest(scene: Scene) -> Scene:
 
 
 def _scenes(measured: Iterable[Measurement], contact: str) -> list[Scene]:
-    pressed_ = [pressed(one.scene, contact) for one in measured]
-    return pressed_ + [_rest(scene) for scene in pressed_]
+    pressed_scenes = [pressed(measurement.scene, contact) for measurement in measured]
+    return pressed_scenes + [_rest(scene) for scene in pressed_scenes]
 
 
-def _beside(one: Measurement, contact: str, results: Results) -> Beside:
-    scene = pressed(one.scene, contact)
-    record, rest = results[scene], results[_rest(scene)]
-    material = record.charge_pC(one.electrode, MATERIAL)
+def _beside(measurement: Measurement, contact: str, results: Results) -> ComparedMeasurement:
+    scene = pressed(measurement.scene, contact)
+    record, record_at_rest = results[scene], results[_rest(scene)]
+    material = record.charge_pC(measurement.electrode, MATERIAL)
     ours = {
         "material": material,
-        "change": material - rest.charge_pC(one.electrode, MATERIAL),
-        "thesis_edge": record.charge_pC(one.electrode, THESIS_EDGE),
+        "change": material - record_at_rest.charge_pC(measurement.electrode, MATERIAL),
+        "thesis_edge": record.charge_pC(measurement.electrode, THESIS_EDGE),
     }
-    return Beside(one, ours, record.status)
+    return ComparedMeasurement(measurement, ours, record.status)
 
 
 # --------------------------------------------------------------------------------------- page
 
 
-def _page(file: Path, contact: str, found: Sequence[Beside], out: Path) -> Page:
-    _overview(found, out / "comparison.svg")
+def _page(file: Path, contact: str, compared: Sequence[ComparedMeasurement], out: Path) -> Page:
+    _overview(compared, out / "comparison.svg")
     caption = (
         "Above: measured charge over the computed one (material); line: equal. Below: measured "
         "less computed in percent of computed, for three readings of a charge."
     )
     blocks: list[Table | Picture] = [Picture("comparison.svg", caption)]
-    blocks += _families(found, out)
+    blocks += _families(compared, out)
     press = {"pressure": "a uniform pressure"}.get(contact, f"a rigid probe, {contact}")
     introduction = [
-        f"{len(found)} charges of {len({one.measured.case for one in found})} cases in "
+        f"{len(compared)} charges of {len({charge.measured.case for charge in compared})} cases in "
         f"{file.name}, beside those computed for the thesis's sensor under {press}. Nothing is "
         "fitted.",
         *(f"{name.replace('_', '-')}: {text}." for name, text in READINGS.items()),
-        *_summary(found),
+        *_summary(compared),
     ]
-    section = Section("charges", "Charges", [], [*blocks, _table(found)])
+    section = Section("charges", "Charges", [], [*blocks, _table(compared)])
     section.write_tables(out)
     made = {"pvdf_fem": __version__, "Tolerance": f"{TOLERANCE:g} (relative)"}
     return Page("Measured charges beside computed ones", introduction, [section], made)
 
 
-def _summary(found: Sequence[Beside]) -> list[str]:
+def _summary(compared: Sequence[ComparedMeasurement]) -> list[str]:
     texts = []
     for reading in READINGS:
-        sizes = np.abs([one.difference(reading) for one in found])
+        sizes = np.abs([charge.difference(reading) for charge in compared])
         if np.isfinite(sizes).any():
             name = reading.replace("_", "-")
             texts.append(f"{name} {np.nanmedian(sizes):.2f} % (up to {np.nanmax(sizes):.2f} %)")
-    failed = sum(one.status != "converged" for one in found)
-    lost = [f"{failed} charges have no computed value."] if failed else []
-    return [f"Median difference: {', '.join(texts)}.", *lost] if texts else lost
+    failed = sum(charge.status != "converged" for charge in compared)
+    failures = [f"{failed} charges have no computed value."] if failed else []
+    return [f"Median difference: {', '.join(texts)}.", *failures] if texts else failures
 
 
-def _table(found: Sequence[Beside]) -> Table:
+def _table(compared: Sequence[ComparedMeasurement]) -> Table:
     columns = [Column("case", "case"), Column("layout", "electrodes"), Column("probe", "probe")]
     columns += [Column(key, label, None) for key, label in _PLACES.items()]
     columns += [Column("electrode", "electrode"), Column("measured_pC", "measured (pC)")]
@@ -159,7 +155,7 @@ def _table(found: Sequence[Beside]) -> Table:
             Column(f"{reading}_difference_percent", "measured − ours (%)", 2, group, True)
         )
     columns.append(Column("status", "status"))
-    return Table("comparison", "All charges.", columns, [_row(one) for one in found])
+    return Table("comparison", "All charges.", columns, [_row(charge) for charge in compared])
 
 
 _PLACES = {
@@ -170,91 +166,91 @@ _PLACES = {
 }
 
 
-def _row(one: Beside) -> list[Cell]:
-    measured = one.measured
+def _row(compared: ComparedMeasurement) -> list[Cell]:
+    measured = compared.measured
     row: list[Cell] = [measured.case, measured.layout, measured.probe]
     row += [float(getattr(measured, key)) for key in _PLACES]
     row += [measured.electrode, measured.charge_pC]
     for reading in READINGS:
-        row += [one.ours_pC[reading], one.difference(reading)]
-    return [*row, one.status]
+        row += [compared.ours_pC[reading], compared.difference(reading)]
+    return [*row, compared.status]
 
 
 # ------------------------------------------------------------------------------------ figures
 
 
-def _overview(found: Sequence[Beside], path: Path) -> None:
-    with style():
-        figure = new_figure(150, 170)
+def _overview(compared: Sequence[ComparedMeasurement], path: Path) -> None:
+    with drawing(path, 150, 170) as figure:
         above, below = figure.subplots(2)
         for electrode, ink in zip("ABCD", COLOURS, strict=False):
-            some = [one for one in found if one.measured.electrode == electrode]
-            x = [one.ours_pC["material"] for one in some]
-            y = [one.measured.charge_pC for one in some]
-            if some:
+            of_electrode = [charge for charge in compared if charge.measured.electrode == electrode]
+            x = [charge.ours_pC["material"] for charge in of_electrode]
+            y = [charge.measured.charge_pC for charge in of_electrode]
+            if of_electrode:
                 above.plot(x, y, "o", mfc="none", mec=ink, label=f"electrode {electrode}")
         above.axline((0.0, 0.0), slope=1.0, color=GREY, lw=0.8)
         above.set(xlabel="computed charge (pC)", ylabel="measured charge (pC)")
         below.axhline(0.0, color=GREY, lw=0.8)
         for reading, ink, marker in zip(READINGS, COLOURS, "os^", strict=False):
-            x = [one.ours_pC[reading] for one in found]
-            y = [one.difference(reading) for one in found]
+            x = [charge.ours_pC[reading] for charge in compared]
+            y = [charge.difference(reading) for charge in compared]
             below.plot(x, y, marker, mfc="none", mec=ink, label=reading.replace("_", "-"))
         below.set(xlabel="computed charge (pC)", ylabel="measured − computed (%)")
         for ax in (above, below):
             ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.0)
-        save(figure, path)
 
 
-def _families(found: Sequence[Beside], out: Path) -> list[Picture]:
-    """Figures of the rows that differ in the rotation, or in the force, alone."""
+def _families(compared: Sequence[ComparedMeasurement], out: Path) -> list[Picture]:
+    """Figures of the rows that differ only in the rotation, or only in the force."""
     pictures = []
     kinds: tuple[tuple[str, str, Callable[..., None]], ...] = (
         ("rotation_deg", "rotation", charge_against_rotation),
         ("force_N", "force", charge_against_force),
     )
     for varied, name, draw in kinds:
-        groups = families(found, varied)
-        for number, (constant, some) in enumerate(groups.items(), start=1):
+        groups = families(compared, varied)
+        for number, (constant, rows) in enumerate(groups.items(), start=1):
             file = f"{name}_{number}.svg"
-            _family(some, varied, draw, out / file)
-            told = ", ".join(f"{key} {value}" for key, value in constant)
-            text = f"Charge (material) against {name}; rings: measured. {told}."
+            _family(rows, varied, draw, out / file)
+            constants = ", ".join(f"{key} {value}" for key, value in constant)
+            text = f"Charge (material) against {name}; rings: measured. {constants}."
             pictures.append(Picture(file, text))
     return pictures
 
 
 def families(
-    found: Sequence[Beside], varied: str
-) -> dict[tuple[tuple[str, object], ...], list[Beside]]:
-    """Groups of rows that differ in one quantity alone, with `LEAST` values of it or more."""
+    compared: Sequence[ComparedMeasurement], varied: str, least: int = 3
+) -> dict[tuple[tuple[str, object], ...], list[ComparedMeasurement]]:
+    """Groups of rows that differ in one quantity alone, with at least `least` values of it."""
     constant = [key for key in ("layout", "probe", *_PLACES) if key != varied]
-    groups: dict[tuple[tuple[str, object], ...], list[Beside]] = {}
-    for one in found:
-        key = tuple((name, getattr(one.measured, name)) for name in constant)
-        groups.setdefault(key, []).append(one)
+    groups: dict[tuple[tuple[str, object], ...], list[ComparedMeasurement]] = {}
+    for charge in compared:
+        key = tuple((name, getattr(charge.measured, name)) for name in constant)
+        groups.setdefault(key, []).append(charge)
     return {
-        key: some
-        for key, some in groups.items()
-        if len({getattr(one.measured, varied) for one in some}) >= LEAST
+        key: rows
+        for key, rows in groups.items()
+        if len({getattr(charge.measured, varied) for charge in rows}) >= least
     }
 
 
-def _family(some: Sequence[Beside], varied: str, draw: Callable[..., None], path: Path) -> None:
+def _family(
+    family: Sequence[ComparedMeasurement], varied: str, draw: Callable[..., None], path: Path
+) -> None:
     ours, theirs = [], []
-    for electrode in sorted({one.measured.electrode for one in some}):
-        rows = [one for one in some if one.measured.electrode == electrode]
-        x = np.array([getattr(one.measured, varied) for one in rows])
-        y = np.array([one.measured.charge_pC for one in rows])
+    for electrode in sorted({row.measured.electrode for row in family}):
+        rows = [row for row in family if row.measured.electrode == electrode]
+        x = np.array([getattr(row.measured, varied) for row in rows])
+        y = np.array([row.measured.charge_pC for row in rows])
         theirs.append(Series(electrode, x, y))
-        once = {getattr(one.measured, varied): one.ours_pC["material"] for one in rows}
-        at = sorted(once)
-        ours.append(Series(electrode, np.array(at), np.array([once[value] for value in at])))
-    with style():
-        figure = new_figure(150, 95)
+        once = {getattr(row.measured, varied): row.ours_pC["material"] for row in rows}
+        abscissae = sorted(once)
+        ours.append(
+            Series(electrode, np.array(abscissae), np.array([once[value] for value in abscissae]))
+        )
+    with drawing(path, 150, 95) as figure:
         ax: Axes = figure.subplots()
         draw(ax, ours, theirs, others="measured")
-        save(figure, path)
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:

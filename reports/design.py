@@ -52,18 +52,18 @@ def _report(options: argparse.Namespace) -> int:
     study = Study(results, Lattice.quick(), Axes.quick()) if options.quick else Study(results)
     hidden = options.quiet or not sys.stderr.isatty()
     with tqdm(unit="scene", disable=hidden, dynamic_ncols=True) as bar:
-        made = _page(study, _solver(study, bar), options)
+        report_page = _page(study, _solver(study, bar), options)
     records = results.records
     failed = sum(not record.converged for record in records)
-    made.provenance.update(
+    seconds = sum(record.seconds for record in records)
+    report_page.provenance.update(
         {
-            "Scenes": f"{len(records)}, {sum(one.seconds for one in records):.0f} s of computing, "
-            "kept between runs",
+            "Scenes": f"{len(records)}, {seconds:.0f} s of computing, kept between runs",
             "Failed": str(failed),
             "Time": f"{time.perf_counter() - start:.0f} s",
         }
     )
-    path = made.write(options.out)
+    path = report_page.write(options.out)
     if not options.quiet:
         print(path)
     return 1 if failed else 0
@@ -72,17 +72,17 @@ def _report(options: argparse.Namespace) -> int:
 def _page(study: Study, solve: Solve, options: argparse.Namespace) -> Page:
     solve(_sensors(study))
     try:
-        found = recommend(study, solve)
+        recommended = recommend(study, solve)
     except ValueError as error:
         raise InputError(str(error)) from error
     out = options.out
     sections = [
-        page.recommendation(found, out),
-        page.maps(study, found.sensor, out),
+        page.recommendation(recommended, out),
+        page.maps(study, recommended.sensor, out),
         page.number_of_electrodes(study, out),
-        page.film(study, found, out),
-        page.future_work(study, found),
-        checks(study, found, quick=options.quick),
+        page.film(study, recommended, out),
+        page.future_work(study, recommended),
+        checks(study, recommended, quick=options.quick),
     ]
     for section in sections:
         section.write_tables(out)
@@ -91,22 +91,22 @@ def _page(study: Study, solve: Solve, options: argparse.Namespace) -> Page:
 
 
 def _sensors(study: Study) -> list[Sensor]:
-    """All that are compared before one is recommended."""
+    """All sensors that are compared before one is recommended."""
     films = thicknesses(study.axes)
-    found = [one for count in study.axes.counts for one in rings(study, count)]
-    found += [*films, *map(light, films), *shapes().values(), *poled().values()]
-    return list(dict.fromkeys(found))
+    sensors = [sensor for count in study.axes.counts for sensor in rings(study, count)]
+    sensors += [*films, *map(light, films), *shapes().values(), *poled().values()]
+    return list(dict.fromkeys(sensors))
 
 
 def _solver(study: Study, bar: tqdm[None]) -> Solve:
-    """`Study.solve` with progress on a bar."""
+    """Make a function that does what `Study.solve` does and shows its progress on a bar."""
 
     def solve(sensors: Sequence[Sensor]) -> None:
         before = bar.n
 
-        def tell(done: int, total: int) -> None:
+        def tell(solved: int, total: int) -> None:
             bar.total = before + total
-            bar.update(before + done - bar.n)
+            bar.update(before + solved - bar.n)
 
         study.solve(sensors, tell)
 

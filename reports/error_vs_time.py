@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import os
 
-# Before numpy is imported: all codes are measured on one thread.
+# All codes run on one thread, which numpy reads from the environment when it is imported.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[_variable] = "1"
 
@@ -21,6 +21,7 @@ import sys  # noqa: E402
 import time  # noqa: E402
 import traceback  # noqa: E402
 from collections.abc import Callable, Iterator, Sequence  # noqa: E402
+from contextlib import closing  # noqa: E402
 from dataclasses import dataclass, field  # noqa: E402
 from datetime import UTC, datetime  # noqa: E402
 from importlib.metadata import version  # noqa: E402
@@ -35,35 +36,47 @@ from pvdf_fem.solution.first_sizes import ORDER  # noqa: E402
 from reports.common.options import add_out  # noqa: E402
 from reports.common.page import Page, Picture, Section, Table  # noqa: E402
 from reports.speed import figures, tables  # noqa: E402
-from reports.speed.cases import Case, Reference, reference  # noqa: E402
+from reports.speed.cases import BenchmarkCase, Reference, reference  # noqa: E402
 from reports.speed.growth import LARGE_FACTOR, Size, measure  # noqa: E402
 from reports.speed.peers import Peers  # noqa: E402
-from reports.speed.plan import FULL, QUICK, Plan  # noqa: E402
-from reports.speed.runs import GOAL, OURS, Run, effectivities, our_jobs, timed  # noqa: E402
+from reports.speed.runs import GOAL, OURS, TimedRun, effectivities, our_jobs, timed  # noqa: E402
 from reports.speed.stages import STAGES, stages  # noqa: E402
 from reports.speed.sweep_cost import SweepCost, sweep_cost  # noqa: E402
+from reports.speed.workload import FULL, QUICK, Workload  # noqa: E402
 
 PACKAGES = ("gmsh", "numpy", "scikit-fem", "scipy")
-STAGE_TOLERANCES = (1e-3, 1e-5)
 
 
 @dataclass
 class Measured:
-    """What has been measured so far."""
+    """What has been measured so far.
+
+    Attributes
+    ----------
+    references : dict
+        References by name of the case.
+    runs : list of TimedRun
+    sizes : list of Size
+    stages : dict
+        Seconds by stage, by case and tolerance.
+    sweeps : list of SweepCost
+    absent, unreferenced : dict
+        Why a code takes no part, and why a case has no reference, by name.
+    """
 
     references: dict[str, Reference] = field(default_factory=dict)
-    runs: list[Run] = field(default_factory=list)
+    runs: list[TimedRun] = field(default_factory=list)
     sizes: list[Size] = field(default_factory=list)
     stages: dict[str, dict[str, float]] = field(default_factory=dict)
     sweeps: list[SweepCost] = field(default_factory=list)
     absent: dict[str, str] = field(default_factory=dict)
     unreferenced: dict[str, str] = field(default_factory=dict)
 
-    def known(self, cases: Sequence[Case]) -> list[Case]:
+    def known(self, cases: Sequence[BenchmarkCase]) -> list[BenchmarkCase]:
         """The cases that have a reference."""
         return [case for case in cases if case.name in self.references]
 
-    def of(self, cases: Sequence[Case]) -> list[Run]:
+    def of(self, cases: Sequence[BenchmarkCase]) -> list[TimedRun]:
         """The runs of some cases."""
         names = {case.name for case in cases}
         return [run for run in self.runs if run.job.case.name in names]
@@ -77,62 +90,60 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _measure(options: argparse.Namespace) -> int:
     make_directory(options.out, "index.html")
-    plan = QUICK if options.quick else FULL
+    workload = QUICK if options.quick else FULL
     start = time.perf_counter()
-    with Peers() as peers:
-        found = Measured(absent=dict(peers.absent))
-        for _ in _measured(plan, peers, found, options):
-            page = _page(plan, found, peers, options.out, time.perf_counter() - start)
+    with closing(Peers()) as peers:
+        measured = Measured(absent=dict(peers.absent))
+        for _ in _measured(workload, peers, measured, options):
+            page = _page(workload, measured, peers, options.out, time.perf_counter() - start)
             path = page.write(options.out)
     if not options.quiet:
         print(path)
     broken = any(section.error for section in page.sections)
-    lost = any(run.job.code == OURS and not run.converged for run in found.runs)
-    return 1 if broken or lost or found.unreferenced else 0
+    lost = any(run.job.code == OURS and not run.converged for run in measured.runs)
+    return 1 if broken or lost or measured.unreferenced else 0
 
 
 # ----------------------------------------------------------------------------------- measuring
 
 
 def _measured(
-    plan: Plan, peers: Peers, found: Measured, options: argparse.Namespace
+    workload: Workload, peers: Peers, measured: Measured, options: argparse.Namespace
 ) -> Iterator[None]:
-    """Measure into `found`; yields whenever there is something new for the page."""
+    """Measure into `measured`; yields whenever there is something new for the page."""
     quiet = options.quiet or not sys.stderr.isatty()
-    cases = (*plan.round_cases, *plan.cases)
+    cases = (*workload.round_cases, *workload.cases)
     for case in tqdm(cases, "references", disable=quiet):
         try:
-            found.references[case.name] = reference(case)
+            measured.references[case.name] = reference(case)
         except Exception as error:
-            found.unreferenced[case.name] = f"{type(error).__name__}: {error}"
+            measured.unreferenced[case.name] = f"{type(error).__name__}: {error}"
     jobs = {
         case.name: [
-            *our_jobs(case, plan.factors, plan.tolerances),
-            *peers.jobs(case, plan.ngsolve, plan.calculix, close=case.name == "triangle"),
+            *our_jobs(case, workload.factors, workload.tolerances),
+            *peers.jobs(case, workload.ngsolve, workload.calculix, close=case.name == "triangle"),
         ]
-        for case in found.known(cases)
+        for case in measured.known(cases)
     }
     with tqdm(total=sum(map(len, jobs.values())), unit="job", disable=quiet) as bar:
-        for case in found.known(cases):
+        for case in measured.known(cases):
             bar.set_description(case.name)
-            found.runs += timed(
+            measured.runs += timed(
                 jobs[case.name],
-                found.references[case.name],
-                rounds=plan.rounds,
-                budget=plan.budget,
+                measured.references[case.name],
+                rounds=workload.rounds,
+                budget=workload.budget,
                 tick=bar.update,
             )
             yield
-    sizes = (*plan.sizes, LARGE_FACTOR) if options.large else plan.sizes
-    found.sizes += [measure(factor) for factor in tqdm(sizes, "growth", disable=quiet)]
-    for case in tqdm(plan.cases, "stages", disable=quiet):
-        for tolerance in STAGE_TOLERANCES:
-            if tolerance < case.tolerances[0]:
-                continue
+    sizes = (*workload.sizes, LARGE_FACTOR) if options.large else workload.sizes
+    measured.sizes += [measure(factor) for factor in tqdm(sizes, "growth", disable=quiet)]
+    for case in tqdm(workload.cases, "stages", disable=quiet):
+        for tolerance in workload.stage_tolerances:
             scene = case.scene.with_(**{"numerics.tolerance": tolerance})
-            if seconds := stages(scene):
-                found.stages[f"{case.name}, {tolerance:g}"] = seconds
-    found.sweeps += [sweep_cost(tolerance, plan.places) for tolerance in plan.sweeps]
+            if tolerance >= case.tolerances[0] and (seconds := stages(scene)):
+                measured.stages[f"{case.name}, {tolerance:g}"] = seconds
+    measured.sweeps += [sweep_cost(tolerance, workload.places) for tolerance in workload.sweeps]
     yield
 
 
@@ -145,13 +156,13 @@ NOTHING: Content = (["Nothing has been measured yet, or every solve failed."], [
 def _made(
     name: str,
     title: str,
-    compose: Callable[[Plan, Measured, Path], Content],
-    plan: Plan,
-    found: Measured,
+    compose: Callable[[Workload, Measured, Path], Content],
+    workload: Workload,
+    measured: Measured,
     out: Path,
 ) -> Section:
     try:
-        paragraphs, blocks = compose(plan, found, out)
+        paragraphs, blocks = compose(workload, measured, out)
         section = Section(name, title, paragraphs, blocks)
         section.write_tables(out)
         return section
@@ -160,44 +171,43 @@ def _made(
         return Section(name, title, error=f"{type(error).__name__}: {error}")
 
 
-def _references(plan: Plan, found: Measured, out: Path) -> Content:
-    cases = found.known((*plan.cases, *plan.round_cases))
-    told = [
+def _references(workload: Workload, measured: Measured, out: Path) -> Content:
+    cases = measured.known((*workload.cases, *workload.round_cases))
+    paragraphs = [
         "A scene's reference is a solve to the finer of two tolerances; the difference from the "
         "coarser one is the doubt about it. Errors within the doubt (grey in the figures) mean "
         "nothing.",
-        *(f"No reference for {name}: {why}" for name, why in found.unreferenced.items()),
+        *(f"No reference for {name}: {reason}" for name, reason in measured.unreferenced.items()),
     ]
-    return told, [tables.reference_table(cases, found.references, found.runs)]
+    return paragraphs, [tables.reference_table(cases, measured.references, measured.runs)]
 
 
-def _precision(plan: Plan, found: Measured, out: Path) -> Content:
-    cases = found.known(plan.cases)
-    runs = found.of(cases)
-    orders = sorted({*plan.factors, *plan.tolerances})
+def _precision(workload: Workload, measured: Measured, out: Path) -> Content:
+    cases = measured.known(workload.cases)
+    runs = measured.of(cases)
+    orders = sorted({*workload.factors, *workload.tolerances})
     blocks: list[Table | Picture] = []
     for abscissa in ("seconds", "unknowns"):
         file = f"{abscissa}.svg"
         figures.work_precision(
-            out / file, cases, runs, found.references, figures.our_looks(orders), abscissa
+            out / file, cases, runs, measured.references, figures.our_looks(orders), abscissa
         )
         blocks.append(Picture(file, f"Error of the worst charge against {abscissa}."))
-    told = [
+    paragraphs = [
         "Solid: the mesh follows the error until the tolerance is met; seconds include mesh and "
         "error estimates. Dashed: one family of meshes, scaled, the same for all orders; these "
         "seconds include an estimate too.",
         *tables.goal_sentences(runs),
     ]
-    return told, blocks
+    return paragraphs, blocks
 
 
-def _peers(plan: Plan, found: Measured, out: Path) -> Content:
-    cases = found.known(plan.cases)
-    runs = found.of(cases)
+def _peers(workload: Workload, measured: Measured, out: Path) -> Content:
+    cases = measured.known(workload.cases)
+    runs = measured.of(cases)
     looks = figures.peer_looks([(run.job.code, run.job.method) for run in runs])
-    figures.work_precision(out / "peers.svg", cases, runs, found.references, looks, "solving")
-    present = list(dict.fromkeys(run.job.code for run in runs if run.job.code != OURS))
-    told = [
+    figures.work_precision(out / "peers.svg", cases, runs, measured.references, looks, "solving")
+    paragraphs = [
         "The same scenes in the same run, one thread, jobs of all codes in turn; imports are left "
         "out. The peers estimate no error, so on uniform meshes this code's estimate is left out; "
         "meshes for a tolerance follow estimates, which are in, and are of a half or a quarter of "
@@ -205,112 +215,114 @@ def _peers(plan: Plan, found: Measured, out: Path) -> Content:
         "NGSolve: Netgen's curved meshes with this code's first sizes, order 1 as a start, inner "
         "unknowns condensed, its own sparse Cholesky. CalculiX: this code's mesh at a multiple of "
         "the thesis's sizes, a step that cools and one that presses; dead pressures only.",
-        *tables.peer_sentences(cases, runs, found.absent),
+        *tables.peer_sentences(cases, runs, measured.absent),
     ]
     blocks: list[Table | Picture] = [
         Picture("peers.svg", "Error of the worst charge against seconds."),
-        tables.peer_table(cases, runs, present),
+        tables.peer_table(cases, runs, tables.peers_of(runs)),
     ]
-    return told, blocks
+    return paragraphs, blocks
 
 
-def _closed_forms(plan: Plan, found: Measured, out: Path) -> Content:
-    cases = found.known(plan.round_cases)
-    runs = found.of(cases)
-    looks = figures.our_looks(sorted({*plan.factors, *plan.tolerances}))
+def _closed_forms(workload: Workload, measured: Measured, out: Path) -> Content:
+    cases = measured.known(workload.round_cases)
+    runs = measured.of(cases)
+    looks = figures.our_looks(sorted({*workload.factors, *workload.tolerances}))
     peers = figures.peer_looks([(r.job.code, r.job.method) for r in runs])
     looks |= {key: look for key, look in peers.items() if key[0] != OURS}
-    figures.work_precision(out / "round.svg", cases, runs, found.references, looks, "seconds")
-    told = [
+    figures.work_precision(out / "round.svg", cases, runs, measured.references, looks, "seconds")
+    paragraphs = [
         "A round electrode about the centre, whose charge the tension's closed form gives: "
         "Hencky's series at vanishing slopes, and a one-dimensional solver of the round film "
         "(Green-Lagrange strains) for the patch.",
         *_missed(runs),
     ]
-    return told, [Picture("round.svg", "Error of the charge against seconds, closed forms.")]
+    return paragraphs, [Picture("round.svg", "Error of the charge against seconds, closed forms.")]
 
 
-def _missed(runs: Sequence[Run]) -> list[str]:
-    wanted = [run for run in runs if GOAL in run.job.method and run.converged]
-    ratios = [run.error / run.job.setting for run in wanted]
+def _missed(runs: Sequence[TimedRun]) -> list[str]:
+    to_tolerance = [run for run in runs if GOAL in run.job.method and run.converged]
+    ratios = [run.error / run.job.setting for run in to_tolerance]
     if not ratios:
         return []
     met = tables.share_of([ratio <= 1.0 for ratio in ratios])
     return [f"{met} solves to a tolerance met it; the worst error was {max(ratios):.2f} of it."]
 
 
-def _tolerance(plan: Plan, found: Measured, out: Path) -> Content:
-    cases = found.known(plan.cases)
-    if not found.of(cases):
+def _tolerance(workload: Workload, measured: Measured, out: Path) -> Content:
+    cases = measured.known(workload.cases)
+    if not measured.of(cases):
         return NOTHING
-    runs = [run for run in found.of(cases) if run.job.method == f"order {ORDER}, {GOAL}"]
+    runs = [run for run in measured.of(cases) if run.job.method == f"order {ORDER}, {GOAL}"]
     figures.against_tolerance(out / "tolerance.svg", runs)
     caption = "Left: cost of a tolerance. Right: the true error over it; above the line: missed."
-    told = ["The order is the one that a solve takes when none is given."]
-    return told, [Picture("tolerance.svg", caption), tables.tolerance_table(runs)]
+    paragraphs = ["The order is the one that a solve takes when none is given."]
+    return paragraphs, [Picture("tolerance.svg", caption), tables.tolerance_table(runs)]
 
 
-def _stages(plan: Plan, found: Measured, out: Path) -> Content:
-    if not found.stages:
+def _stages(workload: Workload, measured: Measured, out: Path) -> Content:
+    if not measured.stages:
         return NOTHING
-    figures.stage_bars(out / "stages.svg", found.stages)
-    total = sum(seconds["total"] for seconds in found.stages.values())
-    told = ", ".join(
-        f"{name} {sum(s[name] for s in found.stages.values()) / total:.0%}" for name in STAGES
+    figures.stage_bars(out / "stages.svg", measured.stages)
+    total = sum(seconds["total"] for seconds in measured.stages.values())
+    shares = ", ".join(
+        f"{name} {sum(s[name] for s in measured.stages.values()) / total:.0%}" for name in STAGES
     )
-    text = f"Of all seconds below: {told}. Assembly is that of tangents."
+    text = f"Of all seconds below: {shares}. Assembly is that of tangents."
     return [text], [
         Picture("stages.svg", "Seconds by stage, by scene and tolerance."),
-        tables.stage_table(found.stages, STAGES),
+        tables.stage_table(measured.stages, STAGES),
     ]
 
 
-def _sweeps(plan: Plan, found: Measured, out: Path) -> Content:
-    if not found.sweeps:
+def _sweeps(workload: Workload, measured: Measured, out: Path) -> Content:
+    if not measured.sweeps:
         return NOTHING
-    told = [
+    paragraphs = [
         "The triangle at places along a line, under several forces, between several rings of "
         "electrodes, on one thread. A solve serves all rings and mirror images.",
-        *tables.sweep_sentences(found.sweeps, found.of(found.known(plan.cases))),
+        *tables.sweep_sentences(measured.sweeps, measured.of(measured.known(workload.cases))),
     ]
-    return told, [tables.sweep_table(found.sweeps)]
+    return paragraphs, [tables.sweep_table(measured.sweeps)]
 
 
-def _growth(plan: Plan, found: Measured, out: Path) -> Content:
-    if not found.sizes:
+def _growth(workload: Workload, measured: Measured, out: Path) -> Content:
+    if not measured.sizes:
         return NOTHING
-    figures.growth(out / "growth.svg", found.sizes)
-    largest = max((size.unknowns for size in found.sizes), default=0)
-    told = [
-        f"Each solve has a process of its own. Seconds grow as unknowns to the power of "
-        f"{tables.exponent(found.sizes):.2f}. The largest has {largest} unknowns; a million takes "
-        "minutes and most of 20 GiB, and is only solved with --large."
+    figures.growth(out / "growth.svg", measured.sizes)
+    largest = max((size.unknowns for size in measured.sizes), default=0)
+    paragraphs = [
+        "Each solve has a process of its own. Seconds grow as unknowns to the power of "
+        f"{tables.exponent(measured.sizes):.2f}. The largest has {largest} unknowns; a million "
+        "takes minutes and most of 20 GiB, and is only solved with --large."
     ]
-    return told, [
+    return paragraphs, [
         Picture("growth.svg", "Seconds and memory against unknowns, order 2."),
-        tables.growth_table(found.sizes),
+        tables.growth_table(measured.sizes),
     ]
 
 
-def _effectivity(plan: Plan, found: Measured, out: Path) -> Content:
-    ours = [run for run in found.of(found.known(plan.cases)) if run.job.code == OURS]
-    ratios = effectivities(ours, found.references)
+def _effectivity(workload: Workload, measured: Measured, out: Path) -> Content:
+    ours = [run for run in measured.of(measured.known(workload.cases)) if run.job.code == OURS]
+    ratios = effectivities(ours, measured.references)
     if not ratios:
         return NOTHING
     figures.effectivity(out / "effectivity.svg", ratios)
-    told = [
+    paragraphs = [
         "Estimated over true error of every charge. Left out are charges whose true error is "
         "below ten times the doubt about the reference.",
         *tables.effectivity_sentences(ratios),
     ]
-    return told, [Picture("effectivity.svg", "Histograms of the effectivity; dashed: 0.3 and 3.")]
+    return paragraphs, [
+        Picture("effectivity.svg", "Histograms of the effectivity; dashed: 0.3 and 3.")
+    ]
 
 
-def _all_runs(plan: Plan, found: Measured, out: Path) -> Content:
-    return ["Failed runs keep their reason."], [tables.run_table(found.runs)]
+def _all_runs(workload: Workload, measured: Measured, out: Path) -> Content:
+    return ["Failed runs keep their reason."], [tables.run_table(measured.runs)]
 
 
-SECTIONS: tuple[tuple[str, str, Callable[[Plan, Measured, Path], Content]], ...] = (
+SECTIONS: tuple[tuple[str, str, Callable[[Workload, Measured, Path], Content]], ...] = (
     ("precision", "Error against seconds and unknowns", _precision),
     ("peers", "Other codes", _peers),
     ("closed", "Closed forms", _closed_forms),
@@ -324,21 +336,23 @@ SECTIONS: tuple[tuple[str, str, Callable[[Plan, Measured, Path], Content]], ...]
 )
 
 
-def _introduction(plan: Plan, found: Measured, peers: Peers) -> list[str]:
+def _introduction(workload: Workload, measured: Measured, peers: Peers) -> list[str]:
     present = " and ".join(peers.versions) or "no other code"
     return [
-        f"{len(plan.cases)} fixed scenes and {len(plan.round_cases)} closed forms, each solved by "
-        f"this code in every way it offers, and by {present}: {len(found.runs)} jobs, of which "
-        f"{sum(not run.converged for run in found.runs)} failed.",
-        f"Seconds are medians of up to {plan.rounds} runs on one thread, as many as fit into "
-        f"{plan.budget:g} s; mesh included, imports not. An error is that of the worst charge.",
+        f"{len(workload.cases)} fixed scenes and {len(workload.round_cases)} closed forms, each "
+        f"solved by this code in every way it offers, and by {present}: {len(measured.runs)} "
+        f"jobs, of which {sum(not run.converged for run in measured.runs)} failed.",
+        f"Seconds are medians of up to {workload.rounds} runs on one thread, as many as fit into "
+        f"{workload.budget:g} s; mesh included, imports not. An error is that of the worst charge.",
     ]
 
 
-def _page(plan: Plan, found: Measured, peers: Peers, out: Path, seconds: float) -> Page:
-    sections = [_made(*entry, plan, found, out) for entry in SECTIONS]
+def _page(workload: Workload, measured: Measured, peers: Peers, out: Path, seconds: float) -> Page:
+    sections = [_made(*entry, workload, measured, out) for entry in SECTIONS]
     title = "Error against run time"
-    return Page(title, _introduction(plan, found, peers), sections, _provenance(peers, seconds))
+    return Page(
+        title, _introduction(workload, measured, peers), sections, _provenance(peers, seconds)
+    )
 
 
 def _provenance(peers: Peers, seconds: float) -> dict[str, str]:

@@ -37,35 +37,41 @@ from reports.locating.models import (
     sensor,
     triangulated_mm,
 )
-from reports.locating.sources import SOURCES, Job, Pressed, Source, changes
+from reports.locating.sources import SOURCES, Job, MeasuredScene, Source, changes
 
 Array = NDArray[np.float64]
 
 ALL = "all together"
 TRIANGULATED = "the thesis's way"
 CALIBRATED = "the thesis's way, one factor"
-GIVEN, SCALED = "least squares", "least squares, one factor"
-# Least squares weigh relative differences alike, whatever they are; this only says how far the
-# search goes on.
-_SIGMA = 0.01
-# Triangulations take milliseconds, least squares microseconds.
-_TRIANGULATED_SHARE = 20
+GIVEN = "least squares"
+SCALED = "least squares, one factor"
+#: Shares of the samples at which the distribution of errors is shown.
 _BAND = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
 @dataclass(frozen=True, eq=False)
 class Predicted:
-    """Errors of a scene's position in mm, (n,), by way, from one source or all; NaN: no place."""
+    """Errors that one source, or all together, make in a scene's position.
 
-    scene: Pressed
+    Attributes
+    ----------
+    scene : MeasuredScene
+    source : str
+        Name of the source, or `ALL`.
+    errors_mm : dict
+        Errors of the samples, (n,), by the way to find the place; NaN where there is no place.
+    """
+
+    scene: MeasuredScene
     source: str
     errors_mm: dict[str, Array]
 
     def root_mean_square(self, way: str) -> float:
-        """Of those that have a place, mm; NaN without any."""
+        """Root mean square in mm of the samples that have a place; NaN if none has."""
         errors = self.errors_mm[way]
-        known = errors[np.isfinite(errors)]
-        return float(np.sqrt(np.mean(known**2))) if known.size else np.nan
+        finite = errors[np.isfinite(errors)]
+        return float(np.sqrt(np.mean(finite**2))) if finite.size else np.nan
 
     def quantiles(self, way: str) -> Array:
         """The error at 5, 25, 50, 75 and 95 % of all samples; infinite among the failures."""
@@ -89,30 +95,30 @@ class Predicted:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Predict and compare; returns 0."""
+    """Predict errors, compare them with the measured ones and write the page; returns 0."""
     options = _options(arguments)
     return run_program("reports.experiment", lambda: _predict(options))
 
 
 def _predict(options: argparse.Namespace) -> int:
     make_directory(options.out, "index.html")
-    kept = options.out / "results"
-    kept.mkdir(exist_ok=True)
+    models_folder = options.out / "results"
+    models_folder.mkdir(exist_ok=True)
     thesis = Thesis.read()
     with Parallel(options.processes) as parallel:
-        scenes = _pressed(thesis, kept, options.processes, parallel)
+        scenes = _pressed(thesis, models_folder, options.processes, parallel)
         jobs = [(scene, number, options.samples) for scene in scenes for number in _NUMBERS]
-        found = parallel(delayed(_predicted)(*job) for job in tqdm(jobs, disable=None))
+        predictions = parallel(delayed(_predicted)(*job) for job in tqdm(jobs, disable=None))
     sections = [
-        _scene_section(found, options.out),
-        _source_section(found, options.out),
-        _verdict_section(found),
+        _scene_section(predictions, options.out),
+        _source_section(predictions, options.out),
+        _verdict_section(predictions),
     ]
     for section in sections:
         section.write_tables(options.out)
-    made = {"pvdf_fem": __version__, "Samples": f"{options.samples} of each source and scene"}
+    provenance = {"pvdf_fem": __version__, "Samples": f"{options.samples} of each source and scene"}
     page = Page(
-        "The thesis's experiments, errors and their causes", _introduction(), sections, made
+        "The thesis's experiments, errors and their causes", _introduction(), sections, provenance
     )
     print(page.write(options.out))
     return 0
@@ -135,50 +141,60 @@ def _introduction() -> list[str]:
     ]
 
 
-def _pressed(thesis: Thesis, kept: Path, processes: int, parallel: Parallel) -> list[Pressed]:
+def _pressed(
+    thesis: Thesis, folder: Path, processes: int, parallel: Parallel
+) -> list[MeasuredScene]:
     rows = [p for p in thesis.positions if p.kind == "experimental"]
     models = {
-        probe: response_of(sensor(thesis, probe), kept, processes)
+        probe: response_of(sensor(thesis, probe), folder, processes)
         for probe in sorted({row.probe for row in rows})
     }
     circuit = thesis_circuit(thesis)
-    small = thesis.parameters["circuit"]["capacitance_measured_two_electrodes"]["value"]
+    measured_capacitance = thesis.parameters["circuit"]["capacitance_measured_two_electrodes"][
+        "value"
+    ]
 
     def workers(jobs: Sequence[Job]) -> list[Array]:
         return list(parallel(delayed(job)() for job in jobs))
 
     return [
-        Pressed(
+        MeasuredScene(
             row,
             models[row.probe],
             electrodes_of(row.layout),
             circuit,
-            small,
+            measured_capacitance,
             changes(scene_of(row).with_(**{"numerics.observable": MATERIAL}), workers),
         )
         for row in tqdm(rows, disable=None)
     ]
 
 
-def _predicted(scene: Pressed, number: int, samples: int) -> Predicted:
-    """Errors from source `number`, or from all when there are no more."""
+def _predicted(scene: MeasuredScene, number: int, samples: int) -> Predicted:
+    """Errors from source `number`, or from all together if `number` is that of the sources.
+
+    A triangulation takes milliseconds and a least-squares fit microseconds, so that only every
+    twentieth sample is triangulated.
+    """
     random = np.random.default_rng([number, *scene.row.case.encode()])
-    mine: Sequence[Source] = SOURCES if number == len(SOURCES) else SOURCES[number : number + 1]
-    factors = np.prod([source.draw(scene, random, samples) for source in mine], axis=0)
-    right = scene.charges_pC(scene.row.touch[None])
-    charges = right * factors
-    some = charges[: max(1, samples // _TRIANGULATED_SHARE)]
-    scaled = some * (right.sum() / some.sum(axis=1, keepdims=True))
+    sources: Sequence[Source] = SOURCES if number == len(SOURCES) else SOURCES[number : number + 1]
+    factors = np.prod([source.draw(scene, random, samples) for source in sources], axis=0)
+    true_charges = scene.charges_pC(scene.row.touch[None])
+    charges = true_charges * factors
+    first_charges = charges[: max(1, samples // 20)]
+    first_scaled = first_charges * (true_charges.sum() / first_charges.sum(axis=1, keepdims=True))
     errors = {
-        TRIANGULATED: _triangulated(scene, some),
-        CALIBRATED: _triangulated(scene, scaled),
+        TRIANGULATED: _triangulated(scene, first_charges),
+        CALIBRATED: _triangulated(scene, first_scaled),
         GIVEN: _squares(scene, charges),
-        SCALED: _squares(scene, charges * (right.sum() / charges.sum(axis=1, keepdims=True))),
+        SCALED: _squares(
+            scene, charges * (true_charges.sum() / charges.sum(axis=1, keepdims=True))
+        ),
     }
-    return Predicted(scene, ALL if len(mine) > 1 else mine[0].name, errors)
+    return Predicted(scene, ALL if len(sources) > 1 else sources[0].name, errors)
 
 
-def _triangulated(scene: Pressed, charges: Array) -> Array:
+def _triangulated(scene: MeasuredScene, charges: Array) -> Array:
     places = [
         triangulated_mm(scene.model, scene.electrodes, row, 0.0, scene.row.force_N)
         for row in charges
@@ -186,24 +202,29 @@ def _triangulated(scene: Pressed, charges: Array) -> Array:
     return np.linalg.norm(np.array(places) - scene.row.touch[:2], axis=1)
 
 
-def _squares(scene: Pressed, charges: Array) -> Array:
-    found = locate_many(
+def _squares(scene: MeasuredScene, charges: Array, sigma: float = 0.01) -> Array:
+    """Errors in mm of least squares with the true rotation and the force of 1 N.
+
+    Relative differences have equal weights whatever `sigma` is, which only decides how far the
+    search goes on.
+    """
+    locations = locate_many(
         scene.model,
         charges,
-        _SIGMA,
+        sigma,
         rotations_deg=np.full(len(charges), scene.row.rotation_deg),
         forces_N=np.full(len(charges), scene.row.force_N),
         electrodes=tuple(scene.electrodes.values()),
         significance=0.0,
     )
-    return np.linalg.norm(found.values[:, :2] - scene.row.touch[:2], axis=1)
+    return np.linalg.norm(locations.values[:, :2] - scene.row.touch[:2], axis=1)
 
 
 # ----------------------------------------------------------------------------------------- page
 
 
-def _scene_section(found: Sequence[Predicted], out: Path) -> Section:
-    together = [one for one in found if one.source == ALL]
+def _scene_section(predictions: Sequence[Predicted], out: Path) -> Section:
+    together = [prediction for prediction in predictions if prediction.source == ALL]
     _distribution_picture(together, out / "distributions.svg")
     columns = [
         Column("case", "case"),
@@ -214,15 +235,15 @@ def _scene_section(found: Sequence[Predicted], out: Path) -> Section:
         Column("common", "measured within the middle 90 %"),
         Column("absolute_failed_percent", "failed without a factor (%)", 0),
     ]
-    rows = [_scene_row(one) for one in together]
+    rows = [_scene_row(prediction) for prediction in together]
     caption = f"Error of the position by {CALIBRATED}, all sources together."
     table = Table("predicted_scenes", caption, columns, rows)
     texts = [
-        f"With all sources together {sum(one.is_common(way) for one in together)} of the "
-        f"{len(together)} measured results lie within the middle 90 % of what is predicted for "
-        f"{way}; {100 * np.mean([one.failed(way) for one in together]):.0f} % of its samples have "
-        "no place. Of the measured scenes "
-        f"{sum(np.isnan(one.scene.row.error_mm) for one in together)} have none."
+        f"With all sources together {sum(prediction.is_common(way) for prediction in together)} "
+        f"of the {len(together)} measured results lie within the middle 90 % of what is predicted "
+        f"for {way}; {100 * np.mean([prediction.failed(way) for prediction in together]):.0f} % "
+        "of its samples have no place. Of the measured scenes "
+        f"{sum(np.isnan(prediction.scene.row.error_mm) for prediction in together)} have none."
         for way in (CALIBRATED, TRIANGULATED)
     ]
     picture = Picture(
@@ -234,11 +255,11 @@ def _scene_section(found: Sequence[Predicted], out: Path) -> Section:
     return Section("scenes", "Predicted and measured errors", texts, [picture, table])
 
 
-def _scene_row(one: Predicted) -> list[Cell]:
-    row: Position = one.scene.row
-    quantiles = [float(q) if np.isfinite(q) else None for q in one.quantiles(CALIBRATED)]
-    failed, absolute = (100.0 * one.failed(way) for way in (CALIBRATED, TRIANGULATED))
-    common = "yes" if one.is_common(CALIBRATED) else "no"
+def _scene_row(prediction: Predicted) -> list[Cell]:
+    row: Position = prediction.scene.row
+    quantiles = [float(q) if np.isfinite(q) else None for q in prediction.quantiles(CALIBRATED)]
+    failed, absolute = (100.0 * prediction.failed(way) for way in (CALIBRATED, TRIANGULATED))
+    common = "yes" if prediction.is_common(CALIBRATED) else "no"
     place = f"{row.probe}, {row.position}"
     return [row.case, place, row.error_mm, *quantiles, failed, common, absolute]
 
@@ -248,23 +269,26 @@ def _distribution_picture(together: Sequence[Predicted], path: Path) -> None:
     with style():
         figure = new_figure(160, 95)
         ax = figure.subplots()
-        for y, one in enumerate(together):
-            low, lower, middle, upper, high = np.minimum(one.quantiles(CALIBRATED), top)
+        for y, prediction in enumerate(together):
+            low, lower, middle, upper, high = np.minimum(prediction.quantiles(CALIBRATED), top)
             ax.plot([low, high], [y, y], color=COLOURS[0], lw=1.0)
             ax.plot([lower, upper], [y, y], color=COLOURS[0], lw=6.0, solid_capstyle="butt")
             ax.plot(middle, y, "|", color="white", ms=7)
-            measured = one.scene.row.error_mm
+            measured = prediction.scene.row.error_mm
             at, text = (top, "lost") if np.isnan(measured) else (measured, "")
             ax.plot(at, y, "o", mfc="none", mec=COLOURS[1], mew=1.4, ms=7, clip_on=False)
             ax.annotate(text, (at, y), (7, -3), textcoords="offset points", annotation_clip=False)
-        names = [f"{one.scene.row.probe}, {one.scene.row.position}" for one in together]
+        names = [
+            f"{prediction.scene.row.probe}, {prediction.scene.row.position}"
+            for prediction in together
+        ]
         ax.set_yticks(range(len(names)), names)
         ax.invert_yaxis()
         ax.set(xlabel="error of the position (mm)", xlim=(0.0, top))
         save(figure, path)
 
 
-def _source_section(found: Sequence[Predicted], out: Path) -> Section:
+def _source_section(predictions: Sequence[Predicted], out: Path) -> Section:
     columns = [
         Column("source", "source"),
         Column("thesis_mm", "error (mm)", 2, TRIANGULATED),
@@ -278,12 +302,12 @@ def _source_section(found: Sequence[Predicted], out: Path) -> Section:
         Column("scaled_percent", "share (%)", 0, SCALED),
     ]
     names = [source.name for source in SOURCES]
-    rows = [_source_row(name, found, names) for name in [*names, ALL]]
+    rows = [_source_row(name, predictions, names) for name in [*names, ALL]]
     caption = (
         "Each source alone: root mean square error over all scenes, and share of the sum of the "
         "mean squares."
     )
-    _share_picture(found, names, out / "shares.svg")
+    _share_picture(predictions, names, out / "shares.svg")
     picture = Picture(
         "shares.svg",
         "Root mean square error of each scene from each source alone; least squares "
@@ -294,36 +318,42 @@ def _source_section(found: Sequence[Predicted], out: Path) -> Section:
     return Section("sources", "The share of each source", [], [picture, table])
 
 
-def mean_square(found: Sequence[Predicted], source: str, way: str) -> float:
-    """Of the errors from one source over all scenes that have a place, in mm²."""
-    squares = [p.root_mean_square(way) ** 2 for p in found if p.source == source]
-    known = [square for square in squares if np.isfinite(square)]
-    return float(np.mean(known)) if known else np.nan
+def mean_square(predictions: Sequence[Predicted], source: str, way: str) -> float:
+    """Mean square in mm² of a source's errors over all scenes that have a place."""
+    squares = [
+        prediction.root_mean_square(way) ** 2
+        for prediction in predictions
+        if prediction.source == source
+    ]
+    finite = [square for square in squares if np.isfinite(square)]
+    return float(np.mean(finite)) if finite else np.nan
 
 
-def _source_row(name: str, found: Sequence[Predicted], names: Sequence[str]) -> list[Cell]:
-    mine = [one for one in found if one.source == name]
+def _source_row(name: str, predictions: Sequence[Predicted], names: Sequence[str]) -> list[Cell]:
+    of_source = [prediction for prediction in predictions if prediction.source == name]
     row: list[Cell] = [name]
     for way in (TRIANGULATED, CALIBRATED):
-        row.append(float(np.sqrt(mean_square(found, name, way))))
-        row.append(100.0 * float(np.mean([one.failed(way) for one in mine])))
-    row.append(sum(one.is_common(CALIBRATED) for one in mine))
+        row.append(float(np.sqrt(mean_square(predictions, name, way))))
+        row.append(100.0 * float(np.mean([prediction.failed(way) for prediction in of_source])))
+    row.append(sum(prediction.is_common(CALIBRATED) for prediction in of_source))
     for way in (GIVEN, SCALED):
-        total = sum(mean_square(found, each, way) for each in names)
-        square = mean_square(found, name, way)
+        total = sum(mean_square(predictions, source, way) for source in names)
+        square = mean_square(predictions, name, way)
         row += [float(np.sqrt(square)), 100.0 * square / total if name != ALL else None]
     return row
 
 
-def _share_picture(found: Sequence[Predicted], names: Sequence[str], path: Path) -> None:
-    measured = _measured(found)
+def _share_picture(predictions: Sequence[Predicted], names: Sequence[str], path: Path) -> None:
+    measured = _measured(predictions)
     with style():
         figure = new_figure(160, 90)
         ax = figure.subplots()
         ax.set_axisbelow(True)
         for y, name in enumerate(names):
-            known, scaled = (np.sqrt(mean_square(found, name, way)) for way in (GIVEN, SCALED))
-            ax.barh(y, known, color=COLOURS[4], height=0.6)
+            unscaled, scaled = (
+                np.sqrt(mean_square(predictions, name, way)) for way in (GIVEN, SCALED)
+            )
+            ax.barh(y, unscaled, color=COLOURS[4], height=0.6)
             ax.plot(scaled, y, "o", mfc="none", mec=COLOURS[1], mew=1.4)
         ax.axvline(measured, color=GREY, lw=1.0, ls=(0, (4, 3)))
         ax.annotate("measured", (measured, -0.6), (3, 0), textcoords="offset points", size=8)
@@ -333,14 +363,16 @@ def _share_picture(found: Sequence[Predicted], names: Sequence[str], path: Path)
         save(figure, path)
 
 
-def _measured(found: Sequence[Predicted]) -> float:
+def _measured(predictions: Sequence[Predicted]) -> float:
     """Root mean square of the measured errors, mm."""
-    errors = {one.scene.row.case: one.scene.row.error_mm for one in found}
+    errors = {
+        prediction.scene.row.case: prediction.scene.row.error_mm for prediction in predictions
+    }
     return float(np.sqrt(np.nanmean(np.square(list(errors.values())))))
 
 
-def _verdict_section(found: Sequence[Predicted]) -> Section:
-    measured = _measured(found)
+def _verdict_section(predictions: Sequence[Predicted]) -> Section:
+    measured = _measured(predictions)
     texts = [
         f"The root mean square of the measured errors is {measured:.2f} mm. A source explains "
         "them alone if it gives between half and twice as much; less than a quarter cannot "
@@ -348,20 +380,20 @@ def _verdict_section(found: Sequence[Predicted]) -> Section:
         "the experiment corrected for it.",
     ]
     for way in (GIVEN, SCALED):
-        texts.append(f"{way.capitalize()}: {'; '.join(_verdicts(found, way, measured))}.")
-    nothing = np.sqrt(mean_square(found, "force fluctuates", CALIBRATED))
+        texts.append(f"{way.capitalize()}: {'; '.join(_verdicts(predictions, way, measured))}.")
+    smallest = np.sqrt(mean_square(predictions, "force fluctuates", CALIBRATED))
     texts.append(
         "The thesis's way has an error of its own, from contours of a probe that is not turned: "
-        f"with nearly right charges (only the force fluctuates) it errs by {nothing:.2f} mm."
+        f"with nearly right charges (only the force fluctuates) it errs by {smallest:.2f} mm."
     )
     return Section("verdict", "Which explanation holds", texts)
 
 
-def _verdicts(found: Sequence[Predicted], way: str, measured: float) -> list[str]:
-    """Sources by what they say of the measured errors."""
+def _verdicts(predictions: Sequence[Predicted], way: str, measured: float) -> list[str]:
+    """Sources grouped by how much of the measured errors they explain."""
     groups: dict[str, list[str]] = {}
     for source in SOURCES:
-        size = float(np.sqrt(mean_square(found, source.name, way)))
+        size = float(np.sqrt(mean_square(predictions, source.name, way)))
         groups.setdefault(_judged(size / measured), []).append(f"{source.name} ({size:.2f} mm)")
     return [f"{verdict}: {', '.join(names)}" for verdict, names in groups.items()]
 

@@ -1,13 +1,13 @@
-"""Damaged inputs by the thousand, none of which may be taken for a valid one.
+"""Thousands of damaged inputs, none of which may be accepted as valid.
 
     python -m reports.fuzz [--count N] [--seed N] [--processes N]
 
 Gives every program damaged scene and sweep files, changes, measurements, stores and command lines
-(`reports/fuzz_inputs.py`), in this process and stopped where work on a valid input would begin; a
-sample also as processes of their own. Prints counts by corpus and every input that was handled
-badly: an exception, another exit code than 2, a complaint that does not name key and value, is not
-printable or is longer than a screen, a file left behind, more than `SECONDS`, or acceptance of what
-is invalid (`reports/fuzz_oracle.py`). Returns 1 if there was one.
+(`reports.robustness.inputs`), in this process and stopped where work on a valid input would begin.
+Some inputs are given to processes of their own too. Prints counts by corpus and every input that
+was handled badly: an exception, another exit code than 2, a complaint that does not name key and
+value, is not printable or is longer than a screen, a file left behind, more than `REFUSAL_SECONDS`,
+or acceptance of what is invalid (`reports.robustness.oracle`). Returns 1 if there was one.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ from unittest import mock
 
 from pvdf_fem.cli import main as cli
 from pvdf_fem.cli.program import (
-    BAD_INPUT,
     LONGEST_LINE,
     MOST_LINES,
     ArgumentParser,
+    ExitCode,
     run_program,
 )
 from pvdf_fem.scene.scene import Scene
@@ -55,17 +55,29 @@ from reports.robustness.oracle import (
     wrong_scene,
 )
 
-#: A refusal takes less of processor time, and no input more than `HANG` before it is stopped.
-SECONDS, HANG = 1.0, 20
+#: Processor time in s that a refusal may take.
+REFUSAL_SECONDS = 1.0
+#: Seconds after which a program that still works on an input is stopped.
+HANG_SECONDS = 20
 
 
 class Accepted(BaseException):
-    """A valid input reached the work; the argument is what the work was given."""
+    """Raised where the work on a valid input begins; its argument is what the work was given."""
 
 
 @dataclass(frozen=True)
 class Program:
-    """A program: its main function, the words before its arguments, and where its work begins."""
+    """A program.
+
+    Attributes
+    ----------
+    main : callable
+        Its main function.
+    command : tuple of str
+        Words before its arguments.
+    begins : tuple of str
+        Functions with which the work on a valid input begins.
+    """
 
     main: Callable[[Sequence[str]], int]
     command: tuple[str, ...]
@@ -73,7 +85,7 @@ class Program:
 
 
 def _store(arguments: Sequence[str]) -> int:
-    """Read and write a damaged store; `Accepted` with a record that was not kept in it."""
+    """Read and write a damaged store; raise `Accepted` with a record that it did not keep."""
     path, seed = Path(arguments[0]), int(arguments[1])
     scenes, records, data = _kept()
     path.write_bytes(decayed(random.Random(seed), data))
@@ -81,8 +93,8 @@ def _store(arguments: Sequence[str]) -> int:
     def use() -> int:
         with Store(path) as store:
             for scene, record in zip(scenes, records, strict=True):
-                if (found := store.get(scene)) not in (None, record):
-                    raise Accepted(found)
+                if (read_back := store.get(scene)) not in (None, record):
+                    raise Accepted(read_back)
             store.put([(scenes[0], records[1])])
             if store.get(scenes[0]) != records[1]:
                 raise StoreError(f"{path}: keeps nothing")
@@ -116,7 +128,7 @@ def _kept() -> tuple[list[Scene], list[Record], bytes]:
 
 
 PROGRAMS = {
-    "solve": Program(cli.main, ("solve",), ("pvdf_fem.solution.solution.solve",)),
+    "solve": Program(cli.main, ("solve",), ("pvdf_fem.solution.solve.solve",)),
     "mesh": Program(cli.main, ("mesh",), ("pvdf_fem.mesh.gmsh_mesh.mesh_scene",)),
     "modes": Program(cli.main, ("modes",), ("pvdf_fem.solution.modes.modes",)),
     "sweep": Program(cli.main, ("sweep",), ("pvdf_fem.sweeps.sweep.planned",)),
@@ -130,60 +142,62 @@ PROGRAMS = {
 
 
 @dataclass
-class Outcome:
-    """What became of an input: refused or accepted, and what was wrong with that."""
+class Verdict:
+    """Whether an input was accepted, the faults of that, and the processor time."""
 
     accepted: bool
     faults: list[str]
     seconds: float
 
 
-def outcome(given: Input, folder: Path) -> Outcome:
-    """Give a program an input in this process."""
-    program, path = PROGRAMS[given.program], folder / "input.dat"
-    path.unlink(missing_ok=True)  # rewriting a file in place waits for the disk
-    path.write_bytes(given.data)
-    arguments = [*program.command, *_filled(given.arguments, path)]
+def verdict(sample: Input, folder: Path) -> Verdict:
+    """Give a program an input in this process and judge what it does."""
+    program, path = PROGRAMS[sample.program], folder / "input.dat"
+    arguments = _prepared(sample, path)
     out, err = io.StringIO(), io.StringIO()
     faults: list[str] = []
     code: int | None = None
-    taken: Any = None
+    accepted_value: Any = None
     start = time.process_time()
     try:
         with _stopped(program), _limited(), redirect_stdout(out), redirect_stderr(err):
             code = program.main(arguments)
     except Accepted as accepted:
-        (taken,) = accepted.args
+        (accepted_value,) = accepted.args
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 1
     except TimeoutError:
-        faults.append(f"hangs for {HANG} s")
-        code = BAD_INPUT
+        faults.append(f"hangs for {HANG_SECONDS} s")
+        code = ExitCode.BAD_INPUT
     except Exception:
         faults.append("traceback: " + traceback.format_exc(limit=-2))
-        code = BAD_INPUT
+        code = ExitCode.BAD_INPUT
     seconds = time.process_time() - start
     if code is None:
-        faults += _accepted_faults(given, taken)
+        faults += _accepted_faults(sample, accepted_value)
     else:
-        faults += _refusal_faults(given, code, out.getvalue(), err.getvalue())
-        if seconds > SECONDS:
+        faults += _refusal_faults(sample, code, out.getvalue(), err.getvalue())
+        if seconds > REFUSAL_SECONDS:
             faults.append(f"refused after {seconds:.1f} s")
-    left = [file for file in folder.iterdir() if file != path and file.name != "out"]
-    faults += [f"left {file.name} behind" for file in left]
-    return Outcome(code is None, faults, seconds)
+    leftovers = [file for file in folder.iterdir() if file != path and file.name != "out"]
+    faults += [f"left {file.name} behind" for file in leftovers]
+    return Verdict(code is None, faults, seconds)
 
 
-def _filled(arguments: Sequence[str], path: Path) -> list[str]:
-    return [a.replace(FILE, str(path)).replace("{folder}", str(path.parent)) for a in arguments]
+def _prepared(sample: Input, path: Path) -> list[str]:
+    """Write an input's file; the program's command line with the file's path in it."""
+    path.unlink(missing_ok=True)  # rewriting a file in place waits for the disk
+    path.write_bytes(sample.data)
+    words = [*PROGRAMS[sample.program].command, *sample.arguments]
+    return [word.replace(FILE, str(path)).replace("{folder}", str(path.parent)) for word in words]
 
 
 @contextmanager
 def _stopped(program: Program) -> Iterator[None]:
-    """What begins the work raises `Accepted` instead."""
+    """Let the functions with which the work begins raise `Accepted` instead."""
 
-    def begin(*given: object, **_: object) -> None:
-        raise Accepted(given[0] if given else None)
+    def begin(*values: object, **_: object) -> None:
+        raise Accepted(values[0] if values else None)
 
     with ExitStack() as stack:
         for place in program.begins:
@@ -197,7 +211,7 @@ def _limited() -> Iterator[None]:
         raise TimeoutError
 
     before = signal.signal(signal.SIGALRM, stop)
-    signal.alarm(HANG)
+    signal.alarm(HANG_SECONDS)
     try:
         yield
     finally:
@@ -205,63 +219,62 @@ def _limited() -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-def _refusal_faults(given: Input, code: int, out: str, err: str) -> list[str]:
+def _refusal_faults(sample: Input, code: int, out: str, err: str) -> list[str]:
     lines = err.removesuffix("\n").split("\n")
     faults = []
-    if code != BAD_INPUT:
+    if code != ExitCode.BAD_INPUT:
         faults.append(f"exit code {code}")
     if out:
         faults.append(f"standard output: {out[:80]!r}")
     usage = lines[0].startswith("usage: ")
     if not err or len(lines) > MOST_LINES + (40 if usage else 1):
         faults.append(f"{len(lines)} lines of complaint")
-    # usage may be followed by a line of the same length as others, after the program's name
+    # After a usage text the complaint follows the program's name in its line.
     if any(not line.isprintable() or len(line) > LONGEST_LINE + 100 for line in lines):
         faults.append(f"not printable or too long: {err[:80]!r}")
     if "Traceback" in err:
         faults.append("a traceback in the complaint")
-    named = [line for line in lines if line.startswith(given.named) or f"{given.named}" in line]
-    if not named:
-        faults.append(f"does not name {given.named!r}: {err[:200]!r}")
+    naming_lines = [
+        line for line in lines if line.startswith(sample.named) or f"{sample.named}" in line
+    ]
+    if not naming_lines:
+        faults.append(f"does not name {sample.named!r}: {err[:200]!r}")
     return faults
 
 
-def _accepted_faults(given: Input, taken: Any) -> list[str]:
-    if given.invalid:
-        return [f"accepted, though invalid: {given.named or given.arguments!r:.80}"]
-    if isinstance(taken, Scene):
-        tables = tomllib.loads(taken.to_toml())
-        found = [wrong_scene(tables)]
-        if not any(argument == "--set" for argument in given.arguments):
-            written = tomllib.loads(given.data.decode("utf-8-sig"))
-            found += [wrong_scene(written), lost_values(written, tables)]
-        return [f"accepted: {text}" for text in found if text]
-    if given.program == "sweep":
-        scenes = [tomllib.loads(scene.to_toml()) for scene in spread(taken)]
-        written = tomllib.loads(given.data.decode("utf-8-sig"))
-        found = [*map(wrong_scene, scenes), wrong_grid(written, scenes, len(taken))]
-        return [f"accepted: {text}" for text in found if text]
-    if isinstance(taken, list):
-        return [f"accepted: {text}" for row in taken if (text := wrong_measurement(row))]
-    return [f"accepted: {taken!r:.80}"] if isinstance(taken, Record) else []
+def _accepted_faults(sample: Input, value: Any) -> list[str]:
+    if sample.invalid:
+        return [f"accepted, though invalid: {sample.named or sample.arguments!r:.80}"]
+    if isinstance(value, Scene):
+        tables = tomllib.loads(value.to_toml())
+        mistakes = [wrong_scene(tables)]
+        if not any(argument == "--set" for argument in sample.arguments):
+            written = tomllib.loads(sample.data.decode("utf-8-sig"))
+            mistakes += [wrong_scene(written), lost_values(written, tables)]
+        return [f"accepted: {text}" for text in mistakes if text]
+    if sample.program == "sweep":
+        scenes = [tomllib.loads(scene.to_toml()) for scene in spread(value)]
+        written = tomllib.loads(sample.data.decode("utf-8-sig"))
+        mistakes = [*map(wrong_scene, scenes), wrong_grid(written, scenes, len(value))]
+        return [f"accepted: {text}" for text in mistakes if text]
+    if isinstance(value, list):
+        return [f"accepted: {text}" for row in value if (text := wrong_measurement(row))]
+    return [f"accepted: {value!r:.80}"] if isinstance(value, Record) else []
 
 
 # ---------------------------------------------------------------------- processes of their own
 
 
-def process_faults(given: Input, folder: Path) -> list[str]:
+def process_faults(sample: Input, folder: Path) -> list[str]:
     """Give ``pvdf-fem`` an input that it refuses, as a process."""
-    path = folder / "input.dat"
-    path.unlink(missing_ok=True)  # rewriting a file in place waits for the disk
-    path.write_bytes(given.data)
-    words = [*PROGRAMS[given.program].command, *_filled(given.arguments, path)]
+    words = _prepared(sample, folder / "input.dat")
     command = [sys.executable, "-m", "pvdf_fem", *words]
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[1])}
     try:
         run = subprocess.run(
             command,
             capture_output=True,
-            timeout=HANG,
+            timeout=HANG_SECONDS,
             env=environment,
             cwd=folder,
             check=False,
@@ -269,8 +282,8 @@ def process_faults(given: Input, folder: Path) -> list[str]:
             errors="replace",
         )
     except subprocess.TimeoutExpired:
-        return [f"hangs for {HANG} s as a process"]
-    faults = _refusal_faults(given, run.returncode, run.stdout, run.stderr)
+        return [f"hangs for {HANG_SECONDS} s as a process"]
+    faults = _refusal_faults(sample, run.returncode, run.stdout, run.stderr)
     return [f"as a process: {fault}" for fault in faults]
 
 
@@ -279,26 +292,26 @@ def process_faults(given: Input, folder: Path) -> list[str]:
 
 @dataclass
 class Counts:
-    """What became of the inputs, by corpus."""
+    """Numbers of inputs, refusals, acceptances and faults by corpus, and the complaints."""
 
     inputs: Counter[str] = field(default_factory=Counter)
     refused: Counter[str] = field(default_factory=Counter)
     accepted: Counter[str] = field(default_factory=Counter)
     faults: Counter[str] = field(default_factory=Counter)
     slowest: dict[str, float] = field(default_factory=dict)
-    told: list[str] = field(default_factory=list)
+    complaints: list[str] = field(default_factory=list)
 
-    def add(self, corpus: str, given: Input, found: Outcome) -> None:
+    def add(self, corpus: str, sample: Input, verdict: Verdict) -> None:
         """Count an input."""
         self.inputs[corpus] += 1
-        (self.accepted if found.accepted else self.refused)[corpus] += 1
-        self.slowest[corpus] = max(self.slowest.get(corpus, 0.0), found.seconds)
-        self.add_faults(corpus, given, found.faults)
+        (self.accepted if verdict.accepted else self.refused)[corpus] += 1
+        self.slowest[corpus] = max(self.slowest.get(corpus, 0.0), verdict.seconds)
+        self.add_faults(corpus, sample, verdict.faults)
 
-    def add_faults(self, corpus: str, given: Input, faults: Sequence[str]) -> None:
+    def add_faults(self, corpus: str, sample: Input, faults: Sequence[str]) -> None:
         """Count what was wrong."""
         self.faults[corpus] += bool(faults)
-        self.told += [f"{corpus}: {fault}\n    {given!r:.300}" for fault in faults]
+        self.complaints += [f"{corpus}: {fault}\n    {sample!r:.300}" for fault in faults]
 
     def lines(self) -> list[str]:
         """A table."""
@@ -309,26 +322,35 @@ class Counts:
 
     def _row(self, label: str, name: str, slowest: float) -> str:
         counters = (self.inputs, self.refused, self.accepted, self.faults)
-        n, refused, accepted, bad = (c[name] if name else c.total() for c in counters)
-        return f"{label:<22}{n:>8}{refused:>9}{accepted:>7}{bad:>5}{slowest:>8.3f} s"
+        n, refused, accepted, faulty = (c[name] if name else c.total() for c in counters)
+        return f"{label:<22}{n:>8}{refused:>9}{accepted:>7}{faulty:>5}{slowest:>8.3f} s"
 
 
 def fuzz(count: int, seed: int, processes: int = 0) -> Counts:
-    """Run inputs of all corpora, the last refused ones of ``pvdf-fem`` as processes too."""
+    """Give inputs of all corpora to their programs.
+
+    Parameters
+    ----------
+    count : int
+        Number of inputs.
+    seed : int
+    processes : int
+        About as many refused inputs of ``pvdf-fem`` are given to processes of their own too.
+    """
     rng, counts = random.Random(seed), Counts()
-    every = max(1, count // processes) if processes else 0
+    interval = max(1, count // processes) if processes else 0
     due = 0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         corpora = rng.choices(list(CORPORA), list(CORPORA.values()), k=count)
         for number, corpus in enumerate(corpora):
-            given = corpus(rng)
-            found = outcome(given, folder)
-            counts.add(corpus.__name__, given, found)
-            due += bool(every) and number % every == 0
-            if due and not found.accepted and PROGRAMS[given.program].main is cli.main:
+            sample = corpus(rng)
+            result = verdict(sample, folder)
+            counts.add(corpus.__name__, sample, result)
+            due += bool(interval) and number % interval == 0
+            if due and not result.accepted and PROGRAMS[sample.program].main is cli.main:
                 due -= 1
-                counts.add_faults(corpus.__name__, given, process_faults(given, folder))
+                counts.add_faults(corpus.__name__, sample, process_faults(sample, folder))
     return counts
 
 
@@ -337,9 +359,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _options(arguments)
     start = time.perf_counter()
     counts = fuzz(options.count, options.seed, options.processes)
-    print(*counts.told[:50], *counts.lines(), sep="\n")
+    print(*counts.complaints[:50], *counts.lines(), sep="\n")
     print(f"{counts.faults.total()} handled badly, {time.perf_counter() - start:.0f} s")
-    return 1 if counts.told else 0
+    return 1 if counts.complaints else 0
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:

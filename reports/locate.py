@@ -56,12 +56,13 @@ class Scope:
     Attributes
     ----------
     touches : int
-        Random ones of each probe.
+        Number of random touches of each probe.
     reach_mm : float
+        Radius of the disc on which models and random touches lie.
     forces_N : tuple of float
-        The domain of the models and of these touches.
+        Smallest and largest force of models and random touches.
     map_across : int
-        Places across a map.
+        Number of places across a map.
     """
 
     touches: int = 500
@@ -70,12 +71,12 @@ class Scope:
     map_across: int = 20
 
 
-DISC_FILM = DISC, "biaxial"
-FULL, QUICK = Scope(), Scope(8, 7.0, (0.5, 2.0), 4)
+FULL = Scope()
+QUICK = Scope(touches=8, reach_mm=7.0, forces_N=(0.5, 2.0), map_across=4)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Compare; returns 0, or 1 if a solve failed."""
+    """Compare the ways and write the page; returns 0, or 1 if a solve failed."""
     options = _options(arguments)
     return run_program("reports.locate", lambda: _compare(options))
 
@@ -86,16 +87,7 @@ def _compare(options: argparse.Namespace) -> int:
     scope = replace(scope, touches=options.touches or scope.touches)
     thesis = Thesis.read().quick() if options.quick else Thesis.read()
     results = Results(options.out / "results", options.processes)
-    models = {
-        (probe, film): response_of(
-            sensor(thesis, probe, film),
-            results.folder,
-            options.processes,
-            scope.reach_mm,
-            scope.forces_N,
-        )
-        for probe, film in sorted({(p.probe, p.film) for p in thesis.positions} | {DISC_FILM})
-    }
+    models = _models(thesis, results, scope)
     touches = {
         probe: random_touches(scope.touches, seed, scope.reach_mm, scope.forces_N)
         for seed, probe in enumerate(SHAPES, start=1)
@@ -103,7 +95,7 @@ def _compare(options: argparse.Namespace) -> int:
     }
     scenes = _scenes(thesis, touches)
     with tqdm(total=results.missing(scenes), unit="solve", disable=None) as bar:
-        results.solve(scenes, lambda done, total: bar.update(1 if done else 0))
+        results.solve(scenes, lambda solved, total: bar.update(1 if solved else 0))
     trials = {
         probe: _trial(thesis, probe, rows, models, results) for probe, rows in touches.items()
     }
@@ -117,17 +109,32 @@ def _compare(options: argparse.Namespace) -> int:
     ]
     for section in sections:
         section.write_tables(options.out)
-    made = {"pvdf_fem": __version__, "Tolerance": f"{TOLERANCE:g} (relative, each charge)"}
-    page = Page("Position, force and rotation from charges", _introduction(), sections, made)
+    provenance = {"pvdf_fem": __version__, "Tolerance": f"{TOLERANCE:g} (relative, each charge)"}
+    page = Page("Position, force and rotation from charges", _introduction(), sections, provenance)
     print(page.write(options.out))
     return 0 if all(results[scene].converged for scene in scenes) else 1
 
 
+def _models(thesis: Thesis, results: Results, scope: Scope) -> Models:
+    """Response models of the thesis's probes and films, and of the disc on biaxial film."""
+    sensors = {(position.probe, position.film) for position in thesis.positions}
+    return {
+        (probe, film): response_of(
+            sensor(thesis, probe, film),
+            results.folder,
+            results.processes,
+            scope.reach_mm,
+            scope.forces_N,
+        )
+        for probe, film in sorted(sensors | {(DISC, "biaxial")})
+    }
+
+
 def _introduction() -> list[str]:
-    told = "; ".join(f"{way}: {text}" for way, text in WAYS.items())
+    ways = "; ".join(f"{way}: {text}" for way, text in WAYS.items())
     return [
         f"Charges come from the finite-element model (follower pressure, {MATERIAL} observable, "
-        f"tolerance {TOLERANCE:g}), places from a response model of them. {told}.",
+        f"tolerance {TOLERANCE:g}), places from a response model of them. {ways}.",
         "Noise is relative, normal and independent between electrodes. The Cramér-Rao bound is the "
         "covariance that no unbiased way can fall below, at the true touch.",
     ]
@@ -135,17 +142,19 @@ def _introduction() -> list[str]:
 
 def _scenes(thesis: Thesis, touches: dict[str, Array]) -> list[Scene]:
     printed = [scene_at(thesis, p.probe, p.film, p.touch) for p in thesis.positions]
-    drawn = [scene_at(thesis, n, "biaxial", row) for n, rows in touches.items() for row in rows]
-    return [*printed, *drawn]
+    random_scenes = [
+        scene_at(thesis, n, "biaxial", row) for n, rows in touches.items() for row in rows
+    ]
+    return [*printed, *random_scenes]
 
 
 def _trial(thesis: Thesis, probe: str, touches: Array, models: Models, results: Results) -> Trial:
-    """Of the touches whose solve converged."""
+    """The touches whose solve converged, with their charges."""
     names = electrodes_of(LAYOUT)
     scenes = [scene_at(thesis, probe, "biaxial", row) for row in touches]
-    good = np.array([results[scene].converged for scene in scenes], dtype=bool)
-    charges = [charges_of(results, scenes[k], names) for k in np.flatnonzero(good)]
-    return Trial(models[probe, "biaxial"], names, touches[good], np.array(charges))
+    converged = np.array([results[scene].converged for scene in scenes], dtype=bool)
+    charges = [charges_of(results, scenes[k], names) for k in np.flatnonzero(converged)]
+    return Trial(models[probe, "biaxial"], names, touches[converged], np.array(charges))
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:

@@ -2,10 +2,10 @@
 
     python -m reports.thesis [--out DIR] [--only FIGURE] [--quick] [--quiet] [--processes N]
 
-Writes ``index.html`` with its figures (SVG) and tables (CSV) into one directory. Every solved
-scene is kept in ``results/`` there as soon as it is solved: a report that was interrupted goes on,
-and a second run neither solves nor draws again what has not changed. The page is written anew
-every few seconds.
+The report is one directory with ``index.html``, figures (SVG) and tables (CSV). The page begins
+with links to other reports whose directories are below it. Every scene is stored in ``results/``
+there as soon as it is solved: a report that was interrupted goes on, and a second run neither
+solves nor draws again what has not changed. The page is written anew every few seconds.
 """
 
 from __future__ import annotations
@@ -28,96 +28,84 @@ from tqdm import tqdm
 from pvdf_fem import Scene, __version__
 from pvdf_fem.cli.program import ArgumentParser, run_program
 from pvdf_fem.files import FileError, make_directory, printable
-from reports.chapters.contact import CONTACT_PART
-from reports.chapters.contours import (
-    FIGURE_3_9_PART,
-    FIGURE_3_16_PART,
-    RECTANGLE_MAP_PART,
-    TRIANGLE_MAP_PART,
+from reports.chapters import (
+    contact,
+    contours,
+    drawings,
+    experiments,
+    findings,
+    mapping,
+    scenes,
+    summary,
+    thickness,
 )
-from reports.chapters.drawings import DRAWINGS_PART
-from reports.chapters.experiments import (
-    CHARGE_PARTS_PART,
-    CIRCUIT_PART,
-    MEASURED_POSITIONS_PART,
+from reports.chapters.force_and_angle import (
+    angle,
+    force,
+    force_law,
+    orientation,
+    recovery,
+    surface,
 )
-from reports.chapters.findings import FINDINGS_PART
-from reports.chapters.force_and_angle.angle import ANGLE_PART
-from reports.chapters.force_and_angle.force import (
-    RECTANGLE_FORCE_PART,
-    TRIANGLE_FORCE_PART,
-)
-from reports.chapters.force_and_angle.force_law import FORCE_LAW_PART
-from reports.chapters.force_and_angle.orientation import ROTATION_PART
-from reports.chapters.force_and_angle.recovery import RECOVERY_PART
-from reports.chapters.force_and_angle.surface import SURFACE_PART
-from reports.chapters.mapping import (
-    FIGURE_3_5_PART,
-    FIGURE_3_7_PART,
-    FIGURE_3_17_PART,
-    FIGURE_3_18_PART,
-    OTHER_MAPPINGS_PART,
-)
-from reports.chapters.positions.positions import (
-    EXPERIMENT_POSITIONS_PART,
-    RECTANGLE_POSITIONS_PART,
-    TRIANGLE_POSITIONS_PART,
-    TWO_NEWTON_POSITIONS_PART,
-    UNIAXIAL_POSITIONS_PART,
-)
-from reports.chapters.summary import ALL_PART, MESH_PART, SUMMARY_PART
-from reports.chapters.thickness import THICKNESS_PART
-from reports.common.kept import kept
+from reports.chapters.positions import positions
+from reports.common.chapter import Chapter
 from reports.common.options import add_out, add_processes
-from reports.common.page import Page, Section
-from reports.common.part import Part
+from reports.common.page import Page, Section, pages_below
 from reports.common.results import Results
-from reports.common.tables import SCENES_PART
+from reports.common.section_cache import cached_section
 from reports.common.thesis_data import Thesis
 from reports.common.thesis_scene import TOLERANCE
 
-#: In the order of the page.
-PARTS = (
-    SUMMARY_PART,
-    FINDINGS_PART,
-    DRAWINGS_PART,
-    SCENES_PART,
-    FIGURE_3_5_PART,
-    FIGURE_3_7_PART,
-    FIGURE_3_17_PART,
-    FIGURE_3_18_PART,
-    OTHER_MAPPINGS_PART,
-    FIGURE_3_9_PART,
-    TRIANGLE_POSITIONS_PART,
-    RECTANGLE_POSITIONS_PART,
-    FIGURE_3_16_PART,
-    TRIANGLE_MAP_PART,
-    RECTANGLE_MAP_PART,
-    UNIAXIAL_POSITIONS_PART,
-    TWO_NEWTON_POSITIONS_PART,
-    TRIANGLE_FORCE_PART,
-    THICKNESS_PART,
-    RECTANGLE_FORCE_PART,
-    FORCE_LAW_PART,
-    ROTATION_PART,
-    ANGLE_PART,
-    SURFACE_PART,
-    RECOVERY_PART,
-    MEASURED_POSITIONS_PART,
-    EXPERIMENT_POSITIONS_PART,
-    CONTACT_PART,
-    CHARGE_PARTS_PART,
-    CIRCUIT_PART,
-    MESH_PART,
-    ALL_PART,
+#: All chapters in the order of the page.
+CHAPTERS = (
+    summary.SUMMARY_CHAPTER,
+    findings.FINDINGS_CHAPTER,
+    drawings.DRAWINGS_CHAPTER,
+    scenes.SCENES_CHAPTER,
+    mapping.FIGURE_3_5_CHAPTER,
+    mapping.FIGURE_3_7_CHAPTER,
+    mapping.FIGURE_3_17_CHAPTER,
+    mapping.FIGURE_3_18_CHAPTER,
+    mapping.OTHER_MAPPINGS_CHAPTER,
+    contours.FIGURE_3_9_CHAPTER,
+    positions.TRIANGLE_POSITIONS_CHAPTER,
+    positions.RECTANGLE_POSITIONS_CHAPTER,
+    contours.FIGURE_3_16_CHAPTER,
+    contours.TRIANGLE_MAP_CHAPTER,
+    contours.RECTANGLE_MAP_CHAPTER,
+    positions.UNIAXIAL_POSITIONS_CHAPTER,
+    positions.TWO_NEWTON_POSITIONS_CHAPTER,
+    force.TRIANGLE_FORCE_CHAPTER,
+    thickness.THICKNESS_CHAPTER,
+    force.RECTANGLE_FORCE_CHAPTER,
+    force_law.FORCE_LAW_CHAPTER,
+    orientation.ROTATION_CHAPTER,
+    angle.ANGLE_CHAPTER,
+    surface.SURFACE_CHAPTER,
+    recovery.RECOVERY_CHAPTER,
+    experiments.MEASURED_POSITIONS_CHAPTER,
+    positions.EXPERIMENT_POSITIONS_CHAPTER,
+    contact.CONTACT_CHAPTER,
+    experiments.CHARGE_PARTS_CHAPTER,
+    experiments.CIRCUIT_CHAPTER,
+    summary.MESH_CHAPTER,
+    summary.ALL_CHAPTER,
 )
-#: Between two versions of the page while it is made.
-PAGE_SECONDS = 5.0
 PACKAGES = ("gmsh", "matplotlib", "numpy", "scikit-fem", "scipy")
+TITLE = "A membrane PVDF tactile sensor: this work beside the thesis"
+INTRODUCTION = (
+    "A. Mirbagheri, “Design, Modeling, Fabrication and Testing of a Membrane Piezoelectric "
+    "Tactile Sensor with Four Sensing Elements”, computed again with pvdf_fem. Nothing is "
+    "fitted: film, probes and forces are those of the thesis.",
+    "Unless a column says otherwise, the pressure follows the deformed film and a charge "
+    "is the thesis-edge observable: stresses averaged along the electrode's edges, as the "
+    "thesis's post-processor does. Differences are ours minus the thesis's, in percent of "
+    "the thesis's.",
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Make the report; returns 0, or 1 if a part or a solve failed."""
+    """Make the report; returns 0, or 1 if a chapter or a solve failed."""
     options = _options(arguments)
     return run_program("reports.thesis", lambda: _report(options))
 
@@ -127,7 +115,7 @@ def _report(options: argparse.Namespace) -> int:
     thesis = Thesis.read().quick() if options.quick else Thesis.read()
     results = Results(options.out / "results", options.processes)
     report = Report(thesis, results, options.out, _chosen(options.only))
-    with _progress(report.missing + len(report.parts), options.quiet) as bar:
+    with _progress(report.missing + len(report.chapters), options.quiet) as bar:
         report.solve(bar)
         report.make(bar)
     if not options.quiet:
@@ -135,23 +123,24 @@ def _report(options: argparse.Namespace) -> int:
     return 0 if report.complete else 1
 
 
-def _chosen(only: Sequence[str]) -> tuple[Part, ...]:
-    """The parts that show the wanted figures or tables; all if none are wanted."""
-    wanted = set(only)
+def _chosen(only: Sequence[str]) -> tuple[Chapter, ...]:
+    """The chapters that show one of the figures or tables in `only`; all if it is empty."""
     return tuple(
-        part
-        for part in PARTS
-        if not wanted or any({shown, shown.split()[-1]} & wanted for shown in part.shows)
+        chapter
+        for chapter in CHAPTERS
+        if not only or any({shown, shown.split()[-1]} & set(only) for shown in chapter.shows)
     )
 
 
 class Report:
-    """The sections made so far, and the results that they share."""
+    """The sections that are made so far, and the results that they share."""
 
-    def __init__(self, thesis: Thesis, results: Results, out: Path, parts: Sequence[Part]) -> None:
-        self.thesis, self.results, self.out, self.parts = thesis, results, out, parts
+    def __init__(
+        self, thesis: Thesis, results: Results, out: Path, chapters: Sequence[Chapter]
+    ) -> None:
+        self.thesis, self.results, self.out, self.chapters = thesis, results, out, chapters
         self.sections: dict[str, Section] = {}
-        self.scenes = {part.name: part.scenes(thesis) for part in parts}
+        self.scenes = {chapter.name: chapter.scenes(thesis) for chapter in chapters}
         self._start = time.perf_counter()
 
     @property
@@ -166,102 +155,101 @@ class Report:
     @property
     def complete(self) -> bool:
         """Whether all sections are there and every solve converged."""
-        made = [self.sections.get(part.name) for part in self.parts]
-        return all(section is not None and not section.state for section in made)
+        sections = [self.sections.get(chapter.name) for chapter in self.chapters]
+        return all(section is not None and not section.state for section in sections)
 
     @property
     def outcome(self) -> str:
-        """How it ended, in a line."""
-        bad = [section.title for section in self.sections.values() if section.state]
+        """A line that says which sections are incomplete, and how long the report took."""
+        incomplete = [section.title for section in self.sections.values() if section.state]
         seconds = f"{time.perf_counter() - self._start:.0f} s"
-        return f"{seconds}; incomplete: {', '.join(bad)}" if bad else f"complete in {seconds}"
+        if incomplete:
+            return f"{seconds}; incomplete: {', '.join(incomplete)}"
+        return f"complete in {seconds}"
 
     def solve(self, bar: tqdm[None]) -> None:
-        """Solve what is missing; each record is kept as soon as it is there."""
+        """Solve what is missing; the store has each record as soon as it is solved."""
         bar.set_description("solving")
-        self.results.solve(self._all_scenes, lambda done, total: bar.update(1 if done else 0))
+        self.results.solve(self._all_scenes, lambda solved, total: bar.update(1 if solved else 0))
 
-    def make(self, bar: tqdm[None]) -> None:
-        """Make all sections, and write the page every few seconds and at the end."""
+    def make(self, bar: tqdm[None], page_every_s: float = 5.0) -> None:
+        """Make all sections, and write the page at intervals of `page_every_s` and at the end."""
         bar.set_description("drawing")
         self._write_page()
         written = time.perf_counter()
         tasks = (
-            delayed(_section)(part, self.scenes[part.name], self.thesis, known, self.out)
-            for part in sorted(self.parts, key=lambda part: -len(self.scenes[part.name]))
-            for known in [self.results.of(self.scenes[part.name])]
+            delayed(_section)(chapter, self.scenes[chapter.name], self.thesis, records, self.out)
+            for chapter in sorted(
+                self.chapters, key=lambda chapter: -len(self.scenes[chapter.name])
+            )
+            for records in [self.results.of(self.scenes[chapter.name])]
         )
         with parallel_config("loky", inner_max_num_threads=1):
             pool = Parallel(self.results.processes, return_as="generator_unordered", batch_size=1)
-            made = pool(tasks)
-        for section in made:
+            sections = pool(tasks)
+        for section in sections:
             self.sections[section.name] = section
             bar.update()
-            if time.perf_counter() > written + PAGE_SECONDS:
+            if time.perf_counter() > written + page_every_s:
                 self._write_page()
                 written = time.perf_counter()
         self._write_page()
 
     def _write_page(self) -> None:
         sections = [
-            self.sections.get(part.name) or Section(part.name, part.title, note="not computed yet")
-            for part in self.parts
+            self.sections.get(chapter.name)
+            or Section(chapter.name, chapter.title, note="not computed yet")
+            for chapter in self.chapters
         ]
-        introduction = [
-            "A. Mirbagheri, “Design, Modeling, Fabrication and Testing of a Membrane Piezoelectric "
-            "Tactile Sensor with Four Sensing Elements”, computed again with pvdf_fem. Nothing is "
-            "fitted: film, probes and forces are those of the thesis.",
-            "Unless a column says otherwise, the pressure follows the deformed film and a charge "
-            "is the thesis-edge observable: stresses averaged along the electrode's edges, as the "
-            "thesis's post-processor does. Differences are ours minus the thesis's, in percent of "
-            "the thesis's.",
-        ]
-        title = "A membrane PVDF tactile sensor: this work beside the thesis"
-        Page(title, introduction, sections, self._provenance()).write(self.out)
+        links = pages_below(self.out)
+        Page(TITLE, INTRODUCTION, sections, self._provenance(), links).write(self.out)
 
     def _provenance(self) -> dict[str, str]:
         records = self.results.records
-        solving = sum(record.seconds for record in records)
+        solving_s = sum(record.seconds for record in records)
         return {
             "pvdf_fem": __version__,
             **{package: version(package) for package in PACKAGES},
             "Python": python_version(),
             "Cores": f"{os.cpu_count()}, {self.results.processes} processes of one thread",
             "Tolerance": f"{TOLERANCE:g} (relative, each charge)",
-            "Scenes": f"{len(records)}, {solving:.0f} s of computing, kept between runs",
+            "Scenes": f"{len(records)}, {solving_s:.0f} s of computing, kept between runs",
             "Time": f"{time.perf_counter() - self._start:.0f} s",
         }
 
 
 def _section(
-    part: Part, scenes: Sequence[Scene], thesis: Thesis, results: Results, out: Path
+    chapter: Chapter, scenes: Sequence[Scene], thesis: Thesis, results: Results, out: Path
 ) -> Section:
-    """A section with its files written; an exception becomes its error."""
+    """The section of a chapter, with its files; an exception becomes the section's error."""
 
     def make() -> Section:
-        content = part.compose(thesis, results, out)
+        content = chapter.compose(thesis, results, out)
         note = _failures(results, scenes)
-        section = Section(part.name, part.title, content.paragraphs, content.blocks, note=note)
+        section = Section(
+            chapter.name, chapter.title, content.paragraphs, content.blocks, note=note
+        )
         section.write_tables(out)
         return section
 
     try:
-        return kept(part.name, scenes, thesis, results, out, make)
+        return cached_section(chapter.name, scenes, thesis, results, out, make)
     except Exception as error:
         if isinstance(error, FileError):
             print(printable(str(error)), file=sys.stderr)
         else:
             traceback.print_exc()
-        return Section(part.name, part.title, error=f"{type(error).__name__}: {error}")
+        return Section(chapter.name, chapter.title, error=f"{type(error).__name__}: {error}")
 
 
 def _failures(results: Results, scenes: Sequence[Scene]) -> str:
-    found = {scene: results[scene] for scene in scenes}
-    failed = [record for record in found.values() if not record.converged]
+    """Number and reasons of the scenes' failed solves; empty without any."""
+    records = [results[scene] for scene in dict.fromkeys(scenes)]
+    failed = [record for record in records if not record.converged]
     if not failed:
         return ""
     reasons = sorted({f"{record.status} ({record.reason})" for record in failed})
-    return f"{len(failed)} of {len(found)} solves failed: {'; '.join(reasons)}"
+    return f"{len(failed)} of {len(records)} solves failed: {'; '.join(reasons)}"
 
 
 @contextmanager
@@ -293,12 +281,13 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 
 def _shown(text: str) -> str:
-    known = {shown for part in PARTS for shown in part.shows}
-    if text not in known and not any(shown.split()[-1] == text for shown in known):
-        raise argparse.ArgumentTypeError(f"{text[:60]!r} is not one of {', '.join(sorted(known))}")
+    """A figure or table that a chapter shows, as a type for `argparse`."""
+    names = {shown for chapter in CHAPTERS for shown in chapter.shows}
+    if text not in names and not any(shown.split()[-1] == text for shown in names):
+        raise argparse.ArgumentTypeError(f"{text[:60]!r} is not one of {', '.join(sorted(names))}")
     return text
 
 
 if __name__ == "__main__":
-    # by its own name, so that other processes find its functions
+    # Imported by its name, the module gives functions that other processes find.
     sys.exit(import_module("reports.thesis").main())

@@ -1,9 +1,10 @@
-"""Quadrature over outlines that a mesh does not follow.
+"""Quadrature over outlines and along lines that a mesh does not follow.
 
 The stress is smooth inside each element, so an integral over an outline is exact when it is taken
-over the pieces into which the elements cut the outline. A piece is a polygon; with the triangles
-that join its edges to its first corner, counted with their sign, it needs no triangulation. Curved
-edges are replaced by chords, the same ones for both neighbours, so that nothing is counted twice.
+over the pieces into which the elements cut the outline. A piece is a polygon. The triangles that
+join its edges to its first corner, each counted with the sign of its orientation, add up to it, so
+that it needs no triangulation. Chords replace curved edges of elements, the same ones for both
+neighbours, so that no part of an outline is counted twice.
 """
 
 from __future__ import annotations
@@ -17,177 +18,169 @@ from numpy.typing import NDArray
 from skfem import MeshTri2
 from skfem.quadrature import get_quadrature
 
-from pvdf_fem.film.membrane import Array, Membrane
-from pvdf_fem.scene.outline import Circle, Outline
+from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.mesh.points import curved_elements, local_coordinates
+from pvdf_fem.scene.outlines.outline import Outline
 
-# Exact for the stress of the richest space, in which it is a polynomial of this degree.
-DEGREE = 6
-LINE_POINTS = 4
-# Chords of a curved edge.
+Geometries = NDArray[np.object_]
+
+#: Number of chords that replace a curved edge of an element.
 CHORDS = 32
-# A line that may run along edges of elements is taken on both sides, this part of its length off.
-ASIDE = 1e-7
-# Newton steps from global to local coordinates of a curved element.
-STEPS = 6
-# Pieces of less than this part of an outline's area are rounding.
-NOTHING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Cut:
-    """Quadrature points in elements of a mesh.
+class PlacedQuadrature:
+    """Quadrature points in elements of a mesh, in rows of as many points each.
 
     Attributes
     ----------
     owners : (n,) int
-        Which of the outlines, or lines, a row of points belongs to.
+        Index of the outline, line or facet that a row of points belongs to.
     elements : (n,) int
+        The element that a row of points lies in.
     points : (2, n, points)
-        Local coordinates in their elements.
+        Local coordinates in the element.
     weights : (n, points)
-        In m^2 over an area, in m along lines.
+        In m^2 over an area, in m along a line.
     """
 
-    owners: NDArray[np.int64]
-    elements: NDArray[np.int64]
+    owners: Indices
+    elements: Indices
     points: Array
     weights: Array
 
-    def gradients(self, membrane: Membrane) -> Array:
-        """Gradients of the shape functions in 1/m, (n, points, functions, 2)."""
-        element, shape = membrane.basis.elem, self.points.shape[1:]
-        flat = self.points.reshape(2, -1)
-        local = np.stack([element.lbasis(flat, i)[1] for i in range(membrane.basis.Nbfun)])
-        inverse = membrane.mesh.mapping().invDF(self.points, self.elements)
-        local = local.reshape(-1, 2, *shape).transpose(2, 3, 0, 1)
-        return np.matmul(local, inverse.transpose(2, 3, 0, 1))
 
+def area_quadrature(
+    mesh: MeshTri2, outlines: Sequence[Outline], degree: int = 6
+) -> PlacedQuadrature:
+    """Quadrature over the area of each outline.
 
-def area_cut(mesh: MeshTri2, outlines: Sequence[Outline]) -> Cut:
-    """Quadrature over what each of the outlines covers."""
-    owners, elements, pieces = _pieces(mesh, [_as_polygon(outline) for outline in outlines])
-    rings = shapely.get_exterior_ring(pieces)
-    corners, ring = shapely.get_coordinates(rings, return_index=True)
-    of, follows = ring[:-1], ring[1:] == ring[:-1]
-    first = corners[np.searchsorted(ring, of)]
+    Parameters
+    ----------
+    mesh : MeshTri2
+    outlines : sequence of Outline
+        In m, in the axes of the mesh.
+    degree : int
+        Polynomials of this degree are integrated exactly. A stress of St. Venant and Kirchhoff is
+        one of degree 2 (order - 1) on a straight-sided element, which is 6 for the highest order.
+    """
+    owners, elements, pieces = _pieces(mesh, [outline.polygon for outline in outlines])
+    corners, ring = shapely.get_coordinates(shapely.get_exterior_ring(pieces), return_index=True)
+    first = corners[np.searchsorted(ring, ring[:-1])]
     a, b = corners[:-1] - first, corners[1:] - first
-    signed = np.where(follows, 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), 0.0)
-    signed *= np.sign(np.bincount(of, signed))[of]
-    used = signed != 0.0
-    (s, t), w = get_quadrature(mesh.elem.refdom, DEGREE)
-    at = first[used, None] + a[used, None] * s[:, None] + b[used, None] * t[:, None]
-    of, weights = of[used], 2.0 * np.outer(signed[used], w)
-    return Cut(owners[of], elements[of], local_coordinates(mesh, elements[of], at), weights)
+    areas = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    areas *= ring[1:] == ring[:-1]  # no triangle joins the last corner of a ring to the next ring
+    areas *= np.sign(np.bincount(ring[:-1], areas))[ring[:-1]]
+    used = np.flatnonzero(areas)
+    (s, t), weights = get_quadrature(mesh.elem.refdom, degree)
+    points = first[used, None] + a[used, None] * s[:, None] + b[used, None] * t[:, None]
+    piece = ring[used]
+    local = local_coordinates(mesh, elements[piece], points)
+    return PlacedQuadrature(
+        owners[piece], elements[piece], local, 2.0 * np.outer(areas[used], weights)
+    )
 
 
-def line_cut(mesh: MeshTri2, lines: Array) -> Cut:
-    """Quadrature along lines (n, 2, 2) from start to end, half of it on each of their sides."""
+def line_quadrature(
+    mesh: MeshTri2, lines: Array, count: int = 4, aside: float = 1e-7
+) -> PlacedQuadrature:
+    """Quadrature along straight lines, half of it on each of their two sides.
+
+    The stress jumps at an edge of elements, and a line may run along one. So both sides are sampled
+    beside the line.
+
+    Parameters
+    ----------
+    mesh : MeshTri2
+    lines : (n, 2, 2)
+        Start and end of each line in m.
+    count : int
+        Number of Gauss points on the piece of a line in one element.
+    aside : float
+        Distance of the sampled points from the line, relative to its length.
+    """
     along = lines[:, 1] - lines[:, 0]
-    aside = ASIDE * np.stack([-along[:, 1], along[:, 0]], axis=-1)[:, None]
-    both = np.concatenate([lines + aside, lines - aside])
-    owners, elements, pieces = _pieces(mesh, shapely.linestrings(both))
+    normal = np.stack([-along[:, 1], along[:, 0]], axis=-1)[:, None]
+    both_sides = np.concatenate([lines + aside * normal, lines - aside * normal])
+    owners, elements, pieces = _pieces(mesh, shapely.linestrings(both_sides))
     ends = shapely.get_coordinates(pieces).reshape(-1, 2, 2)
     middle, half = ends.mean(axis=1), 0.5 * (ends[:, 1] - ends[:, 0])
-    s, w = np.polynomial.legendre.leggauss(LINE_POINTS)
-    at = middle[:, None] + half[:, None] * s[:, None]
-    weights = 0.5 * np.outer(np.linalg.norm(half, axis=1), w)
-    return Cut(owners % len(lines), elements, local_coordinates(mesh, elements, at), weights)
+    s, weights = np.polynomial.legendre.leggauss(count)
+    points = middle[:, None] + half[:, None] * s[:, None]
+    return PlacedQuadrature(
+        owners % len(lines),
+        elements,
+        local_coordinates(mesh, elements, points),
+        0.5 * np.outer(np.linalg.norm(half, axis=1), weights),
+    )
 
 
-def edge_cut(
-    mesh: MeshTri2, facets: NDArray[np.int64], elements: NDArray[np.int64], count: int
-) -> tuple[Cut, Array]:
-    """Gauss points on edges, each in one of its two elements, and unit tangents there.
+def facet_quadrature(
+    mesh: MeshTri2, facets: Indices, elements: Indices, count: int = 3
+) -> tuple[PlacedQuadrature, Array]:
+    """Gauss points on facets, each facet seen from one of its two elements, and unit tangents.
 
-    Both elements of an edge see the same curve, so that its points need not be sought in them,
+    Both elements of a facet see the same curve. So the points need not be sought in the elements,
     which can fail in an element that is curved very much.
 
     Parameters
     ----------
     mesh : MeshTri2
     facets, elements : (n,) int
-        Edges, and for each an element that has it.
+        Facets, and for each of them an element that has it.
     count : int
-        Points of an edge.
+        Number of points of a facet.
 
     Returns
     -------
-    cut : Cut
-        Its owners are the positions in `facets`.
+    quadrature : PlacedQuadrature
+        Its owners are positions in `facets`.
     tangents : (n, points, 2)
-        From the edge's first vertex to its second.
+        They point from the facet's first vertex to its second.
     """
-    s, w = np.polynomial.legendre.leggauss(count)
+    s, weights = np.polynomial.legendre.leggauss(count)
     corners = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    a, b = (
-        corners[:, (mesh.t[:, elements] == end).argmax(axis=0)] for end in mesh.facets[:, facets]
+    start, end = (
+        corners[:, (mesh.t[:, elements] == vertex).argmax(axis=0)]
+        for vertex in mesh.facets[:, facets]
     )
-    points = a[..., None] + (b - a)[..., None] * (0.5 + 0.5 * s)
-    along = np.einsum("ijfq,jf->fqi", mesh.mapping().DF(points, elements), b - a)
-    length = np.linalg.norm(along, axis=-1)
-    cut = Cut(np.arange(len(facets)), elements, points, 0.5 * w * length)
-    return cut, along / length[..., None]
-
-
-def _as_polygon(outline: Outline) -> shapely.Polygon:
-    """The outline, or a polygon with the area of a disc."""
-    if not isinstance(outline, Circle):
-        return outline.shape
-    grown = np.sqrt(outline.area / outline.shape.area)
-    corners = shapely.get_coordinates(outline.shape)
-    return shapely.Polygon(outline.centre + grown * (corners - outline.centre))
+    points = start[..., None] + (end - start)[..., None] * (0.5 + 0.5 * s)
+    along = np.einsum("ijfq,jf->fqi", mesh.mapping().DF(points, elements), end - start)
+    speed = np.linalg.norm(along, axis=-1)
+    owners = np.arange(len(facets))
+    quadrature = PlacedQuadrature(owners, elements, points, 0.5 * weights * speed)
+    return quadrature, along / speed[..., None]
 
 
 def _pieces(
-    mesh: MeshTri2, shapes: Sequence[shapely.Geometry]
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.object_]]:
-    """Pieces of polygons or lines by elements: which shape, which element, and the piece."""
-    polygons, given = _polygons(mesh), np.asarray(shapes)
-    owners, elements = shapely.STRtree(polygons).query(given)
-    common = shapely.intersection(polygons[elements], given[owners])
-    parts, of = shapely.get_parts(common, return_index=True)
-    owners, elements = owners[of], elements[of]
-    if shapely.get_dimensions(given[0]) == 2:
-        # what only touches is no polygon, or has rounding for an area
-        kept = shapely.area(parts) > NOTHING * shapely.area(given)[owners]
-    else:
-        kept = shapely.length(parts) > NOTHING * shapely.length(given)[owners]
-    return owners[kept], elements[kept], parts[kept]
+    mesh: MeshTri2, shapes: Sequence[shapely.Geometry] | Geometries, negligible: float = 1e-12
+) -> tuple[Indices, Indices, Geometries]:
+    """Pieces into which elements cut polygons, or lines: index of the shape, element, and piece.
+
+    An element that only touches a shape has a piece of no size, or of less than the `negligible`
+    part of the shape, which is rounding.
+    """
+    polygons, cut = _element_polygons(mesh), np.asarray(shapes)
+    owners, elements = shapely.STRtree(polygons).query(cut)
+    pieces, pair = shapely.get_parts(
+        shapely.intersection(polygons[elements], cut[owners]), return_index=True
+    )
+    size = shapely.area if shapely.get_dimensions(cut[0]) == 2 else shapely.length
+    owners, elements = owners[pair], elements[pair]
+    proper = size(pieces) > negligible * size(cut)[owners]
+    return owners[proper], elements[proper], pieces[proper]
 
 
-def _polygons(mesh: MeshTri2) -> NDArray[np.object_]:
-    """The elements as polygons, curved edges as chords."""
+def _element_polygons(mesh: MeshTri2) -> Geometries:
+    """The elements as polygons, with chords for curved edges."""
     nodes = mesh.doflocs[:, mesh.dofs.element_dofs]
+    polygons = shapely.polygons(nodes[:, :3].transpose(2, 1, 0))
+    curved = np.flatnonzero(curved_elements(nodes))
     t = np.arange(CHORDS) / CHORDS
     edges = []
     for start, middle, end in ((0, 3, 1), (1, 4, 2), (2, 5, 0)):
-        a, m, b = (nodes[:, i, :, None] for i in (start, middle, end))
+        a, m, b = (nodes[:, i, curved, None] for i in (start, middle, end))
         edges.append(a * (1 - t) * (1 - 2 * t) + 4 * m * t * (1 - t) + b * t * (2 * t - 1))
     rings = np.concatenate(edges, axis=-1).transpose(1, 2, 0)
-    polygons = shapely.polygons(rings[:, ::CHORDS])
-    curved = _curved(nodes)
-    polygons[curved] = shapely.polygons(rings[curved])
+    polygons[curved] = shapely.polygons(rings)
     return polygons
-
-
-def _curved(nodes: Array) -> NDArray[np.bool_]:
-    """Which of the elements with the nodes (2, 6, elements) have a curved edge."""
-    corners = nodes[:, :3]
-    off = np.abs(nodes[:, 3:] - 0.5 * (corners + np.roll(corners, -1, axis=1)))
-    return off.max(axis=(0, 1)) > 1e-9 * np.ptp(corners, axis=1).max(axis=0)
-
-
-def local_coordinates(mesh: MeshTri2, elements: NDArray[np.int64], at: Array) -> Array:
-    """Local coordinates (2, n, points) of points (n, points, 2), each row in one element."""
-    nodes = mesh.doflocs[:, mesh.dofs.element_dofs[:, elements]]
-    J = np.stack([nodes[:, 1] - nodes[:, 0], nodes[:, 2] - nodes[:, 0]], axis=1)
-    points = np.einsum(
-        "nij,npj->inp", np.linalg.inv(J.transpose(2, 0, 1)), at - nodes[:, 0].T[:, None]
-    )
-    rows = np.flatnonzero(_curved(nodes))
-    mapping, target = mesh.mapping(), at.transpose(2, 0, 1)[:, rows]
-    for _ in range(STEPS if len(rows) else 0):
-        here = points[:, rows]
-        miss = target - mapping.F(here, elements[rows])
-        points[:, rows] += np.einsum("ijnp,jnp->inp", mapping.invDF(here, elements[rows]), miss)
-    return points

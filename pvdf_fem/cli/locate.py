@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import math
 import re
@@ -11,15 +10,16 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pvdf_fem.files import require_writable
 
 if TYPE_CHECKING:
+    from pvdf_fem.response.model import Domain
     from pvdf_fem.response.response import Response
     from pvdf_fem.scene.scene import Scene
-    from pvdf_fem.touch.locate import Choice
     from pvdf_fem.touch.location import Location
+    from pvdf_fem.touch.probes import ProbeMatch
     from pvdf_fem.touch.touch import Touch
 
 DESCRIPTION = """\
@@ -119,8 +119,7 @@ class Request:
     sigma, noise_pC : float
     unknown : tuple of str
         Of the quantities of a touch.
-    reach_mm : float
-    force_N : tuple of float
+    domain : Domain
         The domain of a model that is to be built.
     mistakes : tuple of str
         What is wrong with the options; the other values count only if nothing is.
@@ -130,22 +129,23 @@ class Request:
     sigma: float
     noise_pC: float
     unknown: tuple[str, ...]
-    reach_mm: float
-    force_N: tuple[float, float]
+    domain: Domain
     mistakes: tuple[str, ...]
 
     @classmethod
     def of(cls, options: argparse.Namespace) -> Request:
         """The request of a command line."""
+        from pvdf_fem.response.model import Domain
+
         charges, wrong = _charges(options.charges)
         sigma = _positive("--sigma", options.sigma, wrong, zero=True)
         noise = _positive("--noise", options.noise, wrong, zero=True)
         unknown = _unknown(options.unknown, wrong)
         reach = _positive("--reach", options.reach, wrong)
-        forces = _range(options.force_range, wrong)
+        domain = Domain(reach, _range(options.force_range, wrong))
         if options.model and options.others:
             wrong.append("--model: is of one scene; leave it out with --or")
-        return cls(charges, sigma, noise, unknown, reach, forces, tuple(wrong))
+        return cls(charges, sigma, noise, unknown, domain, tuple(wrong))
 
 
 def _charges(text: str) -> tuple[dict[str, float], list[str]]:
@@ -193,9 +193,6 @@ def _number(text: str) -> float | None:
     return value if math.isfinite(value := float(text)) else None
 
 
-# ----------------------------------------------------------------------------------------- models
-
-
 def model_of(scene: Scene, scene_file: str, file: Path | None, request: Request) -> Response:
     """The model of a scene, from its file or built and written there.
 
@@ -226,8 +223,10 @@ def model_of(scene: Scene, scene_file: str, file: Path | None, request: Request)
             bar.total = total
             bar.update(done - bar.n)
 
-        domain: dict[str, Any] = {"reach_mm": request.reach_mm, "force_N": request.force_N}
-        model = build_response(alone, **domain, progress=progress)
+        domain = request.domain
+        model = build_response(
+            alone, reach_mm=domain.reach_mm, force_N=domain.force_N, progress=progress
+        )
     model.save(path)
     return model
 
@@ -239,16 +238,15 @@ def _alone(scene: Scene) -> Scene:
 
 
 def _default_path(scene: Scene, scene_file: str, request: Request) -> Path:
-    from pvdf_fem.sweeps.store import key
+    from pvdf_fem.response.cache import response_key
 
-    domain = f"{request.reach_mm} {request.force_N}"
-    name = hashlib.sha256(f"{key(scene)} {domain}".encode()).hexdigest()[:16]
+    name = response_key(scene, request.domain)[:16]
     return Path(scene_file).with_name(f"{Path(scene_file).stem}-{name}.response")
 
 
 def located(
     scenes: Mapping[str, Scene], file: Path | None, request: Request, polishing: bool
-) -> tuple[Choice, ...]:
+) -> tuple[ProbeMatch, ...]:
     """Locations with the probe of each scene, the likeliest first.
 
     What is not sought is known from the first scene.
@@ -258,14 +256,15 @@ def located(
     ValueError
         With all mistakes in what was asked for.
     """
-    from pvdf_fem.touch.locate import choose, weigh
+    from pvdf_fem.response.model import touch_of
     from pvdf_fem.touch.polish import polish
+    from pvdf_fem.touch.probes import match, weigh
 
-    first = next(iter(scenes.values()))
-    known = _known(first, request.unknown)
+    touch = touch_of(next(iter(scenes.values())))
+    known = {name: value for name, value in touch.items() if name not in request.unknown}
     _require(scenes, request, known, file)
     models = {name: model_of(scene, name, file, request) for name, scene in scenes.items()}
-    choices = weigh(
+    matches = weigh(
         models,
         request.charges_pC,
         request.sigma,
@@ -274,25 +273,25 @@ def located(
         noise_pC=request.noise_pC,
     )
     if not polishing:
-        return choices
-    better = {
-        one.name: polish(
-            models[one.name],
-            one.location,
+        return matches
+    polished = {
+        probe.name: polish(
+            models[probe.name],
+            probe.location,
             request.charges_pC,
             request.sigma,
             noise_pC=request.noise_pC,
         )
-        for one in choices
+        for probe in matches
     }
-    return choose(better)
+    return match(polished)
 
 
 def _require(
     scenes: Mapping[str, Scene], request: Request, known: Mapping[str, float], file: Path | None
 ) -> None:
     """Refuse before anything is built what cannot be located with the scenes."""
-    from pvdf_fem.touch.locate import charge_mistakes, known_mistakes
+    from pvdf_fem.touch.mistakes import charge_mistakes, known_mistakes
 
     mistakes: list[str] = []
     for scene in scenes.values():
@@ -303,36 +302,29 @@ def _require(
         if path.is_file():  # the domain is the file's
             continue
         require_writable(path)
-        if request.reach_mm > scene.film.radius_mm:
+        if request.domain.reach_mm > scene.film.radius_mm:
             reason = f"is beyond the rim at film.radius_mm = {scene.film.radius_mm:g}; give less"
-            mistakes.append(f"--reach {request.reach_mm:g}: {reason}")
+            mistakes.append(f"--reach {request.domain.reach_mm:g}: {reason}")
     if not (file and file.exists()):
-        mistakes += known_mistakes(request, request.unknown, {}, known)
+        mistakes += known_mistakes(request.domain, request.unknown, {}, known)
     if mistakes:
         raise ValueError("\n".join(dict.fromkeys(mistakes)))
 
 
-def _known(scene: Scene, unknown: Sequence[str]) -> dict[str, float]:
-    assert scene.probe is not None
-    place = {n: float(getattr(scene.probe, n)) for n in ("x_mm", "y_mm", "rotation_deg")}
-    values = {**place, "force_N": scene.load.force_N}
-    return {name: value for name, value in values.items() if name not in unknown}
-
-
-# ----------------------------------------------------------------------------------------- output
-
-
-def print_choices(choices: Sequence[Choice], as_json: bool) -> None:
+def print_matches(matches: Sequence[ProbeMatch], as_json: bool) -> None:
     """Locations by probe, the likeliest first."""
     if as_json:
-        several = [{"scene": c.name, "weight": c.weight, **c.location.to_json()} for c in choices]
-        result = several[0] if len(several) == 1 else {"scenes": several}
+        by_scene = [
+            {"scene": probe.name, "weight": probe.weight, **probe.location.to_json()}
+            for probe in matches
+        ]
+        result = by_scene[0] if len(by_scene) == 1 else {"scenes": by_scene}
         print(json.dumps(result, allow_nan=False))
         return
-    for choice in choices:
-        if len(choices) > 1:
-            print(f"{choice.name}: probability {choice.weight:.3g}")
-        print(*location_lines(choice.location), sep="\n")
+    for probe in matches:
+        if len(matches) > 1:
+            print(f"{probe.name}: probability {probe.weight:.3g}")
+        print(*location_lines(probe.location), sep="\n")
 
 
 def location_lines(found: Location) -> list[str]:

@@ -1,13 +1,12 @@
 """The command ``pvdf-fem``.
 
-Everything slow is imported where it is used, so that help and complaints come at once.
+Slow modules are imported where they are used, so that help and most complaints come at once.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import math
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -18,21 +17,17 @@ from pvdf_fem import __version__
 from pvdf_fem.cli import locate as cli_locate
 from pvdf_fem.cli import sweep as cli_sweep
 from pvdf_fem.cli.program import (
-    CONVERGED,
-    NOT_CONVERGED,
     ArgumentParser,
+    ExitCode,
     InputError,
+    add_command,
     output_mistakes,
     run_program,
 )
 
 if TYPE_CHECKING:
     from pvdf_fem.scene.scene import Scene
-    from pvdf_fem.solution.modes import Modes
     from pvdf_fem.solution.solution import Solution
-
-#: `pvdf_fem.solution.modes.MOST_MODES`, whose import is slow.
-MOST_MODES = 200
 
 _DESCRIPTION = """\
 A model of a membrane PVDF tactile sensor: charges of its electrodes when a
@@ -54,11 +49,15 @@ scene files are TOML. Their keys, each with a default:
   [probe]       shape and its sizes, x_mm, y_mm (centroid), rotation_deg
   [load]        force_N, kind (dead, follower, rigid), and for rigid: contact
                 (sliding, stuck)
-  [numerics]    tolerance (of every charge), observable (material, thesis-edge)
+  [numerics]    tolerance (of every charge), observable (material, thesis-edge),
+                max_unknowns (of a mesh; default 60000, more for tolerances
+                below 1e-3), max_seconds (work of one core, counted by unknowns
+                and iterations; default 20, more for tolerances below 1e-3)
 Any electrodes instead of a layout, each below a heading [[electrodes]]:
   name, x_mm, y_mm, shape and its sizes, rotation_deg
 Shapes: triangle (side_mm; probes only), square (side_mm; electrodes only),
-rectangle (width_mm, height_mm), circle (radius_mm), polygon (vertices_mm).
+rectangle (width_mm, height_mm), circle (radius_mm), ellipse (semi_axes_mm, a
+pair), polygon (vertices_mm).
 
 `pvdf-fem COMMAND --help` tells more about a command, that of `sweep` about sweep
 files.
@@ -119,9 +118,6 @@ def _run(arguments: Sequence[str] | None) -> int:
     return command(options)
 
 
-# ------------------------------------------------------------------------------------ arguments
-
-
 def _parser() -> argparse.ArgumentParser:
     parser = ArgumentParser(
         "pvdf-fem",
@@ -133,6 +129,20 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"pvdf-fem {__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
+    _add_solve(commands)
+    mesh = _command(commands, "mesh", _mesh, "write the mesh of a scene", _MESH, _MESH_EPILOG)
+    mesh.add_argument("file", metavar="FILE", type=Path, help="mesh file to write")
+    _add_modes(commands)
+    cli_sweep.add_to(commands)
+    summary = "the touch that gave some charges"
+    about = cli_locate.DESCRIPTION, cli_locate.EPILOG
+    locate = _command(commands, "locate", _locate, summary, *about)
+    cli_locate.add_options(locate)
+    _add_json(locate)
+    return parser
+
+
+def _add_solve(commands: Any) -> None:
     solve = _command(commands, "solve", _solve, "charges of a scene", _SOLVE, _SOLVE_EPILOG)
     _add_json(solve)
     solve.add_argument(
@@ -141,52 +151,23 @@ def _parser() -> argparse.ArgumentParser:
     solve.add_argument(
         "--plot", metavar="FILE", type=Path, help="draw the deflection (.png, .svg, .pdf, ...)"
     )
-    mesh = _command(commands, "mesh", _mesh, "write the mesh of a scene", _MESH, _MESH_EPILOG)
-    mesh.add_argument("file", metavar="FILE", type=Path, help="mesh file to write")
-    modes = _command(
-        commands, "modes", _modes, "frequencies of the stretched film", _MODES, _MODES_EPILOG
-    )
+
+
+def _add_modes(commands: Any) -> None:
+    summary = "frequencies of the stretched film"
+    modes = _command(commands, "modes", _modes, summary, _MODES, _MODES_EPILOG)
     modes.add_argument(
-        "--count",
-        metavar="N",
-        default="6",
-        help="how many frequencies (default: 6)",
+        "--count", metavar="N", default="6", help="how many frequencies (default: 6)"
     )
     modes.add_argument(
         "--loaded", action="store_true", help="about the film under its load, not the flat film"
     )
     _add_json(modes)
-    cli_sweep.add_to(commands)
-    locate = _command(
-        commands,
-        "locate",
-        _locate,
-        "the touch that gave some charges",
-        cli_locate.DESCRIPTION,
-        cli_locate.EPILOG,
-    )
-    cli_locate.add_options(locate)
-    _add_json(locate)
-    return parser
 
 
-def _command(
-    commands: Any,
-    name: str,
-    run: Callable[[argparse.Namespace], int],
-    summary: str,
-    description: str,
-    epilog: str,
-) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = commands.add_parser(
-        name,
-        help=summary,
-        description=description,
-        epilog=epilog,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
-    parser.set_defaults(run=run)
+def _command(commands: Any, *about: Any) -> argparse.ArgumentParser:
+    """A command about a scene; `about` are the arguments of `add_command`."""
+    parser = add_command(commands, *about)
     parser.add_argument("scene", metavar="SCENE.toml", help="scene file")
     parser.add_argument(
         "--set",
@@ -207,28 +188,27 @@ def _add_json(parser: argparse.ArgumentParser) -> None:
 
 
 def _scene(options: argparse.Namespace, *mistakes: str) -> Scene:
-    """The scene with its changes; `InputError` with all mistakes, those given included."""
+    """The scene with its changes; raises `InputError` with the given mistakes and its own."""
     from pvdf_fem.scene.scene import Scene, SceneError
 
-    found, changes = list(mistakes), {}
+    problems, changes = list(mistakes), {}
     for text in options.changes:
         try:
             key, value = _change(text)
             changes[key] = value
         except InputError as error:
-            found += error.args
+            problems += error.args
     try:
         scene: Scene = Scene.load(options.scene)
         scene = scene.with_(**changes) if changes else scene
     except SceneError as error:
-        found += error.problems
-    if found:
-        raise InputError(*found)
+        problems += error.problems
+    if problems:
+        raise InputError(*problems)
     return scene
 
 
 def _change(text: str) -> tuple[str, Any]:
-    """Key and value of KEY=VALUE."""
     from pvdf_fem.scene.scene_file import SceneError, parse_toml
 
     shown = text if len(text) <= 80 else f"{text[:77]}..."
@@ -248,16 +228,13 @@ def _change(text: str) -> tuple[str, Any]:
     )
 
 
-# ------------------------------------------------------------------------------------- commands
-
-
 def _solve(options: argparse.Namespace) -> int:
     mistakes = output_mistakes(options.vtu, [".vtu"])
     if options.plot:
         mistakes += output_mistakes(options.plot, _plot_extensions())
     scene = _scene(options, *mistakes)
-    from pvdf_fem.solution.solution import solve
-    from pvdf_fem.solvers.newton import Status
+    from pvdf_fem.solution.solve import solve
+    from pvdf_fem.solvers.status import Status
 
     solution = solve(scene)
     converged = solution.status is Status.CONVERGED
@@ -265,40 +242,43 @@ def _solve(options: argparse.Namespace) -> int:
         if converged:
             _write_files(solution, options.vtu, options.plot)
     finally:  # a full disk does not take the charges with it
-        _print(solution.to_json(), options.json, lambda: _solution_lines(solution))
-    return CONVERGED if converged else NOT_CONVERGED
+        _print(solution.to_json(), options.json, lambda: str(solution))
+    return ExitCode.CONVERGED if converged else ExitCode.NOT_CONVERGED
 
 
 def _mesh(options: argparse.Namespace) -> int:
     from pvdf_fem.output.export import FORMATS, write_mesh
 
     scene = _scene(options, *output_mistakes(options.file, list(FORMATS)))
+    from pvdf_fem.film.models import film_model
     from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
     from pvdf_fem.solution.first_sizes import ORDER, first_sizes
 
     try:
-        mesh = mesh_scene(scene, first_sizes(scene, ORDER))
+        sizes, jacobian = first_sizes(scene, ORDER), film_model(scene).least_jacobian
+        mesh = mesh_scene(scene, sizes, least_jacobian=jacobian)
         write_mesh(mesh, options.file)
     except MeshError as error:
         print(f"not meshed: {error}; move or resize the probe slightly", file=sys.stderr)
-        return NOT_CONVERGED
+        return ExitCode.NOT_CONVERGED
     patches = ", ".join(name for name in mesh.subdomains if name != "film")
     nodes = mesh.doflocs.shape[1]
     print(f"{options.file}: {mesh.nelements} triangles, {nodes} nodes, patches {patches}")
-    return CONVERGED
+    return ExitCode.CONVERGED
 
 
 def _modes(options: argparse.Namespace) -> int:
-    text, wrong = options.count, []
-    if not re.fullmatch("[0-9]{1,9}", text) or not 1 <= int(text) <= MOST_MODES:
-        wrong = [f"--count {text[:60]}: is out of range; give 1 to {MOST_MODES}"]
-    scene = _scene(options, *wrong)
-    from pvdf_fem.solution.modes import modes
-    from pvdf_fem.solvers.newton import Status
+    from pvdf_fem.output.text import modes_text
+    from pvdf_fem.solution.modes import MOST_MODES, modes
+    from pvdf_fem.solvers.status import Status
 
-    found = modes(scene, int(text), options.loaded)
-    _print(found.to_json(), options.json, lambda: _mode_lines(found))
-    return CONVERGED if found.status is Status.CONVERGED else NOT_CONVERGED
+    count, mistakes = options.count, []
+    if not re.fullmatch("[0-9]{1,9}", count) or not 1 <= int(count) <= MOST_MODES:
+        mistakes = [f"--count {count[:60]}: is out of range; give 1 to {MOST_MODES}"]
+    result = modes(_scene(options, *mistakes), int(count), options.loaded)
+    _print(result.to_json(), options.json, lambda: modes_text(result))
+    converged = result.status is Status.CONVERGED
+    return ExitCode.CONVERGED if converged else ExitCode.NOT_CONVERGED
 
 
 def _locate(options: argparse.Namespace) -> int:
@@ -321,9 +301,10 @@ def _locate(options: argparse.Namespace) -> int:
         raise InputError(*str(error).splitlines()) from error
     except (PolishError, NotConvergedError) as error:
         print(error, file=sys.stderr)
-        return NOT_CONVERGED
-    cli_locate.print_choices(choices, options.json)
-    return CONVERGED if choices[0].location.touches else NOT_CONVERGED
+        return ExitCode.NOT_CONVERGED
+    cli_locate.print_matches(choices, options.json)
+    located = choices[0].location.touches
+    return ExitCode.CONVERGED if located else ExitCode.NOT_CONVERGED
 
 
 def _plot_extensions() -> list[str]:
@@ -344,63 +325,11 @@ def _write_files(solution: Solution, vtu: Path | None, plot: Path | None) -> Non
             figures.save(figure, plot)
 
 
-# --------------------------------------------------------------------------------------- output
-
-
-def _print(result: dict[str, Any], as_json: bool, lines: Callable[[], list[str]]) -> None:
-    """A result as JSON, or as lines; why there is none goes to standard error."""
+def _print(result: dict[str, Any], as_json: bool, text: Callable[[], str]) -> None:
+    """Print a result as JSON, or as text; the reason why there is none goes to standard error."""
     if as_json:
         print(json.dumps(result, allow_nan=False))
     elif "reason" in result:
         print(f"not converged: {result['status']}: {result['reason']}", file=sys.stderr)
     else:
-        print(*lines(), sep="\n")
-
-
-def _solution_lines(solution: Solution) -> list[str]:
-    errors = solution.charge_errors_pC
-    rows = [(name, *_rounded(q, errors[name])) for name, q in solution.charges_pC.items()]
-    deflection = f"{solution.deflection_max_mm:.4g} mm"
-    iterations = f"{solution.unknowns} unknowns, {solution.newton_iterations} Newton iterations"
-    return [
-        f"charges ({solution.scene.numerics.observable})",
-        *_table(rows, "pC"),
-        *_remarks(
-            ("deflection", deflection),
-            ("status", f"{solution.status}, {iterations}"),
-            *(("included", text) for text in solution.included),
-            *(("left out", text) for text in solution.left_out),
-            *(("warning", text) for text in solution.warnings),
-            ("seconds", f"{solution.seconds['total']:.2f}"),
-        ),
-    ]
-
-
-def _mode_lines(found: Modes) -> list[str]:
-    pairs = zip(found.frequencies_Hz.tolist(), found.frequency_errors_Hz.tolist(), strict=True)
-    rows = [(str(n), *_rounded(*pair)) for n, pair in enumerate(pairs, start=1)]
-    return [
-        f"frequencies ({'loaded' if found.loaded else 'flat'} film)",
-        *_table(rows, "Hz"),
-        *_remarks(
-            ("status", str(found.status)),
-            *(("left out", text) for text in found.left_out),
-            ("seconds", f"{found.seconds['total']:.2f}"),
-        ),
-    ]
-
-
-def _rounded(value: float, error: float) -> tuple[str, str]:
-    """A value to the second digit of its error, or to ten digits, and the error."""
-    places = [9 - math.floor(math.log10(abs(x))) for x in (value,) if x]
-    places += [1 - math.floor(math.log10(x)) for x in (error,) if x]
-    return f"{value:.{max(0, min(places, default=0))}f}", f"{error:.2g}"
-
-
-def _table(rows: Sequence[tuple[str, str, str]], unit: str) -> list[str]:
-    names, values, errors = (max(map(len, column)) for column in zip(*rows, strict=True))
-    return [f"  {n:<{names}}  {v:>{values}} ± {e:>{errors}} {unit}" for n, v, e in rows]
-
-
-def _remarks(*remarks: tuple[str, str]) -> list[str]:
-    return [f"{name:<11} {text}" for name, text in remarks]
+        print(text())

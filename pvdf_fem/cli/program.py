@@ -8,30 +8,62 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from enum import IntEnum
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from pvdf_fem.files import FileError, printable, require_writable
 
-CONVERGED, BAD_INPUT, NOT_CONVERGED, INTERRUPTED, BROKEN_PIPE = 0, 2, 3, 130, 141
-#: Characters of a line of complaint, and lines that are told.
-LONGEST_LINE, MOST_LINES = 400, 120
+#: Largest number of characters in a line of complaint; longer lines are cut.
+LONGEST_LINE = 400
+#: Largest number of mistakes that are told, a line each.
+MOST_LINES = 120
+
+
+class ExitCode(IntEnum):
+    """How a program ended."""
+
+    CONVERGED = 0
+    BAD_INPUT = 2
+    NOT_CONVERGED = 3
+    INTERRUPTED = 130
+    BROKEN_PIPE = 141
 
 
 class InputError(Exception):
-    """The input cannot be used; the arguments are the mistakes, a line each."""
+    """The input cannot be used; each argument of the exception is a line about a mistake."""
 
 
 class ArgumentParser(argparse.ArgumentParser):
-    """A parser that repeats arguments in its complaints escaped, and not at any length."""
+    """A parser whose complaints repeat arguments escaped, and shortened if they are long."""
 
     def error(self, message: str) -> NoReturn:
-        """Tell usage and mistake; exits with 2."""
         super().error(_line(message))
 
 
+def add_command(
+    commands: Any,
+    name: str,
+    run: Callable[[argparse.Namespace], int],
+    summary: str,
+    description: str,
+    epilog: str,
+) -> argparse.ArgumentParser:
+    """Add a command to those of a parser; `run` returns its exit code."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name,
+        help=summary,
+        description=description,
+        epilog=epilog,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.set_defaults(run=run)
+    return parser
+
+
 def output_mistakes(path: Path | None, extensions: Sequence[str]) -> list[str]:
-    """What would keep a file from being written."""
+    """Reasons for which a file could not be written; `extensions` are those of known formats."""
     if path is None:
         return []
     if path.suffix.lower() not in extensions:
@@ -44,14 +76,16 @@ def output_mistakes(path: Path | None, extensions: Sequence[str]) -> list[str]:
 
 
 def run_program(name: str, job: Callable[[], int]) -> int:
-    """Run a job; returns its exit code, or that of what stopped it, told on standard error.
+    """Run a job and return its exit code, or that of the exception that stopped it.
+
+    The exception is told on standard error.
 
     Parameters
     ----------
     name : str
-        Of the program.
+        Name of the program.
     job : callable
-        Returns an exit code. `InputError`, `FileError` and `OSError` end in `BAD_INPUT`.
+        Returns an exit code. `InputError`, `FileError` and `OSError` give `ExitCode.BAD_INPUT`.
     """
     _prepare_streams()
     try:
@@ -62,26 +96,27 @@ def run_program(name: str, job: Callable[[], int]) -> int:
         finally:
             sys.stdout.flush()
     except KeyboardInterrupt:
-        warnings.simplefilter("ignore")  # of what was cut short
-        # an import that was interrupted has noted that nobody waits for Ctrl-C, for which Python
-        # would end by the signal; the next code that runs is what makes it forget
+        warnings.simplefilter("ignore")  # resources that nobody closed
+        # an interrupted import leaves a note for which Python would end by the signal; running any
+        # other code, even none, removes the note
         exec("")
         _tell(f"{name}: interrupted")
-        return INTERRUPTED
+        return ExitCode.INTERRUPTED
     except BrokenPipeError:
         _drop_output()
-        return BROKEN_PIPE
+        return ExitCode.BROKEN_PIPE
     except (InputError, FileError) as error:
         _tell(*map(str, error.args))
-        return BAD_INPUT
+        return ExitCode.BAD_INPUT
     except OSError as error:
-        # of a file that nothing else guards, else of standard output
+        # the file is one that nothing else guards, or standard output if it has no name
         _drop_output()
         _tell(f"{error.filename or 'standard output'}: {error.strerror or error}")
-        return BAD_INPUT
+        return ExitCode.BAD_INPUT
 
 
 def _prepare_streams() -> None:
+    """Make standard output and error safe to print any text to."""
     if sys.stderr is None:  # print() would take standard output instead
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
@@ -90,17 +125,18 @@ def _prepare_streams() -> None:
 
 
 def _drop_output() -> None:
-    """Python flushes standard output once more at its end, which must not complain again."""
+    """Discard standard output, so that Python's last flush of it does not complain again."""
     if sys.stdout is sys.__stdout__ and sys.stdout is not None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _tell(*lines: str) -> None:
-    told = [_line(line) for line in lines[:MOST_LINES]]
+    """Print lines on standard error, shortened, and no more than `MOST_LINES`."""
+    shown = [_line(line) for line in lines[:MOST_LINES]]
     if len(lines) > MOST_LINES:
-        told.append("there are more mistakes; correct these first")
+        shown.append("there are more mistakes; correct these first")
     try:
-        print(*told, sep="\n", file=sys.stderr, flush=True)
+        print(*shown, sep="\n", file=sys.stderr, flush=True)
     except OSError:  # nobody listens; the exit code still tells
         os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
 

@@ -8,13 +8,11 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pvdf_fem.cli.program import CONVERGED, NOT_CONVERGED, InputError, output_mistakes
+from pvdf_fem.cli.program import ExitCode, InputError, add_command, output_mistakes
 
 if TYPE_CHECKING:
-    import xarray
-
     from pvdf_fem.sweeps.grid import Grid
-    from pvdf_fem.sweeps.plan import Plan
+    from pvdf_fem.sweeps.plan import SweepPlan
     from pvdf_fem.sweeps.store import Store
 
 _DESCRIPTION = """\
@@ -54,15 +52,8 @@ exit codes: 0 all converged, 2 bad input, 3 some scenes have no charges (their
 
 def add_to(commands: Any) -> None:
     """Add the command to those of an argument parser."""
-    parser: argparse.ArgumentParser = commands.add_parser(
-        "sweep",
-        help="charges over a grid of scenes",
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
-    parser.set_defaults(run=_sweep)
+    summary = "charges over a grid of scenes"
+    parser = add_command(commands, "sweep", _sweep, summary, _DESCRIPTION, _EPILOG)
     parser.add_argument("sweep", metavar="SWEEP.toml", type=Path, help="sweep file")
     parser.add_argument(
         "--output",
@@ -111,17 +102,21 @@ def _sweep(options: argparse.Namespace) -> int:
     try:
         if options.plan and not path.exists():
             print(planned(scenes))
-            return CONVERGED
+            return ExitCode.CONVERGED
         with Store(path) as store:
             plan = planned(scenes, store)
             if options.plan or not options.quiet:
                 print(plan, flush=True)
-            return CONVERGED if options.plan else _run(grid, plan, store, output, options)
+            if options.plan:
+                return ExitCode.CONVERGED
+            return _run(grid, plan, store, output, options)
     except (StoreError, ClusterError) as error:
         raise InputError(str(error)) from error
 
 
-def _run(grid: Grid, plan: Plan, store: Store, output: Path, options: argparse.Namespace) -> int:
+def _run(
+    grid: Grid, plan: SweepPlan, store: Store, output: Path, options: argparse.Namespace
+) -> int:
     from tqdm import tqdm
 
     from pvdf_fem.sweeps.dataset import dataset, write_netcdf
@@ -129,22 +124,19 @@ def _run(grid: Grid, plan: Plan, store: Store, output: Path, options: argparse.N
 
     hidden = options.quiet or not sys.stderr.isatty()
     with tqdm(total=plan.missing, unit="scene", disable=hidden) as bar:
-        found = records(
+        solved = records(
             plan,
             store,
             processes=options.processes,
             scheduler=options.scheduler,
             progress=lambda done, _: bar.update(done - bar.n),
         )
-        data = dataset(grid, plan, found)
+        data = dataset(grid, plan, solved)
     write_netcdf(data, output)
     if not options.quiet:
-        print(f"{output}: {_sizes(data)}")
+        sizes = ", ".join(f"{count} {name}" for name, count in data.sizes.items())
+        print(f"{output}: {sizes}")
     failed = Counter(status for status in data.status.values.ravel() if status != "converged")
     for status, count in failed.items():
         print(f"no charges in {count} scenes: {status}", file=sys.stderr)
-    return NOT_CONVERGED if failed else CONVERGED
-
-
-def _sizes(data: xarray.Dataset) -> str:
-    return ", ".join(f"{count} {name}" for name, count in data.sizes.items())
+    return ExitCode.NOT_CONVERGED if failed else ExitCode.CONVERGED

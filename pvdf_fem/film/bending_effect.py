@@ -13,8 +13,9 @@ large one; (N - N0)/N is the part of an electrode's charge that the load makes. 
 - the probe changes about l/b when rigid, as if its radius b grew by l, and (l/b)^2 when it is a
   pressure, which spreads by l; less for an electrode far from the probe.
 
-The factors of these terms are fitted to changes that were measured in random scenes, half of which
-they exceed by 2 and more and none by so little as a third (`tests/test_bending_effect.py`).
+The factors of these terms are fitted to changes that were measured in random scenes. The estimate
+is at least a third of every change, and more than twice the change in half of them
+(`tests/film/test_bending_effect.py`).
 """
 
 from __future__ import annotations
@@ -24,21 +25,39 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pvdf_fem.scene.outline import Outline
+from pvdf_fem.film.loads import LOADS
+from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 
-# N of Schwerin's point load without pretension over (E h F^2/r^2)^(1/3), Poisson's ratio 1/3.
-INDUCED = 0.24
-# Fitted: of l/a at the rim for an electrode at the centre and, with the square of its distance,
-# elsewhere; of l/b and (l/b)^2 at the probe.
-RIM, RIM_FAR, PROBE, WIDE = 0.4, 4.0, 0.4, 0.1
-# A layer in which bending acts is resolved where leaving it out would change a result by more than
-# this times the tolerance, by elements of this many bending lengths, fewer for small tolerances:
-# what elements of 100, 10, 5 and 3 bending lengths leave is a third, a tenth, a twentieth and a
-# hundredth of the change.
-UNRESOLVED, LAYER = 6.0, 8.0
-# A film whose charges would change by more deserves a warning whatever the tolerance.
-CONSIDERABLE = 1e-2
+#: N of Schwerin's point load without pretension over (E h F^2/r^2)^(1/3), for a Poisson's ratio of
+#: 1/3.
+SCHWERIN = 0.24
+#: A layer is resolved where leaving it out would change a charge by more tolerances than this.
+UNRESOLVED = 6.0
+
+
+@dataclass(frozen=True)
+class BendingFit:
+    """Factors of the changes by bending, fitted to random scenes.
+
+    Attributes
+    ----------
+    rim_at_centre, rim_outside : float
+        Change over l/a by the rim for an electrode at the film's centre, and what the square of an
+        electrode's distance over the film's radius adds to it.
+    probe : float
+        Change over l/b, or (l/b)^2, by the probe.
+    least_gap : float
+        Distance of a probe that touches the rim, over the probe's radius.
+    """
+
+    rim_at_centre: float = 0.4
+    rim_outside: float = 4.0
+    probe: float = 0.4
+    least_gap: float = 0.1
+
+
+FIT = BendingFit()
 
 
 @dataclass(frozen=True)
@@ -103,7 +122,7 @@ def bending_effect(scene: Scene) -> BendingEffect:
     b = _radius(scene.probe.outline) if scene.probe else a
 
     def cube(r: float) -> float:
-        return INDUCED**3 * modulus * h * (force / r) ** 2
+        return SCHWERIN**3 * modulus * h * (force / r) ** 2
 
     def tension(r: float) -> float:
         return _tension(rest, cube(r))
@@ -117,15 +136,16 @@ def bending_effect(scene: Scene) -> BendingEffect:
     if scene.probe is not None and force > 0.0:
         probe = scene.probe.outline
         # a probe that touches the rim is as far from it, on an average, as it is wide
-        gap = max(1.0 - probe.reach / a, WIDE * b / a)
-        power = 1 if scene.load.kind == "rigid" else 2
+        gap = max(1.0 - probe.reach / a, FIT.least_gap * b / a)
+        power = 1 if LOADS[scene.load.kind].rigid else 2
         distances = [
             max(math.dist(outline.centroid, probe.centroid) - _radius(outline), b)
             for outline in electrodes
         ]
         for r in distances or (b, 0.5 * a):  # without electrodes, for any there may be
-            at_rim = (RIM + RIM_FAR * (r / a) ** 2) * rim_length / a / math.sqrt(gap)
-            at_probe = PROBE * (probe_length / b) ** power * math.sqrt(b / r)
+            by_rim = FIT.rim_at_centre + FIT.rim_outside * (r / a) ** 2
+            at_rim = by_rim * rim_length / a / math.sqrt(gap)
+            at_probe = FIT.probe * (probe_length / b) ** power * math.sqrt(b / r)
             # (N - N0)/N without cancellation
             made = min(cube(r) / tension(r) ** 3, 1.0) / (1.0 + at_rim + at_probe)
             changes.append((made * at_rim, made * at_probe))
@@ -144,17 +164,15 @@ def bending_effect(scene: Scene) -> BendingEffect:
 
 
 def layer_size(length: float, change: float, tolerance: float) -> float:
-    """Element size in m along an edge where bending acts within `length`; infinite if any does."""
+    """Element size in m along an edge where bending acts within `length`; infinite if any does.
+
+    The elements are 8 bending lengths wide where the change is just worth it, and narrower for
+    smaller tolerances: elements of 100, 10, 5 and 3 bending lengths leave out a third, a tenth, a
+    twentieth and a hundredth of the change.
+    """
     if change <= UNRESOLVED * tolerance:
         return math.inf
-    return LAYER * length * float((UNRESOLVED * tolerance / change) ** 0.25)
-
-
-def bending_joins(scene: Scene) -> bool:
-    """Whether bending is part of a scene's model."""
-    if scene.film.bending == "auto":
-        return bending_effect(scene).change > scene.numerics.tolerance
-    return scene.film.bending
+    return 8.0 * length * float((UNRESOLVED * tolerance / change) ** 0.25)
 
 
 def _tension(rest: float, cube: float) -> float:

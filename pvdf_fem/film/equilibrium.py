@@ -1,78 +1,125 @@
-"""Internal forces against loads, on the unknowns that a scene leaves free.
+"""Equilibrium: the sum of the film's energy terms, on the unknowns that a scene leaves free.
 
-The clamped rim fixes its dofs; a rigid punch lets all deflections of its patch share one unknown
-(and, stuck, fixes the patch in the plane). Both are a map from dofs to unknowns, so a constraint
-adds no equation and the tangent stays as sparse and as symmetric as the film's. Bending, where the
-scene needs it, adds a constant matrix. The equations of a part of the film are those of its mirror
-images too: nothing crosses a mirror line.
+The clamped rim fixes its dofs; a term may fix or share others, as a rigid punch does. Both are a
+map from dofs to unknowns, so a constraint adds no equation and the tangent stays as sparse and as
+symmetric as the film's. The equations of a part of the film are those of its mirror images too:
+nothing crosses a mirror line.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import cached_property
+from copy import copy
+from functools import cached_property, reduce
 from itertools import product
+from operator import add
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from skfem import MeshTri2
 
-from pvdf_fem.film.bending_effect import bending_effect, bending_joins
-from pvdf_fem.film.laws import WrinklingMembrane
-from pvdf_fem.film.loads import Load
-from pvdf_fem.film.membrane import Array, Membrane, MembraneState
-from pvdf_fem.film.plate import bending_form
+from pvdf_fem.arrays import Array, Indices, Mask
+from pvdf_fem.film.loads import DeadPressure
+from pvdf_fem.film.membrane import Membrane
+from pvdf_fem.film.models import film_model
+from pvdf_fem.film.plate import Plate
+from pvdf_fem.film.space import ELEMENTS, Space, shape_values
+from pvdf_fem.film.term import State, Term
 from pvdf_fem.mesh.gmsh_mesh import MIRRORS, RIM
-from pvdf_fem.mesh.symmetry import WHOLE, Part
+from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
 from pvdf_fem.scene.scene import Scene
 
+#: Marks a dof without an unknown.
 FIXED = -1
-# What a Newton iteration costs however small the mesh is, in unknowns, and the root of the unknowns
-# from which on factorising is most of it (fitted to the times of 38 solves of films that wrinkle).
-OVERHEAD, COUPLED = 150.0, 150.0
+#: Values of shape functions below this, at nodes of a richer element, are rounding.
+ROUNDING = 1e-13
 
 
 class Equilibrium:
-    """The nonlinear equations of a scene on a mesh: internal forces equal external forces.
+    """The nonlinear equations of a scene on a mesh: the derivative of its energy vanishes.
 
     Parameters
     ----------
     scene : Scene
     mesh : MeshTri2
-        From `mesh.mesh_scene`.
+        From `mesh_scene`.
     order : int
         Polynomial order of the displacement.
-    part : Part, optional
+    part : MirroredPart, optional
         The part of the film that the mesh is of, where that is not all of it.
+
+    Attributes
+    ----------
+    model : FilmModel
+        Membrane, plate or tension field.
+    space : Space
+    terms : list of Term
+        The membrane, first, the load and, where the film bends, the plate.
+    unknowns : Unknowns
+        The map from dofs to unknowns.
     """
 
-    def __init__(self, scene: Scene, mesh: MeshTri2, order: int = 2, part: Part = WHOLE) -> None:
+    def __init__(
+        self, scene: Scene, mesh: MeshTri2, order: int = 2, part: MirroredPart = WHOLE
+    ) -> None:
         self.scene, self.film, self.part = scene, scene.film, part
-        wrinkles = scene.film.compression == "tension-field"
-        self.membrane = (WrinklingMembrane if wrinkles else Membrane)(mesh, scene.film, order)
-        self.load = Load.of(scene, self.membrane, len(part.signs))
-        rim = self.membrane.basis.get_dofs(RIM).all()
+        self.model = film_model(scene)
+        self.space = Space(mesh, order)
+        self.terms: list[Term] = self.model.terms(self.space, len(part.signs))
+        rim = self.space.basis.get_dofs(RIM).all()
         self.rim_dofs = (3 * rim[:, None] + np.arange(3)).ravel()
         self.unknowns = self._unknowns([False] * len(part.mirrored))
-        self.bending: Bending | None = None
-        if bending_joins(scene):
-            self.bending = Bending(scene, self.membrane, self.load, self.unknowns)
 
     def _unknowns(self, odd: Sequence[bool]) -> Unknowns:
-        """Those of displacements of which a mirror image changes the sign, if `odd`, or nothing."""
-        fixed, shared = [self.rim_dofs, self.load.fixed_dofs()], self.load.shared_dofs()
-        for axis, changes in zip(self.part.mirrored, odd, strict=True):
-            nodes = self.membrane.basis.get_dofs(MIRRORS[axis]).all()
-            fixed += [3 * nodes + i for i in range(3) if (i == axis) != changes]
+        """The unknowns of displacements that are odd about the mirror lines given, else even."""
+        fixed = [self.rim_dofs, *(term.fixed_dofs for term in self.terms)]
+        shared = np.concatenate([term.shared_dofs for term in self.terms])
+        for axis, changes_sign in zip(self.part.mirrored, odd, strict=True):
+            nodes = self.space.basis.get_dofs(MIRRORS[axis]).all()
+            fixed += [3 * nodes + i for i in range(3) if (i == axis) != changes_sign]
         if any(odd):  # a horizontal face cannot go up on one side and down on the other
             fixed, shared = [*fixed, shared], shared[:0]
-        return Unknowns(self.membrane.dof_count, np.concatenate(fixed), shared)
+        return Unknowns(self.space.dof_count, np.concatenate(fixed), shared)
+
+    def _term(self, kind: type) -> Term | None:
+        return next((term for term in self.terms if isinstance(term, kind)), None)
+
+    @property
+    def membrane(self) -> Membrane:
+        """The membrane term."""
+        term = self._term(Membrane)
+        assert isinstance(term, Membrane)
+        return term
+
+    @property
+    def load(self) -> DeadPressure:
+        """The load of the probe."""
+        term = self._term(DeadPressure)
+        assert isinstance(term, DeadPressure)
+        return term
+
+    @property
+    def plate(self) -> Plate | None:
+        """The bending term, if there is one."""
+        term = self._term(Plate)
+        assert term is None or isinstance(term, Plate)
+        return term
+
+    def replacing(self, old: Term, new: Term) -> Equilibrium:
+        """The same equations with another term, which constrains the same dofs."""
+        other = copy(self)
+        other.terms = [new if term is old else term for term in self.terms]
+        return other
+
+    @property
+    def conservative(self) -> bool:
+        """Whether an energy exists."""
+        return all(term.conservative for term in self.terms)
 
     @cached_property
     def assembly(self) -> Assembly:
-        """Where element entries go, found at first use."""
-        return Assembly(self.membrane.element_dofs, self.unknowns)
+        """Where entries of elements go, worked out at first use."""
+        return Assembly(self.space, self.unknowns)
 
     def odd_assemblies(self) -> Iterator[Assembly]:
         """Those of displacements of a part that are odd about one mirror line, or about each.
@@ -81,114 +128,73 @@ class Equilibrium:
         """
         for odd in product((False, True), repeat=len(self.part.mirrored)):
             if any(odd):
-                yield Assembly(self.membrane.element_dofs, self._unknowns(odd))
+                yield Assembly(self.space, self._unknowns(odd))
 
-    @property
-    def iteration_work(self) -> float:
-        """What a Newton iteration costs, in unknowns; one core's time is proportional to it."""
-        count = self.unknowns.count
-        return OVERHEAD + count * (1.0 + count**0.5 / COUPLED)
-
-    def state(self, q: Array) -> MembraneState:
+    def state(self, q: Array) -> State:
         """Fields of the unknowns `q`."""
         return self.membrane.state(self.unknowns.expand(q))
 
-    def element_residual(self, state: MembraneState) -> Array:
-        """Internal minus external forces in N, (elements, dofs of an element).
-
-        Without the flat film's pretension, whose forces cancel but for those on the rim.
-        """
-        return self.membrane.added_residual(state) - self.load.forces(state.deformation_gradient)
-
-    def element_tangent(self, state: MembraneState) -> Array:
-        """Derivative of `element_residual`, (elements, dofs, dofs of an element)."""
-        tangent = self.membrane.tangent(state)
-        if not self.load.conservative:
-            tangent[self.load.patch] -= self.load.stiffness(state.deformation_gradient)
-        return tangent
-
-    def residual(self, state: MembraneState) -> Array:
+    def residual(self, state: State) -> Array:
         """Internal minus external forces of the unknowns, N."""
-        residual = self.assembly.vector(self.element_residual(state))
-        if self.bending is not None:
-            residual = residual + self.bending.residual(state.dofs)
-        return residual
+        return self.unknowns.fold(reduce(add, (term.residual(state) for term in self.terms)))
 
-    def tangent(self, state: MembraneState) -> sp.csc_matrix:
-        """Derivative of `residual`, N/m."""
-        tangent = self.assembly.matrix(self.element_tangent(state))
-        return tangent if self.bending is None else tangent + self.bending.matrix
+    def tangent(self, state: State, assembly: Assembly | None = None) -> sp.csc_matrix:
+        """Derivative of `residual` in N/m, of other unknowns if their `assembly` is given."""
+        assembly = self.assembly if assembly is None else assembly
+        by_element = (term.element_tangent(state) for term in self.terms)
+        # the membrane, which has all elements, is the first term
+        (_, matrices), *others = [local for local in by_element if local is not None]
+        for elements, values in others:
+            matrices[elements] += values
+        coupled = (term.coupled_tangent(assembly) for term in self.terms)
+        return reduce(add, (c for c in coupled if c is not None), assembly.matrix(matrices))
 
-    def damped_tangent(self, state: MembraneState, part: float) -> sp.csc_matrix:
-        """`tangent` of a film that wrinkles, which `part` of its mean tension holds where slack."""
-        assert isinstance(self.membrane, WrinklingMembrane)
-        damping = self.membrane.damping(state, part)
-        return self.assembly.matrix(self.element_tangent(state) + damping)
+    def element_action(self, state: State, step: Array) -> Array:
+        """Forces in N of elements, (elements, dofs of an element), that a small step makes.
 
-    def energy_along(self, state: MembraneState, step: Array, slope: float) -> Array:
+        They are symmetric: the tangent of a load that follows the film is left out.
+        """
+        x = self.unknowns.expand(step)
+        actions = (term.element_action(state, x) for term in self.terms)
+        return reduce(add, (action for action in actions if action is not None))
+
+    def action(self, state: State, step: Array) -> Array:
+        """The tangent, less that of a load that follows, times a step, (unknowns,)."""
+        x = self.unknowns.expand(step)
+        actions = (term.action(state, x) for term in self.terms)
+        return self.unknowns.fold(reduce(add, (force for force in actions if force is not None)))
+
+    def diagonal(self, state: State) -> Array:
+        """Diagonal of the tangent without the coupling of shared dofs, (unknowns,)."""
+        diagonals = (term.diagonal(state) for term in self.terms)
+        return self.unknowns.fold(reduce(add, (d for d in diagonals if d is not None)))
+
+    def energy_along(self, state: State, step: Array, slope: float) -> Array:
         """Potential energy in J at q + s step, coefficients (5,) of 1, s, ... s^4.
 
-        `slope` is residual . step: stored energy less the work of the forces held as they are.
+        `slope` is residual . step. Forces that follow the film are held as they are.
         """
-        energy = self.membrane.energy_along(state, self.unknowns.expand(step))
-        if self.bending is not None:
-            energy[0] += self.bending.energy(self.unknowns.restrict(state.dofs))
-            energy[2] += self.bending.energy(step)
+        x = self.unknowns.expand(step)
+        energy: Array = reduce(add, (term.along(state, x) for term in self.terms))
         energy[1] = slope
         return energy
 
-    def work(self, state: MembraneState, q: Array) -> float:
+    def external_forces(self, state: State) -> Array:
+        """External forces on the unknowns, N."""
+        return self.unknowns.fold(self.load.forces(state))
+
+    def work(self, state: State, q: Array) -> float:
         """Work in J of the external forces, held as they are at `state`, along `q`."""
-        return float(self.assembly.vector(self.load.forces(state.deformation_gradient)) @ q)
+        return float(self.external_forces(state) @ q)
 
-    def rim_reaction(self, state: MembraneState) -> float:
+    def rim_reaction(self, state: State) -> float:
         """Force in N along z by which the rim holds the film."""
-        dofs = self.membrane.element_dofs.ravel()
-        forces = np.bincount(dofs, self.element_residual(state).ravel(), self.membrane.dof_count)
-        reaction = float(forces[self.rim_dofs[2::3]].sum())
-        if self.bending is not None:
-            reaction += float(self.bending.forces(state.dofs)[self.rim_dofs[2::3] // 3].sum())
-        return reaction * len(self.part.signs)
+        forces: Array = reduce(add, (term.residual(state) for term in self.terms))
+        return float(forces[self.rim_dofs[2::3]].sum()) * len(self.part.signs)
 
-    def applied_force(self, state: MembraneState) -> float:
+    def applied_force(self, state: State) -> float:
         """Force in N along z by which the probe presses."""
-        force = float(self.load.forces(state.deformation_gradient)[:, 2::3].sum())
-        return force * len(self.part.signs)
-
-
-class Bending:
-    """The bending stiffness of an equilibrium's film on its dofs and unknowns.
-
-    Attributes
-    ----------
-    form : BendingForm
-        On the deflections of the dofs.
-    places : sparse matrix (scalar dofs, unknowns)
-        From unknowns to these deflections.
-    matrix : sparse matrix (unknowns, unknowns)
-        N/m.
-    """
-
-    def __init__(self, scene: Scene, membrane: Membrane, load: Load, unknowns: Unknowns) -> None:
-        rigid = load.patch if load.kind == "rigid" else load.patch[:0]
-        effect = bending_effect(scene)
-        tensions = effect.rim_tension, effect.probe_tension
-        self.form = bending_form(membrane, rigid, tensions)
-        self.places = unknowns.expansion[2::3]
-        self.matrix = (self.places.T @ self.form.matrix @ self.places).tocsc()
-
-    def forces(self, x: Array) -> Array:
-        """Forces in N on the deflections of the dofs `x`, (scalar dofs,)."""
-        return self.form.forces(x[2::3])
-
-    def residual(self, x: Array) -> Array:
-        """Forces in N on the unknowns at the dofs `x`."""
-        return np.asarray(self.places.T @ self.forces(x))
-
-    def energy(self, q: Array) -> float:
-        """Energy in J of the unknowns `q`."""
-        w = self.places @ q
-        return 0.5 * float(w @ self.form.forces(w))
+        return float(self.load.forces(state)[2::3].sum()) * len(self.part.signs)
 
 
 class Unknowns:
@@ -203,7 +209,7 @@ class Unknowns:
         Dofs that have one common value, the last unknown.
     """
 
-    def __init__(self, dof_count: int, fixed: NDArray[np.int64], shared: NDArray[np.int64]) -> None:
+    def __init__(self, dof_count: int, fixed: Indices, shared: Indices) -> None:
         free = np.ones(dof_count, dtype=bool)
         free[fixed] = False
         free[shared] = False
@@ -219,6 +225,11 @@ class Unknowns:
         shape = (len(self.of_dof), self.count)
         return sp.csr_matrix((np.ones(len(dofs)), (dofs, self.of_dof[dofs])), shape=shape)
 
+    def fold(self, forces: Array) -> Array:
+        """Forces on the unknowns of forces on the dofs; those on fixed dofs drop out."""
+        total = np.bincount(self.of_dof + 1, forces, self.count + 1)[1:]
+        return np.asarray(total, dtype=np.float64)
+
     def expand(self, q: Array) -> Array:
         """Dofs of the unknowns `q`."""
         return np.append(q, 0.0)[self.of_dof]
@@ -228,7 +239,7 @@ class Unknowns:
         total = np.bincount(self.of_dof + 1, x, self.count + 1)
         return total[1:] / np.bincount(self.of_dof + 1, minlength=self.count + 1)[1:]
 
-    def deflections(self) -> NDArray[np.bool_]:
+    def deflections(self) -> Mask:
         """Mask (unknowns,) of those that are deflections, not in-plane displacements."""
         mask = np.zeros(self.count + 1, dtype=bool)
         mask[self.of_dof[2::3]] = True
@@ -236,23 +247,46 @@ class Unknowns:
 
 
 class Assembly:
-    """Sums element vectors and matrices into those of the unknowns."""
+    """Sums matrices of elements, or of deflections, into matrices of unknowns."""
 
-    def __init__(self, element_dofs: NDArray[np.int64], unknowns: Unknowns) -> None:
-        self.count = unknowns.count
-        local = unknowns.of_dof[element_dofs]
+    def __init__(self, space: Space, unknowns: Unknowns) -> None:
+        self.unknowns, self.count = unknowns, unknowns.count
+        local = unknowns.of_dof[space.element_dofs]
         # Fixed dofs go to a last place, which is dropped.
         self._places = np.where(local == FIXED, self.count, local).astype(np.int32)
 
-    def vector(self, element_vectors: Array) -> Array:
-        """Sum of element vectors, (unknowns,)."""
-        total = np.bincount(self._places.ravel(), element_vectors.ravel(), self.count + 1)
-        return total[: self.count].astype(np.float64, copy=False)
-
     def matrix(self, element_matrices: Array) -> sp.csc_matrix:
-        """Sum of element matrices, (unknowns, unknowns)."""
-        rows = np.broadcast_to(self._places[:, :, None], element_matrices.shape)
-        columns = np.broadcast_to(self._places[:, None, :], element_matrices.shape)
+        """Sum of matrices of elements, (unknowns, unknowns)."""
+        places = self._places
+        rows = np.broadcast_to(places[:, :, None], element_matrices.shape)
+        columns = np.broadcast_to(places[:, None, :], element_matrices.shape)
         entries = element_matrices.ravel(), (rows.ravel(), columns.ravel())
         total = sp.csc_matrix(entries, shape=(self.count + 1, self.count + 1))
         return total[: self.count, : self.count]
+
+    def of_deflections(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
+        """The matrix (unknowns, unknowns) of one of the deflections (scalar dofs, scalar dofs)."""
+        expansion = self.unknowns.expansion[2::3]
+        return (expansion.T @ matrix @ expansion).tocsc()
+
+
+def prolongation(coarse: Equilibrium, rich: Equilibrium) -> sp.csr_matrix:
+    """Matrix (rich unknowns, coarse unknowns) that writes a function of `coarse` in `rich`."""
+    points = ELEMENTS[rich.space.order].doflocs.T
+    values = shape_values(coarse.space.basis.elem, points)
+    rich_nodes, coarse_nodes = (e.space.basis.element_dofs for e in (rich, coarse))
+    node, component = np.divmod(_first_places(rich.unknowns.of_dof, rich.unknowns.count), 3)
+    place = _first_places(rich_nodes.T.ravel(), rich.space.basis.N)[node]
+    element, local = np.divmod(place, len(rich_nodes))
+    columns = coarse.unknowns.of_dof[3 * coarse_nodes[:, element].T + component[:, None]]
+    used = (columns >= 0) & (np.abs(values) > ROUNDING)[local]
+    ends = np.append(0, np.cumsum(used.sum(axis=1)))
+    shape = (rich.unknowns.count, coarse.unknowns.count)
+    return sp.csr_matrix((values[local][used], columns[used], ends), shape=shape)
+
+
+def _first_places(labels: Indices, count: int) -> Indices:
+    """Where each of the labels 0 ... count - 1 stands first, (count,); others are negative."""
+    place = np.empty(count + 1, dtype=np.int64)
+    place[labels[::-1]] = np.arange(len(labels))[::-1]
+    return place[:count]

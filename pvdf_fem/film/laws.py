@@ -1,4 +1,6 @@
-"""Tension field: a film that wrinkles or goes slack instead of carrying compression.
+"""Material laws: St. Venant and Kirchhoff's, and the tension field of a film that wrinkles.
+
+A film in a tension field wrinkles or goes slack instead of carrying compression.
 
 Fine wrinkles shorten a film at no cost of energy, by any positive semidefinite strain P. The film
 takes the P of least energy (Pipkin, IMA J. Appl. Math. 36 (1986) 85-99; Steigmann, Proc. R. Soc.
@@ -23,22 +25,44 @@ cone. For an isotropic film it is linear.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from scipy.linalg import eigh
 
-from pvdf_fem.film.membrane import Array, Membrane, MembraneState, times
+from pvdf_fem.arrays import Array, times
 
 # adj S = S22, S11, -S12 of a stress S11, S22, S12, as a strain with engineering shear.
 ADJUGATE: Array = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -2.0]])
-# Newton's method on a monotonous function, kept between bounds that close in.
-MAX_ITERATIONS = 60
-# Tension that keeps a slack film's tangent regular, as a part of the mean one.
-FLOOR = 1e-6
-# The same of a film that is slack everywhere, as a strain.
-ROUNDING = 1e-16
+#: Newton steps for x in [0, 1]; each at least halves its bounds, so that 60 leave rounding.
+MAX_STEPS = 60
+#: Change of x after which its equation counts as solved.
+ROUNDING = 1e-15
+
+
+class Law(Protocol):
+    """Stress of the elastic strain e in the film's plane, both (..., 3), Voigt.
+
+    Attributes
+    ----------
+    stiffness : (3, 3)
+        Plane-stress stiffness in Pa of the taut film.
+    """
+
+    stiffness: Array
+
+    def stress(self, strain: Array) -> Array:
+        """Second Piola-Kirchhoff stress in Pa."""
+
+
+class StVenantKirchhoff:
+    """S = C : e, also in compression."""
+
+    def __init__(self, stiffness: Array) -> None:
+        self.stiffness = stiffness
+
+    def stress(self, strain: Array) -> Array:
+        return times(self.stiffness, strain)
 
 
 class TensionField:
@@ -89,7 +113,7 @@ class TensionField:
 
         low, high = np.zeros(len(f)), np.ones(len(f))
         x = np.full(len(f), 0.5)
-        for _ in range(MAX_ITERATIONS):
+        for _ in range(MAX_STEPS):
             denominator = 1.0 + stiffer * x
             radius = np.hypot(first, second / denominator)
             excess = third - (1.0 - opening * x) * radius
@@ -102,7 +126,7 @@ class TensionField:
             better = np.where(outside, 0.5 * (low + high), better)
             moved = np.abs(better - x)
             x = better
-            if np.all(moved <= 1e-15):
+            if np.all(moved <= ROUNDING):
                 break
         # y by its first two components, and the third from the cone
         y1 = f[:, 0] * (1.0 - x)
@@ -132,85 +156,11 @@ class TensionField:
         h11 = _product(along, along, self.compliance)
         h12 = _product(along, turned, self.compliance)
         h22 = _product(turned, turned, self.compliance) + 2.0 * released / s
-        # inverse of H by its Cholesky factor
-        rest = h22 - h12**2 / h11
+        # the inverse of H by its Cholesky factor
+        complement = h22 - h12**2 / h11
         root[wrinkled, 0] = along / np.sqrt(h11)[:, None]
-        root[wrinkled, 1] = (turned - along * (h12 / h11)[:, None]) / np.sqrt(rest)[:, None]
+        root[wrinkled, 1] = (turned - along * (h12 / h11)[:, None]) / np.sqrt(complement)[:, None]
         return root
-
-
-@dataclass(frozen=True)
-class GivenModuli(MembraneState):
-    """A state whose tangent is to be made with other moduli than its strain's.
-
-    Attributes
-    ----------
-    root : (elements, points, 3, 3)
-        R with dS/dE = R^T R.
-    """
-
-    root: Array
-
-
-class WrinklingMembrane(Membrane):
-    """A `Membrane` whose stress is that of the tension field."""
-
-    _known: tuple[MembraneState, Array] | None = None
-
-    @cached_property
-    def law(self) -> TensionField:
-        """Stress and its derivative."""
-        return TensionField(self.stiffness)
-
-    @cached_property
-    def _laplace(self) -> Array:
-        return self.laplace()
-
-    def stress(self, strain: Array) -> Array:
-        """Second Piola-Kirchhoff stress in Pa of a Green-Lagrange strain."""
-        return self.law.stress(self.elastic(strain))
-
-    def moduli(self, state: MembraneState) -> Array:
-        """dS/dE in Pa, (elements, points, 3, 3)."""
-        if self._known is None or self._known[0] is not state:
-            root = (
-                state.root
-                if isinstance(state, GivenModuli)
-                else self.law.root(self.elastic(state.strain), state.stress)
-            )
-            self._known = state, np.matmul(root.swapaxes(-1, -2), root)
-        return self._known[1]
-
-    def added_residual(self, state: MembraneState) -> Array:
-        """Internal forces in N, all of them: there is no flat film's pretension to leave out."""
-        return self.residual(state)
-
-    def tangent(self, state: MembraneState) -> Array:
-        """Tangent stiffness in N/m, which `FLOOR` keeps regular where the film is slack.
-
-        The residual is exact, so the floor changes no solution.
-        """
-        return super().tangent(state) + self.damping(state, FLOOR)
-
-    def tangent_action(self, state: MembraneState, x: Array) -> Array:
-        """Change of `residual` with the dofs by `x`, the floor of `tangent` included."""
-        floor = times(self.damping(state, FLOOR), x[self.element_dofs])
-        return super().tangent_action(state, x) + floor
-
-    def tangent_diagonal(self, state: MembraneState) -> Array:
-        """Diagonal of each element's `tangent`, (elements, dofs of an element)."""
-        floor = np.einsum("eii->ei", self.damping(state, FLOOR))
-        return super().tangent_diagonal(state) + floor
-
-    def damping(self, state: MembraneState, part: float) -> Array:
-        """Stiffness of the film under `part` of its mean tension, (elements, dofs, dofs)."""
-        return part * self.mean_tension(state) * self._laplace
-
-    def mean_tension(self, state: MembraneState) -> float:
-        """Mean of both principal tensions in N/m, or what rounding leaves of one."""
-        mean = 0.5 * state.stress[..., :2].sum(axis=-1)
-        average = float((mean * self.weights).sum() / self.weights.sum())
-        return self.film.thickness * max(average, ROUNDING * self.stiffness[0, 0])
 
 
 def _is_tensile(stress: Array) -> np.ndarray:

@@ -108,7 +108,8 @@ class Space:
     def sum(self, element_vectors: Array, elements: Selection = ALL) -> Array:
         """Sum of element vectors (elements, dofs of an element) at the dofs, (dofs,)."""
         dofs = self.element_dofs[elements]
-        return np.bincount(dofs.ravel(), element_vectors.ravel(), self.dof_count)
+        total = np.bincount(dofs.ravel(), element_vectors.ravel(), self.dof_count)
+        return np.asarray(total, dtype=np.float64)
 
     def laplace(self) -> Array:
         """Integrals of grad v . grad u, (elements, dofs of an element, dofs of an element)."""

@@ -1,45 +1,68 @@
 """The stress under a centred probe, carried along with the probe: a charge's leading part.
 
 Away from the rim the stress depends on the place relative to the probe far more than on the place
-in the film. So the field of one scene with the probe at the film's centre, shifted with the probe,
-gives the charge of every electrode for every place of the probe: for the thesis's probes within
-3 % as far as 16 mm from the centre, and the rest varies slowly (see `charge_map`).
+in the film. So the stress field of one scene with the probe at the film's centre, shifted with the
+probe, gives the charge of every electrode for every place of the probe. For the thesis's probes
+this is right within 3 % as far as 16 mm from the centre, and the difference varies slowly (see
+`charge_map`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import shapely
-from numpy.typing import NDArray
 from scipy.interpolate import CloughTocher2DInterpolator, NdBSpline, RectBivariateSpline
 from skfem import Basis, ElementTriP2
 
-from pvdf_fem.charges.forces import OBSERVABLES
+from pvdf_fem.arrays import Array, unit_gauss
+from pvdf_fem.charges.observables import OBSERVABLES
 from pvdf_fem.files import replacing
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.mesh.gmsh_mesh import PROBE, Sizes, mesh_scene, outlines
-from pvdf_fem.scene.outline import Circle, Outline, Polygon
+from pvdf_fem.film.models import film_model
+from pvdf_fem.mesh.gmsh_mesh import PROBE, mesh_scene, outlines
+from pvdf_fem.mesh.size_field import Sizes
+from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solution import NotConvergedError
-from pvdf_fem.solvers.newton import Status, newton, seed
+from pvdf_fem.solvers.ladder import equilibrate
+from pvdf_fem.solvers.status import Status
 from pvdf_fem.sweeps.store import key
 
-Array = NDArray[np.float64]
 
-# Cubic displacements on elements of this share of the probe's size (the root of its area), growing
-# by this share of the distance to this share of the film's radius. Errors of charge maps are then
-# those of the scenes that they go through, and a field takes about a second.
-ORDER, PROBE_SIZE, GROWTH, FILM_SIZE = 3, 1 / 8, 0.25, 1 / 7
-# Places of the raster across the film: 0.25 mm apart on the thesis's.
-PLACES_ACROSS = 361
-GAUSS_POINTS = 8
-# Stress beyond this share of the radius is taken from there; the mesh ends at chords of the rim.
-INSIDE = 0.98
+@dataclass(frozen=True)
+class FieldResolution:
+    """Mesh and raster of a carried field.
+
+    With the defaults a field takes about a second, and the errors of charge maps are those of the
+    scenes that they interpolate.
+
+    Attributes
+    ----------
+    order : int
+        Polynomial order of the displacement.
+    probe_size : float
+        Size of the elements at the probe over the root of the probe's area.
+    growth : float
+        Growth of the elements' size with the distance from the probe.
+    film_size : float
+        Largest size of an element over the film's radius.
+    places_across : int
+        Places of the raster along the film's diameter: 0.25 mm apart on the thesis's film.
+    inside : float
+        Share of the film's radius beyond which the stress is taken from this share. It is below 1
+        since the mesh ends at chords of the rim.
+    """
+
+    order: int = 3
+    probe_size: float = 1 / 8
+    growth: float = 0.25
+    film_size: float = 1 / 7
+    places_across: int = 361
+    inside: float = 0.98
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +72,7 @@ class CarriedCharge:
     Attributes
     ----------
     centroid_mm : ndarray, shape (2,)
-        Of the electrode.
+        Centroid of the electrode.
     spline : NdBSpline
         Charge in pC over the offset in mm of the centroid from the probe.
     """
@@ -81,8 +104,8 @@ class CarriedField:
     offsets_mm: Array
     stress: dict[str, Array]
 
-    # Spline coefficients of the forces by observable and shape; electrodes often share theirs.
-    _known: dict[Hashable, NdBSpline] = field(default_factory=dict, init=False)
+    # Splines of the forces by observable and shape of the electrode: electrodes often share them.
+    _splines: dict[Hashable, NdBSpline] = field(default_factory=dict, init=False)
 
     def charge(
         self, electrode: Outline, d31_pC_N: float, d32_pC_N: float, observable: str
@@ -94,37 +117,39 @@ class CarriedField:
         ValueError
             For ``thesis-edge`` and a round electrode.
         """
-        centred = _centred(electrode)
-        shape = centred.vertices if isinstance(centred, Polygon) else np.array(centred.radius)
-        name = observable, np.round(1e3 * shape, 9).tobytes()
-        if name not in self._known:
-            self._known[name] = self._forces(centred, observable)
-        forces = self._known[name]
+        centred = electrode.mapped(np.eye(2), -electrode.centroid)
+        name = observable, centred.signature(1e-3, 9)
+        if name not in self._splines:
+            self._splines[name] = self._forces(centred, observable)
+        forces = self._splines[name]
         charge = NdBSpline(forces.t, forces.c @ [d31_pC_N, d32_pC_N], forces.k)
         return CarriedCharge(1e3 * electrode.centroid, charge)
 
     def _forces(self, electrode: Outline, observable: str) -> NdBSpline:
         """The forces X, Y in N, (..., 2), of an electrode over the offset in mm of its centroid."""
-        at = self.offsets_mm
-        stress = [RectBivariateSpline(at, at, values) for values in self.stress[observable]]
-        forces = np.zeros((2, len(at), len(at)))
+        offsets = self.offsets_mm
+        stress = [RectBivariateSpline(offsets, offsets, part) for part in self.stress[observable]]
+        forces = np.zeros((2, len(offsets), len(offsets)))
         for axis, points, weights in _samples(electrode, observable):
             for (x, y), weight in zip(1e3 * points, weights, strict=True):
-                forces[axis] += weight * stress[axis](at + x, at + y)
-        splines = [RectBivariateSpline(at, at, values) for values in forces]
-        coefficients = [spline.get_coeffs().reshape(len(at), len(at)) for spline in splines]
+                forces[axis] += weight * stress[axis](offsets + x, offsets + y)
+        splines = [RectBivariateSpline(offsets, offsets, force) for force in forces]
+        coefficients = [spline.get_coeffs().reshape(forces.shape[1:]) for spline in splines]
         knots = splines[0].get_knots()
         return NdBSpline(knots, np.stack(coefficients, axis=-1), k=3)
 
 
-def carried_field(scene: Scene, folder: Path | None = None) -> CarriedField:
-    """The field about the probe of a scene, wherever it is and whatever the electrodes.
+def carried_field(
+    scene: Scene, folder: Path | None = None, resolution: FieldResolution | None = None
+) -> CarriedField:
+    """The field about the probe of a scene, whatever the probe's place and the electrodes.
 
     Parameters
     ----------
     scene : Scene
     folder : Path, optional
         Where fields are kept as files; one that is there is not computed again.
+    resolution : FieldResolution, optional
 
     Raises
     ------
@@ -135,10 +160,11 @@ def carried_field(scene: Scene, folder: Path | None = None) -> CarriedField:
     """
     if scene.probe is None:
         raise ValueError("scene: has no probe to carry a field; give it one")
-    # what the field does not depend on has one value, so that all such scenes share a file
+    resolution = resolution or FieldResolution()
+    # keys that the field does not depend on get one value, so that such scenes share a file
     centred = scene.with_(
         **{
-            "electrodes": [_anywhere(scene)],
+            "electrodes": [_some_electrode(scene)],
             "probe.x_mm": 0.0,
             "probe.y_mm": 0.0,
             "film.d31_pC_N": 8.0,
@@ -147,119 +173,79 @@ def carried_field(scene: Scene, folder: Path | None = None) -> CarriedField:
         }
     )
     if folder is None:
-        return _field(centred)
-    numbers = (ORDER, PROBE_SIZE, GROWTH, FILM_SIZE, PLACES_ACROSS, INSIDE)
-    path = folder / f"field-{key(centred)[:24]}-{'-'.join(f'{n:.4g}' for n in numbers)}.npz"
+        return _field(centred, resolution)
+    numbers = "-".join(f"{number:.4g}" for number in astuple(resolution))
+    path = folder / f"field-{key(centred)[:24]}-{numbers}.npz"
     if not path.exists():
-        found = _field(centred)
-        arrays: dict[str, Any] = {"offsets_mm": found.offsets_mm, **found.stress}
-        with replacing(path) as part:
-            np.savez(part, **arrays)
+        computed = _field(centred, resolution)
+        arrays: dict[str, Any] = {"offsets_mm": computed.offsets_mm, **computed.stress}
+        with replacing(path) as temporary:
+            np.savez(temporary, **arrays)
     with np.load(path) as file:
         stress = {name: file[name] for name in file.files}
     return CarriedField(stress.pop("offsets_mm"), stress)
 
 
-def _anywhere(scene: Scene) -> dict[str, Any]:
-    """An electrode that does not matter, as a scene has at least one: most of the film."""
+def _some_electrode(scene: Scene) -> dict[str, Any]:
+    """An electrode for a scene whose electrodes do not matter, since a scene has at least one."""
     radius_mm = 0.9 * scene.film.radius_mm
     return {"name": "A", "shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": radius_mm}
 
 
-def _field(scene: Scene) -> CarriedField:
-    """The stress of a scene on a raster."""
-    equilibrium, unknowns = _solved(scene)
+def _field(scene: Scene, resolution: FieldResolution) -> CarriedField:
+    equilibrium, unknowns = _solved(scene, resolution)
     membrane = equilibrium.membrane
-    gradient = membrane.gradient(equilibrium.unknowns.expand(unknowns))
-    at, places = _raster(scene.film.radius_mm)
-    basis = Basis(membrane.mesh, ElementTriP2(), quadrature=membrane.basis.quadrature)
+    gradient = equilibrium.space.gradient(equilibrium.unknowns.expand(unknowns))
+    offsets, places = _raster(scene.film.radius_mm, resolution)
+    space = equilibrium.space
+    basis = Basis(space.mesh, ElementTriP2(), quadrature=space.basis.quadrature)
     stress = {}
-    for observable, of in OBSERVABLES.items():
+    for name, observable in OBSERVABLES.items():
+        components = np.moveaxis(observable.stress(membrane, gradient), -1, 0)[:2]
         # the projection removes the jumps between elements, and keeps integrals
-        nodal = [basis.project(values) for values in np.moveaxis(of(membrane, gradient), -1, 0)[:2]]
+        nodal = [basis.project(values) for values in components]
         smooth = CloughTocher2DInterpolator(1e3 * basis.doflocs.T, np.stack(nodal, axis=-1))
-        stress[observable] = np.moveaxis(smooth(places), -1, 0)
-    return CarriedField(at, stress)
+        stress[name] = np.moveaxis(smooth(places), -1, 0)
+    return CarriedField(offsets, stress)
 
 
-def _solved(scene: Scene) -> tuple[Equilibrium, Array]:
-    """The equations of a scene and their solution."""
-    probe_size = PROBE_SIZE * float(np.sqrt(outlines(scene)[PROBE].area))
-    sizes = Sizes({PROBE: probe_size}, GROWTH, FILM_SIZE * scene.film.radius)
-    equilibrium = Equilibrium(scene, mesh_scene(scene, sizes), ORDER)
-    result = newton(equilibrium, seed(equilibrium))
+def _solved(scene: Scene, resolution: FieldResolution) -> tuple[Equilibrium, Array]:
+    probe_size = resolution.probe_size * float(np.sqrt(outlines(scene)[PROBE].area))
+    film_size = resolution.film_size * scene.film.radius
+    sizes, model = Sizes({PROBE: probe_size}, resolution.growth, film_size), film_model(scene)
+    mesh = mesh_scene(scene, sizes, least_jacobian=model.least_jacobian)
+    equilibrium = Equilibrium(scene, mesh, resolution.order)
+    result = equilibrate(equilibrium)
     if result.status is not Status.CONVERGED:
         raise NotConvergedError(f"probe at the centre: {result.status}; {result.status.advice}")
     return equilibrium, result.q
 
 
-def _raster(radius_mm: float) -> tuple[Array, Array]:
-    """Coordinates (n,), and for each two of them the place, (n, n, 2), whose stress they get."""
-    at = np.linspace(-radius_mm, radius_mm, PLACES_ACROSS)
-    places = np.stack(np.meshgrid(at, at, indexing="ij"), axis=-1)
+def _raster(radius_mm: float, resolution: FieldResolution) -> tuple[Array, Array]:
+    """Coordinates of a raster, (n,), and the places (n, n, 2) at which its stress is taken."""
+    offsets = np.linspace(-radius_mm, radius_mm, resolution.places_across)
+    places = np.stack(np.meshgrid(offsets, offsets, indexing="ij"), axis=-1)
     share = np.linalg.norm(places, axis=-1, keepdims=True) / radius_mm
-    return at, places * INSIDE / np.maximum(share, INSIDE)
-
-
-def _centred(outline: Outline) -> Outline:
-    """An outline moved so that its centroid is the origin."""
-    if isinstance(outline, Polygon):
-        return Polygon(outline.vertices - outline.centroid)
-    return Circle(np.zeros(2), outline.radius)
+    return offsets, places * resolution.inside / np.maximum(share, resolution.inside)
 
 
 def _samples(electrode: Outline, observable: str) -> Iterator[tuple[int, Array, Array]]:
-    """Axis, points (n, 2) in m and weights (n,) in m² of the forces of an electrode.
+    """Points (n, 2) in m and weights (n,) in m² of the force along axis 0 or 1 of an electrode.
 
-    As in `pvdf_fem.charges.forces`; on edges, those of a rectangle along the axes.
+    The forces are those of `pvdf_fem.charges.forces`; an electrode has edges if it is a rectangle
+    along the axes.
     """
     if observable == "material":
-        points, weights = area_rule(electrode)
+        points, weights = electrode.area_rule(8)
         yield 0, points, weights
         yield 1, points, weights
         return
-    if isinstance(electrode, Circle):
+    if not len(electrode.corners):
         reason = "a round electrode has no edges; use material"
         raise ValueError(f"observable {observable!r}: {reason}")
-    s, w = np.polynomial.legendre.leggauss(GAUSS_POINTS)
-    corners = electrode.vertices
+    s, w = unit_gauss(8)
+    corners = electrode.corners
     for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         upright = abs(end - start)[1] > abs(end - start)[0]
-        points = start + np.outer((s + 1.0) / 2.0, end - start)
-        yield (0 if upright else 1), points, electrode.area * w / 4.0
-
-
-def area_rule(outline: Outline, count: int = GAUSS_POINTS) -> tuple[Array, Array]:
-    """Points (n, 2) in m and weights (n,) in m² of an integral over an outline.
-
-    With `count` Gauss points along a side of a parallelogram or of a triangle, or along a radius.
-    """
-    s, w = np.polynomial.legendre.leggauss(count)
-    s, w = (s + 1.0) / 2.0, w / 2.0
-    if isinstance(outline, Circle):
-        angles = 2.0 * np.pi * np.arange(2 * count) / (2 * count)
-        unit = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-        points = outline.centre + outline.radius * s[:, None, None] * unit
-        weights = np.repeat(outline.area * w * s / count, len(angles))
-        return points.reshape(-1, 2), weights
-    if (sides := _parallelogram(outline.vertices)) is not None:
-        places = np.stack(np.meshgrid(s, s), axis=-1).reshape(-1, 2)
-        return outline.vertices[0] + places @ sides, outline.area * np.outer(w, w).ravel()
-    pieces = shapely.constrained_delaunay_triangles(outline.shape).geoms
-    corners = np.array([shapely.get_coordinates(piece)[:3] for piece in pieces])
-    # Duffy: the square (s, t) to the triangle, weight s
-    a, b, c = (corners[:, i, None, None] for i in range(3))
-    u, v = s[:, None, None], s[None, :, None]
-    points = a + u * (b - a) + u * v * (c - b)
-    edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=-1)
-    weights = np.abs(np.linalg.det(edges))[:, None, None] * (w * s)[:, None] * w
-    return points.reshape(-1, 2), weights.ravel()
-
-
-def _parallelogram(corners: Array) -> Array | None:
-    """The sides (2, 2) from the first corner of a parallelogram, None of other polygons."""
-    if len(corners) != 4:
-        return None
-    sides = corners[[1, 3]] - corners[0]
-    closed = np.allclose(sides.sum(axis=0), corners[2] - corners[0], rtol=1e-9, atol=1e-15)
-    return sides if closed else None
+        # each force is the area times the mean over two edges
+        yield (0 if upright else 1), start + np.outer(s, end - start), electrode.area * w / 2.0

@@ -2,8 +2,9 @@
 
 Charges solved at scattered places are interpolated as Q = K (1 + s): K is the leading part that a
 `CarriedField` gives, s a polyharmonic spline, s(p) = Σ c_k |p - p_k|^5 + a quadratic polynomial,
-the interpolant of least third-order roughness (Duchon 1977). What a place left out would be
-interpolated as needs no second fit (Rippa, Adv. Comput. Math. 11 (1999) 193-210).
+the interpolant of least third-order roughness (Duchon 1977). The error that the spline makes at a
+place when this place is left out follows from the one fit (Rippa, Adv. Comput. Math. 11 (1999)
+193-210).
 """
 
 from __future__ import annotations
@@ -14,15 +15,14 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from pvdf_fem.arrays import Array
 from pvdf_fem.maps.carried import CarriedField
-from pvdf_fem.maps.mapping import placed
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.sweeps.lines import placed
 from pvdf_fem.sweeps.store import Record
 
-Array = NDArray[np.float64]
 ValueAndGradient = Callable[[Array], tuple[Array, Array]]
 
 
@@ -49,7 +49,8 @@ class ChargeMap:
     reach_mm : float
         Radius about the film's centre within which the map is meant to be used.
     leading : callable, optional
-        Value and gradient of a positive function with the charge's steep part; 1 if not given.
+        Value and gradient of a positive function that is about as steep as the charge; the map
+        interpolates the ratio of the charge to it. The function is 1 if not given.
     """
 
     positions_mm: Array
@@ -69,19 +70,19 @@ class ChargeMap:
 
     @cached_property
     def left_out_pC(self) -> Array:
-        """For each place, (n,), what the map from the others gives there, less the charge.
+        """Charge at each place, (n,), by the map from the other places, less the one given there.
 
-        More than the error of the map, as the hole is twice as wide as between places, and far
-        more at the outermost places, where it is an extrapolation.
+        This is more than the error of the map, since the others leave a hole twice as wide as the
+        gaps between places, and far more at the outermost places, where the others extrapolate.
         """
         return self._leading(self.positions_mm)[0] * self._ratio.left_out
 
     @property
     def error_pC(self) -> float:
-        """Root mean square of `left_out_pC` within the reach less the widest gap."""
+        """Root mean square of `left_out_pC` at places within the reach less the widest gap."""
         p = self.positions_mm
-        apart = np.linalg.norm(p[:, None] - p, axis=-1) + np.diag(np.full(len(p), np.inf))
-        inside = np.linalg.norm(p, axis=1) <= self.reach_mm - apart.min(axis=1).max()
+        distances = np.linalg.norm(p[:, None] - p, axis=-1) + np.diag(np.full(len(p), np.inf))
+        inside = np.linalg.norm(p, axis=1) <= self.reach_mm - distances.min(axis=1).max()
         return float(np.sqrt(np.mean(self.left_out_pC[inside] ** 2)))
 
     def _leading(self, positions_mm: Array) -> tuple[Array, Array]:
@@ -119,10 +120,10 @@ class Calibration:
     def positions_mm(self) -> Array:
         """Places of the probe, (n, 2), to half a pitch beyond the reach."""
         count = int(self.reach_mm / self.pitch_mm + 0.5)
-        at = self.pitch_mm * np.arange(-count, count + 1)
-        lattice = np.stack(np.meshgrid(at, at, indexing="ij"), axis=-1).reshape(-1, 2)
-        away = np.linalg.norm(lattice, axis=1)
-        return lattice[away <= self.reach_mm + 0.5 * self.pitch_mm + 1e-9]
+        ticks = self.pitch_mm * np.arange(-count, count + 1)
+        lattice = np.stack(np.meshgrid(ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 2)
+        distances = np.linalg.norm(lattice, axis=1)
+        return lattice[distances <= self.reach_mm + 0.5 * self.pitch_mm + 1e-9]
 
     @property
     def scenes(self) -> list[Scene]:
@@ -142,11 +143,11 @@ class Calibration:
         Parameters
         ----------
         records : sequence of Record
-            Those of `scenes`, in their order; failed ones are left out.
+            Those of `scenes`, in their order; places whose scene failed are left out.
         d31_pC_N, d32_pC_N : float
         observable : str
         field : CarriedField, optional
-            That of the scene, for the leading part of the charge.
+            The stress about the scene's probe, for the leading part of the charge.
         """
         solved = [i for i, record in enumerate(records) if record.converged]
         charges = [records[i].charges_pC(d31_pC_N, d32_pC_N, observable) for i in solved]
@@ -156,14 +157,19 @@ class Calibration:
             if field is not None:
                 carried = field.charge(electrode.outline, d31_pC_N, d32_pC_N, observable)
                 leading = carried.value_and_gradient
-            values = np.array([each[electrode.name] for each in charges])
+            values = np.array([by_name[electrode.name] for by_name in charges])
             places = self.positions_mm[solved]
             maps[electrode.name] = ChargeMap(places, values, self.reach_mm, leading)
         return maps
 
 
 class PolyharmonicSpline:
-    """Interpolant Σ c_k |p - p_k|^5 + polynomial of degree 2.
+    """Interpolant Σ c_k |p - p_k|^5 + polynomial of degree 2, with gradients.
+
+    Attributes
+    ----------
+    left_out : ndarray, shape (n,)
+        Value at each point by the interpolant of the other points, less the one given there.
 
     Parameters
     ----------
@@ -177,7 +183,7 @@ class PolyharmonicSpline:
     """
 
     def __init__(self, points: Array, values: Array) -> None:
-        # lengths near one keep the sizes of all terms alike
+        # lengths near one make all terms about equally large
         self._scale = float(np.abs(points).max(initial=0.0)) or 1.0
         self._points = points / self._scale
         P = _quadratics(self._points)
@@ -193,34 +199,36 @@ class PolyharmonicSpline:
         definite = -N.T @ radial @ N
         inverse = -N @ cho_solve(cho_factor(definite), N.T)
         self._radials = inverse @ values
-        rest = Q[:, :count].T @ (values - radial @ self._radials)
-        self._polynomial = np.linalg.solve(R[:count], rest)
+        remainder = Q[:, :count].T @ (values - radial @ self._radials)
+        self._polynomial = np.linalg.solve(R[:count], remainder)
         self.left_out: Array = -self._radials / np.diag(inverse)
 
     def value_and_gradient(self, points: Array) -> tuple[Array, Array]:
         """Values (k,) and gradients (k, 2) at points (k, 2)."""
-        at = points / self._scale
-        r, apart = _distances(at, self._points)
+        scaled = points / self._scale
+        r, vectors = _distances(scaled, self._points)
         weighted = self._radials * r**3
-        value = (weighted * r**2).sum(axis=-1) + _quadratics(at) @ self._polynomial
-        slope = 5.0 * np.einsum("kni,kn->ki", apart, weighted)
-        slope += np.einsum("kmi,m->ki", _quadratic_slopes(at), self._polynomial)
+        value = (weighted * r**2).sum(axis=-1) + _quadratics(scaled) @ self._polynomial
+        slope = 5.0 * np.einsum("kni,kn->ki", vectors, weighted)
+        slope += np.einsum("kmi,m->ki", _quadratic_slopes(scaled), self._polynomial)
         return value, slope / self._scale
 
 
 def _distances(points: Array, others: Array) -> tuple[Array, Array]:
-    """Distances (k, n) of points (k, 2) and (n, 2), and the vectors (k, n, 2) they belong to."""
-    apart = points[:, None] - others
-    x, y = apart[..., 0], apart[..., 1]
-    return np.sqrt(x * x + y * y), apart
+    """Distances (k, n) of points (k, 2) from others (n, 2), and the vectors (k, n, 2) from them."""
+    vectors = points[:, None] - others
+    x, y = vectors[..., 0], vectors[..., 1]
+    return np.sqrt(x * x + y * y), vectors
 
 
 def _quadratics(points: Array) -> Array:
+    """The monomials up to degree 2, (k, 6), at points (k, 2)."""
     x, y = points.T
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
 
 
 def _quadratic_slopes(points: Array) -> Array:
+    """Gradients (k, 6, 2) of the monomials at points (k, 2)."""
     x, y = points.T
     zero, one = np.zeros_like(x), np.ones_like(x)
     along_x = np.stack([zero, one, zero, 2 * x, y, zero], axis=-1)

@@ -1,4 +1,4 @@
-"""The measuring circuit of an electrode, and the film's resonance: what becomes of a charge.
+"""The voltage that an electrode's charge makes in a measuring circuit, and the film's resonance.
 
 An electrode is a charge source in parallel with its capacitance or, equally well, a voltage source
 Q/C in series with it (Mirbagheri's thesis, App. 5). An amplifier loads it with a resistance. All
@@ -10,8 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-#: Permittivity of vacuum in F/m (CODATA 2018).
-EPSILON_0 = 8.8541878128e-12
+from scipy.constants import epsilon_0
 
 
 def film_capacitance(area: float, thickness: float, relative_permittivity: float) -> float:
@@ -21,7 +20,7 @@ def film_capacitance(area: float, thickness: float, relative_permittivity: float
     film is thick.
     """
     _require_positive(area=area, thickness=thickness, relative_permittivity=relative_permittivity)
-    return EPSILON_0 * relative_permittivity * area / thickness
+    return epsilon_0 * relative_permittivity * area / thickness
 
 
 @dataclass(frozen=True)
@@ -31,10 +30,10 @@ class Circuit:
     Parameters
     ----------
     capacitance : float
-        F. That of the electrode, with that of cable and amplifier input in parallel if they are
-        not negligible.
+        Capacitance of the electrode in F, with those of cable and amplifier input in parallel if
+        they are not negligible.
     load_resistance : float
-        Ω. The amplifier's input resistance in parallel with the film's own.
+        Input resistance of the amplifier in Ω, with the resistance of the film in parallel.
     """
 
     capacitance: float
@@ -45,7 +44,7 @@ class Circuit:
 
     @property
     def time_constant(self) -> float:
-        """R C in s: how long a static charge lasts."""
+        """R C in s, in which the charge of a static touch falls to 1/e."""
         return self.load_resistance * self.capacitance
 
     @property
@@ -85,20 +84,20 @@ class Circuit:
         return self.open_circuit_voltage(charge) * self.parallel_load(frequency)
 
 
-def voltage_ratio(one: Circuit, other: Circuit, frequency: float | None = None) -> float:
+def voltage_ratio(first: Circuit, second: Circuit, frequency: float | None = None) -> float:
     """Ratio of the voltages that two electrodes give for equal charges.
 
     Parameters
     ----------
-    one, other : Circuit
+    first, second : Circuit
     frequency : float, optional
-        Hz. Without it, the ratio of the open-circuit voltages, C_other/C_one, which is the
-        largest there is; far below the corner frequencies, where all charge passes through the
-        load, it tends to R_one/R_other whatever the capacitances are.
+        In Hz. Without a frequency the ratio is that of the open-circuit voltages, C_second/C_first,
+        which is the largest there is. Far below the corner frequencies, where all charge passes
+        through the load, the ratio tends to R_first/R_second whatever the capacitances are.
     """
     if frequency is None:
-        return other.capacitance / one.capacitance
-    return abs(one.voltage(1.0, frequency)) / abs(other.voltage(1.0, frequency))
+        return second.capacitance / first.capacitance
+    return abs(first.voltage(1.0, frequency)) / abs(second.voltage(1.0, frequency))
 
 
 def dynamic_factor(frequency: float, first_mode: float, damping_ratio: float = 0.0) -> float:
@@ -110,9 +109,9 @@ def dynamic_factor(frequency: float, first_mode: float, damping_ratio: float = 0
     Parameters
     ----------
     frequency, first_mode : float
-        Hz.
+        In Hz.
     damping_ratio : float
-        ζ, of critical damping, not negative.
+        ζ, the damping over the critical one, not negative.
 
     Raises
     ------

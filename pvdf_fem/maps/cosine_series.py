@@ -17,11 +17,10 @@ from typing import Self
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pvdf_fem.arrays import Array
 from pvdf_fem.maps.force_law import MembraneLaw
-
-Floats = NDArray[np.float64]
 
 #: Sign of c = cos 2θ for each electrode.
 SIGNS = {"A": 1, "B": -1, "C": 1, "D": -1}
@@ -41,21 +40,24 @@ class Reading:
 class CosineSeries:
     """Charge of any electrode against angle and force.
 
-    Q = L(F) Σ_jk a_jk T_j(s) cos 2kθ, L the membrane's law, T_j Chebyshev's polynomials, and s from
-    −1 to 1 the logarithm of the force over its range.
+    Q = L(F) Σ_jk a_jk T_j(s) cos 2kθ with the membrane's law L and Chebyshev's polynomials T_j, and
+    with the logarithm s of the force, scaled from −1 to 1 over its range.
 
     Attributes
     ----------
     law : MembraneLaw
-    coefficients : (force terms, cosine terms)
-    forces_N : (least, largest) force of the data
-    rms, worst, left_out : float
-        Relative errors at the data: root mean square and largest of the fit, and the root mean
-        square with each datum left out of the fit in turn (PRESS), which counts overfitting.
+    coefficients : ndarray, shape (force terms, cosine terms)
+    forces_N : (least, largest)
+        Range of the data's forces.
+    rms, worst : float
+        Root mean square and largest of the relative errors at the data.
+    left_out : float
+        Root mean square of the relative errors that a fit to all other data makes at each datum
+        (PRESS), in which overfitting shows.
     """
 
     law: MembraneLaw
-    coefficients: Floats
+    coefficients: Array
     forces_N: tuple[float, float]
     rms: float
     worst: float
@@ -74,17 +76,18 @@ class CosineSeries:
 
         Parameters
         ----------
-        readings
-            Of any electrodes A, B, C, D, at any angles and forces.
+        readings : iterable of Reading
+            Charges of any of the electrodes A, B, C, D, at any angles and forces.
         cosine_terms, force_terms : int
-            How many terms, counting the constant ones.
+            Numbers of terms, counting the constant ones.
         law : MembraneLaw, optional
-            Fitted to the readings when not given, for which two forces are the least.
+            Fitted to the readings when not given, which takes readings at two forces at least.
 
         Raises
         ------
         ValueError
-            When there are not more readings than coefficients, or when they do not determine them.
+            When there are not more readings than coefficients, or when the readings do not
+            determine the coefficients.
         """
         F, c, Q = _columns(readings)
         if law is None:
@@ -112,12 +115,12 @@ class CosineSeries:
             law=law,
             coefficients=(Vt.T @ (U.sum(axis=0) / scales)).reshape(force_terms, cosine_terms),
             forces_N=forces,
-            rms=_rms(residual),
+            rms=rms(residual),
             worst=float(np.abs(residual).max()),
-            left_out=_rms(residual / (1 - leverage)),
+            left_out=rms(residual / (1 - leverage)),
         )
 
-    def charge_pC(self, angle_deg: ArrayLike, force_N: ArrayLike, electrode: str = "A") -> Floats:
+    def charge_pC(self, angle_deg: ArrayLike, force_N: ArrayLike, electrode: str = "A") -> Array:
         """Charge in pC; angles in degrees and forces in N broadcast against each other.
 
         Raises
@@ -128,13 +131,13 @@ class CosineSeries:
         c = sign_of(electrode) * np.cos(2 * np.radians(angle_deg))
         return self.charge_at(c, self.within(force_N))
 
-    def deviations(self, readings: Iterable[Reading]) -> Floats:
+    def deviations(self, readings: Iterable[Reading]) -> Array:
         """Relative errors (series − reading)/reading, shape (n,)."""
         F, c, Q = _columns(readings)
         return self.charge_at(c, self.within(F)) / Q - 1
 
-    def charge_at(self, c: ArrayLike, F: ArrayLike) -> Floats:
-        """Charge of A in pC at c = cos 2θ and forces in N, whatever their range."""
+    def charge_at(self, c: ArrayLike, F: ArrayLike) -> Array:
+        """Charge of A in pC at c = cos 2θ and forces in N, also outside of the data's range."""
         c, F = np.broadcast_arrays(np.asarray(c, dtype=float), np.asarray(F, dtype=float))
         s = _scaled(F, self.forces_N)
         return np.asarray(self.law.charge_pC(F) * chebyshev.chebval2d(s, c, self.coefficients))
@@ -145,21 +148,21 @@ class CosineSeries:
         L = float(self.law.charge_pC(F))
         low, high = self.forces_N
         stretch = 2 / (F * math.log(high / low)) if high > low else 0.0
-        along_c, along_s = (
+        slope_c, slope_s = (
             float(chebyshev.chebval2d(s, c, chebyshev.chebder(self.coefficients, axis=axis)))
             for axis in (1, 0)
         )
         ratio = float(self.charge_at(c, F)) / L
-        return L * along_c, float(self.law.sensitivity_pC_N(F)) * ratio + L * along_s * stretch
+        return L * slope_c, float(self.law.sensitivity_pC_N(F)) * ratio + L * slope_s * stretch
 
-    def cosine_coefficients(self, force_N: float) -> Floats:
+    def cosine_coefficients(self, force_N: float) -> Array:
         """Coefficients in pC of cos 2kθ in the charge of A at a force, shape (cosine terms,)."""
         F = self.within(force_N)
         factors = chebyshev.chebval(_scaled(F, self.forces_N), self.coefficients)
         return np.asarray(self.law.charge_pC(F) * factors)
 
-    def within(self, force_N: ArrayLike) -> Floats:
-        """Forces in N, refused with a `ValueError` outside of the data's range."""
+    def within(self, force_N: ArrayLike) -> Array:
+        """The forces in N as they are; raises `ValueError` outside of the data's range."""
         F = np.asarray(force_N, dtype=float)
         low, high = self.forces_N
         outside = F[~((low * (1 - 1e-9) <= F) & (high * (1 + 1e-9) >= F))]
@@ -178,8 +181,8 @@ def sign_of(electrode: str) -> int:
     return SIGNS[electrode]
 
 
-def _columns(readings: Iterable[Reading]) -> tuple[Floats, Floats, Floats]:
-    """Forces, cosines as electrode A would see them, and charges."""
+def _columns(readings: Iterable[Reading]) -> tuple[Array, Array, Array]:
+    """Forces, the values of c at which A would have the charges, and the charges; (n,) each."""
     rows = [
         (r.force_N, sign_of(r.electrode) * math.cos(2 * math.radians(r.angle_deg)), r.charge_pC)
         for r in readings
@@ -190,13 +193,14 @@ def _columns(readings: Iterable[Reading]) -> tuple[Floats, Floats, Floats]:
     return F, c, Q
 
 
-def _scaled(F: ArrayLike, forces_N: tuple[float, float]) -> Floats:
-    """ln F from −1 to 1 over the range of forces; 0 for a single force."""
+def _scaled(F: ArrayLike, forces_N: tuple[float, float]) -> Array:
+    """Logarithms of forces, scaled from −1 to 1 over the range of forces; 0 for a single force."""
     low, high = np.log(forces_N)
     if high == low:
         return np.zeros(np.shape(F))
     return np.asarray((2 * np.log(F) - low - high) / (high - low))
 
 
-def _rms(values: Floats) -> float:
+def rms(values: Array) -> float:
+    """Root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))

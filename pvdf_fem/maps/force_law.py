@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
-Floats = NDArray[np.float64]
+from pvdf_fem.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class MembraneLaw:
         if not self.membrane_charge_pC > 0:
             raise ValueError(f"membrane_charge_pC = {self.membrane_charge_pC}: give more than 0")
 
-    def charge_pC(self, force_N: ArrayLike) -> Floats:
+    def charge_pC(self, force_N: ArrayLike) -> Array:
         """Charge in pC at forces in N (any shape), by Cardano's formula."""
         Q0 = self.rest_charge_pC
         half = self.membrane_charge_pC**3 * np.square(np.asarray(force_N, dtype=float)) / 2
@@ -52,25 +52,25 @@ class MembraneLaw:
         U = np.cbrt(half + Q0**3 / 27 + np.sqrt(half * (half + 2 * Q0**3 / 27)))
         return Q0 / 3 + U + np.divide(Q0**2, 9 * U, out=np.zeros_like(U), where=U > 0)
 
-    def force_N(self, charge_pC: ArrayLike) -> Floats:
+    def force_N(self, charge_pC: ArrayLike) -> Array:
         """Force in N that makes a charge in pC (any shape); NaN below the charge at rest."""
         Q = np.asarray(charge_pC, dtype=float)
         surplus = Q - self.rest_charge_pC
         root = np.sqrt(np.where(surplus >= 0, surplus, np.nan) / self.membrane_charge_pC**3)
         return np.asarray(Q * root)
 
-    def exponent(self, force_N: ArrayLike) -> Floats:
+    def exponent(self, force_N: ArrayLike) -> Array:
         """d ln Q / d ln F at forces above 0 in N (any shape)."""
         Q = self.charge_pC(force_N)
         return np.asarray(2 * (Q - self.rest_charge_pC) / (3 * Q - 2 * self.rest_charge_pC))
 
-    def sensitivity_pC_N(self, force_N: ArrayLike) -> Floats:
+    def sensitivity_pC_N(self, force_N: ArrayLike) -> Array:
         """dQ/dF in pC/N at forces above 0 in N (any shape)."""
         return np.asarray(self.exponent(force_N) * self.charge_pC(force_N) / np.asarray(force_N))
 
     @property
     def inflection_N(self) -> float:
-        """The force at which the sensitivity is largest: Q = 4/3 Q0, the one straight piece."""
+        """Force in N at which the sensitivity is largest and the curve straightest: Q = 4/3 Q0."""
         return float(self.force_N(4 / 3 * self.rest_charge_pC))
 
     @classmethod
@@ -84,29 +84,29 @@ class MembraneLaw:
         forces_N, charges_pC : array_like, shape (n,)
             Data, all positive.
         rest_charge_pC : float, optional
-            Charge at rest if it is known, (d31 + d32) σ0 A for a pretension σ0 and an area A;
-            fitted otherwise, for which two different forces are the least.
+            Charge at rest if it is known, (d31 + d32) σ0 A for a pretension σ0 and an area A.
+            It is fitted otherwise, which takes data at two forces at least.
         """
         F, Q = _data(forces_N, charges_pC, 1 if rest_charge_pC is not None else 2)
         start = float(np.exp(np.mean(np.log(Q / F ** (2 / 3)))))
         known = [] if rest_charge_pC is None else [rest_charge_pC]
-        first = np.array([Q.min() / 10, start][len(known) :])
+        initial = np.array([Q.min() / 10, start][len(known) :])
 
-        def misses(parameters: Floats) -> Floats:
+        def misses(parameters: Array) -> Array:
             return np.log(cls(*known, *parameters).charge_pC(F) / Q)
 
         # of the bounded methods, dogbox is the one that ends on a bound exactly
-        found = least_squares(
+        fit = least_squares(
             misses,
-            first,
-            x_scale=first,
+            initial,
+            x_scale=initial,
             bounds=([0.0, start * 1e-6][len(known) :], np.inf),
             method="dogbox",
             xtol=1e-14,
             ftol=1e-14,
             gtol=1e-14,
         )
-        return cls(*known, *found.x.tolist())
+        return cls(*known, *fit.x.tolist())
 
 
 @dataclass(frozen=True)
@@ -116,17 +116,17 @@ class Linearity:
     Attributes
     ----------
     up_to_N : float
-        The largest force that was looked at.
+        The largest force among the data.
     offset_pC, slope_pC_N : float
-        The straight line that is nearest in the least-squares sense.
+        Offset and slope of the straight line through the data by least squares.
     deviation : float
         Largest distance from that line, divided by the charges' span (the end-point nonlinearity
         of sensor data sheets). Zero for two data, whatever the curve.
     exponent : float
-        Slope of ln Q over ln F: 1 for a proportional, 2/3 for a membrane's response.
+        Slope of ln Q over ln F: 1 if the charge is in proportion to the force, 2/3 for a membrane.
     slope_ratio : float
         Slope between the last two data over that between the first two: 1 for a straight line.
-        Not a number with less than three data.
+        NaN for less than three data.
     """
 
     up_to_N: float
@@ -140,8 +140,8 @@ class Linearity:
 def linearity(forces_N: ArrayLike, charges_pC: ArrayLike, up_to_N: float) -> Linearity:
     """Linearity of data, shape (n,), at positive forces up to `up_to_N`, at least two of them."""
     F, Q = np.asarray(forces_N, dtype=float), np.asarray(charges_pC, dtype=float)
-    near = up_to_N * (1 + 1e-9) >= F
-    F, Q = _data(F[near], Q[near], 2)
+    included = up_to_N * (1 + 1e-9) >= F
+    F, Q = _data(F[included], Q[included], 2)
     slope, offset = np.polyfit(F, Q, 1)
     exponent, _ = np.polyfit(np.log(F), np.log(Q), 1)
     slopes = np.diff(Q) / np.diff(F)
@@ -155,7 +155,7 @@ def linearity(forces_N: ArrayLike, charges_pC: ArrayLike, up_to_N: float) -> Lin
     )
 
 
-def local_exponents(forces_N: ArrayLike, charges_pC: ArrayLike) -> tuple[Floats, Floats]:
+def local_exponents(forces_N: ArrayLike, charges_pC: ArrayLike) -> tuple[Array, Array]:
     """Slopes of ln Q over ln F between neighbouring data.
 
     Parameters
@@ -172,8 +172,8 @@ def local_exponents(forces_N: ArrayLike, charges_pC: ArrayLike) -> tuple[Floats,
     return np.sqrt(F[1:] * F[:-1]), np.diff(np.log(Q)) / np.diff(np.log(F))
 
 
-def _data(forces_N: ArrayLike, charges_pC: ArrayLike, least: int) -> tuple[Floats, Floats]:
-    """Data in ascending order of force, refused if they cannot be used."""
+def _data(forces_N: ArrayLike, charges_pC: ArrayLike, least: int) -> tuple[Array, Array]:
+    """Data in ascending order of force, (n,) each; raises `ValueError` for bad or too few data."""
     F, Q = np.asarray(forces_N, dtype=float), np.asarray(charges_pC, dtype=float)
     if F.shape != Q.shape or F.ndim != 1:
         raise ValueError(f"forces {F.shape} and charges {Q.shape}: give two lists of one length")

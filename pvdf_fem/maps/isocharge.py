@@ -1,8 +1,8 @@
 """Isocharge contours: the places of the probe at which an electrode has a given charge.
 
-Two ways. `polynomial_contour` is the thesis's (section 3.1.1): a polynomial of the charge over the
-distance for each line of a mapping, its root at the charge, a spline through the roots. The thesis
-does not state the polynomials' degree. `contour` follows a smooth charge function.
+There are two ways to draw them. `polynomial_contour` is the thesis's (section 3.1.1): it fits a
+polynomial to the charge over the distance on each line of a mapping, takes its root at the charge,
+and draws a spline through the roots. `contour` follows a smooth charge function.
 """
 
 from __future__ import annotations
@@ -15,27 +15,21 @@ import contourpy
 import numpy as np
 import shapely
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from pvdf_fem.arrays import Array
 from pvdf_fem.maps.charge_map import ChargeFunction
-from pvdf_fem.maps.mapping import Line, Mapping, direction
+from pvdf_fem.maps.mapping import Line, LineMapping
+from pvdf_fem.sweeps.lines import direction
 
-Array = NDArray[np.float64]
-
-#: Degree of the polynomials of the charge over the distance.
-DEGREE = 5
-
-# Samples of a curve, in mm apart: for pictures, for distances, and for finding crossings before
-# these are refined. Chords leave a curve of 3 mm radius by 0.4 µm.
+# Distance in mm between samples of a curve: chords leave a curve of 3 mm radius by 0.4 µm.
 _SAMPLE_MM = 0.1
-_NEWTON_STEPS = 8
-# Points moved onto a curve by Newton's method are there when the last step is below this.
+# Distance in mm from a curve below which a point that Newton's method moves there has arrived.
 _ARRIVED_MM = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class ContourCurve:
     """A smooth curve: a cubic spline over the chord length through points.
 
     Attributes
@@ -48,7 +42,7 @@ class Curve:
 
     @property
     def closed(self) -> bool:
-        """Whether it ends where it starts."""
+        """Whether the curve ends where it starts."""
         return len(self.points_mm) > 3 and bool(np.all(self.points_mm[0] == self.points_mm[-1]))
 
     @cached_property
@@ -61,7 +55,7 @@ class Curve:
 
     @cached_property
     def parameters(self) -> Array:
-        """Chord lengths in mm, (m,), of samples close enough together to look like the curve."""
+        """Chord lengths in mm, (m,), of the samples that make the polyline."""
         length = self.spline.x[-1]
         return np.linspace(0.0, length, max(2, int(np.ceil(length / _SAMPLE_MM)) + 1))
 
@@ -75,30 +69,32 @@ class Curve:
         """The polyline for shapely."""
         return shapely.LineString(self.polyline_mm)
 
-    def crossings(self, other: Curve) -> Array:
+    def crossings(self, other: ContourCurve) -> Array:
         """All points, (n, 2), at which two curves cross."""
-        near = shapely.get_coordinates(shapely.intersection(self.line, other.line))
-        return distinct(np.reshape([self._refined(other, point) for point in near], (-1, 2)))
+        crossings = shapely.get_coordinates(shapely.intersection(self.line, other.line))
+        return distinct(np.reshape([self._refined(other, point) for point in crossings], (-1, 2)))
 
-    def _refined(self, other: Curve, point: Array) -> Array:
+    def _refined(self, other: ContourCurve, point: Array, most_steps: int = 8) -> Array:
         """A crossing of the polylines moved to that of the splines by Newton's method.
 
-        Where there is none, as may be where curves nearly touch or end, the polylines' stands.
+        If the splines do not cross nearby, as may be where curves nearly touch or end, the crossing
+        of the polylines is returned.
         """
         st = np.array([self._parameter(point), other._parameter(point)])
-        for _ in range(_NEWTON_STEPS):
+        for _ in range(most_steps):
             gap = self.spline(st[0]) - other.spline(st[1])
             slopes = np.stack([self.spline(st[0], 1), -other.spline(st[1], 1)], axis=-1)
             if abs(np.linalg.det(slopes)) < 1e-9:
                 return point
             st = st - np.linalg.solve(slopes, gap)
         s, t = np.clip(st, 0.0, [self.spline.x[-1], other.spline.x[-1]])
-        found = self.spline(s)
-        crossed = np.linalg.norm(found - other.spline(t)) < _ARRIVED_MM
-        return found if crossed and np.linalg.norm(found - point) < 2 * _SAMPLE_MM else point
+        crossing = self.spline(s)
+        crossed = np.linalg.norm(crossing - other.spline(t)) < _ARRIVED_MM
+        nearby = np.linalg.norm(crossing - point) < 2 * _SAMPLE_MM
+        return crossing if crossed and nearby else point
 
     def _parameter(self, point: Array) -> float:
-        """Parameter of the polyline's point nearest to a point."""
+        """Chord length in mm at which the polyline is nearest to a point."""
         share = shapely.line_locate_point(self.line, shapely.Point(point), normalized=True)
         chords = np.linalg.norm(np.diff(self.polyline_mm, axis=0), axis=1)
         along = np.concatenate([[0.0], np.cumsum(chords)])
@@ -114,15 +110,15 @@ class Contour:
     electrode : str
         Name.
     charge_pC : float
-    curves : tuple of Curve
-        None of them when the charge occurs nowhere.
+    curves : tuple of ContourCurve
+        Empty when the charge occurs nowhere.
     missing : tuple of str
-        For each line of a mapping without a point, which and why.
+        Lines of a mapping on which no point of the contour was found, with the reason.
     """
 
     electrode: str
     charge_pC: float
-    curves: tuple[Curve, ...]
+    curves: tuple[ContourCurve, ...]
     missing: tuple[str, ...] = ()
 
     def crossings(self, other: Contour) -> Array:
@@ -133,38 +129,42 @@ class Contour:
     def nearest(self, other: Contour) -> Array:
         """The points of either contour, (2, 2) in mm, where they are closest to each other.
 
-        Of their polylines, that is to within a µm. Both need a curve.
+        The points are those of the polylines, right to within a µm. Both contours need a curve.
         """
         lines = (shapely.MultiLineString([curve.line for curve in c.curves]) for c in (self, other))
         return shapely.get_coordinates(shapely.shortest_line(*lines))
 
 
-def polynomial_contour(mapping: Mapping, charge_pC: float, degree: int = DEGREE) -> Contour:
+def polynomial_contour(mapping: LineMapping, charge_pC: float, degree: int = 5) -> Contour:
     """A contour by the thesis's way: a polynomial and its root on each line, a spline.
 
     Parameters
     ----------
-    mapping : Mapping
+    mapping : LineMapping
     charge_pC : float
     degree : int
-        Of the polynomials, by least squares; a line with too few points for it gets the polynomial
-        that passes through them.
+        Degree of the polynomials, which the thesis does not state. They are fitted by least
+        squares; a line with too few points gets the polynomial that passes through them.
     """
     points, missing = [], []
     for line in mapping.lines:
         distance = _root(line, charge_pC, degree)
         if distance is None:
-            missing.append(f"line at {line.angle_deg:g}°: {_without(line, charge_pC)}")
+            missing.append(f"line at {line.angle_deg:g}°: {_why_without_root(line, charge_pC)}")
         else:
             points.append(mapping.centre_mm + distance * direction(line.angle_deg))
-    curves = (Curve(np.array(points)),) if len(points) > 1 else ()
+    curves = (ContourCurve(np.array(points)),) if len(points) > 1 else ()
     return Contour(mapping.electrode, charge_pC, curves, tuple(missing))
 
 
 def _root(line: Line, charge_pC: float, degree: int) -> float | None:
-    """Distance at which the polynomial of a line has a charge, the one that its points suggest."""
-    known = np.isfinite(line.charges_pC)
-    r, q = line.distances_mm[known], line.charges_pC[known]
+    """Distance at which the polynomial of a line has a charge; of several the likeliest one.
+
+    The likeliest is that nearest to the two neighbouring points, as far out as possible, between
+    which the measured charge passes the given one: the charge falls off away from its electrode.
+    """
+    solved = np.isfinite(line.charges_pC)
+    r, q = line.distances_mm[solved], line.charges_pC[solved]
     if len(r) < 2:
         return None
     polynomial = Polynomial.fit(r, q, min(degree, len(r) - 1))
@@ -173,18 +173,17 @@ def _root(line: Line, charge_pC: float, degree: int) -> float | None:
     inside = real[(real >= r[0]) & (real <= r[-1])]
     if not inside.size:
         return None
-    # outermost change of side between points: the charge falls off away from its electrode
-    above = np.flatnonzero((q[:-1] >= charge_pC) != (q[1:] >= charge_pC))
-    expected = r[above[-1] : above[-1] + 2].mean() if above.size else r[-1]
+    passes = np.flatnonzero((q[:-1] >= charge_pC) != (q[1:] >= charge_pC))
+    expected = r[passes[-1] : passes[-1] + 2].mean() if passes.size else r[-1]
     return float(inside[np.argmin(np.abs(inside - expected))])
 
 
-def _without(line: Line, charge_pC: float) -> str:
+def _why_without_root(line: Line, charge_pC: float) -> str:
     q = line.charges_pC[np.isfinite(line.charges_pC)]
     if len(q) < 2:
         return f"{len(q)} of {len(line.charges_pC)} scenes solved"
-    reached = f"its charges are {q.min():.4g} to {q.max():.4g} pC"
-    return f"its polynomial does not reach {charge_pC:g} pC, {reached}"
+    measured = f"its charges are {q.min():.4g} to {q.max():.4g} pC"
+    return f"its polynomial does not reach {charge_pC:g} pC, {measured}"
 
 
 def contour(
@@ -199,47 +198,47 @@ def contour(
     charge : ChargeFunction
     charge_pC : float
     step_mm : float
-        Raster that contours are sought on, and distance of points of the curves; points are then
-        moved onto the contour by Newton's method.
+        Pitch of the raster on which contours are sought, and distance between points of the curves.
+        The points are then moved onto the contour by Newton's method.
     """
     curves = []
     for line in _raster_lines(charge, charge_pC, step_mm):
         points = _moved_onto(charge, charge_pC, _evenly(line, step_mm), step_mm)
         if len(points) > 1:
-            curves.append(Curve(points))
+            curves.append(ContourCurve(points))
     return Contour(electrode, charge_pC, tuple(curves))
 
 
 def _raster_lines(
     charge: ChargeFunction, charge_pC: float, step_mm: float
 ) -> Iterator[shapely.LineString]:
-    """Contour lines on a raster, cut off at the reach."""
     reach = charge.reach_mm
     count = int(np.ceil(reach / step_mm)) + 1
-    at = step_mm * np.arange(-count, count + 1)
-    places = np.stack(np.meshgrid(at, at), axis=-1)
+    ticks = step_mm * np.arange(-count, count + 1)
+    places = np.stack(np.meshgrid(ticks, ticks), axis=-1)
     values, _ = charge.value_and_gradient(places.reshape(-1, 2))
-    lines = contourpy.contour_generator(at, at, values.reshape(places.shape[:2])).lines(charge_pC)
+    generator = contourpy.contour_generator(ticks, ticks, values.reshape(places.shape[:2]))
     disc = shapely.Point(0.0, 0.0).buffer(reach, quad_segs=256)
-    for points in lines:
+    for points in generator.lines(charge_pC):
         inside = shapely.intersection(shapely.LineString(points), disc)
         merged = shapely.line_merge(inside) if inside.geom_type == "MultiLineString" else inside
-        for part in shapely.get_parts(merged):
-            if part.geom_type == "LineString" and part.length > 0.0:
-                yield part
+        for piece in shapely.get_parts(merged):
+            if piece.geom_type == "LineString" and piece.length > 0.0:
+                yield piece
 
 
 def _evenly(line: shapely.LineString, step_mm: float) -> Array:
-    """Points on a line, (n, 2), evenly spaced, both ends among them."""
     count = max(4, int(np.ceil(line.length / step_mm)))
-    at = np.linspace(0.0, 1.0, count + 1)
-    return shapely.get_coordinates(shapely.line_interpolate_point(line, at, normalized=True))
+    shares = np.linspace(0.0, 1.0, count + 1)
+    return shapely.get_coordinates(shapely.line_interpolate_point(line, shares, normalized=True))
 
 
-def _moved_onto(charge: ChargeFunction, charge_pC: float, points: Array, step_mm: float) -> Array:
-    """Points moved along the gradient to where the charge is the one wanted, each once."""
+def _moved_onto(
+    charge: ChargeFunction, charge_pC: float, points: Array, step_mm: float, most_steps: int = 8
+) -> Array:
+    """Distinct points, moved to where the charge is `charge_pC` by `step_mm` at a time."""
     closed = bool(np.all(points[0] == points[-1]))
-    for _ in range(_NEWTON_STEPS):
+    for _ in range(most_steps):
         value, gradient = charge.value_and_gradient(points)
         steep = np.maximum((gradient**2).sum(axis=1), 1e-30)
         step = ((charge_pC - value) / steep)[:, None] * gradient
@@ -249,14 +248,14 @@ def _moved_onto(charge: ChargeFunction, charge_pC: float, points: Array, step_mm
             break
     if closed:
         points[-1] = points[0]  # to the last digit
-    apart = np.linalg.norm(np.diff(points, axis=0, prepend=np.inf), axis=1) > 1e-6
-    return points[apart]
+    moved_on = np.linalg.norm(np.diff(points, axis=0, prepend=np.inf), axis=1) > 1e-6
+    return points[moved_on]
 
 
 def distinct(points: Array, tolerance_mm: float = 1e-6) -> Array:
     """Points, (n, 2), without those that repeat an earlier one."""
-    kept: list[Array] = []
+    unlike: list[Array] = []
     for point in points:
-        if all(np.linalg.norm(point - other) > tolerance_mm for other in kept):
-            kept.append(point)
-    return np.reshape(kept, (-1, 2))
+        if all(np.linalg.norm(point - other) > tolerance_mm for other in unlike):
+            unlike.append(point)
+    return np.reshape(unlike, (-1, 2))

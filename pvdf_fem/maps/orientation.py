@@ -2,32 +2,26 @@
 
 By the symmetry of `pvdf_fem.maps.cosine_series`, the electrodes cannot tell an angle θ from
 180° − θ, and four charges are two measured twice. At 0° and 90° the charges do not change with θ,
-but they do with c = cos 2θ, in which everything is solved here.
-
-The thesis's way, a polynomial in θ of degree 10 per electrode and force, is in
-`pvdf_fem.maps.polynomial`; `polynomial_angles` inverts it.
+but they do with c = cos 2θ, and all equations here are solved for c.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
+from numpy.polynomial import Chebyshev
 from scipy.optimize import brentq
 
-from pvdf_fem.maps.cosine_series import CosineSeries, sign_of
-from pvdf_fem.maps.polynomial import Polynomial
+from pvdf_fem.arrays import Array
+from pvdf_fem.maps.cosine_series import CosineSeries, rms, sign_of
 
-Floats = NDArray[np.float64]
-
-#: Estimates whose charges miss the measured ones by more errors than this are not given.
+#: Orientations whose charges miss the measured ones by more standard errors than this are left out.
 MOST_ERRORS = 3.0
 
-# Dense enough to part the roots of polynomials in c of the degrees used here, about 10.
+# Values of c from −1 to 1, dense enough to part the roots of a series of about ten terms.
 _GRID = np.cos(np.linspace(math.pi, 0.0, 31))
 
 
@@ -40,8 +34,8 @@ class Orientation:
     angle_deg : float
         In [0, 90].
     angle_range_deg : (lowest, highest)
-        One standard error of c = cos 2θ to both sides; wide near 0° and 90° and where the charge is
-        flat.
+        The angles at one standard error of c = cos 2θ to both sides; they are far apart near 0° and
+        90°, and where the charge hardly depends on the angle.
     force_N, force_error_N : float
         The force, and its standard error (0 if the force was given).
     misfit_pC : float
@@ -82,8 +76,8 @@ def orientations(
     Returns
     -------
     tuple of Orientation
-        Empty when none brings the charges to within `MOST_ERRORS` standard errors in the mean: the
-        force is another, or the probe is another or is not centred.
+        Empty when no orientation brings the charges to within `MOST_ERRORS` standard errors in the
+        mean: the force is another, or the probe is another or is not centred.
 
     Raises
     ------
@@ -99,48 +93,29 @@ def orientations(
         raise ValueError(f"charge_error_pC = {error}: give more than 0")
     means = _means(charges_pC)
     if force_N is not None:
-        at = [(c, float(series.within(force_N))) for c in _best_cosines(series, means, force_N)]
+        force = float(series.within(force_N))
+        solutions = [(c, force) for c in _best_cosines(series, means, force)]
     elif len(means) == 2:
-        at = _cosines_and_forces(series, means)
+        solutions = _cosines_and_forces(series, means)
     else:
         raise ValueError(
             f"charges of {', '.join(charges_pC)} only: under a centred probe they do not tell "
             "angle from force; give one of A, C and one of B, D, or the force"
         )
-    found = [
-        _orientation(series, charges_pC, means, c, F, error, force_N is not None) for c, F in at
-    ]
-    allowed = MOST_ERRORS * error
     fitting = [
-        o for (c, F), o in zip(at, found, strict=True) if _miss(series, means, c, F) <= allowed
+        _orientation(series, charges_pC, c, F, error, force_N is not None)
+        for c, F in solutions
+        if _miss(series, means, c, F) <= MOST_ERRORS * error
     ]
-    return tuple(sorted(fitting, key=lambda o: o.misfit_pC))
+    return tuple(sorted(fitting, key=lambda orientation: orientation.misfit_pC))
 
 
-def polynomial_angles(
-    polynomial: Polynomial, charge: float, low_deg: float = 0.0, high_deg: float = 90.0
-) -> tuple[float, ...]:
-    """Angles in degrees at which a polynomial in radians takes a charge, ascending.
-
-    The charge has the polynomial's own unit. This is how the thesis finds an angle (Tables 4.2,
-    4.3); `Polynomial.multiplicity` tells where there is one answer only.
-    """
-    if polynomial.variable_unit != "rad":
-        raise ValueError(
-            f"{polynomial.name} is a polynomial in {polynomial.variable_unit}; give one in rad"
-        )
-    low, high = math.radians(low_deg), math.radians(high_deg)
-    return tuple(math.degrees(angle) for angle in polynomial.solutions(charge, low, high))
-
-
-# ------------------------------------------------------------------------------- solving in c
-
-#: Number and mean of the charges of a pair of electrodes, by the sign of c.
+#: Number and mean in pC of the charges of a pair of electrodes, by the pair's sign of c.
 _Means = Mapping[int, tuple[int, float]]
 
 
 def _means(charges_pC: Mapping[str, float]) -> _Means:
-    """A and C are two measurements of one number, as are B and D: least squares sees the means."""
+    """Means of A and C and of B and D, which are all that least squares depends on."""
     values: dict[int, list[float]] = {}
     for electrode, charge in charges_pC.items():
         values.setdefault(sign_of(electrode), []).append(charge)
@@ -148,21 +123,15 @@ def _means(charges_pC: Mapping[str, float]) -> _Means:
 
 
 def _best_cosines(series: CosineSeries, means: _Means, force_N: float) -> list[float]:
-    """Local minima in [−1, 1] of the squared distance of the charges at a force: a polynomial."""
+    """Local minima in [−1, 1] of the charges' squared distance at a force, a polynomial in c."""
     factors = series.cosine_coefficients(force_N)
-    distance = np.zeros(2 * len(factors) - 1)
-    for sign, (number, mean) in means.items():
-        gap = factors * np.where(np.arange(len(factors)) % 2, sign, 1)
-        gap[0] -= mean
-        distance = distance + number * chebyshev.chebmul(gap, gap)
-    slope = chebyshev.chebder(distance)
-
-    def rise(c: float) -> float:
-        return float(chebyshev.chebval(c, slope))
-
-    values = chebyshev.chebval(_GRID, slope)
+    odd = np.arange(len(factors)) % 2 == 1
+    gaps = {sign: Chebyshev(np.where(odd, sign, 1) * factors) - means[sign][1] for sign in means}
+    distance = sum((means[sign][0] * gap**2 for sign, gap in gaps.items()), Chebyshev([0.0]))
+    slope = distance.deriv()
+    values = slope(_GRID)
     minima = [
-        float(brentq(rise, a, b, xtol=1e-15))
+        float(brentq(slope, a, b, xtol=1e-15))
         for a, b, left, right in zip(_GRID[:-1], _GRID[1:], values[:-1], values[1:], strict=True)
         if left < 0 <= right
     ]
@@ -170,16 +139,16 @@ def _best_cosines(series: CosineSeries, means: _Means, force_N: float) -> list[f
 
 
 def _cosines_and_forces(series: CosineSeries, means: _Means) -> list[tuple[float, float]]:
-    """Where the sum of an A and a B and their difference are those measured.
+    """c and force at which the sum and the difference of the charges of A and B are those measured.
 
-    The sum has one force for every c; along these forces the difference is solved for c. What is
-    out of reach is replaced by the end that comes nearest, of the forces or of c.
+    The sum has one force for every c; along these forces the difference is solved for c. A sum or a
+    difference out of reach gets the force or the c at the end that comes nearest.
     """
-    (_, along), (_, across) = means[1], means[-1]
+    (_, mean_A), (_, mean_B) = means[1], means[-1]
     low, high = series.forces_N
 
     def sum_gap(c: float, F: float) -> float:
-        return float(series.charge_at(c, F) + series.charge_at(-c, F)) - (along + across)
+        return float(series.charge_at(c, F) + series.charge_at(-c, F)) - (mean_A + mean_B)
 
     def force(c: float) -> float:
         if sum_gap(c, low) >= 0:
@@ -190,50 +159,53 @@ def _cosines_and_forces(series: CosineSeries, means: _Means) -> list[tuple[float
 
     def difference_gap(c: float) -> float:
         F = force(c)
-        return float(series.charge_at(c, F) - series.charge_at(-c, F)) - (along - across)
+        return float(series.charge_at(c, F) - series.charge_at(-c, F)) - (mean_A - mean_B)
 
-    gaps = np.array([difference_gap(c) for c in _GRID])
-    cosines = [
-        float(brentq(difference_gap, a, b, xtol=1e-14))
+    return [(c, force(c)) for c in _roots_or_nearest_end(difference_gap)]
+
+
+def _roots_or_nearest_end(gap: Callable[[float], float]) -> list[float]:
+    """Roots in [−1, 1] of a function of c, or the end at which it is smaller if there is none."""
+    gaps = np.array([gap(c) for c in _GRID])
+    roots = [
+        float(brentq(gap, a, b, xtol=1e-14))
         for a, b, left, right in zip(_GRID[:-1], _GRID[1:], gaps[:-1], gaps[1:], strict=True)
         if left * right < 0
     ]
-    cosines += [float(c) for c in _GRID[gaps == 0]]
-    if not cosines:
-        cosines = [-1.0 if abs(gaps[0]) < abs(gaps[-1]) else 1.0]
-    return [(c, force(c)) for c in cosines]
+    roots += [float(c) for c in _GRID[gaps == 0]]
+    return roots or [-1.0 if abs(gaps[0]) < abs(gaps[-1]) else 1.0]
 
 
 def _orientation(
     series: CosineSeries,
     charges_pC: Mapping[str, float],
-    means: _Means,
     c: float,
     F: float,
     error: float,
     force_known: bool,
 ) -> Orientation:
-    """The estimate at c and F with its errors, from the charges' by linearisation."""
-    slopes = {sign: series.slopes(sign * c, F) for sign in means}
-    J = np.array([[sign * slopes[sign][0], slopes[sign][1]] for sign in means])
-    weighted = J * np.sqrt([[number] for number, _ in means.values()]) / error
+    """The orientation at c and F, with standard errors by linearisation."""
+    signs = [sign_of(electrode) for electrode in charges_pC]
+    slopes = {sign: series.slopes(sign * c, F) for sign in set(signs)}
+    jacobian = np.array([[sign * slopes[sign][0], slopes[sign][1]] for sign in signs])
+    information = (jacobian.T @ jacobian) / error**2
     if force_known:
-        information = float(np.square(weighted[:, 0]).sum())
-        c_error, F_error = 1 / math.sqrt(information) if information else math.inf, 0.0
+        c_error = 1 / math.sqrt(information[0, 0]) if information[0, 0] else math.inf
+        F_error = 0.0
     else:
-        c_error, F_error = _standard_errors(weighted.T @ weighted)
-    misses = [q - float(series.charge_at(sign_of(e) * c, F)) for e, q in charges_pC.items()]
+        c_error, F_error = _standard_errors(information)
+    charges = np.array([float(series.charge_at(sign * c, F)) for sign in signs])
     return Orientation(
         angle_deg=_angle_deg(c),
         angle_range_deg=(_angle_deg(c + c_error), _angle_deg(c - c_error)),
         force_N=F,
         force_error_N=F_error,
-        misfit_pC=float(np.sqrt(np.mean(np.square(misses)))),
+        misfit_pC=rms(charges - list(charges_pC.values())),
     )
 
 
-def _standard_errors(information: Floats) -> list[float]:
-    """Of two estimates, from their information matrix; infinite where it is singular."""
+def _standard_errors(information: Array) -> list[float]:
+    """Standard errors of two estimates from their information matrix; infinite if singular."""
     with np.errstate(divide="ignore", invalid="ignore"):
         determinant = np.linalg.det(information)
         variances = np.diag(information)[::-1] / determinant
@@ -242,11 +214,9 @@ def _standard_errors(information: Floats) -> list[float]:
 
 def _miss(series: CosineSeries, means: _Means, c: float, F: float) -> float:
     """Root mean square distance of the pairs' means from the series, in pC."""
-    squares = sum(
-        number * (mean - float(series.charge_at(sign * c, F))) ** 2
-        for sign, (number, mean) in means.items()
-    )
-    return math.sqrt(squares / sum(number for number, _ in means.values()))
+    numbers = [number for number, _ in means.values()]
+    misses = [mean - float(series.charge_at(sign * c, F)) for sign, (_, mean) in means.items()]
+    return rms(np.repeat(misses, numbers))
 
 
 def _angle_deg(c: float) -> float:

@@ -1,17 +1,17 @@
-"""The place of the probe from charges.
+"""The place of the probe from charges, in two ways.
 
-Two ways. `triangulate` is the thesis's (section 3.1): for each three electrodes the three points at
-which two of their isocharge contours cross, the mean of those points, and for four electrodes the
-mean over the triples that have one. `fit_place` seeks the place whose charges are closest to those
-measured. Two contours may cross more than once, and three charges may fit more than one place: both
-ways list all they find.
+`triangulate` is the thesis's way (section 3.1): for each three electrodes it takes the three points
+at which two of their isocharge contours cross, and the mean of these points; for four electrodes it
+takes the mean over the triples that have one. `fit_place` seeks the place whose charges are closest
+to those measured. Two contours may cross more than once, and three charges may fit more than one
+place: both ways list all places that they find.
 
 Where two contours nearly touch, a small error of a charge moves their crossing far, and the mean of
-the three with it: in the first scene of the thesis's Table 3.3, 0.3 pC move it by 1.1 mm, which the
-spread of the three, 3.3 mm, tells. Least squares lean on the other charges there, and err by less
-than 0.02 mm. So `fit_place` is the better answer, and `triangulate` is the one to compare the
-thesis's with. Both know the force and the orientation and read maps of the charges at that force;
-`pvdf_fem.touch.locate` finds those too.
+the three with it: in the first scene of the thesis's Table 3.3, 0.3 pC move it by 1.1 mm, as the
+large spread of the three crossings, 3.3 mm, suggests. Least squares lean on the other charges
+there, and err by less than 0.02 mm. So `fit_place` is the better answer, and `triangulate` is the
+one to compare the thesis's with. Both take force and orientation as known and read maps of the
+charges at that force; `pvdf_fem.touch.locate` finds force and orientation too.
 """
 
 from __future__ import annotations
@@ -22,23 +22,14 @@ from enum import StrEnum
 from itertools import combinations, product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pvdf_fem.arrays import Array
 from pvdf_fem.maps.charge_map import ChargeFunction
 from pvdf_fem.maps.isocharge import Contour, distinct
 
-Array = NDArray[np.float64]
 
-# The search starts from a raster of so many places across the reach, and may pass through places
-# this much farther out; beyond them charge maps mean nothing.
-_STARTS_ACROSS, _ROOM = 17, 1.25
-# It ends when its steps are below this, or after so many; places closer than _SAME_MM are the same.
-_ARRIVED_MM, _MAX_STEPS = 1e-7, 200
-_SAME_MM = 1e-3
-
-
-class Status(StrEnum):
-    """How a location ended."""
+class PlaceStatus(StrEnum):
+    """Whether charges have a place, or why not."""
 
     LOCATED = "located"
     NO_CONTOUR = "no contour"
@@ -47,8 +38,8 @@ class Status(StrEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
-    """Where the contours of two electrodes cross.
+class ContourPair:
+    """The crossings of two electrodes' contours.
 
     Attributes
     ----------
@@ -66,7 +57,7 @@ class Pair:
 
     @property
     def gap_mm(self) -> float:
-        """Least distance of the two contours: 0 where they cross, NaN if one has no curve."""
+        """Least distance of the two contours: 0 if they cross, NaN if one has no curve."""
         if len(self.crossings_mm):
             return 0.0
         return float(np.linalg.norm(np.subtract(*self.nearest_mm)))
@@ -78,19 +69,25 @@ class Pair:
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
-    """One crossing of each pair of three contours, (3, 2) in mm."""
+class CrossingTriple:
+    """One crossing of each pair of three contours.
+
+    Attributes
+    ----------
+    corners_mm : ndarray, shape (3, 2)
+        The three crossings.
+    """
 
     corners_mm: Array
 
     @property
     def mean_mm(self) -> Array:
-        """Their mean, (2,)."""
+        """Mean of the three crossings, (2,)."""
         return self.corners_mm.mean(axis=0)
 
     @property
     def spread_mm(self) -> float:
-        """Largest distance between two of them."""
+        """Largest distance between two of the crossings."""
         edges = self.corners_mm - np.roll(self.corners_mm, 1, axis=0)
         return float(np.linalg.norm(edges, axis=1).max())
 
@@ -103,19 +100,19 @@ class Triangle:
     ----------
     electrodes : tuple of str
         Three names.
-    pairs : tuple of Pair
+    pairs : tuple of ContourPair
         In the order of `itertools.combinations`.
-    candidates : tuple of Candidate
+    candidates : tuple of CrossingTriple
         Every choice of one crossing per pair, by growing spread.
-    status : Status
+    status : PlaceStatus
     reasons : tuple of str
         Why there is no place: which contour is missing, or which do not cross and by how much.
     """
 
     electrodes: tuple[str, ...]
-    pairs: tuple[Pair, ...]
-    candidates: tuple[Candidate, ...]
-    status: Status
+    pairs: tuple[ContourPair, ...]
+    candidates: tuple[CrossingTriple, ...]
+    status: PlaceStatus
     reasons: tuple[str, ...] = ()
 
     @property
@@ -138,17 +135,18 @@ class Triangulation:
     @property
     def located(self) -> tuple[Triangle, ...]:
         """The triples that have a place."""
-        return tuple(t for t in self.triangles if t.status is Status.LOCATED)
+        return tuple(t for t in self.triangles if t.status is PlaceStatus.LOCATED)
 
     @property
-    def status(self) -> Status:
+    def status(self) -> PlaceStatus:
         """``located`` if any triple is, else the status of the first."""
-        return Status.LOCATED if self.located else self.triangles[0].status
+        return PlaceStatus.LOCATED if self.located else self.triangles[0].status
 
     @property
     def reason(self) -> str:
-        """Why triples have no place, each reason once."""
-        return "; ".join(dict.fromkeys(r for t in self.triangles for r in t.reasons))
+        """Why triples have no place; a reason that several of them have is named once."""
+        reasons = (reason for triangle in self.triangles for reason in triangle.reasons)
+        return "; ".join(dict.fromkeys(reasons))
 
     @property
     def position_mm(self) -> Array:
@@ -161,8 +159,8 @@ class Triangulation:
         """Largest distance between crossings or places that entered the mean; NaN without any."""
         spreads = [triangle.spread_mm for triangle in self.located]
         places = [triangle.position_mm for triangle in self.located]
-        apart = [float(np.linalg.norm(a - b)) for a, b in combinations(places, 2)]
-        return max([*spreads, *apart], default=np.nan)
+        distances = [float(np.linalg.norm(a - b)) for a, b in combinations(places, 2)]
+        return max([*spreads, *distances], default=np.nan)
 
 
 def triangulate(contours: Iterable[Contour], touching_mm: float = 0.0) -> Triangulation:
@@ -172,49 +170,50 @@ def triangulate(contours: Iterable[Contour], touching_mm: float = 0.0) -> Triang
     ----------
     contours : iterable of Contour
     touching_mm : float
-        Contours that pass no farther than this from each other touch, midway. Right between two
-        electrodes the contours of both are tangent, and cross or not by the last digit.
+        Contours that pass each other no farther apart than this count as crossing midway. Right
+        between two electrodes the contours of both are tangent, and rounding decides whether they
+        cross.
 
     Raises
     ------
     ValueError
         For fewer than three contours.
     """
-    known = {contour.electrode: contour for contour in contours}
-    if len(known) < 3:
-        names = ", ".join(known) or "none"
+    by_name = {contour.electrode: contour for contour in contours}
+    if len(by_name) < 3:
+        names = ", ".join(by_name) or "none"
         raise ValueError(f"contours: of {names} only; give those of three electrodes")
-    pairs = {names: _pair(known[names[0]], known[names[1]]) for names in combinations(known, 2)}
-    triples = combinations(known, 3)
-    return Triangulation(tuple(_triangle(t, pairs, known, touching_mm) for t in triples))
+    pairs = {(a, b): _pair(by_name[a], by_name[b]) for a, b in combinations(by_name, 2)}
+    triples = combinations(by_name, 3)
+    return Triangulation(tuple(_triangle(t, pairs, by_name, touching_mm) for t in triples))
 
 
-def _pair(a: Contour, b: Contour) -> Pair:
+def _pair(a: Contour, b: Contour) -> ContourPair:
     names = (a.electrode, b.electrode)
     if not (a.curves and b.curves):
-        return Pair(names, np.zeros((0, 2)), np.full((2, 2), np.nan))
-    return Pair(names, a.crossings(b), a.nearest(b))
+        return ContourPair(names, np.zeros((0, 2)), np.full((2, 2), np.nan))
+    return ContourPair(names, a.crossings(b), a.nearest(b))
 
 
 def _triangle(
     names: tuple[str, ...],
-    pairs: Mapping[tuple[str, str], Pair],
+    pairs: Mapping[tuple[str, str], ContourPair],
     contours: Mapping[str, Contour],
     touching_mm: float,
 ) -> Triangle:
-    mine = tuple(pairs[two] for two in combinations(names, 2))
+    three_pairs = tuple(pairs[two] for two in combinations(names, 2))
     missing = [contours[name] for name in names if not contours[name].curves]
     if missing:
         nowhere = tuple(f"{c.electrode} has {c.charge_pC:.4g} pC nowhere" for c in missing)
-        return Triangle(names, mine, (), Status.NO_CONTOUR, nowhere)
-    apart = [pair for pair in mine if pair.gap_mm > touching_mm]
+        return Triangle(names, three_pairs, (), PlaceStatus.NO_CONTOUR, nowhere)
+    apart = [pair for pair in three_pairs if pair.gap_mm > touching_mm]
     if apart:
         gaps = tuple(f"{'-'.join(p.electrodes)} pass at {p.gap_mm:.3g} mm" for p in apart)
-        return Triangle(names, mine, (), Status.NO_CROSSING, gaps)
-    choices = product(*(pair.meetings_mm for pair in mine))
-    candidates = (Candidate(np.array(corners)) for corners in choices)
+        return Triangle(names, three_pairs, (), PlaceStatus.NO_CROSSING, gaps)
+    choices = product(*(pair.meetings_mm for pair in three_pairs))
+    candidates = (CrossingTriple(np.array(corners)) for corners in choices)
     ordered = sorted(candidates, key=lambda candidate: candidate.spread_mm)
-    return Triangle(names, mine, tuple(ordered), Status.LOCATED)
+    return Triangle(names, three_pairs, tuple(ordered), PlaceStatus.LOCATED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,9 +224,9 @@ class Fix:
     ----------
     position_mm : ndarray, shape (2,)
     residuals_pC : dict of float
-        Charges there less those measured.
+        Charges at the place less those measured.
     covariance : ndarray, shape (2, 2)
-        Of the place in mm², per pC² of independent errors of the charges.
+        Covariance of the place in mm², for independent errors of the charges of 1 pC.
     """
 
     position_mm: Array
@@ -240,7 +239,7 @@ class Fix:
         return float(np.sqrt(np.mean(np.square(list(self.residuals_pC.values())))))
 
     def deviation_mm(self, charge_error_pC: float) -> float:
-        """Standard deviation of the place in its worst direction, from one of the charges."""
+        """Standard deviation of the place in its worst direction, given that of the charges."""
         return float(charge_error_pC * np.sqrt(np.linalg.eigvalsh(self.covariance)[-1]))
 
 
@@ -251,14 +250,14 @@ class PlaceFit:
     Attributes
     ----------
     fixes : tuple of Fix
-        All local best places, the best first. Another with a misfit as small tells that the
-        charges do not determine the place.
-    status : Status
+        All places that are better than those nearby, the best first. The charges do not determine
+        the place if the second misfit is as small as the first.
+    status : PlaceStatus
         ``outside`` when the search leaves the reach of the charge functions from every start.
     """
 
     fixes: tuple[Fix, ...]
-    status: Status
+    status: PlaceStatus
 
     @property
     def position_mm(self) -> Array:
@@ -266,7 +265,37 @@ class PlaceFit:
         return self.fixes[0].position_mm if self.fixes else np.full(2, np.nan)
 
 
-def fit_place(charges_pC: Mapping[str, float], functions: Mapping[str, ChargeFunction]) -> PlaceFit:
+@dataclass(frozen=True)
+class PlaceSearch:
+    """How least squares search for places.
+
+    Attributes
+    ----------
+    starts_across : int
+        Places of the raster of starts along the diameter of the disc of the reach.
+    room : float
+        Largest distance from the film's centre that a search passes through, over the reach; charge
+        maps mean nothing beyond.
+    last_step_mm : float
+        A search has arrived after a step shorter than this.
+    most_steps : int
+        Number of steps after which a search is stopped where it is.
+    same_mm : float
+        Places closer than this are the same.
+    """
+
+    starts_across: int = 17
+    room: float = 1.25
+    last_step_mm: float = 1e-7
+    most_steps: int = 200
+    same_mm: float = 1e-3
+
+
+def fit_place(
+    charges_pC: Mapping[str, float],
+    functions: Mapping[str, ChargeFunction],
+    search: PlaceSearch | None = None,
+) -> PlaceFit:
     """The places that least squares of the charges' differences find.
 
     The search goes downhill from every place of a raster over the reach, so that it finds all
@@ -278,6 +307,7 @@ def fit_place(charges_pC: Mapping[str, float], functions: Mapping[str, ChargeFun
         Measured charges of two or more electrodes.
     functions : mapping
         Charge functions of at least these electrodes.
+    search : PlaceSearch, optional
 
     Raises
     ------
@@ -288,64 +318,72 @@ def fit_place(charges_pC: Mapping[str, float], functions: Mapping[str, ChargeFun
     if unknown or len(charges_pC) < 2:
         wrong = f"no charge map of {', '.join(unknown)}" if unknown else "a place needs two"
         raise ValueError(f"charges_pC {dict(charges_pC)}: {wrong}; change the charges given")
-    reach = min(functions[name].reach_mm for name in charges_pC)
-    places = _descended(_raster(reach), charges_pC, functions, _ROOM * reach)
-    places = distinct(places[np.linalg.norm(places, axis=1) <= reach], _SAME_MM)
-    residuals, slopes = _residuals(places, charges_pC, functions)
+    search = search or PlaceSearch()
+    problem = _Differences(charges_pC, functions)
+    places = _descended(problem, _raster(problem.reach_mm, search.starts_across), search)
+    inside = np.linalg.norm(places, axis=1) <= problem.reach_mm
+    places = distinct(places[inside], search.same_mm)
+    residuals, slopes = problem.at(places)
     fixes = [
         Fix(place, dict(zip(charges_pC, r.tolist(), strict=True)), np.linalg.pinv(J.T @ J))
         for place, r, J in zip(places, residuals, slopes, strict=True)
     ]
     fixes.sort(key=lambda fix: fix.misfit_pC)
-    return PlaceFit(tuple(fixes), Status.LOCATED if fixes else Status.OUTSIDE)
+    return PlaceFit(tuple(fixes), PlaceStatus.LOCATED if fixes else PlaceStatus.OUTSIDE)
 
 
-def _raster(reach_mm: float) -> Array:
-    """Places (n, 2) of a square raster within the reach."""
-    at = np.linspace(-reach_mm, reach_mm, _STARTS_ACROSS)
-    places = np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
+@dataclass(frozen=True)
+class _Differences:
+    """Charges by the place of the probe, less those measured."""
+
+    charges_pC: Mapping[str, float]
+    functions: Mapping[str, ChargeFunction]
+
+    @property
+    def reach_mm(self) -> float:
+        """Distance from the film's centre within which all charge functions hold."""
+        return min(self.functions[name].reach_mm for name in self.charges_pC)
+
+    def at(self, places: Array) -> tuple[Array, Array]:
+        """Differences in pC at places (n, 2), (n, electrodes), and their slopes (..., 2)."""
+        by_name = [self.functions[name].value_and_gradient(places) for name in self.charges_pC]
+        charges = np.stack([charge for charge, _ in by_name], axis=1)
+        slopes = np.stack([slope for _, slope in by_name], axis=1)
+        return charges - list(self.charges_pC.values()), slopes
+
+
+def _raster(reach_mm: float, starts_across: int) -> Array:
+    coordinates = np.linspace(-reach_mm, reach_mm, starts_across)
+    places = np.stack(np.meshgrid(coordinates, coordinates), axis=-1).reshape(-1, 2)
     return places[np.linalg.norm(places, axis=1) <= reach_mm]
 
 
-def _residuals(
-    places: Array, charges_pC: Mapping[str, float], functions: Mapping[str, ChargeFunction]
-) -> tuple[Array, Array]:
-    """Charges at places (n, 2) less those measured, (n, electrodes), and slopes (..., 2)."""
-    each = [functions[name].value_and_gradient(places) for name in charges_pC]
-    charges = np.stack([q for q, _ in each], axis=1)
-    return charges - list(charges_pC.values()), np.stack([slope for _, slope in each], axis=1)
+def _descended(problem: _Differences, places: Array, search: PlaceSearch) -> Array:
+    """Places (n, 2) moved to a local minimum of the sum of squares each.
 
-
-def _descended(
-    places: Array,
-    charges_pC: Mapping[str, float],
-    functions: Mapping[str, ChargeFunction],
-    room_mm: float,
-) -> Array:
-    """Places (n, 2) moved to where the squares are least nearby, none farther out than `room_mm`.
-
-    Levenberg-Marquardt steps of all places at once.
+    Levenberg-Marquardt steps of all places at once: as quick as scipy's `least_squares` from the
+    four or five lowest places of the raster, from which two minima in one of its cells are one.
     """
     places = places.copy()
-    residuals, slopes = _residuals(places, charges_pC, functions)
+    residuals, slopes = problem.at(places)
     damping = np.full(len(places), 1e-3)
     moving = np.arange(len(places))
-    for _ in range(_MAX_STEPS):
+    for _ in range(search.most_steps):
         r, J = residuals[moving], slopes[moving]
         normal = J.swapaxes(1, 2) @ J
         size = np.maximum(np.trace(normal, axis1=1, axis2=2), 1e-30)
         damped = normal + (damping[moving] * size)[:, None, None] * np.eye(2)
         steps = -np.linalg.solve(damped, J.swapaxes(1, 2) @ r[..., None])[..., 0]
         moved = places[moving] + steps
-        there, slopes_there = _residuals(moved, charges_pC, functions)
-        better = (there**2).sum(axis=1) < (r**2).sum(axis=1)
-        better &= np.linalg.norm(moved, axis=1) <= room_mm
-        gone = moving[better]
-        places[gone], residuals[gone] = moved[better], there[better]
-        slopes[gone] = slopes_there[better]
+        moved_residuals, moved_slopes = problem.at(moved)
+        better = (moved_residuals**2).sum(axis=1) < (r**2).sum(axis=1)
+        better &= np.linalg.norm(moved, axis=1) <= search.room * problem.reach_mm
+        improved = moving[better]
+        places[improved], residuals[improved] = moved[better], moved_residuals[better]
+        slopes[improved] = moved_slopes[better]
         eased, stiffened = np.maximum(0.1 * damping[moving], 1e-12), 10.0 * damping[moving]
         damping[moving] = np.where(better, eased, stiffened)
-        moving = moving[np.linalg.norm(steps, axis=1) >= _ARRIVED_MM]
+        moving = moving[np.linalg.norm(steps, axis=1) >= search.last_step_mm]
         if not moving.size:
             break
     return places

@@ -1,14 +1,14 @@
-"""Scene to mesh: the clamped disc with its electrodes and probe as named patches.
+"""From a scene to its mesh: the clamped disc with its electrodes and probe as named patches.
 
 This is the only module that imports gmsh. The outlines are embedded with OpenCASCADE's
 ``fragment``, so every patch, and every overlap of patches, is a union of elements. Elements are
-six-node triangles: rim and circular outlines are curved to second order, with the circles' areas.
+six-node triangles: rim and curved outlines are curved to second order, with the outlines' areas.
 Element sizes are smallest along the outlines and grow linearly with the distance from them
-(`Sizes`), or follow an error estimate on an earlier mesh (`SizeField`). Of a symmetric scene a part
-can be meshed (`symmetry.Part`).
+(`Sizes`), or follow an error estimate on an earlier mesh (`SizeField`). A mesh can cover part of a
+symmetric scene alone (`symmetry.MirroredPart`).
 
-gmsh works on lengths divided by a hundredth of the film's radius, so that its absolute geometric
-tolerance means the same for a film of 1 mm and of 1 m.
+In gmsh the film's radius is 100, so that gmsh's absolute geometric tolerance means the same for a
+film of 1 mm and of 1 m.
 """
 
 from __future__ import annotations
@@ -16,49 +16,40 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import gmsh
 import numpy as np
-from numpy.typing import NDArray
 from skfem import MeshTri2
 
-from pvdf_fem.film.bending_effect import bending_joins
+from pvdf_fem.arrays import Indices
 from pvdf_fem.mesh.six_node import SIDES, bulge, compression, with_sorted_vertices
-from pvdf_fem.mesh.symmetry import WHOLE, Part
-from pvdf_fem.scene.outline import Circle, Outline, mapped
+from pvdf_fem.mesh.size_field import SPARE, SizeField, Sizes, element_sizes
+from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
+from pvdf_fem.scene.outlines.circle import Circle
+from pvdf_fem.scene.outlines.outline import EllipseCurve, Line, Outline
 from pvdf_fem.scene.scene import Scene
 
-# gmsh's other sources of element sizes, all switched off.
-OTHER_SIZES = ("MeshSizeFromPoints", "MeshSizeExtendFromBoundary")
-FRONTAL_DELAUNAY = 6
-# Of the number of elements along a curve; gmsh's 1e-9 takes most of the meshing time.
-CURVE_PRECISION = 1e-2
-# Sizes of a `SizeField` grow by no more than this per unit of length.
-GROWTH = 0.5
-# A curved element is distorted whose area is compressed to less than this part somewhere. The cusp
-# between an arc and its own tangent, or another arc that it touches, has 0.15 at any size.
-# Between an arc and a corner or an edge that it nearly touches, elements are worse, or fold; they
-# are made smaller by the factor, and the scene is meshed again, a few times at the most. Sides
-# become straight where that moves them by less than a part of the smallest outline, which changes
-# its area by less than 1e-6, and at last wherever else they are distorted, tiny as they are then.
-# Films that bend do not bear the cusps.
-DISTORTED, DISTORTED_BENT = 0.14, 0.2
-SMALLER, ATTEMPTS = 0.4, 6
-FLAT = 1e-5
-# gmsh's elements are smaller than the sizes that they are asked for by about this.
-SPARE = 1.15
-# Size of a sliver, as a part of its longest edge; of one that is distorted.
-SLIVER, DISTORTED_SLIVER = 0.5, 0.1
-# How near to a mirror line a node counts as on it, relative to the film's radius.
+#: A node counts as on a mirror line that is nearer than this, relative to the film's radius.
 ON_LINE = 1e-8
-# gmsh has one state for all threads, of which the worker of a cluster may have several.
+#: gmsh has one state for all threads, of which the worker of a cluster may have several.
 _ONE_MODEL = threading.Lock()
+_OPTIONS = {
+    "General.Terminal": 0,
+    "General.NumThreads": 1,
+    # the other sources of element sizes are switched off
+    "Mesh.MeshSizeFromPoints": 0,
+    "Mesh.MeshSizeExtendFromBoundary": 0,
+    # frontal Delaunay
+    "Mesh.Algorithm": 6,
+    # precision of the number of elements along a curve; gmsh's 1e-9 takes most of the time
+    "Mesh.LcIntegrationPrecision": 1e-2,
+}
 
 RIM = "rim"
 FILM = "film"
 PROBE = "probe"
-# Where the first and the second coordinate change sign between a part of the film and its image.
+#: Where the first and the second coordinate change sign between a part of the film and its image.
 MIRRORS = ("mirror x", "mirror y")
 
 
@@ -71,88 +62,19 @@ class MeshError(RuntimeError):
     """gmsh could not mesh a scene; the text names the patches found and expected."""
 
 
-@dataclass(frozen=True)
-class Sizes:
-    """Element sizes in metres.
-
-    Attributes
-    ----------
-    patches : dict
-        Element size along the outline of each patch, by patch name; `FILM` is the rim's.
-    growth : float
-        Increase of the element size per unit of distance from an outline.
-    film : float
-        Largest element size.
-    """
-
-    patches: dict[str, float]
-    growth: float
-    film: float
-
-    def scaled(self, factor: float) -> Sizes:
-        """All element sizes, and so the gradient, times `factor`."""
-        patches = {name: size * factor for name, size in self.patches.items()}
-        return Sizes(patches, self.growth * factor, self.film * factor)
-
-
-@dataclass(frozen=True, eq=False)
-class SizeField:
-    """Element sizes in metres at the vertices of a mesh, linear in its triangles.
-
-    Attributes
-    ----------
-    mesh : MeshTri2
-    sizes : (vertices,)
-    """
-
-    mesh: MeshTri2
-    sizes: NDArray[np.float64]
-
-    @classmethod
-    def of_elements(cls, mesh: MeshTri2, sizes: NDArray[np.float64]) -> SizeField:
-        """From a size per element: geometric means at the vertices, lowered where too steep."""
-        vertices, count = mesh.t.ravel(), np.bincount(mesh.t.ravel(), minlength=mesh.nvertices)
-        total = np.bincount(vertices, np.tile(np.log(sizes), 3), mesh.nvertices)
-        at_vertices = np.exp(total / np.maximum(count, 1))
-        a, b = mesh.facets
-        rise = GROWTH * np.linalg.norm(mesh.p[:, a] - mesh.p[:, b], axis=0)
-        while True:
-            lowered = at_vertices.copy()
-            np.minimum.at(lowered, a, at_vertices[b] + rise)
-            np.minimum.at(lowered, b, at_vertices[a] + rise)
-            if not (lowered < at_vertices).any():
-                return cls(mesh, at_vertices)
-            at_vertices = lowered
-
-    def coarsened(self, most: float) -> SizeField:
-        """The same field, or a coarser one of about `most` elements."""
-        mean = self.sizes[self.mesh.t].mean(axis=0)
-        count = float(((SPARE * element_sizes(self.mesh) / mean) ** 2).sum())
-        return SizeField(self.mesh, self.sizes * np.sqrt(max(count / most, 1.0)))
-
-
-def element_sizes(mesh: MeshTri2, sliver: float = SLIVER) -> NDArray[np.float64]:
-    """Edge of the equilateral triangle of an element's area, or `sliver` of its longest edge, m.
-
-    The larger one: a sliver's area says nothing of its neighbours, and in the cusp between arcs
-    that touch meshes as fine as that would take gmsh minutes.
-    """
-    corners = mesh.p[:, mesh.t]
-    (x0, x1, x2), (y0, y1, y2) = corners
-    area = 0.5 * np.abs((x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0))
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=0).max(axis=0)
-    return np.maximum(np.sqrt(4.0 / np.sqrt(3.0) * area), sliver * longest)
-
-
 def outlines(scene: Scene) -> dict[str, Outline]:
     """The outlines that the mesh follows, by patch name: the electrodes, then the probe."""
-    found: dict[str, Outline] = {electrode_patch(e.name): e.outline for e in scene.electrode_list}
-    if scene.probe is not None:
-        found[PROBE] = scene.probe.outline
-    return found
+    shapes = {electrode_patch(e.name): e.outline for e in scene.electrode_list}
+    return shapes | ({PROBE: scene.probe.outline} if scene.probe is not None else {})
 
 
-def mesh_scene(scene: Scene, sizes: Sizes | SizeField, part: Part = WHOLE) -> MeshTri2:
+def mesh_scene(
+    scene: Scene,
+    sizes: Sizes | SizeField,
+    part: MirroredPart = WHOLE,
+    least_jacobian: float = 0.14,
+    attempts: int = 6,
+) -> MeshTri2:
     """Mesh a scene, or a part of it in the part's axes.
 
     Parameters
@@ -161,7 +83,14 @@ def mesh_scene(scene: Scene, sizes: Sizes | SizeField, part: Part = WHOLE) -> Me
         The film, its electrodes and the probe.
     sizes : Sizes or SizeField
         Element sizes; patches that `Sizes.patches` does not name get no finer mesh.
-    part : Part, optional
+    part : MirroredPart, optional
+    least_jacobian : float, optional
+        Least Jacobian of a curved element, relative to its mean. The cusp between an arc and its
+        tangent, or between two arcs that touch, has 0.15 at any element size.
+    attempts : int, optional
+        Number of meshes, each finer at the elements of the one before with a smaller Jacobian.
+        Such elements are between an arc and a corner or an edge that it nearly touches. What is
+        left of them in the last mesh gets straight sides.
 
     Returns
     -------
@@ -175,30 +104,30 @@ def mesh_scene(scene: Scene, sizes: Sizes | SizeField, part: Part = WHOLE) -> Me
     MeshError
         When gmsh fails, a patch has got no element, or elements fold although they are straight.
     """
-    least = DISTORTED_BENT if bending_joins(scene) else DISTORTED
     smallest = min((shape.perimeter for shape in outlines(scene).values()), default=0.0)
-    for _ in range(ATTEMPTS):
-        mesh = _straightened(_mesh_once(scene, sizes, part), least, FLAT * smallest)
-        bad = compression(mesh) < least
-        if not bad.any():
+    for _ in range(attempts):
+        # moving a side by this part of the smallest outline changes its area by less than 1e-6
+        mesh = _straightened(_mesh_once(scene, sizes, part), least_jacobian, 1e-5 * smallest)
+        distorted = compression(mesh) < least_jacobian
+        if not distorted.any():
             return mesh
-        wanted = SPARE * element_sizes(mesh)
-        wanted[bad] = SMALLER * element_sizes(mesh, DISTORTED_SLIVER)[bad]
-        sizes = SizeField.of_elements(mesh, wanted)
-    mesh = _straightened(mesh, least, np.inf)
-    if (bad := compression(mesh) < least).any():
-        raise MeshError(f"{bad.sum()} elements fold: an outline nearly touches another")
+        next_sizes = SPARE * element_sizes(mesh)
+        next_sizes[distorted] = 0.4 * element_sizes(mesh, sliver=0.1)[distorted]
+        sizes = SizeField.of_elements(mesh, next_sizes)
+    mesh = _straightened(mesh, least_jacobian, np.inf)
+    if (distorted := compression(mesh) < least_jacobian).any():
+        raise MeshError(f"{distorted.sum()} elements fold: an outline nearly touches another")
     return mesh
 
 
-def _straightened(mesh: MeshTri2, least: float, most: float) -> MeshTri2:
-    """Straight sides of the elements compressed to `least`, where that moves them by up to `most`.
+def _straightened(mesh: MeshTri2, least_jacobian: float, most: float) -> MeshTri2:
+    """The mesh with straight sides of distorted elements, where that moves them by up to `most`.
 
-    They lie in cusps too narrow for an arc.
+    Such elements lie in cusps too narrow for an arc.
     """
     while True:
         points = mesh.doflocs.copy()
-        nodes = mesh.dofs.element_dofs[:, compression(mesh) < least]
+        nodes = mesh.dofs.element_dofs[:, compression(mesh) < least_jacobian]
         for middle, (a, b) in enumerate(SIDES, start=3):
             halfway = 0.5 * (points[:, nodes[a]] + points[:, nodes[b]])
             near = np.linalg.norm(halfway - points[:, nodes[middle]], axis=0) <= most
@@ -208,20 +137,16 @@ def _straightened(mesh: MeshTri2, least: float, most: float) -> MeshTri2:
         mesh = replace(mesh, doflocs=points)
 
 
-def _mesh_once(scene: Scene, sizes: Sizes | SizeField, part: Part) -> MeshTri2:
+def _mesh_once(scene: Scene, sizes: Sizes | SizeField, part: MirroredPart) -> MeshTri2:
     unit = scene.film.radius / 100.0
     shapes: dict[str, Outline] = {FILM: Circle(np.zeros(2), scene.film.radius)}
-    shapes |= {name: mapped(shape, part.frame) for name, shape in outlines(scene).items()}
+    shapes |= {name: shape.mapped(part.frame) for name, shape in outlines(scene).items()}
     shapes |= {electrode_patch(image): shape for image, (_, shape) in part.images.items()}
     with _ONE_MODEL, _gmsh():
         try:
             patches = _fragment(shapes, unit, part)
-            for option in OTHER_SIZES:
-                gmsh.option.setNumber(f"Mesh.{option}", 0)
             arcs = _arcs(scene.numerics.tolerance)
             gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", arcs)
-            gmsh.option.setNumber("Mesh.Algorithm", FRONTAL_DELAUNAY)
-            gmsh.option.setNumber("Mesh.LcIntegrationPrecision", CURVE_PRECISION)
             if isinstance(sizes, Sizes):
                 sizes = _with_images(sizes, part)
                 curves = {
@@ -236,8 +161,8 @@ def _mesh_once(scene: Scene, sizes: Sizes | SizeField, part: Part) -> MeshTri2:
             gmsh.model.mesh.setOrder(2)
         except Exception as error:
             raise MeshError(f"gmsh failed: {error}") from error
-        circles = [shape for shape in shapes.values() if isinstance(shape, Circle)]
-        return _read({name: patches.get(name) for name in shapes}, unit, circles, part)
+        smooth = [shape for shape in shapes.values() if not len(shape.corners)]
+        return _read({name: patches.get(name) for name in shapes}, unit, smooth, part)
 
 
 def _arcs(tolerance: float) -> int:
@@ -252,17 +177,17 @@ def _arcs(tolerance: float) -> int:
 def _gmsh() -> Iterator[None]:
     gmsh.initialize(argv=["", "-v", "1"], readConfigFiles=False, interruptible=False)
     try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.option.setNumber("General.NumThreads", 1)
+        for name, value in _OPTIONS.items():
+            gmsh.option.setNumber(name, value)
         yield
     finally:
         gmsh.finalize()
 
 
-def _fragment(shapes: dict[str, Outline], unit: float, part: Part) -> dict[str, list[int]]:
+def _fragment(shapes: dict[str, Outline], unit: float, part: MirroredPart) -> dict[str, list[int]]:
     """Surfaces of each patch in the part, ``film`` included, after all outlines have cut it."""
     occ, radius = gmsh.model.occ, 100.0
-    film = [(2, occ.addDisk(0.0, 0.0, 0.0, radius, radius))]
+    film = [(2, _surface(shapes[FILM], unit))]
     names = [name for name in shapes if name != FILM]
     if part.mirrored:
         x, y = (0.0 if axis in part.mirrored else -2.0 * radius for axis in (0, 1))
@@ -270,9 +195,9 @@ def _fragment(shapes: dict[str, Outline], unit: float, part: Part) -> dict[str, 
         film, _ = occ.intersect(film, [(2, box)])
         names = [name for name in names if part.covers(shapes[name], shapes[FILM].reach)]
     tools = [(2, _surface(shapes[name], unit)) for name in names]
-    every, pieces = occ.fragment(film, tools) if tools else (film, [film])
+    fragments, pieces = occ.fragment(film, tools) if tools else (film, [film])
     inside = set(pieces[0])
-    occ.remove([piece for piece in every if piece not in inside], recursive=True)
+    occ.remove([fragment for fragment in fragments if fragment not in inside], recursive=True)
     occ.synchronize()
     return {
         name: [tag for dimension, tag in piece if (dimension, tag) in inside]
@@ -282,16 +207,26 @@ def _fragment(shapes: dict[str, Outline], unit: float, part: Part) -> dict[str, 
 
 def _surface(outline: Outline, unit: float) -> int:
     occ = gmsh.model.occ
-    if isinstance(outline, Circle):
-        x, y = outline.centre / unit
-        radius = outline.radius / unit
-        return int(occ.addDisk(x, y, 0.0, radius, radius))
-    points = [occ.addPoint(x, y, 0.0) for x, y in outline.vertices / unit]
-    lines = [occ.addLine(a, b) for a, b in zip(points, points[1:] + points[:1], strict=True)]
-    return int(occ.addPlaneSurface([occ.addCurveLoop(lines)]))
+    points = [occ.addPoint(x, y, 0.0) for x, y in outline.corners / unit]
+    curves = [
+        occ.addLine(points[i], points[(i + 1) % len(points)])
+        if isinstance(piece, Line)
+        else _ellipse(piece, unit)
+        for i, piece in enumerate(outline.boundary)
+    ]
+    return int(occ.addPlaneSurface([occ.addCurveLoop(curves)]))
 
 
-def _outer_curves(surfaces: list[int], shape: Outline, part: Part) -> list[int]:
+def _ellipse(curve: EllipseCurve, unit: float) -> int:
+    x, y = curve.centre / unit
+    lengths = np.linalg.norm(curve.axes, axis=0) / unit
+    major = int(lengths.argmax())  # gmsh wants the major axis first
+    a, b = lengths[major], lengths[1 - major]
+    direction, upwards = [*curve.axes[:, major], 0.0], [0.0, 0.0, 1.0]
+    return int(gmsh.model.occ.addEllipse(x, y, 0.0, a, b, zAxis=upwards, xAxis=direction))
+
+
+def _outer_curves(surfaces: list[int], shape: Outline, part: MirroredPart) -> list[int]:
     """The curves of a patch's outline, without those along which a mirror line cuts it."""
     pairs = gmsh.model.getBoundary([(2, tag) for tag in surfaces], combined=True, oriented=False)
     curves = {abs(tag) for _, tag in pairs}
@@ -302,11 +237,14 @@ def _outer_curves(surfaces: list[int], shape: Outline, part: Part) -> list[int]:
     return sorted(curves)
 
 
-def _with_images(sizes: Sizes, part: Part) -> Sizes:
+def _with_images(sizes: Sizes, part: MirroredPart) -> Sizes:
     """The sizes, and those of electrodes for their images."""
-    of = {electrode_patch(image): electrode_patch(name) for image, (name, _) in part.images.items()}
-    images = {image: sizes.patches[name] for image, name in of.items() if name in sizes.patches}
-    return Sizes(sizes.patches | images, sizes.growth, sizes.film)
+    patches = {
+        electrode_patch(image): sizes.patches[electrode_patch(name)]
+        for image, (name, _) in part.images.items()
+        if electrode_patch(name) in sizes.patches
+    }
+    return replace(sizes, patches=sizes.patches | patches)
 
 
 def _grade_from_outlines(outer: dict[str, list[int]], sizes: Sizes, unit: float) -> None:
@@ -352,47 +290,47 @@ def _follow(sizes: SizeField, unit: float) -> None:
 
 
 def _read(
-    patches: dict[str, list[int] | None], unit: float, circles: list[Circle], part: Part
+    patches: dict[str, list[int] | None], unit: float, smooth: list[Outline], part: MirroredPart
 ) -> MeshTri2:
-    """The gmsh model as a scikit-fem mesh, with `circles` of the right area.
-
-    Of `patches` those that are None have no place in the part.
-    """
+    """The gmsh model as a mesh; a patch without a list of surfaces has no place in the part."""
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     row = np.empty(int(tags.max()) + 1, dtype=np.int64)
     row[tags] = np.arange(len(tags))
-    blocks, spans, count = [], {}, 0
-    for _, surface in gmsh.model.getEntities(2):
-        _, _, nodes = gmsh.model.mesh.getElements(2, surface)
-        block = row[nodes[0]].reshape(-1, 6) if nodes else np.empty((0, 6), dtype=np.int64)
-        blocks.append(block)
-        spans[surface] = np.arange(count, count + len(block))
-        count += len(block)
+    triangles, surface_elements = _triangles(row)
     none = np.empty(0, dtype=np.int64)
     subdomains = {
-        name: np.concatenate([none, *(spans[surface] for surface in surfaces or ())])
+        name: np.concatenate([none, *(surface_elements[surface] for surface in surfaces or ())])
         for name, surfaces in patches.items()
     }
-    empty = [
-        n for n, surfaces in patches.items() if surfaces is not None and not len(subdomains[n])
-    ]
-    if empty:
-        found = [name for name in subdomains if name not in empty]
-        raise MeshError(f"patches without elements: {empty}; patches found: {found}")
+    expected = [name for name, surfaces in patches.items() if surfaces is not None]
+    if empty := [name for name in expected if not len(subdomains[name])]:
+        present = [name for name in subdomains if name not in empty]
+        raise MeshError(f"patches without elements: {empty}; patches found: {present}")
     points = coordinates.reshape(-1, 3)[:, :2].T * unit
     for axis in part.mirrored:
         points[axis, np.abs(points[axis]) < ON_LINE * 100.0 * unit] = 0.0
-    triangles = with_sorted_vertices(np.concatenate(blocks))
     curved = np.zeros(len(tags), dtype=bool)
     for _, curve in gmsh.model.getEntities(1):
         if gmsh.model.getType(1, curve) != "Line":
             curved[row[gmsh.model.mesh.getNodes(1, curve)[0]]] = True
-    for circle in circles:
-        bulge(points, triangles, circle, curved, 100.0 * unit)
+    for outline in smooth:
+        bulge(points, triangles, outline, curved, 100.0 * unit)
     return named(MeshTri2(points, triangles.T), subdomains, part)
 
 
-def named(mesh: MeshTri2, subdomains: dict[str, NDArray[np.int64]], part: Part) -> MeshTri2:
+def _triangles(row: Indices) -> tuple[Indices, dict[int, Indices]]:
+    """All triangles (elements, 6), and which of them are in each surface, by its tag."""
+    blocks, surface_elements, count = [], {}, 0
+    for _, surface in gmsh.model.getEntities(2):
+        _, _, nodes = gmsh.model.mesh.getElements(2, surface)
+        block = row[nodes[0]].reshape(-1, 6) if nodes else np.empty((0, 6), dtype=np.int64)
+        blocks.append(block)
+        surface_elements[surface] = np.arange(count, count + len(block))
+        count += len(block)
+    return with_sorted_vertices(np.concatenate(blocks)), surface_elements
+
+
+def named(mesh: MeshTri2, subdomains: dict[str, Indices], part: MirroredPart) -> MeshTri2:
     """The mesh of a part with its subdomains, and with its rim and mirror lines as boundaries."""
     rim, boundaries = mesh.boundary_facets(), {}
     for axis in part.mirrored:

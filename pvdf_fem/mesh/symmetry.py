@@ -16,33 +16,21 @@ from itertools import product
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
-from pvdf_fem.film.bending_effect import bending_joins
+from pvdf_fem.arrays import Array
 from pvdf_fem.scene.film import Film
-from pvdf_fem.scene.outline import TOUCH, Circle, Outline, Polygon, mapped, overlaps
+from pvdf_fem.scene.outlines.outline import TOUCH, Outline, overlaps
+from pvdf_fem.scene.outlines.polygon import Polygon
 from pvdf_fem.scene.scene import Scene
-
-Array = NDArray[np.float64]
-
-# Images of electrodes where the scene has none cost as many elements as the electrodes themselves.
-# Under a disc anywhere that leaves 0.84 of the time at 1e-3, 0.78 at 1e-4 and 0.61 at 1e-5;
-# tolerances up to this one are worth it.
-FINE = 1e-4
-# Gaps and overlaps of less than this part of the smallest electrode's size are narrow: too small
-# elements between electrodes and images take more time than there is to win.
-NARROW = 0.01
-# Outlines that coincide have centroids that differ by less than so many times what corners may.
-NEAR = 1e3
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class MirroredPart:
     """A part of the film whose mirror images together are the film.
 
     Attributes
     ----------
-    frame : (2, 2)
+    frame : ndarray, shape (2, 2)
         Orthogonal matrix from the axes of the scene to those of the part.
     mirrored : tuple of int
         Coordinates, 0 or 1, whose signs the mirror images change: they are positive in the part.
@@ -72,7 +60,7 @@ class Part:
         return overlaps(outline, Polygon(np.array([[x, y], [far, y], [far, far], [x, far]])))
 
 
-WHOLE = Part()
+WHOLE = MirroredPart()
 
 
 @lru_cache(maxsize=1024)
@@ -85,63 +73,76 @@ def isotropy(film: Film) -> str:
     return "isotropic" if isotropic else "square"
 
 
-def part_of(scene: Scene) -> Part:
+def part_of(scene: Scene, with_images_below: float = 1e-4) -> MirroredPart:
     """The smallest part of a scene's film that mirror images make the whole of.
 
-    The whole film where a mirror image would not keep film and probe to `TOUCH` of the film's
-    radius; where nothing presses; and where bending acts, which is not posed on parts. Electrodes
-    have to be each other's images too, or for a fine mesh their images to lie well apart.
+    It is the whole film where a mirror image would not keep film and probe to `TOUCH` of the film's
+    radius, and where nothing presses. Electrodes have to be each other's images too, or for a fine
+    mesh their images to lie well apart.
+
+    Parameters
+    ----------
+    scene : Scene
+    with_images_below : float, optional
+        Largest tolerance for which the mesh follows images of electrodes where the scene has none.
+        They cost as many elements as the electrodes themselves: under a disc anywhere that leaves
+        0.84 of the time at 1e-3, 0.78 at 1e-4 and 0.61 at 1e-5.
     """
-    if scene.probe is None or scene.load.force == 0.0 or bending_joins(scene):
+    if scene.probe is None or scene.load.force == 0.0:
         return WHOLE
     probe, slack = scene.probe.outline, TOUCH * scene.film.radius
-    others = []
+    with_images = []
     for mirror in _mirrors(scene, probe, slack):
-        if not _coincide(mapped(probe, mirror), probe, slack):
+        if not probe.mapped(mirror).coincides(probe, slack):
             continue
         frame, axis = _frame(mirror)
-        quarter = _coincide(mapped(probe, -mirror), probe, slack)
+        quarter = probe.mapped(-mirror).coincides(probe, slack)
         for mirrored in ((0, 1), (axis,)) if quarter else ((axis,),):
             part = _part(frame, mirrored, scene, slack)
             if not part.images:
                 return part
-            others.append(part)
-    if scene.numerics.tolerance <= FINE:
-        return next((part for part in others if _lie_apart(part, scene)), WHOLE)
+            with_images.append(part)
+    if scene.numerics.tolerance <= with_images_below:
+        return next((part for part in with_images if _lie_apart(part, scene)), WHOLE)
     return WHOLE
 
 
-def _part(frame: Array, mirrored: tuple[int, ...], scene: Scene, slack: float) -> Part:
+def _part(frame: Array, mirrored: tuple[int, ...], scene: Scene, slack: float) -> MirroredPart:
     """A part with what its images bring each electrode onto."""
-    places = {name: mapped(outline, frame) for name, outline in _electrodes(scene).items()}
-    names, centres = list(places), np.reshape([o.centroid for o in places.values()], (-1, 2))
+    places = {name: outline.mapped(frame) for name, outline in _electrodes(scene).items()}
+    names, centres = list(places), np.array([outline.centroid for outline in places.values()])
     swaps: list[dict[str, str]] = [{}]
     images = {}
-    for number, signs in enumerate(Part(frame, mirrored).signs[1:], 1):
+    for number, signs in enumerate(MirroredPart(frame, mirrored).signs[1:], 1):
         swap = {}
         for name, outline in places.items():
-            image = mapped(outline, np.diag(signs))
-            near = np.flatnonzero(np.abs(centres - image.centroid).max(axis=1) <= NEAR * slack)
-            onto = (names[i] for i in near if _coincide(image, places[names[i]], slack))
-            swap[name] = next(onto, f"{name}/{number}")
-            if swap[name] not in places:
+            image = outline.mapped(np.diag(signs))
+            nearest = names[np.linalg.norm(centres - image.centroid, axis=1).argmin()]
+            if image.coincides(places[nearest], slack):
+                swap[name] = nearest
+            else:
+                swap[name] = f"{name}/{number}"
                 images[swap[name]] = name, image
         swaps.append(swap)
-    return Part(frame, mirrored, tuple(swaps), images)
+    return MirroredPart(frame, mirrored, tuple(swaps), images)
 
 
-def _lie_apart(part: Part, scene: Scene) -> bool:
-    """Whether the electrodes and their images leave no gaps and overlaps that are very narrow."""
+def _lie_apart(part: MirroredPart, scene: Scene, narrow: float = 0.01) -> bool:
+    """Whether the electrodes and their images leave no gaps and overlaps that are very narrow.
+
+    Gaps and overlaps are narrow below the part `narrow` of the smallest electrode's size: the small
+    elements that they need take more time than there is to win.
+    """
     radius = scene.film.radius
-    outlines = [mapped(outline, part.frame) for outline in _electrodes(scene).values()]
+    outlines = [outline.mapped(part.frame) for outline in _electrodes(scene).values()]
     outlines += [outline for _, outline in part.images.values()]
     inside = [outline for outline in outlines if part.covers(outline, radius)]
     lines = [outline.shape.exterior for outline in inside]
     for axis in part.mirrored:
         end = radius * np.eye(2)[1 - axis]
         lines.append(shapely.LineString([-end, end]))
-    narrow = NARROW * min(np.sqrt(outline.area) for outline in inside)
-    return bool(shapely.minimum_clearance(shapely.unary_union(lines)) > narrow)
+    smallest = min(np.sqrt(outline.area) for outline in inside)
+    return bool(shapely.minimum_clearance(shapely.unary_union(lines)) > narrow * smallest)
 
 
 def _electrodes(scene: Scene) -> dict[str, Outline]:
@@ -151,16 +152,17 @@ def _electrodes(scene: Scene) -> dict[str, Outline]:
 def _mirrors(scene: Scene, probe: Outline, slack: float) -> Iterator[Array]:
     """Mirror images that the film allows and that may bring a probe onto itself: matrices (2, 2).
 
-    Those about the axes. Others bring the probe's farthest point from the film's centre to another
-    one as far away, or, of a probe at the centre, a point of the electrodes.
+    The first two are about the axes. Others bring the probe's landmark that is farthest from the
+    film's centre to another one as far away; a probe whose only landmark is at the centre has those
+    of the electrodes instead.
     """
     yield np.diag([1.0, -1.0])
     yield np.diag([-1.0, 1.0])
     if isotropy(scene.film) != "isotropic":
         return
-    points = _points([probe])
+    points = _landmarks([probe])
     if np.abs(points).max() <= slack:
-        points = _points(_electrodes(scene).values())
+        points = _landmarks(_electrodes(scene).values())
     distance = np.linalg.norm(points, axis=1)
     if distance.max(initial=0.0) <= slack:
         return
@@ -171,10 +173,8 @@ def _mirrors(scene: Scene, probe: Outline, slack: float) -> Iterator[Array]:
         yield np.array([[c, s], [s, -c]])
 
 
-def _points(outlines: Iterable[Outline]) -> Array:
-    """Centres of discs and vertices of polygons, (n, 2)."""
-    points = [o.centre[None] if isinstance(o, Circle) else o.vertices for o in outlines]
-    return np.concatenate([np.empty((0, 2)), *points])
+def _landmarks(outlines: Iterable[Outline]) -> Array:
+    return np.concatenate([np.empty((0, 2)), *(outline.landmarks for outline in outlines)])
 
 
 def _frame(mirror: Array) -> tuple[Array, int]:
@@ -185,15 +185,3 @@ def _frame(mirror: Array) -> tuple[Array, int]:
     # the line is at half the angle
     c, s = np.sqrt(0.5 * (1.0 + cosine)), np.copysign(np.sqrt(0.5 * (1.0 - cosine)), sine)
     return np.array([[c, s], [-s, c]]), 1
-
-
-def _coincide(a: Outline, b: Outline, slack: float) -> bool:
-    """Whether two outlines are the same, vertex by vertex."""
-    if isinstance(a, Circle) or isinstance(b, Circle):
-        if not (isinstance(a, Circle) and isinstance(b, Circle)):
-            return False
-        return bool(max(*np.abs(a.centre - b.centre), abs(a.radius - b.radius)) <= slack)
-    if len(a.vertices) != len(b.vertices):
-        return False
-    first = np.abs(b.vertices - a.vertices[0]).max(axis=1).argmin()
-    return bool(np.abs(np.roll(b.vertices, -first, axis=0) - a.vertices).max() <= slack)

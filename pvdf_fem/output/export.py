@@ -10,10 +10,12 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import NDArray
-from skfem import Basis, ElementTriP2, MeshTri2
+from skfem import ElementTriP2, MeshTri2
 
+from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.files import FileError, replacing
-from pvdf_fem.film.membrane import Array, principal, strain_of
+from pvdf_fem.film.membrane import principal, strain_of
+from pvdf_fem.film.space import Space, shape_values
 from pvdf_fem.mesh.gmsh_mesh import FILM, RIM
 
 if TYPE_CHECKING:
@@ -24,27 +26,25 @@ class ExportError(FileError):
     """A format cannot hold a solution or a mesh; the text says what to change."""
 
 
-# ------------------------------------------------------------------------------------- solutions
-
-
 def write_vtu(solution: Solution, path: str | Path) -> None:
     """Write a solution as an unstructured grid of VTK, for ParaView.
 
-    Points are the reference disc in m, cells six-node triangles. Values at the points are those of
-    the solution, which is cubic in between; a finer tolerance gives a finer grid.
+    Points are those of the reference disc in m, cells six-node triangles. Displacements at the
+    points are those of the solution, which is cubic in between; a finer tolerance gives a finer
+    grid.
 
     Point data: ``displacement`` (m, three components: Warp By Vector shows the deformed film) and
     ``S11``, ``S22``, ``S12``, the second Piola-Kirchhoff stress in Pa as the mean over the elements
     around a node, weighted with their areas, and ``principal_tension``, the larger principal value
     of that mean. Cell data: the same three stresses averaged over the element, and for each patch
-    an array of its name (``electrode A``, ``probe``), 1 inside and 0 outside.
+    an array of its name (``electrode A``, ``probe``), which is 1 inside and 0 outside.
 
     Parameters
     ----------
     solution : Solution
-        Converged.
+        A converged one.
     path : str or Path
-        Ends in ``.vtu``.
+        A name that ends in ``.vtu``.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def write_vtu(solution: Solution, path: str | Path) -> None:
         raise ExportError(f"{path}: is written as VTU; give a name that ends in .vtu")
     displacement, nodal = _at_nodes(solution)
     membrane, state = solution.fields.equilibrium.membrane, solution.fields.state
-    weights = membrane.weights[..., None]
+    weights = membrane.space.weights[..., None]
     mean = (state.stress * weights).sum(axis=1) / weights.sum(axis=1)
     point_data = {"displacement": displacement, **_components(nodal)}
     point_data["principal_tension"] = principal(nodal)[1]
@@ -69,42 +69,41 @@ def write_vtu(solution: Solution, path: str | Path) -> None:
 def _at_nodes(solution: Solution) -> tuple[Array, Array]:
     """Displacement (nodes, 3) and averaged stress (nodes, 3) at the nodes of the mesh."""
     membrane, mesh = solution.fields.equilibrium.membrane, solution.mesh
-    corners = ElementTriP2.doflocs.T
-    basis = Basis(mesh, membrane.basis.elem, quadrature=(corners, np.full(6, 1.0 / 12.0)))
-    values = np.stack([np.broadcast_to(s[0], basis.dx.shape) for s in basis.basis], axis=-1)
-    gradients = np.stack([s[0].grad for s in basis.basis], axis=-1).transpose(1, 2, 3, 0)
-    dofs = solution.displacement[basis.element_dofs.T][:, None]
-    stress = membrane.stress(strain_of(np.matmul(dofs.swapaxes(2, 3), gradients)))
+    space = Space(mesh, membrane.space.order)
+    local_nodes = ElementTriP2.doflocs.T
+    points = np.repeat(local_nodes[:, None], mesh.nelements, axis=1)
+    gradients = space.gradients_at(np.arange(mesh.nelements), points)
+    dofs = solution.displacement[space.nodes]
+    stress = membrane.stress(strain_of(np.matmul(dofs[:, None].swapaxes(2, 3), gradients)))
 
     nodes = mesh.dofs.element_dofs.T
     displacement = np.zeros((mesh.doflocs.shape[1], 3))
-    displacement[nodes] = np.einsum("epf,ezfc->epc", values, dofs)
-    areas = np.broadcast_to(membrane.weights.sum(axis=1)[:, None], nodes.shape).ravel()
-    total = np.bincount(nodes.ravel(), areas)
-    sums = [np.bincount(nodes.ravel(), areas * part.ravel()) for part in np.moveaxis(stress, -1, 0)]
-    return displacement, np.stack(sums, axis=-1) / total[:, None]
+    displacement[nodes] = np.matmul(shape_values(space.basis.elem, local_nodes), dofs)
+    areas = np.broadcast_to(space.weights.sum(axis=1)[:, None], nodes.shape).ravel()
+    sums = [
+        np.bincount(nodes.ravel(), areas * component.ravel())
+        for component in np.moveaxis(stress, -1, 0)
+    ]
+    return displacement, np.stack(sums, axis=-1) / np.bincount(nodes.ravel(), areas)[:, None]
 
 
 def _components(stress: Array) -> dict[str, Array]:
     return dict(zip(("S11", "S22", "S12"), np.moveaxis(stress, -1, 0), strict=True))
 
 
-# ---------------------------------------------------------------------------------------- meshes
-
-
 @dataclass(frozen=True)
-class Format:
-    """How a mesh goes into a file.
+class MeshFormat:
+    """A file format and the way it holds patches.
 
     Attributes
     ----------
     name : str
-        meshio's name of the format.
+        Name that meshio has for the format.
     patches : str
-        ``arrays``: 0/1 cell data of each patch; ``groups``: named groups without overlap, one for
-        each combination of patches; ``sets``: named sets, which may overlap.
+        ``arrays`` for 0/1 cell data of each patch; ``groups`` for named groups without overlap, one
+        for each combination of patches; ``sets`` for named sets, which may overlap.
     options : tuple
-        Keyword arguments of meshio's writer.
+        Names and values of keyword arguments of meshio's writer.
     """
 
     name: str
@@ -114,24 +113,24 @@ class Format:
 
 #: Formats of meshio that hold six-node triangles and patches, by extension.
 FORMATS = {
-    ".msh": Format("gmsh22", "groups", (("binary", False),)),
-    ".inp": Format("abaqus", "sets"),
-    ".vtu": Format("vtu", "arrays"),
-    ".vtk": Format("vtk", "arrays"),
-    ".xdmf": Format("xdmf", "arrays", (("data_format", "XML"),)),  # the others: in two files
+    ".msh": MeshFormat("gmsh22", "groups", (("binary", False),)),
+    ".inp": MeshFormat("abaqus", "sets"),
+    ".vtu": MeshFormat("vtu", "arrays"),
+    ".vtk": MeshFormat("vtk", "arrays"),
+    ".xdmf": MeshFormat("xdmf", "arrays", (("data_format", "XML"),)),  # the others: in two files
 }
 
 
-def mesh_format(path: str | Path) -> Format:
+def mesh_format(path: str | Path) -> MeshFormat:
     """The format that a file's extension means; raises `ExportError` listing the extensions."""
     path = Path(path)
-    found = FORMATS.get(path.suffix.lower())
-    if found is None:
+    suffix = path.suffix.lower()
+    if suffix not in FORMATS:
         raise ExportError(
             f"{path}: no format for six-node triangles with patches has the extension "
             f"{path.suffix!r}; choose from {' '.join(FORMATS)}"
         )
-    return found
+    return FORMATS[suffix]
 
 
 def write_mesh(mesh: MeshTri2, path: str | Path) -> None:
@@ -139,13 +138,13 @@ def write_mesh(mesh: MeshTri2, path: str | Path) -> None:
 
     Points are in m with z = 0, elements six-node triangles, counter-clockwise. Patches become:
 
-    - ``.msh``: physical groups. An element of an MSH file has one group only while a probe may
-      press on an electrode, so each combination of patches is a group: ``electrode A``, ``probe``,
-      ``electrode A + probe``, ``film`` for the rest, and ``rim``, three-node lines.
-    - ``.inp``: element sets of the patches, which may overlap, and the node set ``rim``; blanks in
+    - ``.msh``: physical groups. An element of an MSH file has only one group, but a probe may press
+      on an electrode. So each combination of patches is a group: ``electrode A``, ``probe``,
+      ``electrode A + probe``, ``film`` outside of all patches, and ``rim`` with three-node lines.
+    - ``.inp``: element sets of the patches, which may overlap, and the node set ``rim``. Blanks in
       names become underscores.
-    - ``.vtu``, ``.vtk``, ``.xdmf``: cell data, 1 inside a patch and 0 outside (blanks
-      become underscores in ``.vtk``).
+    - ``.vtu``, ``.vtk``, ``.xdmf``: cell data, 1 inside a patch and 0 outside. Blanks in names
+      become underscores in ``.vtk``.
 
     Parameters
     ----------
@@ -160,24 +159,24 @@ def write_mesh(mesh: MeshTri2, path: str | Path) -> None:
         written.
     """
     path = Path(path)
-    kind = mesh_format(path)
+    file_format = mesh_format(path)
     patches = _masks(mesh)
-    if kind.name in ("abaqus", "vtk"):
+    if file_format.name in ("abaqus", "vtk"):
         patches = _without_blanks(patches, path)
     data: dict[str, Any] = {}
-    if kind.patches == "arrays":
+    if file_format.patches == "arrays":
         data["cell_data"] = patches
-    elif kind.patches == "sets":
+    elif file_format.patches == "sets":
         data["cell_sets"] = {name: [np.flatnonzero(mask)] for name, mask in patches.items()}
         data["point_sets"] = {RIM: np.unique(_rim(mesh))}
     grid = _grid(mesh, **data)
-    if kind.patches == "groups":
+    if file_format.patches == "groups":
         _add_groups(grid, mesh)
-    _write(grid, path, kind.name, **dict(kind.options))
+    _write(grid, path, file_format.name, **dict(file_format.options))
 
 
 def _add_groups(grid: Any, mesh: MeshTri2) -> None:
-    """Physical groups of gmsh: one for each combination of patches, and the rim."""
+    """Add gmsh's physical groups: one for each combination of patches, and the rim."""
     patches = _masks(mesh)
     combinations, group = np.unique(
         np.array([*patches.values()]).reshape(len(patches), -1), axis=1, return_inverse=True
@@ -196,7 +195,7 @@ def _add_groups(grid: Any, mesh: MeshTri2) -> None:
 
 
 def _masks(mesh: MeshTri2) -> dict[str, NDArray[np.int32]]:
-    """For each patch 1 in its elements and 0 elsewhere, (elements,)."""
+    """Masks of the patches by name, (elements,): 1 in the patch and 0 elsewhere."""
     masks = {}
     for name, elements in mesh.subdomains.items():
         if name != FILM:
@@ -215,13 +214,10 @@ def _without_blanks(patches: dict[str, Any], path: Path) -> dict[str, Any]:
     return renamed
 
 
-def _rim(mesh: MeshTri2) -> NDArray[np.int64]:
+def _rim(mesh: MeshTri2) -> Indices:
     """Nodes of the three-node lines of the rim, (lines, 3)."""
     facets = mesh.boundaries[RIM]
     return np.vstack([mesh.facets[:, facets], mesh.dofs.facet_dofs[0, facets]]).T
-
-
-# --------------------------------------------------------------------------------------- writing
 
 
 def _meshio() -> Any:
@@ -231,15 +227,15 @@ def _meshio() -> Any:
 
 
 def _grid(mesh: MeshTri2, **data: Any) -> Any:
-    """The mesh for meshio; cell data as one array each."""
+    """The mesh as meshio's; `cell_data` has one array for each name."""
     points = np.column_stack([mesh.doflocs.T, np.zeros(mesh.doflocs.shape[1])])
     cell_data = {name: [values] for name, values in data.pop("cell_data", {}).items()}
     triangles = [("triangle6", _counter_clockwise(mesh))]
     return _meshio().Mesh(points, triangles, cell_data=cell_data, **data)
 
 
-def _counter_clockwise(mesh: MeshTri2) -> NDArray[np.int64]:
-    """Nodes of the elements, (elements, 6): vertices, then the midside nodes that follow them."""
+def _counter_clockwise(mesh: MeshTri2) -> Indices:
+    """Nodes of the elements, (elements, 6): the vertices, then the middles of the sides."""
     nodes = np.asarray(mesh.dofs.element_dofs.T)
     a, b, c = mesh.doflocs.T[nodes[:, :3]].swapaxes(0, 1)
     (x1, y1), (x2, y2) = (b - a).T, (c - a).T
@@ -248,16 +244,15 @@ def _counter_clockwise(mesh: MeshTri2) -> NDArray[np.int64]:
 
 def _write(grid: Any, path: Path, name: str, **options: Any) -> None:
     if name == "vtu":  # meshio writes names into the XML as they are
-        grid.cell_data = {_xml(key): values for key, values in grid.cell_data.items()}
+        grid.cell_data = {
+            escape(key).encode("ascii", "xmlcharrefreplace").decode(): values
+            for key, values in grid.cell_data.items()
+        }
     try:
-        with replacing(path) as part:
-            grid.write(part, file_format=name, **options)
+        with replacing(path) as temporary:
+            grid.write(temporary, file_format=name, **options)
     except ImportError as error:
         raise ExportError(
             f"{path}: meshio writes this format with {error.name}; run `pip install {error.name}`,"
             " or choose another extension"
         ) from error
-
-
-def _xml(text: str) -> str:
-    return escape(text).encode("ascii", "xmlcharrefreplace").decode()

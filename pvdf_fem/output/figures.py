@@ -1,14 +1,14 @@
 """Figures: functions that draw on a given `ax`, one style, and reproducible files.
 
 Nothing here touches matplotlib's global state: make a `matplotlib.figure.Figure` within `style()`,
-draw on its axes, and write it with `save`. Points without a value (NaN: the solve failed) leave a
-gap in their curve and a cross on the lower axis.
+draw on its axes, and write it with `save`. A point whose solve failed has NaN for its value; it
+leaves a gap in its curve and a cross on the lower axis.
 """
 
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,26 +23,26 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon as Patch
 from matplotlib.ticker import MaxNLocator
-from matplotlib.tri import Triangulation
-from numpy.typing import NDArray
+from matplotlib.tri import Triangulation as TriangleGrid
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
+from pvdf_fem.arrays import Array
 from pvdf_fem.files import replacing
 from pvdf_fem.mesh.gmsh_mesh import PROBE, electrode_patch, outlines
 from pvdf_fem.scene.scene import Electrode
 from pvdf_fem.solution.solution import Solution
 
-Array = NDArray[np.float64]
-Curve = type[CubicSpline] | type[PchipInterpolator]
+#: Makes a smooth function from the coordinates of points.
+Interpolation = Callable[[Array, Array], Callable[[Array], Array]]
 
 #: Okabe and Ito's colours, told apart with every kind of colour vision; yellow is left out, since
 #: it is too light for lines.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
-MM_PER_INCH = 25.4
 GREY = "0.45"
+#: Size of labels in points.
 LABEL_SIZE = 8.0
 
-# matplotlib's stubs ask for literal keys
+# The look of all figures; matplotlib's stubs ask for literal keys.
 _STYLE: dict[Any, Any] = {
     "axes.grid": True,
     "axes.labelsize": 9,
@@ -63,8 +63,9 @@ _STYLE: dict[Any, Any] = {
     "xtick.labelsize": 8,
     "ytick.labelsize": 8,
 }
-# Identifiers in SVG files are hashes; without a salt they are random.
+# Settings without which SVG files have random identifiers.
 _REPRODUCIBLE: dict[Any, Any] = {"svg.hashsalt": "pvdf_fem", "svg.fonttype": "path"}
+# Metadata that would tell a date or a version, by format.
 _NO_DATE: dict[str, dict[str, None]] = {
     ".svg": {"Date": None},
     ".pdf": {"CreationDate": None},
@@ -74,7 +75,14 @@ _NO_DATE: dict[str, dict[str, None]] = {
 
 @dataclass(frozen=True)
 class Series:
-    """A named curve or a named set of points: x and y, (n,); y is NaN where there is no value."""
+    """A named curve or a named set of points.
+
+    Attributes
+    ----------
+    label : str
+    x, y : ndarray, shape (n,)
+        Coordinates; y is NaN where there is no value.
+    """
 
     label: str
     x: Array
@@ -83,14 +91,14 @@ class Series:
 
 @contextmanager
 def style() -> Iterator[None]:
-    """The look that all figures share, for figures made within."""
+    """A context in which new figures have the look that all figures share."""
     with matplotlib.rc_context(_STYLE):
         yield
 
 
 def new_figure(width_mm: float = 160.0, height_mm: float = 100.0) -> Figure:
     """An empty figure that belongs to no window."""
-    return Figure(figsize=(width_mm / MM_PER_INCH, height_mm / MM_PER_INCH))
+    return Figure(figsize=(width_mm / 25.4, height_mm / 25.4))  # in inches
 
 
 def save(figure: Figure, path: str | Path) -> None:
@@ -108,18 +116,18 @@ def save(figure: Figure, path: str | Path) -> None:
         if layout := figure.get_layout_engine():
             layout.execute(figure)
             figure.set_layout_engine("none")  # or matplotlib lays out twice more
-        kind, drawn = path.suffix[1:].lower(), io.BytesIO()  # a full disk confuses some writers
-        figure.savefig(drawn, format=kind, dpi=200, metadata=_NO_DATE.get(f".{kind}"))
-    with replacing(path) as part:
-        part.write_bytes(drawn.getvalue())
+        suffix, content = path.suffix.lower(), io.BytesIO()  # a full disk confuses some writers
+        figure.savefig(content, format=suffix[1:], dpi=200, metadata=_NO_DATE.get(suffix))
+    with replacing(path) as temporary:
+        temporary.write_bytes(content.getvalue())
 
 
 def charge_against_rotation(
     ax: Axes, ours: Sequence[Series], thesis: Sequence[Series] = (), *, others: str = "thesis"
 ) -> None:
     """Charges (pC) against the probe's rotation (degrees); `others` names the markers."""
-    # without overshoot at the maxima, which lie at computed points
-    _charges(ax, ours, thesis, PchipInterpolator, others=others)
+    # a spline would overshoot at the maxima, which lie at computed points
+    _charges(ax, ours, thesis, interpolation=PchipInterpolator, others=others)
     ax.set_xlabel("rotation of the probe (°)")
     _degrees(ax)
     label_curves(ax, ours, colours(len(ours)))
@@ -147,8 +155,8 @@ def charge_against_distance(
 ) -> None:
     """Charges (pC) against the probe's distance (mm) from the centre of `reference`.
 
-    Curves that nearly coincide are better left without labels (`labelled`). `between` gives the
-    curves through our points, one for each, where a spline does not do.
+    Curves that nearly coincide are better left without labels (``labelled=False``). `between`, if
+    given, has a curve for each of `ours`, to be drawn through its points instead of a spline.
     """
     _charges(ax, ours, thesis, between=between)
     ax.set_xlabel(f"distance from the centre of {reference} (mm)")
@@ -158,13 +166,13 @@ def charge_against_distance(
 
 
 def differences(ax: Axes, series: Sequence[Series], x_label: str) -> None:
-    """Differences in percent as points over any abscissa, zero and ±2 % marked."""
+    """Differences in percent over any abscissa, with lines at zero and ±2 %."""
     ax.axhline(0.0, color=GREY, linewidth=0.8)
     for level in (-2.0, 2.0):
         ax.axhline(level, color=GREY, linewidth=0.8, linestyle=(0, (4, 3)))
-    for one, colour in zip(series, colours(len(series)), strict=True):
-        ax.plot(one.x, one.y, "o-", color=colour, linewidth=0.7, markersize=3)
-    ax.set_ylim(*_around(series, 2.3))
+    for curve, colour in zip(series, colours(len(series)), strict=True):
+        ax.plot(curve.x, curve.y, "o-", color=colour, linewidth=0.7, markersize=3)
+    ax.set_ylim(*_limits(series, 2.3))
     ax.set_xlabel(x_label)
     ax.set_ylabel("ours − thesis (%)")
     if x_label.endswith("(°)"):
@@ -175,31 +183,38 @@ def differences(ax: Axes, series: Sequence[Series], x_label: str) -> None:
 
 
 def colours(count: int) -> list[Any]:
-    """Colours for `count` curves: distinct ones for a few, an ordered scale for many."""
+    """Colours for `count` curves: distinct ones for up to four, an ordered scale for more."""
     if count <= 4:
         return list(COLOURS[:count])
     return list(matplotlib.colormaps["viridis"](np.linspace(0.0, 0.9, count)))
 
 
 def label_curves(ax: Axes, series: Sequence[Series], inks: Sequence[Any]) -> None:
-    """Write the labels right of the axes, apart from each other, each tied to its curve's end.
+    """Write the labels right of the axes, apart from each other, each with a line to its curve.
 
     Call it when the limits of the axes are final.
+
+    Parameters
+    ----------
+    ax : Axes
+    series : sequence of Series
+    inks : sequence
+        Colours of the series, for matplotlib.
     """
-    shown = [(one, ink) for one, ink in zip(series, inks, strict=True) if np.isfinite(one.y).any()]
+    shown = [pair for pair in zip(series, inks, strict=True) if np.isfinite(pair[0].y).any()]
     if not shown:
         return
     figure = _figure(ax)
     if layout := figure.get_layout_engine():
         layout.execute(figure)  # settles the height of the axes
-    ends = np.array([_last(one) for one, _ in shown])
+    ends = np.array([_last(curve) for curve, _ in shown])
     pixels = ax.transData.transform(ends)[:, 1]
-    line = 1.25 * LABEL_SIZE * figure.dpi / 72.0
-    places = np.column_stack([np.zeros(len(ends)), _spread(pixels, line)])
+    line_height = 1.25 * LABEL_SIZE * figure.dpi / 72.0
+    places = np.column_stack([np.zeros(len(ends)), _spread(pixels, line_height)])
     heights = ax.transData.inverted().transform(places)[:, 1]
-    for (one, ink), end, height in zip(shown, ends.tolist(), heights.tolist(), strict=True):
+    for (curve, ink), end, height in zip(shown, ends.tolist(), heights.tolist(), strict=True):
         ax.annotate(
-            one.label,
+            curve.label,
             xy=end,
             xytext=(1.03, height),
             textcoords=ax.get_yaxis_transform(),
@@ -221,25 +236,25 @@ def deflection_map(ax: Axes, solution: Solution, *, reach_mm: float | None = Non
     solution : Solution
         Converged; otherwise its `NotConvergedError` is raised.
     reach_mm : float, optional
-        Half the width of the part of the film that is shown; the whole film when not given.
+        Half the width of the shown part of the film; the whole film is shown when not given.
     """
     grid, w = solution.basis.refinterp(solution.displacement[:, 2], nrefs=2)
     levels = _levels(np.append(1e3 * w, solution.deflection_max_mm))
     x, y = 1e3 * grid.p
-    filled = ax.tricontourf(Triangulation(x, y, grid.t.T), 1e3 * w, levels=levels, cmap="Blues")
+    filled = ax.tricontourf(TriangleGrid(x, y, grid.t.T), 1e3 * w, levels=levels, cmap="Blues")
     _figure(ax).colorbar(filled, ax=ax, label="deflection (mm)", fraction=0.046, pad=0.03)
     radius = solution.scene.film.radius_mm
     reach = radius if reach_mm is None else reach_mm
     angle = np.linspace(0.0, 2.0 * np.pi, 361)
     ax.plot(radius * np.cos(angle), radius * np.sin(angle), color="black", linewidth=1.0)
-    parts = outlines(solution.scene)
+    patches = outlines(solution.scene)
     for electrode in solution.scene.electrode_list:
-        outline = parts[electrode_patch(electrode.name)]
+        outline = patches[electrode_patch(electrode.name)]
         _draw_outline(ax, outline.shape, facecolor="white", alpha=0.55)
         _draw_outline(ax, outline.shape, edgecolor="black", linewidth=0.9)
         _name_electrode(ax, electrode, solution.charges_pC[electrode.name])
-    if PROBE in parts:
-        _draw_outline(ax, parts[PROBE].shape, edgecolor=COLOURS[1], linewidth=1.4)
+    if PROBE in patches:
+        _draw_outline(ax, patches[PROBE].shape, edgecolor=COLOURS[1], linewidth=1.4)
     ax.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
     ax.set(xlim=(-1.02 * reach, 1.02 * reach), ylim=(-1.02 * reach, 1.02 * reach))
     ax.grid(False)
@@ -249,35 +264,40 @@ def _charges(
     ax: Axes,
     ours: Sequence[Series],
     thesis: Sequence[Series],
-    curve: Curve = CubicSpline,
     *,
+    interpolation: Interpolation = CubicSpline,
     between: Sequence[Series] = (),
     others: str = "thesis",
 ) -> None:
     """Our points joined by smooth curves, the thesis's as markers in the same colour."""
     inks = colours(len(ours))
-    by_label = dict(zip((one.label for one in ours), inks, strict=True))
-    smooth = [(one.x, one.y) for one in between] or [_smooth(one, curve) for one in ours]
-    for one, line, ink in zip(ours, smooth, inks, strict=True):
-        ax.plot(*line, color=ink)
-        ax.plot(one.x, one.y, ".", color=ink, markersize=3)
-        _mark_failures(ax, one, ink)
-    for one in thesis:
-        ax.plot(one.x, one.y, **_THESIS, markeredgecolor=by_label[one.label])
+    by_label = dict(zip((points.label for points in ours), inks, strict=True))
+    curves = between or [_smooth(points, interpolation) for points in ours]
+    for points, curve, ink in zip(ours, curves, inks, strict=True):
+        ax.plot(curve.x, curve.y, color=ink)
+        ax.plot(points.x, points.y, ".", color=ink, markersize=3)
+        _mark_failures(ax, points, ink)
+    for points in thesis:
+        ax.plot(points.x, points.y, **_THESIS, markeredgecolor=by_label[points.label])
     ax.set_ylabel("charge (pC)")
     if thesis:
-        ours_key = Line2D([], [], color=GREY, marker=".", markersize=3, label="this work")
-        thesis_key = Line2D([], [], **_THESIS, markeredgecolor=GREY, label=others)
-        # above the axes, where no point can be
-        ax.legend(
-            handles=[ours_key, thesis_key],
-            loc="lower right",
-            bbox_to_anchor=(1.0, 1.0),
-            borderaxespad=0.0,
-            ncols=2,
-        )
+        _legend_above(ax, others)
 
 
+def _legend_above(ax: Axes, others: str) -> None:
+    """A legend of our points and the others' above the axes, where no point can be."""
+    ours_key = Line2D([], [], color=GREY, marker=".", markersize=3, label="this work")
+    others_key = Line2D([], [], **_THESIS, markeredgecolor=GREY, label=others)
+    ax.legend(
+        handles=[ours_key, others_key],
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        borderaxespad=0.0,
+        ncols=2,
+    )
+
+
+# The look of the thesis's points.
 _THESIS: dict[str, Any] = {
     "marker": "o",
     "linestyle": "none",
@@ -286,17 +306,16 @@ _THESIS: dict[str, Any] = {
 }
 
 
-def _smooth(one: Series, curve: Curve) -> tuple[Array, Array]:
-    """A smooth curve through the points; the bare points if they are few or some have no value."""
-    if len(one.x) < 4 or not np.isfinite(one.y).all():
-        return one.x, one.y
-    x = np.linspace(one.x[0], one.x[-1], 200)
-    return x, curve(one.x, one.y)(x)
+def _smooth(points: Series, interpolation: Interpolation) -> Series:
+    """A smooth curve through points; the points themselves if less than four or without a value."""
+    if len(points.x) < 4 or not np.isfinite(points.y).all():
+        return points
+    x = np.linspace(points.x[0], points.x[-1], 200)
+    return Series(points.label, x, interpolation(points.x, points.y)(x))
 
 
-def _mark_failures(ax: Axes, one: Series, ink: Any) -> None:
-    failed = one.x[~np.isfinite(one.y)]
-    for x in failed:
+def _mark_failures(ax: Axes, points: Series, ink: Any) -> None:
+    for x in points.x[~np.isfinite(points.y)]:
         ax.plot([x], [0.0], "x", color=ink, transform=ax.get_xaxis_transform(), clip_on=False)
         ax.annotate(
             "failed",
@@ -309,33 +328,33 @@ def _mark_failures(ax: Axes, one: Series, ink: Any) -> None:
         )
 
 
-def _last(one: Series) -> tuple[float, float]:
-    at = np.flatnonzero(np.isfinite(one.y))[-1]
-    return float(one.x[at]), float(one.y[at])
+def _last(curve: Series) -> tuple[float, float]:
+    last = np.flatnonzero(np.isfinite(curve.y))[-1]
+    return float(curve.x[last]), float(curve.y[last])
 
 
-def _spread(wanted: Array, gap: float) -> Array:
-    """Places in the order of the wanted ones, at least `gap` apart, and near them on the whole.
+def _spread(heights: Array, gap: float) -> Array:
+    """Heights (n,) moved so that they are at least `gap` apart, in the same order.
 
-    Neighbours that come too close form a block, which sits where its members wanted on average.
+    Neighbours that come too close form a block, whose centre is the mean of its heights.
     """
-    order = np.argsort(wanted, kind="stable")
+    order = np.argsort(heights, kind="stable")
     blocks: list[tuple[float, int]] = []  # centre, size
-    for height in wanted[order]:
+    for height in heights[order]:
         centre, size = float(height), 1
         while blocks and centre - blocks[-1][0] < 0.5 * gap * (size + blocks[-1][1]):
-            other, count = blocks.pop()
-            centre = (centre * size + other * count) / (size + count)
+            below, count = blocks.pop()
+            centre = (centre * size + below * count) / (size + count)
             size += count
         blocks.append((centre, size))
-    places = [c + gap * (i - 0.5 * (n - 1)) for c, n in blocks for i in range(n)]
-    spread = np.empty(len(places))
-    spread[order] = places
+    spread = np.empty(len(heights))
+    spread[order] = [c + gap * (i - 0.5 * (n - 1)) for c, n in blocks for i in range(n)]
     return spread
 
 
-def _around(series: Sequence[Series], least: float) -> tuple[float, float]:
-    values = np.concatenate([one.y for one in series]) if series else np.zeros(0)
+def _limits(series: Sequence[Series], least: float) -> tuple[float, float]:
+    """Limits of an axis that hold all values, and reach at least to ±`least`."""
+    values = np.concatenate([curve.y for curve in series]) if series else np.zeros(0)
     values = values[np.isfinite(values)]
     return min(values.min(initial=0.0) - 0.2, -least), max(values.max(initial=0.0) + 0.2, least)
 
@@ -354,6 +373,7 @@ def _levels(w: Array) -> Array:
 
 
 def _draw_outline(ax: Axes, shape: shapely.Polygon, **look: Any) -> None:
+    """Draw a shape in metres on axes in mm, without face and edge unless `look` has them."""
     corners = 1e3 * np.array(shape.exterior.coords)
     ax.add_patch(Patch(corners, **{"facecolor": "none", "edgecolor": "none", **look}))
 

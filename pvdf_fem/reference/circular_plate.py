@@ -9,23 +9,24 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.integrate import solve_bvp
 from scipy.special import ive, kve
 
-Floats = NDArray[np.float64]
+from pvdf_fem.arrays import Array
 
 
 def clamped_plate_deflection(patch_radius: float = 0.0) -> float:
-    """Deflection of the centre in F a^2/D without tension: 1/(16 pi) for a point, 1/(64 pi) for
-    the whole plate.
+    """Deflection of the centre in F a^2/D without tension.
+
+    It is 1/(16 pi) for a point force and 1/(64 pi) for a load on the whole plate.
 
     Source: Timoshenko and Woinowsky-Krieger, Theory of Plates and Shells (2nd ed.), section 19.
 
     Parameters
     ----------
     patch_radius : float
-        Of the loaded disc, from 0 (a point force) to 1.
+        Radius of the loaded disc over a, from 0 (a point force) to 1.
     """
     b = _require_in_film(patch_radius)
     logarithm = 4.0 * b**2 * math.log(b) if b > 0.0 else 0.0
@@ -34,12 +35,13 @@ def clamped_plate_deflection(patch_radius: float = 0.0) -> float:
 
 def stretched_plate_deflection(
     radius_ratio: ArrayLike, *, patch_radius: float, bending_length: float
-) -> Floats:
+) -> Array:
     """Deflection in F/N of a plate under a tension N that the load does not change.
 
-    D laplace laplace w - N laplace w = p, with l = sqrt(D/N): outside of the load w is a sum of 1,
-    ln r, I0(r/l) and K0(r/l), within of 1, r^2 and I0(r/l); w and its first two derivatives are
-    continuous. The shear force then is, because the logarithm's factor -F/(2 pi N) bears the load.
+    The equation is D laplace laplace w - N laplace w = p. With l = sqrt(D/N), w is a sum of 1,
+    ln r, I0(r/l) and K0(r/l) outside of the load, and of 1, r^2 and I0(r/l) within; w and its
+    first two derivatives are continuous. The shear force is continuous too, since the factor
+    -F/(2 pi N) of the logarithm bears the load.
 
     Parameters
     ----------
@@ -57,42 +59,43 @@ def stretched_plate_deflection(
             f" got {patch_radius!r} and {bending_length!r}"
         )
 
-    def grown(r: Floats, scale: float) -> Floats:
-        """I0(k r)/I0(k scale) with two derivatives, (3, ...)."""
-        i0, i1 = (ive(n, k * r) / ive(0, k * scale) * np.exp(k * (r - scale)) for n in (0, 1))
-        return np.array([i0, k * i1, k**2 * i0 - k * i1 / np.where(r > 0, r, 1.0)])
-
-    def decayed(r: Floats) -> Floats:
-        """K0(k r)/K0(k b) with two derivatives, (3, ...)."""
-        k0, k1 = (kve(n, k * r) / kve(0, k * b) * np.exp(k * (b - r)) for n in (0, 1))
-        return np.array([k0, -k * k1, k**2 * k0 + k * k1 / r])
-
-    def one(r: Floats) -> Floats:
-        return np.array([np.ones_like(r), np.zeros_like(r), np.zeros_like(r)])
-
-    edge, rim = np.array(b), np.array(1.0)
+    edge, rim, constant = np.array(b), np.array(1.0), np.array([1.0, 0.0, 0.0])
     logarithm = -np.array([[math.log(b), 1.0 / b, -1.0 / b**2], [0.0, 1.0, -1.0]]) / (2.0 * math.pi)
     parabola = -np.array([b**2, 2.0 * b, 2.0]) / (4.0 * math.pi * b**2)
-    # unknown factors: 1 and I0 within; 1, I0 and K0 outside
-    jump = np.column_stack(
-        [-one(edge), -grown(edge, b), one(edge), grown(edge, 1.0), decayed(edge)]
-    )
-    clamp = np.column_stack([0 * one(rim), 0 * one(rim), one(rim), grown(rim, 1.0), decayed(rim)])
+    # the unknowns are the factors of 1 and I0 within, and of 1, I0 and K0 outside
+    inner = [constant, _growing(k, edge, b)]
+    outer = [constant, _growing(k, edge, 1.0), _decaying(k, edge, b)]
+    jump = np.column_stack([*(-function for function in inner), *outer])
+    at_rim = [constant, _growing(k, rim, 1.0), _decaying(k, rim, b)]
+    clamp = np.column_stack([np.zeros((3, 2)), *at_rim])
     matrix = np.vstack([jump, clamp[:2]])
     right = np.concatenate([parabola - logarithm[0], -logarithm[1, :2]])
     inner_1, inner_I, outer_1, outer_I, outer_K = np.linalg.solve(matrix, right)
 
     r = np.asarray(radius_ratio, dtype=float)
     inside, outside = np.minimum(r, b), np.maximum(r, b)
-    within = inner_1 - inside**2 / (4.0 * math.pi * b**2) + inner_I * grown(inside, b)[0]
-    beyond = outer_1 + outer_I * grown(outside, 1.0)[0] + outer_K * decayed(outside)[0]
-    return np.where(r < b, within, beyond - np.log(outside) / (2.0 * math.pi))
+    within = inner_1 - inside**2 / (4.0 * math.pi * b**2) + inner_I * _growing(k, inside, b)[0]
+    beyond = outer_1 - np.log(outside) / (2.0 * math.pi)
+    beyond += outer_I * _growing(k, outside, 1.0)[0] + outer_K * _decaying(k, outside, b)[0]
+    return np.where(r < b, within, beyond)
+
+
+def _growing(k: float, r: Array, scale: float) -> Array:
+    """I0(k r)/I0(k scale) with two derivatives by r, (3, ...)."""
+    i0, i1 = (ive(n, k * r) / ive(0, k * scale) * np.exp(k * (r - scale)) for n in (0, 1))
+    return np.array([i0, k * i1, k**2 * i0 - k * i1 / np.where(r > 0, r, 1.0)])
+
+
+def _decaying(k: float, r: Array, scale: float) -> Array:
+    """K0(k r)/K0(k scale) with two derivatives by r, (3, ...)."""
+    k0, k1 = (kve(n, k * r) / kve(0, k * scale) * np.exp(k * (scale - r)) for n in (0, 1))
+    return np.array([k0, -k * k1, k**2 * k0 + k * k1 / r])
 
 
 def von_karman_plate(
     pressure: float, *, poisson_ratio: float, pretension: float = 0.0
 ) -> tuple[float, float]:
-    """Large deflection under a uniform pressure: w0/h at the centre, and the tension there.
+    """Large deflection w0/h and tension N a^2/D at the centre under a uniform pressure.
 
     With r in a, w in h, N in D/a^2 and phi = dw/dr (von Karman 1910)::
 
@@ -116,19 +119,19 @@ def von_karman_plate(
         When the collocation does not converge.
     """
     factor = 6.0 * (1.0 - poisson_ratio**2)
-    # unknowns psi = phi/r, kappa = phi' + phi/r, N and N'; what is divided by r
+    # the unknowns are psi = phi/r, kappa = phi' + phi/r, N and N'; `singular` is divided by r
     singular = np.zeros((4, 4))
     singular[0, :2], singular[3, 3] = (-2.0, 1.0), -3.0
 
-    def equations(r: Floats, y: Floats) -> Floats:
+    def equations(r: Array, y: Array) -> Array:
         psi, _, N, slope = y
         return np.array([0 * r, (0.5 * pressure + N * psi) * r, slope, -factor * psi**2])
 
-    def ends(axis: Floats, rim: Floats) -> Floats:
+    def ends(axis: Array, rim: Array) -> Array:
         clamp = rim[3] + (1.0 - poisson_ratio) * (rim[2] - pretension)
         return np.array([axis[1] - 2.0 * axis[0], axis[3], rim[0], clamp])
 
-    # a deflection size (1 - r^2)^2, with the size that stiffness or stretching would allow
+    # start with the deflection size (1 - r^2)^2 that bending or stretching alone would allow
     size = min(pressure / 64.0, float(np.cbrt(pressure)) / 3.0)
     r = np.linspace(0.0, 1.0, 100)
     start = np.array(
@@ -139,16 +142,17 @@ def von_karman_plate(
             0 * r,
         ]
     )
-    found = solve_bvp(equations, ends, r, start, S=singular, tol=1e-9, max_nodes=100_000)
-    if not found.success:
-        raise RuntimeError(f"von Karman plate at P = {pressure:g}: {found.message}")
-    places, weights = np.polynomial.legendre.leggauss(200)
-    places = 0.5 * (places + 1.0)
-    deflection = -0.5 * float((weights * places * found.sol(places)[0]).sum())
-    return deflection, float(found.sol(0.0)[2])
+    result = solve_bvp(equations, ends, r, start, S=singular, tol=1e-9, max_nodes=100_000)
+    if not result.success:
+        raise RuntimeError(f"von Karman plate at P = {pressure:g}: {result.message}")
+    points, weights = np.polynomial.legendre.leggauss(200)
+    points = 0.5 * (points + 1.0)
+    deflection = -0.5 * float((weights * points * result.sol(points)[0]).sum())
+    return deflection, float(result.sol(0.0)[2])
 
 
 def _require_in_film(patch_radius: float) -> float:
+    """The radius, or `ValueError` if the patch is not in the film."""
     if not 0.0 <= patch_radius <= 1.0:
         raise ValueError(f"patch_radius must lie in [0, 1], got {patch_radius!r}")
     return patch_radius

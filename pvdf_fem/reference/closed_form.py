@@ -23,13 +23,11 @@ from functools import cache
 
 import numpy as np
 from numpy.polynomial import polynomial
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 from scipy.special import jn_zeros
 
-Floats = NDArray[np.float64]
-
-# ------------------------------------------------------------------ uniform pressure, FvK strains
+from pvdf_fem.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,7 @@ class PressurisedMembrane:
     centre_tension: float
     edge_tension: float
 
-    def deflection(self, radius_ratio: ArrayLike) -> Floats:
+    def deflection(self, radius_ratio: ArrayLike) -> Array:
         """Deflection at r/a (any shape), in a (p a/(E h))^(1/3)."""
         inverse = polynomial.polyint(_pressure_series()[1])
         return np.asarray(
@@ -56,23 +54,23 @@ class PressurisedMembrane:
             - polynomial.polyval(self._argument(radius_ratio), inverse) * 8 * self.centre_tension**2
         )
 
-    def radial_tension(self, radius_ratio: ArrayLike) -> Floats:
+    def radial_tension(self, radius_ratio: ArrayLike) -> Array:
         """Radial tension at r/a (any shape), in (E h p^2 a^2)^(1/3)."""
         series = _pressure_series()[0]
         return np.asarray(
             self.centre_tension * polynomial.polyval(self._argument(radius_ratio), series)
         )
 
-    def _argument(self, radius_ratio: ArrayLike) -> Floats:
+    def _argument(self, radius_ratio: ArrayLike) -> Array:
         return np.asarray(np.square(radius_ratio) / (32 * self.centre_tension**3))
 
 
 @cache
-def _pressure_series(terms: int = 100) -> tuple[Floats, Floats]:
+def _pressure_series(terms: int = 100) -> tuple[Array, Array]:
     """Taylor coefficients of f and 1/f, where f^2 (z f'' + 2 f') = -1 and f(0) = 1.
 
-    With N = y0 f(z), z = (r/a)^2/(32 y0^3), this is the equilibrium of the pressurised membrane.
-    All coefficients of 1/f are positive, so that nothing cancels in the sums.
+    With the tension N = y0 f(z) and z = (r/a)^2/(32 y0^3), the differential equation is that of the
+    pressurised membrane. All coefficients of 1/f are positive, so that no terms of its sums cancel.
     """
     f, inverse = np.zeros(terms), np.zeros(terms)
     f[0] = inverse[0] = 1.0
@@ -118,8 +116,8 @@ def campbell(pretension: float, poisson_ratio: float) -> PressurisedMembrane:
         surplus = polynomial.polyval(z, f) - pretension * (32 * z) ** (1 / 3)
         return float((1 - poisson_ratio) * surplus + 2 * z * polynomial.polyval(z, slope))
 
-    # Clamps of nu >= 0 are met before z = 0.55 (the series converge to 0.94), and before N0 is
-    # the tension at the centre.
+    # For nu >= 0 the rim lies at z below 0.55 (the series converge up to 0.94), and the tension at
+    # the centre is above N0.
     z = _root(clamp, 0.0, min(0.55, 1 / (32 * pretension**3)) if pretension else 0.55)
     y0 = (32 * z) ** (-1 / 3)
     return PressurisedMembrane(
@@ -127,9 +125,6 @@ def campbell(pretension: float, poisson_ratio: float) -> PressurisedMembrane:
         centre_tension=y0,
         edge_tension=float(y0 * polynomial.polyval(z, f)),
     )
-
-
-# ---------------------------------------------------------------- central point load, FvK strains
 
 
 @dataclass(frozen=True)
@@ -176,7 +171,7 @@ def schwerin(pretension: float, poisson_ratio: float) -> PointLoadedMembrane:
     def clamp(square: float) -> float:
         return edge(square)[2] - (1 - poisson_ratio) * pretension
 
-    # At theta = 3.1 on the sin branch n0 < 0 for every nu >= 0; n0 grows with theta^2 from there.
+    # n0 grows with theta^2; at theta = 3.1 on the branch of the sine it is negative for nu >= 0.
     upper = 4.0
     while clamp(upper) < 0:
         upper *= 2
@@ -187,16 +182,13 @@ def schwerin(pretension: float, poisson_ratio: float) -> PointLoadedMembrane:
 def _fall(square: float) -> tuple[float, float, float]:
     """sinh(t)/t, cosh(t) and (sinh(t) cosh(t) - t)/t^3 as functions of t^2, of either sign."""
     t = math.sqrt(abs(square))
-    if abs(square) < 1:  # the closed form of the third cancels here
+    if abs(square) < 1:  # the terms of the third's closed form cancel here
         lag = sum(4 * (4 * square) ** k / math.factorial(2 * k + 3) for k in range(16))
         sine = sum(square**k / math.factorial(2 * k + 1) for k in range(12))
         return sine, math.cosh(t) if square >= 0 else math.cos(t), lag
     if square > 0:
         return math.sinh(t) / t, math.cosh(t), (math.sinh(2 * t) / 2 - t) / t**3
     return math.sin(t) / t, math.cos(t), (t - math.sin(2 * t) / 2) / t**3
-
-
-# ------------------------------------------------------------------------------- linear membrane
 
 
 def linear_patch_deflection(
@@ -207,7 +199,7 @@ def linear_patch_deflection(
     film_radius: float,
     force: float,
     tension: float,
-) -> Floats:
+) -> Array:
     """Deflection of a tight membrane under uniform pressure on a circle anywhere in it.
 
     Green's function of the disc by Kelvin's image in the rim, averaged over the patch: with
@@ -218,13 +210,13 @@ def linear_patch_deflection(
     Parameters
     ----------
     points : array_like, shape (..., 2)
-        Where to evaluate, within the film.
+        Points within the film.
     centre : array_like, shape (2,)
         Centre of the patch.
     patch_radius, film_radius : float
-        In the unit of `points`, say m.
+        Radii in the unit of `points`, say m.
     force, tension : float
-        F and N in any units with F/N in the unit wanted, say N and N/m for metres.
+        F and N in units whose quotient is the unit of the deflection, say N and N/m for metres.
 
     Returns
     -------
@@ -248,9 +240,9 @@ def linear_patch_deflection(
         raise ValueError(f"tension must be positive, got {tension!r}")
     z, z0 = x @ [1, 1j], x0 @ [1, 1j]
     distance = np.abs(z - z0) / patch_radius
-    own = np.where(distance < 1, (1 - distance**2) / 2, -np.log(np.maximum(distance, 1)))
+    patch = np.where(distance < 1, (1 - distance**2) / 2, -np.log(np.maximum(distance, 1)))
     image = np.log(np.abs(film_radius**2 - z * z0.conjugate()) / (film_radius * patch_radius))
-    return np.asarray(force / (2 * math.pi * tension) * (own + image))
+    return np.asarray(force / (2 * math.pi * tension) * (patch + image))
 
 
 def disc_frequency(
@@ -276,7 +268,7 @@ def disc_frequency(
     return zero / (2 * math.pi * radius) * math.sqrt(tension / areal_density)
 
 
-def disc_frequencies(count: int, *, radius: float, tension: float, areal_density: float) -> Floats:
+def disc_frequencies(count: int, *, radius: float, tension: float, areal_density: float) -> Array:
     """Lowest frequencies (Hz) of a stretched disc, ascending, pairs twice; shape (count,).
 
     Parameters as in `disc_frequency`.
@@ -287,11 +279,8 @@ def disc_frequencies(count: int, *, radius: float, tension: float, areal_density
     return np.asarray(all_zeros / (2 * math.pi * radius) * math.sqrt(tension / areal_density))
 
 
-# ---------------------------------------------------------------------------------------- helpers
-
-
 def require_taut(pretension: float, poisson_ratio: float) -> None:
-    """Refuse (ValueError) what none of the reference solutions describes."""
+    """Raise `ValueError` for a film that none of the reference solutions describes."""
     if not 0 <= poisson_ratio < 1:
         raise ValueError(f"poisson_ratio must lie in [0, 1), got {poisson_ratio!r}")
     if not (math.isfinite(pretension) and pretension >= 0):
@@ -302,5 +291,5 @@ def require_taut(pretension: float, poisson_ratio: float) -> None:
 
 
 def _root(function: Callable[[float], float], lower: float, upper: float) -> float:
-    """Root to the last digits, also where it is many orders smaller than the bracket."""
+    """Root to the last digits, even if it is many orders smaller than the bracket."""
     return float(brentq(function, lower, upper, xtol=1e-300, rtol=1e-15))

@@ -1,47 +1,89 @@
-"""A response built: solves, the table, and its error on touches that it has not seen."""
+"""How a response is built: its solves, its table, and its error at touches held out."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import joblib
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
-from pvdf_fem.response.probe_stress import PolarRaster, mean_stress_about_probe
-from pvdf_fem.response.response import Domain, Response
+from pvdf_fem.arrays import Array
+from pvdf_fem.response.model import Domain, scene_of_touch, symmetry_deg
+from pvdf_fem.response.probe_stress import PolarRaster, ProbeMesh, mean_stress_about_probe
+from pvdf_fem.response.response import Response, force_nodes_N, scaled_force
 from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces
-from pvdf_fem.response.uniform_spline import Axis, CubicSpline
-from pvdf_fem.scene.outline import Outline
+from pvdf_fem.response.uniform_spline import UniformAxis, UniformSpline
+from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.shapes import PERIOD_DEG
 from pvdf_fem.solution.gradients import PLACE
 from pvdf_fem.solution.solution import NotConvergedError
 from pvdf_fem.sweeps.sweep import solve_all
-from pvdf_fem.touch.touch import touched
 
-Array = NDArray[np.float64]
 
-# Distances of the rim's places: the first try, and the last.
-RADII = (4, 7)
-# Polynomials of the force where it varies by e; their coefficients fall by 4 from one to the next.
-FORCES_PER_E = 1.75
-# Cell of the table over the root of the probe's area, and the largest.
-CELL, LARGEST_CELL_MM = 1 / 16, 0.375
-# The same of a disc, whose rotation does not count.
-DISC_CELL = 1 / 28
-# Way of the corners in a step of the rotation, over the cell.
-TURN = 0.8
-# Step of the raster of stress over the table's cell.
-RASTER = 0.93
-# Cells by which the table goes beyond the domain.
-BEYOND = 3
-# Touches for the error, and the tolerance of their solves over that of the response.
-HELD_OUT, EXACTER = 40, 0.02
-# The bound over the largest error among the touches held out.
-MARGIN = 5.0
+@dataclass(frozen=True)
+class ResponseOptions:
+    """Resolution of a response, and how its error is measured.
+
+    The defaults give error bounds of about 1e-4 for the thesis's probes within 12 mm of the centre
+    and forces from 0.1 to 5 N.
+
+    Attributes
+    ----------
+    radii : tuple of int
+        Numbers of distances of the rim's places, tried in turn until the tolerance is met.
+    force_polynomials : float
+        Chebyshev polynomials of the force per factor e of the force; their coefficients fall by 4
+        from one to the next.
+    cell : float
+        Cell of the table over the root of the probe's area.
+    disc_cell : float
+        The same for a disc, whose table can be finer as it needs no rotations.
+    largest_cell_mm : float
+        Largest cell.
+    rotation_step : float
+        Way of the corners of the probe from one rotation to the next, over the cell.
+    raster_step : float
+        Step of the raster of the stress over the cell.
+    margin : int
+        Cells by which the table goes beyond the domain.
+    held_out : int
+        Number of random touches for the error.
+    held_out_tolerance : float
+        Tolerance of their full solves over that of the response.
+    safety : float
+        Error bound over the largest error at these touches.
+    elements : ProbeMesh
+        Finite elements for the stress about the probe.
+    """
+
+    radii: tuple[int, ...] = (4, 5, 6, 7)
+    force_polynomials: float = 1.75
+    cell: float = 1 / 16
+    disc_cell: float = 1 / 28
+    largest_cell_mm: float = 0.375
+    rotation_step: float = 0.8
+    raster_step: float = 0.93
+    margin: int = 3
+    held_out: int = 40
+    held_out_tolerance: float = 0.02
+    safety: float = 5.0
+    elements: ProbeMesh = field(default_factory=ProbeMesh)
+
+    def cell_mm(self, scene: Scene) -> float:
+        """Cell of the table of a scene's probe."""
+        assert scene.probe is not None
+        share = self.cell if symmetry_deg(scene.probe) else self.disc_cell
+        return min(share * 1e3 * float(np.sqrt(scene.probe.outline.area)), self.largest_cell_mm)
+
+    def polynomial_count(self, domain: Domain) -> int:
+        """Number of Chebyshev polynomials for a domain's forces."""
+        low, high = domain.log_force
+        return max(4, 1 + int(np.ceil(self.force_polynomials * (high - low))))
+
+
+DEFAULTS = ResponseOptions()
 
 
 def build_response(
@@ -52,6 +94,7 @@ def build_response(
     processes: int | None = None,
     *,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    options: ResponseOptions = DEFAULTS,
 ) -> Response:
     """The response of a sensor to a probe.
 
@@ -69,6 +112,8 @@ def build_response(
         Number of processes, all cores when not given.
     progress : callable
         Called with the numbers of finished and of all solves.
+    options : ResponseOptions
+        Resolution of the response.
 
     Raises
     ------
@@ -79,16 +124,17 @@ def build_response(
     """
     domain = Domain(reach_mm, force_N)
     processes = processes or -1
-    refuse(scene, domain)
-    touches = random_touches(domain, HELD_OUT)
-    exact, sizes = solved(scene, touches, EXACTER * tolerance, processes)
+    refuse(scene, domain, options)
+    touches = random_touches(domain, options.held_out)
+    exact, sizes = full_charges(scene, touches, options.held_out_tolerance * tolerance, processes)
     names = tuple(electrode.name for electrode in scene.electrode_list)
-    for radii in range(RADII[0], RADII[1] + 1):
-        plan = Plan.of(scene, domain, radii)
-        spline = plan.table(plan.charges(processes, progress), processes)
+    bound = np.inf
+    for radii in options.radii:
+        table = ResponseTable.of(scene, domain, radii, options)
+        spline = table.spline(table.probe_charges(processes, progress), processes)
         response = Response(names, scene, domain, tolerance, tolerance, spline)
         errors = np.abs(response.evaluate(touches)[0] - exact) / sizes
-        bound = MARGIN * float(errors.max())
+        bound = options.safety * float(errors.max())
         if bound <= tolerance:
             rms = float(np.sqrt((errors**2).mean()))
             return Response(names, scene, domain, bound, rms, spline)
@@ -98,7 +144,7 @@ def build_response(
     )
 
 
-def refuse(scene: Scene, domain: Domain) -> None:
+def refuse(scene: Scene, domain: Domain, options: ResponseOptions = DEFAULTS) -> None:
     """Raise `ValueError` for a scene or a domain without a response."""
     low, high = domain.force_N
     film, probe = scene.film, scene.probe
@@ -121,74 +167,61 @@ def refuse(scene: Scene, domain: Domain) -> None:
             f"numerics.observable: {scene.numerics.observable!r} is not the integral of a stress"
             " about the probe; take 'material'"
         )
-    outline = probe.model_copy(update={"x_mm": 0.0, "y_mm": 0.0}).outline
-    limit = film.radius_mm - 1e3 * outline.reach
-    if not 0.0 < domain.reach_mm < limit - BEYOND * _cell_mm(scene):
+    margin_mm = options.margin * options.cell_mm(scene)
+    limit = film.radius_mm - _circumradius_mm(scene) - margin_mm
+    if not 0.0 < domain.reach_mm < limit:
         raise ValueError(
             f"reach_mm: {domain.reach_mm:g} is not between zero and where the probe would come too"
-            f" near the rim, {limit - BEYOND * _cell_mm(scene):.3g}"
+            f" near the rim, {limit:.3g}"
         )
 
 
 def random_touches(domain: Domain, count: int, seed: int = 0) -> Array:
     """Touches (n, 4) all over a domain, evenly by place, rotation and logarithm of the force."""
     u = np.random.default_rng(seed).uniform(size=(count, 4))
-    away, angle = domain.reach_mm * np.sqrt(u[:, 0]), 2.0 * np.pi * u[:, 1]
+    distance, angle = domain.reach_mm * np.sqrt(u[:, 0]), 2.0 * np.pi * u[:, 1]
     low, high = domain.force_N
-    force = low * (high / low) ** u[:, 3]
-    return np.stack([away * np.cos(angle), away * np.sin(angle), 360.0 * u[:, 2], force], axis=-1)
+    columns = (
+        distance * np.cos(angle),
+        distance * np.sin(angle),
+        360.0 * u[:, 2],
+        low * (high / low) ** u[:, 3],
+    )
+    return np.stack(columns, axis=-1)
 
 
-def solved(scene: Scene, touches: Array, tolerance: float, processes: int) -> tuple[Array, Array]:
-    """Charges in pC of full solves, (n, electrodes), and |d31 X| + |d32 Y| of these.
+def full_charges(
+    scene: Scene, touches: Array, tolerance: float, processes: int
+) -> tuple[Array, Array]:
+    """Charges in pC of full solves, (n, electrodes), and their sizes |d31 X| + |d32 Y|.
 
     Raises
     ------
     NotConvergedError
         When a solve fails.
     """
-    scenes = [touched(scene, touch, tolerance) for touch in touches]
+    scenes = [scene_of_touch(scene, touch, tolerance) for touch in touches]
     records = solve_all(scenes, processes=processes)
     for touch, record in zip(touches, records, strict=True):
         if not record.converged:
             x, y, rotation, force = touch
             place = f"x = {x:.6g} mm, y = {y:.6g} mm, {rotation:.6g} deg, {force:.6g} N"
             raise NotConvergedError(f"touch at {place}: {record.status}; {record.reason}")
-    parts = np.array([record.forces["material"] for record in records])
-    parts = parts * [scene.film.d31_pC_N, scene.film.d32_pC_N]
-    return parts.sum(axis=-1), np.abs(parts).sum(axis=-1)
+    terms = np.array([record.forces["material"] for record in records])
+    terms = terms * [scene.film.d31_pC_N, scene.film.d32_pC_N]
+    return terms.sum(axis=-1), np.abs(terms).sum(axis=-1)
 
 
-def _continued(
-    charges: ProbeCharges,
-    positions_mm: Array,
-    limit_mm: float,
-    electrodes: Sequence[Outline],
-    rotation: float,
-    d31_pC_N: float,
-    d32_pC_N: float,
-) -> Array:
-    """`ProbeCharges.charges_pC`, continued on parabolas along the radius beyond a limit."""
-    away = np.linalg.norm(positions_mm, axis=-1, keepdims=True)
-    far = np.flatnonzero(away > limit_mm)
-    beyond = away[far] - limit_mm
-    at = positions_mm * (limit_mm / np.maximum(away, limit_mm))
-    rows = [at, *(at[far] * (1.0 - k * beyond / limit_mm) for k in (1.0, 2.0))]
-    found = charges.charges_pC(electrodes, np.concatenate(rows), rotation, d31_pC_N, d32_pC_N)
-    whole, once, twice = np.split(found, [len(at), len(at) + len(far)])
-    whole[far] = 3.0 * whole[far] - 3.0 * once + twice
-    return whole
-
-
-def _cell_mm(scene: Scene) -> float:
+def _circumradius_mm(scene: Scene) -> float:
+    """Largest distance of the probe's outline from its centroid."""
     assert scene.probe is not None
-    share = CELL if PERIOD_DEG.get(scene.probe.shape, 360.0) else DISC_CELL
-    return min(share * 1e3 * float(np.sqrt(scene.probe.outline.area)), LARGEST_CELL_MM)
+    centred = scene.probe.model_copy(update={"x_mm": 0.0, "y_mm": 0.0})
+    return 1e3 * float(centred.outline.reach)
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
-    """What is solved for a response, and the grid of its table.
+class ResponseTable:
+    """The grid of a response's table, and what is solved to fill it.
 
     Attributes
     ----------
@@ -197,8 +230,11 @@ class Plan:
     places : RimPlaces
     raster : PolarRaster
     forces_N : ndarray
-    axes : tuple of Axis
+    axes : tuple of UniformAxis
         x and y in mm, rotation in degrees.
+    limit_mm : float
+        Distance of the probe from the centre, beyond which charges are continued by parabolas.
+    elements : ProbeMesh
     """
 
     scene: Scene
@@ -206,76 +242,106 @@ class Plan:
     places: RimPlaces
     raster: PolarRaster
     forces_N: Array
-    axes: tuple[Axis, Axis, Axis]
+    axes: tuple[UniformAxis, UniformAxis, UniformAxis]
+    limit_mm: float
+    elements: ProbeMesh
 
     @classmethod
-    def of(cls, scene: Scene, domain: Domain, radii: int) -> Plan:
-        """A plan with `radii` distances of the rim's places."""
-        probe, cell = scene.probe, _cell_mm(scene)
-        assert probe is not None
-        places = RimPlaces(probe, domain.reach_mm + cell, radii)
-        electrodes = max(electrode.outline.reach for electrode in scene.electrode_list)
-        reach = domain.reach_mm + BEYOND * cell + 1e3 * electrodes
-        about = np.ceil(np.pi * reach / (RASTER * cell) / places.angles)
-        raster = PolarRaster(reach, RASTER * cell, places.angles * int(about))
-        low, high = domain.force_N
-        count = max(4, 1 + int(np.ceil(FORCES_PER_E * np.log(high / low))))
-        return cls(
-            scene, domain, places, raster, domain.force_nodes_N(count), cls._axes(scene, domain)
-        )
-
-    @staticmethod
-    def _axes(scene: Scene, domain: Domain) -> tuple[Axis, Axis, Axis]:
-        probe, cell = scene.probe, _cell_mm(scene)
-        assert probe is not None
-        half = int(np.ceil(domain.reach_mm / cell)) + BEYOND
-        across = Axis(-half * cell, cell, 2 * half + 1)
-        period = PERIOD_DEG.get(probe.shape, 360.0)
-        if not period:
-            return across, across, Axis(0.0, 90.0, 4, periodic=True)
-        corners = 1e3 * probe.model_copy(update={"x_mm": 0.0, "y_mm": 0.0}).outline.reach
-        turns = max(4, int(np.ceil(np.radians(period) * corners / (TURN * cell))))
-        return across, across, Axis(0.0, period / turns, turns, periodic=True)
-
-    def charges(self, processes: int, progress: Callable[[int, int], None]) -> ProbeCharges:
-        """Solve for the stress about the probe."""
-        scene = self.scene
+    def of(
+        cls, scene: Scene, domain: Domain, radii: int, options: ResponseOptions
+    ) -> ResponseTable:
+        """The table with `radii` distances of the rim's places."""
         assert scene.probe is not None
-        # the field does not depend on the electrodes; a scene has at least one
-        whole = 0.9 * scene.film.radius_mm
-        anywhere = {"name": "A", "shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": whole}
-        upright = scene.with_(**{"electrodes": [anywhere], **dict.fromkeys(PLACE, 0.0)})
+        cell = options.cell_mm(scene)
+        places = RimPlaces(scene.probe, domain.reach_mm + cell, radii)
+        limit = domain.reach_mm + options.margin * cell
+        reach = limit + 1e3 * max(electrode.outline.reach for electrode in scene.electrode_list)
+        step = options.raster_step * cell
+        angles = places.angles * int(np.ceil(np.pi * reach / step / places.angles))
+        forces = force_nodes_N(domain, options.polynomial_count(domain))
+        axes = _axes(scene, domain, options)
+        raster = PolarRaster(reach, step, angles)
+        return cls(scene, domain, places, raster, forces, axes, limit, options.elements)
+
+    def probe_charges(self, processes: int, progress: Callable[[int, int], None]) -> ProbeCharges:
+        """Solve for the stress about the probe at all places of the rim."""
+        scene = self.scene
+        # the stress does not depend on the electrodes, but a scene has at least one
+        radius = 0.9 * scene.film.radius_mm
+        electrode = {"name": "A", "shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": radius}
+        upright = scene.with_(**{"electrodes": [electrode], **dict.fromkeys(PLACE, 0.0)})
         tasks = [
-            joblib.delayed(mean_stress_about_probe)(upright, place, self.forces_N, self.raster)
+            joblib.delayed(mean_stress_about_probe)(
+                upright, place, self.forces_N, self.raster, self.elements
+            )
             for place in -self.places.unique_centres_mm
         ]
         fields = []
         with joblib.parallel_config("loky", inner_max_num_threads=1):
-            for field in joblib.Parallel(processes, return_as="generator")(tasks):
-                fields.append(field)
+            for stress in joblib.Parallel(processes, return_as="generator")(tasks):
+                fields.append(stress)
                 progress(len(fields), len(tasks))
         uniaxial = scene.film.d31_pC_N != scene.film.d32_pC_N
         return ProbeCharges.of(self.places, self.raster, fields, uniaxial=uniaxial)
 
-    def table(self, charges: ProbeCharges, processes: int) -> CubicSpline:
-        """The spline of a response."""
-        x, y, rotation = (axis.values for axis in self.axes)
+    def spline(self, charges: ProbeCharges, processes: int) -> UniformSpline:
+        """The spline of the response over place and rotation."""
+        x, y, rotations = (axis.values for axis in self.axes)
         positions = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-        limit = self.domain.reach_mm + BEYOND * self.axes[0].step
-        turns = rotation if PERIOD_DEG.get(self.places.probe.shape, 360.0) else rotation[:1]
+        different = rotations if symmetry_deg(self.places.probe) else rotations[:1]
         d_pC_N = self.scene.film.d31_pC_N, self.scene.film.d32_pC_N
         outlines = [electrode.outline for electrode in self.scene.electrode_list]
         with joblib.parallel_config("loky", inner_max_num_threads=1):
-            found = joblib.Parallel(processes)(
-                joblib.delayed(_continued)(
-                    charges, positions, limit, outlines, np.radians(turn), *d_pC_N
+            by_rotation = joblib.Parallel(processes)(
+                joblib.delayed(_continued_charges)(
+                    charges, positions, self.limit_mm, outlines, np.radians(rotation), d_pC_N
                 )
-                for turn in turns
+                for rotation in different
             )
-        # (x y, rotations, forces, electrodes) to polynomials of the force
-        values = np.stack(found if len(found) > 1 else found * len(rotation), axis=1)
-        at = self.domain.scaled(self.forces_N)
-        inverse = np.linalg.inv(chebyshev.chebvander(at, len(at) - 1))
-        values = np.einsum("kf,prfe->prke", inverse, values)
-        shape = (len(x), len(y), len(rotation), -1)
-        return CubicSpline.through(self.axes, values.reshape(shape), np.float32)
+        # (x y, rotations, forces, electrodes), then polynomials of the force
+        by_force = np.stack(by_rotation, axis=1)
+        nodes, _ = scaled_force(self.domain, self.forces_N)
+        inverse = np.linalg.inv(chebyshev.chebvander(nodes, len(nodes) - 1))
+        by_order = np.einsum("kf,prfe->prke", inverse, by_force)
+        by_order = np.repeat(by_order, len(rotations) // len(different), axis=1)
+        shape = (len(x), len(y), len(rotations), -1)
+        return UniformSpline.through(self.axes, by_order.reshape(shape), np.float32)
+
+
+def _axes(
+    scene: Scene, domain: Domain, options: ResponseOptions
+) -> tuple[UniformAxis, UniformAxis, UniformAxis]:
+    assert scene.probe is not None
+    cell = options.cell_mm(scene)
+    half = int(np.ceil(domain.reach_mm / cell)) + options.margin
+    across = UniformAxis(-half * cell, cell, 2 * half + 1)
+    period = symmetry_deg(scene.probe)
+    if period is None:
+        return across, across, UniformAxis(0.0, 90.0, 4, periodic=True)
+    way = np.radians(period) * _circumradius_mm(scene)
+    rotations = max(4, int(np.ceil(way / (options.rotation_step * cell))))
+    return across, across, UniformAxis(0.0, period / rotations, rotations, periodic=True)
+
+
+def _continued_charges(
+    charges: ProbeCharges,
+    positions_mm: Array,
+    limit_mm: float,
+    electrodes: Sequence[Outline],
+    rotation: float,
+    d_pC_N: tuple[float, float],
+) -> Array:
+    """`ProbeCharges.charges_pC`, continued by parabolas along the radius beyond a limit.
+
+    A parabola goes through the charges at the limit, and as far inside of it as the position is
+    outside, once and twice.
+    """
+    distance = np.linalg.norm(positions_mm, axis=-1, keepdims=True)
+    far = np.flatnonzero(distance > limit_mm)
+    beyond = distance[far] - limit_mm
+    held = positions_mm * (limit_mm / np.maximum(distance, limit_mm))
+    inner = [held[far] * (1.0 - k * beyond / limit_mm) for k in (1.0, 2.0)]
+    values = charges.charges_pC(electrodes, np.concatenate([held, *inner]), rotation, d_pC_N)
+    at_limit, once, twice = np.split(values, [len(held), len(held) + len(far)])
+    at_limit[far] = 3.0 * at_limit[far] - 3.0 * once + twice
+    return at_limit

@@ -1,78 +1,99 @@
 """The stress about a probe, in the probe's frame, for many forces at one place.
 
-Seen from the probe, its outline stays where it is and the rim moves. So the stress at a point of
-that frame is a smooth function of the rim's place, even where stress is not smooth in space: at
-the probe's edge. A response model interpolates these fields between few places.
+Seen from the probe, its outline stays where it is and the rim moves. The stress at a point of this
+frame is therefore a smooth function of the rim's place, even at the probe's edge, where the stress
+is not smooth in space. A response interpolates these fields between few places of the rim.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.sparse as sp
-from numpy.typing import NDArray
-from skfem import Basis, asm
+from skfem import MeshTri2, asm
 from skfem.models import mass
 
-from pvdf_fem.charges.quadrature import local_coordinates
+from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.mesh.gmsh_mesh import PROBE, Sizes, mesh_scene, outlines
-from pvdf_fem.scene.outline import Circle
+from pvdf_fem.film.space import Space
+from pvdf_fem.mesh.gmsh_mesh import PROBE, mesh_scene, outlines
+from pvdf_fem.mesh.size_field import Sizes
+from pvdf_fem.response.model import symmetry_deg
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.refine import located
 from pvdf_fem.solution.solution import NotConvergedError
-from pvdf_fem.solvers.newton import Status, factorise, newton, seed
+from pvdf_fem.solvers.ladder import equilibrate
+from pvdf_fem.solvers.newton import factorise
+from pvdf_fem.solvers.status import Status
 
-Array = NDArray[np.float64]
 
-ORDER = 3
-# Elements have this share of the probe's size (the root of its area) along its edge, and grow by
-# this share of the distance to this share of the film's radius.
-PROBE_SIZE, GROWTH, FILM_SIZE = 1 / 13, 0.13, 1 / 20
-# The same for a disc, whose edge is round.
-DISC_SIZE = 1 / 18
-# Stress beyond this share of the radius is taken from there.
-INSIDE = 0.98
-# Triangles in which a point is sought.
-CANDIDATES = 10
-# How many forces between two may help from one to the other.
-BETWEEN = 4
-# Cells of a raster below zero, beyond the memory of a spline.
-BELOW = 6
-# Parts of a raster's step, each with two samples.
-PARTS = 4
+@dataclass(frozen=True)
+class ProbeMesh:
+    """Finite elements for the stress about a probe.
+
+    Attributes
+    ----------
+    order : int
+        Polynomial order of the displacement.
+    probe_size, disc_size : float
+        Size of the elements along the probe's edge over the root of the probe's area; that of a
+        disc, whose edge is round, and that of other probes.
+    growth : float
+        Growth of the size per distance from the edge.
+    film_size : float
+        Largest size over the film's radius.
+    """
+
+    order: int = 3
+    probe_size: float = 1 / 13
+    disc_size: float = 1 / 18
+    growth: float = 0.13
+    film_size: float = 1 / 20
+
+    def mesh(self, scene: Scene) -> MeshTri2:
+        """The mesh of a scene with a probe."""
+        assert scene.probe is not None
+        share = self.probe_size if symmetry_deg(scene.probe) else self.disc_size
+        size = share * float(np.sqrt(outlines(scene)[PROBE].area))
+        return mesh_scene(
+            scene, Sizes({PROBE: size}, self.growth, self.film_size * scene.film.radius)
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class PolarRaster:
-    """Points ρ (cos θ, sin θ) about a probe.
+    """Points ρ (cos θ, sin θ) about a probe, and integrals along the rays to them.
 
-    ρ begins below zero, which continues a field smoothly across the origin. Every step of ρ has
-    some samples, from which means along the rays are made: stress has a kink at the probe's edge,
-    which these have not.
+    The stress has a kink at the probe's edge. Its mean along a ray has none, so that is what is
+    tabulated, from a few samples of the stress in every step of ρ. The values of ρ begin below
+    zero: there the field continues smoothly, on the opposite ray.
 
     Attributes
     ----------
     reach_mm : float
         Largest ρ.
     step_mm : float
-        Between neighbours along ρ.
+        Distance of neighbours along ρ.
     angles : int
-        Number of θ, from 0 in equal steps; even.
+        Number of values of θ, from 0 in equal steps; even.
+    negative : int
+        Number of values of ρ below zero; with them the origin does not feel the end of a spline.
+    parts : int
+        Parts of a step of ρ, each with two samples.
     """
 
     reach_mm: float
     step_mm: float
     angles: int
+    negative: int = 6
+    parts: int = 4
 
     @property
     def rho_mm(self) -> Array:
         """Values of ρ."""
-        count = int(np.ceil(self.reach_mm / self.step_mm)) + BELOW + 1
-        return self.step_mm * np.arange(-BELOW, count - BELOW, dtype=float)
+        positive = int(np.ceil(self.reach_mm / self.step_mm))
+        return self.step_mm * np.arange(-self.negative, positive + 1, dtype=float)
 
     @property
     def theta(self) -> Array:
@@ -81,47 +102,54 @@ class PolarRaster:
 
     @property
     def samples_mm(self) -> Array:
-        """Shape (samples, θ, 2)."""
+        """Points where the stress is needed, (samples, θ, 2)."""
         unit = np.stack([np.cos(self.theta), np.sin(self.theta)], axis=-1)
-        return self._sampled[0][:, None, None] * unit
+        return self._rule[0][:, None, None] * unit
 
     @cached_property
-    def _sampled(self) -> tuple[Array, Array]:
-        """ρ of the samples, and their weights in an integral over ρ."""
+    def _rule(self) -> tuple[Array, Array]:
+        """Values of ρ of the samples, and their weights in an integral over ρ."""
         s, w = np.polynomial.legendre.leggauss(2)
-        part = self.step_mm / PARTS
-        begin = part * np.arange(PARTS * (len(self.rho_mm) - BELOW - 1))
+        part = self.step_mm / self.parts
+        begin = part * np.arange(self.parts * (len(self.rho_mm) - self.negative - 1))
         rho = begin[:, None] + 0.5 * part * (s + 1.0)
         return rho.ravel(), np.tile(0.5 * part * w, len(begin))
 
     def means(self, samples: Array) -> Array:
-        """Means 2/ρ² ∫ S r dr from 0 to ρ of a field along rays.
+        """Means 2/ρ² ∫ S r dr from 0 to ρ of a field S along rays.
 
-        By Gauss's theorem the integral of S over an area is half that of its mean times the normal
-        component of the place along the area's boundary.
+        By Gauss's theorem the integral of S over an area is half the integral, along the area's
+        boundary, of this mean times the normal component of the place.
 
         Parameters
         ----------
         samples : ndarray, shape (..., samples, θ)
+            The field at `samples_mm`.
 
         Returns
         -------
         ndarray, shape (..., ρ, θ)
         """
-        rho, weights = self._sampled
-        parts = samples * (rho * weights)[:, None]
-        steps = parts.reshape(*samples.shape[:-2], -1, 2 * PARTS, self.angles).sum(axis=-2)
-        positive = self.rho_mm[BELOW + 1 :, None]
-        outward = 2.0 * np.cumsum(steps, axis=-2) / positive**2
+        rho, weights = self._rule
+        products = samples * (rho * weights)[:, None]
+        shape = (*samples.shape[:-2], -1, 2 * self.parts, self.angles)
+        per_step = products.reshape(shape).sum(axis=-2)
+        positive = self.rho_mm[self.negative + 1 :, None]
+        outward = 2.0 * np.cumsum(per_step, axis=-2) / positive**2
         middle = np.broadcast_to(
             samples[..., :1, :].mean(axis=-1, keepdims=True), outward[..., :1, :].shape
         )
-        behind = np.roll(outward[..., BELOW - 1 :: -1, :], self.angles // 2, axis=-1)
+        behind = np.roll(outward[..., self.negative - 1 :: -1, :], self.angles // 2, axis=-1)
         return np.concatenate([behind, middle, outward], axis=-2)
 
 
 def mean_stress_about_probe(
-    scene: Scene, place_mm: Array, forces: Sequence[float], raster: PolarRaster
+    scene: Scene,
+    place_mm: Array,
+    forces: Sequence[float],
+    raster: PolarRaster,
+    elements: ProbeMesh,
+    inside: float = 0.98,
 ) -> Array:
     """Means of the stress along rays from a probe under several forces.
 
@@ -132,9 +160,13 @@ def mean_stress_about_probe(
     place_mm : ndarray, shape (2,)
         Where the probe is put.
     forces : sequence of float
-        In N, in the order in which each solution starts from the one before.
+        In N. Each solution starts from those of the forces before.
     raster : PolarRaster
         Its axes are those of the film.
+    elements : ProbeMesh
+        Element sizes and order.
+    inside : float
+        Share of the film's radius. At points further out the stress is taken from there.
 
     Returns
     -------
@@ -147,11 +179,14 @@ def mean_stress_about_probe(
         When there is no solution.
     """
     x, y = map(float, place_mm)
-    equilibrium = _equilibrium(scene.with_(**{"probe.x_mm": x, "probe.y_mm": y}))
-    membrane = equilibrium.membrane
+    scene = scene.with_(**{"probe.x_mm": x, "probe.y_mm": y})
+    mesh = elements.mesh(scene)
+    equilibrium = Equilibrium(scene, mesh, elements.order)
+    space = equilibrium.space
     points = 1e-3 * (raster.samples_mm + place_mm)
-    sample = _sampling(membrane.basis, _inside(points, scene.film.radius).reshape(-1, 2))
-    project = _Projection(membrane.basis)
+    share = np.linalg.norm(points, axis=-1, keepdims=True) / scene.film.radius
+    sampled = points * inside / np.maximum(share, inside)
+    sample, project = space.interpolation(sampled.reshape(-1, 2).T), _Projection(space)
     try:
         fields = [sample @ project(stress) for stress in _stresses(equilibrium, forces)]
     except NotConvergedError as error:
@@ -160,87 +195,61 @@ def mean_stress_about_probe(
     return np.stack([raster.means(field.T.reshape(shape)) for field in fields])
 
 
-def _equilibrium(scene: Scene) -> Equilibrium:
-    probe = outlines(scene)[PROBE]
-    share = DISC_SIZE if isinstance(probe, Circle) else PROBE_SIZE
-    size = share * float(np.sqrt(probe.area))
-    sizes = Sizes({PROBE: size}, GROWTH, FILM_SIZE * scene.film.radius)
-    return Equilibrium(scene, mesh_scene(scene, sizes), ORDER)
-
-
 def _stresses(equilibrium: Equilibrium, forces: Sequence[float]) -> Iterator[Array]:
-    """The stress (elements, points, 3) of each force; solutions start from those before."""
-    known: list[tuple[float, Array]] = []
+    solutions: list[tuple[float, Array]] = []
     for force in forces:
-        q = _solved(equilibrium, force, known, BETWEEN)
-        known.append((force, q))
+        q = _solved(equilibrium, force, solutions)
+        solutions.append((force, q))
         yield equilibrium.state(q).stress
 
 
 def _solved(
-    equilibrium: Equilibrium, force: float, known: list[tuple[float, Array]], between: int
+    equilibrium: Equilibrium, force: float, solutions: list[tuple[float, Array]], halvings: int = 4
 ) -> Array:
-    """The solution for a force from those known for others.
+    """The unknowns under a force, from the solutions (force, unknowns) under other forces.
 
-    Where Newton's method fails, a force between comes first, so many times at the most.
+    Where no solution is found from there, a force in between is solved first, and this is repeated
+    up to `halvings` times.
     """
-    equilibrium.load = replace(equilibrium.load, force=force)
-    start = _extrapolated(known, force) if known else seed(equilibrium)
-    result = newton(equilibrium, start, near=bool(known))
+    loaded = equilibrium.replacing(equilibrium.load, equilibrium.load.with_force(force))
+    start = _extrapolated(solutions, force) if solutions else None
+    result = equilibrate(loaded, start)
     if result.status is Status.CONVERGED:
         return result.q
     reason = f"{force:g} N: {result.status}; {result.status.advice}"
-    if not between:
+    if not halvings:
         raise NotConvergedError(reason)
-    middle = float(np.sqrt(force * known[-1][0])) if known else 0.5 * force
+    middle = float(np.sqrt(force * solutions[-1][0])) if solutions else 0.5 * force
     try:
-        nearer = [*known, (middle, _solved(equilibrium, middle, known, between - 1))]
-        return _solved(equilibrium, force, nearer, between - 1)
+        nearer = (middle, _solved(equilibrium, middle, solutions, halvings - 1))
+        return _solved(equilibrium, force, [*solutions, nearer], halvings - 1)
     except NotConvergedError:
         raise NotConvergedError(reason) from None
 
 
-def _extrapolated(known: list[tuple[float, Array]], force: float) -> Array:
-    """Polynomial in log F through the last three solutions."""
-    last = known[-3:]
-    t = np.log([f for f, _ in last])
+def _extrapolated(solutions: list[tuple[float, Array]], force: float) -> Array:
+    """The unknowns by a polynomial of log F through the last three solutions."""
+    last = solutions[-3:]
+    nodes = np.log([known for known, _ in last])
     q = np.zeros_like(last[-1][1])
     for i, (_, values) in enumerate(last):
-        others = np.delete(t, i)
-        q = q + np.prod((np.log(force) - others) / (t[i] - others)) * values
+        others = np.delete(nodes, i)
+        q = q + np.prod((np.log(force) - others) / (nodes[i] - others)) * values
     return q
 
 
-def _inside(points: Array, radius: float) -> Array:
-    share = np.linalg.norm(points, axis=-1, keepdims=True) / radius
-    return points * INSIDE / np.maximum(share, INSIDE)
-
-
 class _Projection:
-    """Continuous fields nearest to fields with jumps between elements; integrals stay."""
+    """The L2 projection of fields that jump between elements on continuous ones."""
 
-    def __init__(self, basis: Basis) -> None:
-        self._basis = basis
-        self._shapes = np.stack(
-            [np.broadcast_to(s[0], basis.dx.shape) for s in basis.basis], axis=-1
-        )
-        self._factors = factorise(asm(mass, basis).tocsc())
+    def __init__(self, space: Space) -> None:
+        self._space = space
+        self._factors = factorise(asm(mass, space.basis).tocsc())
 
     def __call__(self, values: Array) -> Array:
-        """Nodal values (dofs, components) of values (elements, points, components)."""
-        weighted = values * self._basis.dx[..., None]
-        local = np.matmul(self._shapes.swapaxes(1, 2), weighted)
-        right = np.zeros((self._basis.N, values.shape[-1]))
-        np.add.at(right, self._basis.element_dofs.T, local)
+        """Nodal values (scalar dofs, components) of values (elements, points, components)."""
+        space = self._space
+        weighted = values * space.weights[..., None]
+        moments = np.matmul(space.values.swapaxes(1, 2), weighted)
+        right = np.zeros((space.basis.N, values.shape[-1]))
+        np.add.at(right, space.nodes, moments)
         return self._factors.solve(right)
-
-
-def _sampling(basis: Basis, points: Array) -> sp.csr_matrix:
-    """Matrix (points, dofs) that takes nodal values to values at points (n, 2)."""
-    elements, _ = located(basis, points.T, CANDIDATES)
-    place = local_coordinates(basis.mesh, elements, points[:, None])[:, :, 0]
-    values = np.stack([basis.elem.lbasis(place, i)[0] for i in range(basis.Nbfun)], axis=-1)
-    rows = np.broadcast_to(np.arange(len(points))[:, None], values.shape)
-    columns = basis.element_dofs.T[elements]
-    shape = (len(points), basis.N)
-    return sp.csr_matrix((values.ravel(), (rows.ravel(), columns.ravel())), shape=shape)

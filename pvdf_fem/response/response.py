@@ -1,86 +1,69 @@
 """The charges of a sensor as a function of the touch: place, rotation and force of one probe.
 
-A response is a table of spline coefficients, so that an evaluation with its Jacobian takes some
-ten microseconds. `build` makes it from few solves: the stress about the probe, for few places of
-the rim and few forces (`probe_frame`, `rim_places`), gives the charges for every touch. How far
-they are from those of full solves is measured on random touches, and stored with the response.
+A response is a table of spline coefficients, so that an evaluation with its Jacobian takes some ten
+microseconds. `build.build_response` makes it from a few dozen solves, measures its error against
+full solves of random touches, and stores the error with it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from pvdf_fem.response.uniform_spline import Axis, CubicSpline
+from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.response.model import FORCE, QUANTITIES, Domain, all_within
+from pvdf_fem.response.uniform_spline import UniformAxis, UniformSpline
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.touch.touch import all_within
 
-Array = NDArray[np.float64]
-
-# Charges are smooth in this power of the force, from where pretension counts to where it does not.
+#: Charges are smooth in this power of the force, both where the pretension carries it and where the
+#: tension that it makes itself does.
 POWER = 1.0 / 6.0
-# Relative excess over a domain that is rounding.
+#: Share by which a touch may exceed the domain, as rounding makes it.
 ROUNDING = 1e-9
-# Of derivatives of order 0 and 1 by the force within those by x, y and rotation.
-_VALUE_AND_SLOPES = np.array([0, 2, 4, 6, 1], dtype=np.intp)
 FORMAT = "pvdf_fem response 1"
+# Rows of the products (value and derivatives by x, y, rotation) x (value and derivative by force):
+# the value, and the derivatives by x, y, rotation and force.
+_VALUE_AND_SLOPES: Indices = np.array([0, 2, 4, 6, 1])
 
 
-@dataclass(frozen=True)
-class Domain:
-    """Touches that a response is for.
+@lru_cache
+def _roots(low: float, high: float) -> tuple[float, float]:
+    return low**POWER, high**POWER
 
-    Attributes
-    ----------
-    reach_mm : float
-        Largest distance of the probe from the film's centre.
-    force_N : tuple of float
-        Least and largest force.
-    """
 
-    reach_mm: float
-    force_N: tuple[float, float]
+def scaled_force(domain: Domain, force_N: Array) -> tuple[Array, Array]:
+    """The argument of Chebyshev polynomials, -1 to 1 over a domain's forces, and its derivative."""
+    low, high = _roots(*domain.force_N)
+    scaled = 2.0 / (high - low) * force_N**POWER
+    return scaled - (low + high) / (high - low), POWER * scaled / force_N
 
-    def scaled(self, force_N: Array) -> Array:
-        """The force as an argument of Chebyshev polynomials, -1 to 1."""
-        return self.scaled_with_rate(force_N)[0]
 
-    def scaled_with_rate(self, force_N: Array) -> tuple[Array, Array]:
-        """The same with its derivative by the force."""
-        low, high = self._ends
-        scaled = 2.0 / (high - low) * force_N**POWER
-        return scaled - (low + high) / (high - low), POWER * scaled / force_N
+def force_nodes_N(domain: Domain, count: int) -> Array:
+    """Forces at the Chebyshev points of a domain, from the largest to the least."""
+    low, high = _roots(*domain.force_N)
+    nodes = np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))
+    return (0.5 * (low + high) + 0.5 * (high - low) * nodes) ** (1.0 / POWER)
 
-    def force_nodes_N(self, count: int) -> Array:
-        """The forces at Chebyshev's points, from the largest to the least."""
-        low, high = self._ends
-        at = np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))
-        return (0.5 * (low + high) + 0.5 * (high - low) * at) ** (1.0 / POWER)
 
-    @cached_property
-    def _ends(self) -> tuple[float, float]:
-        low, high = self.force_N
-        return low**POWER, high**POWER
-
-    def refuse_others(self, touches: Array) -> None:
-        """Raise `ValueError` for touches (n, 4) outside."""
-        more, less = 1.0 + ROUNDING, 1.0 - ROUNDING
-        limits = more * self.reach_mm, less * self.force_N[0], more * self.force_N[1]
-        if all_within(touches, *limits):
-            return
-        x, y, rotation, force = next(one for one in touches if not all_within(one[None], *limits))
-        low, high = self.force_N
-        raise ValueError(
-            f"touches: x = {x:g} mm, y = {y:g} mm, {rotation:g} deg, {force:g} N is outside of the"
-            f" response, {self.reach_mm:g} mm about the centre and {low:g} to {high:g} N; build one"
-            " for a larger domain"
-        )
+def refuse_outside(domain: Domain, touches: Array) -> None:
+    """Raise `ValueError` for touches (n, 4) that are not finite, or outside of a domain."""
+    low, high = domain.force_N
+    more, less = 1.0 + ROUNDING, 1.0 - ROUNDING
+    limits = more * domain.reach_mm, less * low, more * high
+    if all_within(touches, *limits):
+        return
+    x, y, rotation, force = next(row for row in touches if not all_within(row[None], *limits))
+    raise ValueError(
+        f"touches: x = {x:g} mm, y = {y:g} mm, {rotation:g} deg, {force:g} N is outside of the"
+        f" response, {domain.reach_mm:g} mm about the centre and {low:g} to {high:g} N; build one"
+        " for a larger domain"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,17 +73,19 @@ class Response:
     Attributes
     ----------
     names : tuple of str
-        Electrodes.
+        Names of the electrodes.
     scene : Scene
         Film, electrodes and probe; the probe's place and the force do not matter.
     domain : Domain
+        Touches that it holds for.
     error_bound : float
-        Error of a charge over |d31 X| + |d32 Y| that full solves at random touches did not reach.
+        Bound on the error of a charge over |d31 X| + |d32 Y|: five times the largest error at the
+        random touches whose full solves it was compared with.
     error_rms : float
-        Root mean square of the errors at these.
-    spline : CubicSpline
+        Root mean square of the errors at these touches.
+    spline : UniformSpline
         Over x in mm, y in mm and rotation in degrees: coefficients in pC of Chebyshev polynomials
-        of the force, by electrode, (polynomials electrodes,).
+        of the force, for each of them by electrode, (polynomials electrodes,).
     """
 
     names: tuple[str, ...]
@@ -108,7 +93,7 @@ class Response:
     domain: Domain
     error_bound: float
     error_rms: float
-    spline: CubicSpline
+    spline: UniformSpline
 
     def evaluate(self, touches: ArrayLike) -> tuple[Array, Array]:
         """Charges and their derivatives.
@@ -129,23 +114,23 @@ class Response:
         ValueError
             For a touch outside of the domain.
         """
-        touches = np.asarray(touches, dtype=float).reshape(-1, 4)
-        self.domain.refuse_others(touches)
+        touches = np.asarray(touches, dtype=float).reshape(-1, len(QUANTITIES))
+        refuse_outside(self.domain, touches)
         # (n, value and derivatives by place, polynomials, electrodes)
-        by_place = self.spline.with_gradient(touches[:, :3])
+        by_place = self.spline.with_gradient(touches[:, :FORCE])
         by_place = by_place.reshape(len(touches), 4, -1, len(self.names))
-        scaled, rate = self.domain.scaled_with_rate(touches[:, 3])
+        scaled, rate = scaled_force(self.domain, touches[:, FORCE])
         powers = scaled[:, None] ** self._orders
         # (n, value and derivative by force, polynomials)
         by_force = (powers @ self._polynomials).reshape(len(touches), 2, -1)
         by_force[:, 1] *= rate[:, None]
-        # (n, value and derivatives by place times value and derivative by force, electrodes)
-        both = np.matmul(by_force[:, None], by_place).reshape(len(touches), 8, -1)
-        found = both.take(_VALUE_AND_SLOPES, axis=1)
-        return found[:, 0], found[:, 1:].swapaxes(1, 2)
+        # (n, value and derivatives by place x value and derivative by force, electrodes)
+        products = np.matmul(by_force[:, None], by_place).reshape(len(touches), 8, -1)
+        charges_and_slopes = products.take(_VALUE_AND_SLOPES, axis=1)
+        return charges_and_slopes[:, 0], charges_and_slopes[:, 1:].swapaxes(1, 2)
 
     def with_thickness(self, thickness_um: float) -> Response:
-        """The response of a film of another thickness: without bending, F/h alone counts."""
+        """The response of a film of another thickness; without bending F/h alone counts."""
         scene = self.scene.with_(**{"film.thickness_um": thickness_um})
         ratio = scene.film.thickness_um / self.scene.film.thickness_um
         low, high = self.domain.force_N
@@ -153,28 +138,28 @@ class Response:
         return replace(self, scene=scene, domain=domain)
 
     @cached_property
-    def _count(self) -> int:
+    def _polynomial_count(self) -> int:
         return self.spline.coefficients.shape[-1] // len(self.names)
 
     @cached_property
     def _orders(self) -> Array:
-        return np.arange(self._count, dtype=float)
+        return np.arange(self._polynomial_count, dtype=float)
 
     @cached_property
     def _polynomials(self) -> Array:
-        """Powers times this, (powers, 2 polynomials), are Chebyshev's and their derivatives."""
-        values = np.zeros((self._count, self._count))
-        for k, unit in enumerate(np.eye(self._count)):
-            powers = chebyshev.cheb2poly(unit)
-            values[: len(powers), k] = powers
+        """Coefficients (powers, 2 polynomials) of Chebyshev polynomials and their derivatives."""
+        count = self._polynomial_count
+        values = np.zeros((count, count))
+        for k in range(count):
+            values[: k + 1, k] = chebyshev.cheb2poly(np.eye(count)[k, : k + 1])
         slopes = np.zeros_like(values)
         slopes[:-1] = self._orders[1:, None] * values[1:]
         return np.concatenate([values, slopes], axis=1)
 
     def save(self, path: Path | str) -> None:
-        """Write the response to a file, replacing it only when all is written."""
+        """Write the response to a file, which replaces an older one only when it is complete."""
         path = Path(path)
-        axes = [[a.start, a.step, a.count, a.periodic] for a in self.spline.axes]
+        axes = [[axis.start, axis.step, axis.count, axis.periodic] for axis in self.spline.axes]
         arrays: dict[str, Any] = {
             "format": FORMAT,
             "scene": self.scene.to_toml(),
@@ -208,7 +193,10 @@ class Response:
         scene = Scene.parse(str(arrays["scene"]), str(path))
         reach, low, high = arrays["domain"].tolist()
         bound, rms = arrays["errors"].tolist()
-        axes = tuple(Axis(s, h, int(n), bool(p)) for s, h, n, p in arrays["axes"].tolist())
+        axes = tuple(
+            UniformAxis(start, step, int(count), bool(periodic))
+            for start, step, count, periodic in arrays["axes"].tolist()
+        )
         names = tuple(electrode.name for electrode in scene.electrode_list)
-        spline = CubicSpline(axes, arrays["coefficients"])
+        spline = UniformSpline(axes, arrays["coefficients"])
         return cls(names, scene, Domain(reach, (low, high)), bound, rms, spline)

@@ -11,6 +11,7 @@ from pydantic import BaseModel
 
 from pvdf_fem.scene.scene_file import problem
 
+# Keys that a shape keeps when it becomes another one.
 _PLACE = {"name", "shape", "x_mm", "y_mm", "rotation_deg"}
 
 
@@ -45,8 +46,8 @@ def change(tables: dict[str, Any], changes: Mapping[str, Any]) -> list[str]:
 
 def _put(tables: dict[str, Any], path: list[str], value: Any) -> None:
     node: Any = tables
-    for part in path[:-1]:
-        node = node[_index(part)] if isinstance(node, list) else node.setdefault(part, {})
+    for step in path[:-1]:
+        node = node[_index(step)] if isinstance(node, list) else node.setdefault(step, {})
     last = path[-1]
     if isinstance(node, list):
         node[_index(last)] = value
@@ -59,10 +60,10 @@ def _put(tables: dict[str, Any], path: list[str], value: Any) -> None:
     node[last] = value
 
 
-def _index(part: str) -> int:
-    if not part.isdecimal():
-        raise ValueError(part)
-    return int(part)
+def _index(step: str) -> int:
+    if not step.isdecimal():
+        raise ValueError(step)
+    return int(step)
 
 
 def _encodable(key: Any) -> Any:

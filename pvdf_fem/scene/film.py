@@ -8,17 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator
 
-from pvdf_fem.scene.quantity import Finite, Length, Modulus, Number, Part, refusal, within
-
-# Closer to 1, ν12 ν21 makes a stiffness that is singular to rounding.
-_SINGULAR = 1e-9
+from pvdf_fem.scene.quantity import Finite, Length, Modulus, Number, Section, refusal, within
 
 
 def _number_or_pair(value: Any) -> str:
     return "pair" if isinstance(value, list | tuple) else "number"
 
 
-class Film(Part):
+class Film(Section):
     """The film: a flat disc clamped on its rim, centred on the origin.
 
     `youngs_modulus_GPa` is a number, or a pair [E1, E2] along x and y; `poisson_ratio` is then
@@ -27,8 +24,9 @@ class Film(Part):
     `bending` adds the film's stiffness as a plate: always, never, or (``"auto"``) where it could
     change a charge by more than ``numerics.tolerance``.
 
-    `compression` is what becomes of compressive stress: ``refuse`` warns of it, and an equilibrium
-    that is not a minimum of the energy is no result; ``tension-field`` lets the film wrinkle.
+    `compression` says what the model does with compressive stress: ``refuse`` warns of it, and
+    takes no equilibrium for a result that is not a minimum of the energy; ``tension-field`` lets
+    the film wrinkle.
     """
 
     radius_mm: Length = 45.0
@@ -55,7 +53,8 @@ class Film(Part):
             return value
         if isinstance(modulus, tuple):
             E1, E2 = modulus
-            if value**2 * E2 >= E1 * (1 - _SINGULAR):
+            # nearer to 1, ν12 ν21 makes a stiffness that is singular to rounding
+            if value**2 * E2 >= E1 * (1 - 1e-9):
                 bound = np.sqrt(E1 / E2)
                 raise refusal(f"makes ν12 ν21 at least 1; give a value below {bound:.6g}")
         elif not 0 <= value < 0.5:

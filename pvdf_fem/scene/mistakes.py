@@ -15,12 +15,13 @@ from pvdf_fem.scene.placement import misplacements
 from pvdf_fem.scene.scene_file import choose, problem, quote
 from pvdf_fem.scene.shapes import ELECTRODES, MOST_ELECTRODES, PROBES, Electrode, Layout, Probe
 
-#: Mistakes told about one scene.
+#: The largest number of mistakes that are told about one scene.
 MOST_MISTAKES = 100
 
 _REASONS = {
     "finite_number": "must be finite; give a number",
     "float_type": "must be a number; write digits without quotes",
+    "int_type": "must be a whole number; write digits without a point or quotes",
     "missing": "is required; add it",
     "model_type": "must be a table; put its keys below a heading in brackets",
     "string_unicode": "is not Unicode text; write it with other characters",
@@ -44,19 +45,19 @@ def mistakes(error: ValidationError, data: Mapping[str, Any], model: type[BaseMo
 
     Notes
     -----
-    The scene compares its shapes with each other only when each part is valid by itself. The
-    parts that are valid are compared here, so that mistakes of both sorts are told together.
+    The scene compares its shapes with each other only when each table is valid by itself. The
+    tables that are valid are compared here, so that mistakes of both sorts are told together.
     """
-    found = [d for d in error.errors(include_url=False) if not _is_shortened(d)]
+    errors = [d for d in error.errors(include_url=False) if not _is_shortened(d)]
     lines: Iterator[str]
-    if found[0]["type"] == "misplaced":
-        lines = iter(found[0]["ctx"]["problems"])
+    if errors[0]["type"] == "misplaced":
+        lines = iter(errors[0]["ctx"]["problems"])
     else:
-        lines = chain((_line(details, model) for details in found), _among_valid_parts(data))
-    told = list(islice(lines, MOST_MISTAKES + 1))
-    if len(told) > MOST_MISTAKES:
-        told[MOST_MISTAKES:] = ["there are more mistakes; correct these first"]
-    return told
+        lines = chain((_line(details, model) for details in errors), _among_valid_tables(data))
+    shown = list(islice(lines, MOST_MISTAKES + 1))
+    if len(shown) > MOST_MISTAKES:
+        shown[MOST_MISTAKES:] = ["there are more mistakes; correct these first"]
+    return shown
 
 
 def _is_shortened(details: ErrorDetails) -> bool:
@@ -66,7 +67,7 @@ def _is_shortened(details: ErrorDetails) -> bool:
 
 
 def _line(details: ErrorDetails, model: type[BaseModel]) -> str:
-    """One complaint of pydantic in the words of the scene file."""
+    """A complaint of pydantic in the words of the scene file."""
     kind, loc, value = details["type"], details["loc"], details["input"]
     context = details.get("ctx", {})
     key = _key(loc)
@@ -127,15 +128,15 @@ def _quoted(text: str) -> list[str]:
     return re.findall("'([^']*)'", text)
 
 
-def _among_valid_parts(data: Mapping[str, Any]) -> Iterator[str]:
-    """Misplacements among those parts of a scene that are valid by themselves."""
-    sections = {name: part for name, part in data.items() if isinstance(part, Mapping)}
+def _among_valid_tables(data: Mapping[str, Any]) -> Iterator[str]:
+    """Misplacements among the tables of a scene that are valid by themselves."""
+    sections = {name: table for name, table in data.items() if isinstance(table, Mapping)}
     radius = {key: value for key, value in sections.get("film", {}).items() if key == "radius_mm"}
     film = _valid(Film, radius)
     electrodes: Any = data.get("electrodes", {})
     if isinstance(electrodes, list):
-        parts = [_valid(Electrode, part) for part in electrodes[:MOST_ELECTRODES]]
-        electrodes = {i: part for i, part in enumerate(parts) if part is not None}
+        models = [_valid(Electrode, table) for table in electrodes[:MOST_ELECTRODES]]
+        electrodes = {i: model for i, model in enumerate(models) if model is not None}
     else:
         electrodes = _valid(Layout, electrodes) or {}
     yield from misplacements(
@@ -151,8 +152,9 @@ def _text(value: Any) -> str:
     return value if isinstance(value, str) else ""
 
 
-def _valid(part: Any, value: Any) -> Any:
+def _valid(model: Any, value: Any) -> Any:
+    """The model of a value, or None where it has mistakes."""
     try:
-        return TypeAdapter(part).validate_python(value)
+        return TypeAdapter(model).validate_python(value)
     except ValidationError:
         return None

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from itertools import combinations
 
-from pvdf_fem.scene.outline import TOUCH, overlaps
+from pvdf_fem.scene.outlines.outline import TOUCH, overlaps
+from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES
 from pvdf_fem.scene.scene_file import problem
 from pvdf_fem.scene.shapes import Electrode, Layout, Probe
 
@@ -31,9 +32,9 @@ def misplacements(
     kind, observable : str
         Kind of the load and charge observable.
     """
-    given = electrodes if isinstance(electrodes, Layout) else tuple(electrodes.items())
-    if not _sound(radius_mm, given, observable):
-        yield from _of_electrodes(radius_mm, given, observable)
+    hashable = electrodes if isinstance(electrodes, Layout) else tuple(electrodes.items())
+    if not _sound(radius_mm, hashable, observable):
+        yield from _of_electrodes(radius_mm, hashable, observable)
     if probe is None or radius_mm is None:
         return
     yield from _over_rim("probe", probe, radius_mm)
@@ -60,8 +61,8 @@ def _of_electrodes(
         return
     keyed = {f"electrodes[{i}]": electrode for i, electrode in electrodes}
     yield from _of_list(radius_mm, keyed)
-    if observable == "thesis-edge":
-        yield from _without_edges(keyed)
+    if (entry := OBSERVABLE_ENTRIES.get(observable)) and entry.needs_edges:
+        yield from _without_edges(observable, keyed)
 
 
 def _of_layout(radius_mm: float | None, layout: Layout) -> Iterator[str]:
@@ -116,10 +117,10 @@ def _beyond(reach_mm: float, radius_mm: float) -> str:
     return f"reaches {excess:.3g} mm over the rim at film.radius_mm = {radius_mm:g}"
 
 
-def _without_edges(electrodes: Mapping[str, Electrode]) -> Iterator[str]:
-    needs = 'numerics.observable = "thesis-edge" needs rectangles with edges along x and y'
+def _without_edges(observable: str, electrodes: Mapping[str, Electrode]) -> Iterator[str]:
+    needs = f'numerics.observable = "{observable}" needs rectangles with edges along x and y'
     for key, electrode in electrodes.items():
-        if electrode.shape not in ("square", "rectangle"):
+        if not electrode.is_rectangle:
             yield problem(f"{key}.shape", electrode.shape, f'{needs}; change it or take "material"')
         elif electrode.rotation_deg % 90 != 0:
             turned = problem(f"{key}.rotation_deg", electrode.rotation_deg, needs)

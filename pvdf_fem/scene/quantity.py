@@ -21,7 +21,7 @@ def within(low: float, high: float, unit: str = "", ends: bool = True) -> AfterV
 
     def check(value: float) -> float:
         if low < value < high or (ends and value in (low, high)):
-            return value + 0.0  # no negative zero, so that equal scenes have equal JSON
+            return value + 0  # no negative zero, so that equal scenes have equal JSON
         size = "small" if value <= low else "large"
         reason = "must be positive" if value <= 0 < low else f"is too {size}"
         span = f"from {low:g} to {high:g}" if ends else f"between {low:g} and {high:g}"
@@ -31,13 +31,14 @@ def within(low: float, high: float, unit: str = "", ends: bool = True) -> AfterV
 
 
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Whole = Annotated[int, Field(strict=True)]
 Number = Annotated[Finite, within(-1e6, 1e6)]
 Coordinate = Annotated[Finite, within(-1e6, 1e6, "mm")]
 Length = Annotated[Finite, within(1e-6, 1e6, "mm")]
 Modulus = Annotated[Finite, within(1e-6, 1e6, "GPa")]
 
 
-class Part(BaseModel):
-    """A part of a scene: frozen, its keys fixed."""
+class Section(BaseModel):
+    """A table of a scene file: frozen, its keys fixed."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")

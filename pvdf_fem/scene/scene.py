@@ -11,23 +11,40 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, overload
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, overload
 
-from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from pvdf_fem.scene.change import change
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.mistakes import MOST_MISTAKES, mistakes
 from pvdf_fem.scene.placement import misplacements
-from pvdf_fem.scene.quantity import Finite, Part, refusal, within
+from pvdf_fem.scene.quantity import Finite, Section, Whole, refusal, within
+from pvdf_fem.scene.registry import LOAD_CLASSES, OBSERVABLE_ENTRIES
 from pvdf_fem.scene.scene_file import SceneError, parse_toml, read_scene_text, write_toml
 from pvdf_fem.scene.shapes import Electrode, Electrodes, Layout, Probe
 
 __all__ = ["Electrode", "Film", "Layout", "Load", "Numerics", "Probe", "Scene", "SceneError"]
 
 
-class Load(Part):
+if TYPE_CHECKING:
+    LoadKind: TypeAlias = str
+    ObservableName: TypeAlias = str
+else:
+    LoadKind = Literal[tuple(LOAD_CLASSES)]
+    ObservableName = Literal[tuple(OBSERVABLE_ENTRIES)]
+
+
+class Load(Section):
     """The force of the probe on the film, along z.
 
     ``dead``: a uniform pressure on the reference area; ``follower``: a pressure normal to the
@@ -36,7 +53,7 @@ class Load(Part):
     """
 
     force_N: Annotated[Finite, within(0.0, 1e6, "N")] = 1.0
-    kind: Literal["dead", "follower", "rigid"] = "dead"
+    kind: LoadKind = "dead"
     contact: Literal["sliding", "stuck"] | None = Field(None, validate_default=True)
 
     @field_validator("contact")
@@ -57,11 +74,24 @@ class Load(Part):
         return self.force_N
 
 
-class Numerics(Part):
-    """The relative error wanted in every charge, and which observable is called charge."""
+class Numerics(Section):
+    """The relative error wanted in every charge, which observable is called charge, and limits.
+
+    `max_unknowns` is the largest number of unknowns of a mesh. `max_seconds` is the work allowed
+    for a solve in seconds of one core, counted by unknowns and iterations, so that a result does
+    not depend on the machine's load. A limit that is None is the solver's, which grows where the
+    tolerance is below 1e-3.
+    """
 
     tolerance: Annotated[Finite, within(1e-8, 0.5, ends=False)] = 1e-3
-    observable: Literal["material", "thesis-edge"] = "material"
+    observable: ObservableName = "material"
+    max_unknowns: Annotated[Whole, within(100, 10_000_000, "unknowns")] | None = None
+    max_seconds: Annotated[Finite, within(0.1, 1e6, "s")] | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_default_limits(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """The table without limits that are None, as scene files leave them out."""
+        return {key: value for key, value in handler(self).items() if value is not None}
 
 
 if TYPE_CHECKING:
@@ -76,7 +106,7 @@ if TYPE_CHECKING:
         def __get__(self, scene: Any, owner: Any) -> Any: ...
 
 
-class Scene(Part):
+class Scene(Section):
     """One film with its electrodes, a probe or none, and a load.
 
     Built directly, a scene with mistakes raises pydantic's `ValidationError`; `load`, `parse` and
@@ -96,14 +126,14 @@ class Scene(Part):
     @model_validator(mode="after")
     def _shapes_have_their_places(self) -> Self:
         electrodes = self.electrodes
-        found = misplacements(
+        complaints = misplacements(
             self.film.radius_mm,
             electrodes if isinstance(electrodes, Layout) else dict(enumerate(electrodes)),
             self.probe,
             self.load.kind,
             self.numerics.observable,
         )
-        if problems := list(islice(found, MOST_MISTAKES + 1)):
+        if problems := list(islice(complaints, MOST_MISTAKES + 1)):
             context = {"text": "\n".join(problems), "problems": problems}
             raise PydanticCustomError("misplaced", "{text}", context)
         return self
@@ -162,5 +192,5 @@ class Scene(Part):
         return scene
 
 
-# Found on the class only: an instance has its load in its own dictionary, which comes first.
+# The class alone has this attribute: an instance's dictionary, which comes first, has its load.
 setattr(Scene, "load", Scene._read)  # noqa: B010

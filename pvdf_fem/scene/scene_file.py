@@ -15,7 +15,8 @@ from pvdf_fem.files import FileError, printable, read_text
 #: Largest scene file in bytes.
 MOST_BYTES = 1_000_000
 
-# tomllib's time grows with the square of the parts of a dotted key; a scene needs two
+# The time of tomllib grows with the square of the number of names in a dotted key; a scene needs
+# two of them.
 _LONG_KEY = re.compile(
     r"""(?:^|[\[{,])[ \t]*(?:(?:"[^"\n]*"|'[^'\n]*'|[\w-]+)[ \t]*\.[ \t]*){9}""", re.MULTILINE
 )

@@ -12,65 +12,59 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.sparse.linalg import SuperLU
 
+from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.laws import WrinklingMembrane
-from pvdf_fem.film.membrane import Array, MembraneState, principal
+from pvdf_fem.film.membrane import principal
+from pvdf_fem.film.term import State
+from pvdf_fem.solution.fields import Fields
 from pvdf_fem.solvers.arc_length import beyond_limit
-from pvdf_fem.solvers.newton import Status, balanced, compressed, factorise, negative_pivots
-from pvdf_fem.solvers.wrinkling import disagreement
+from pvdf_fem.solvers.newton import balanced, compressed, factorise, negative_pivots
+from pvdf_fem.solvers.status import Status
 
-# What rounding and Newton's last step may leave: of the displacement, in the energy norm, by the
-# residual, and of the load by the rim's reaction.
-IMBALANCE = 1e-6
-# Of biaxially stretched PVDF film, Pa: data sheets give 160 to 220 MPa along either direction.
+#: Strength of biaxially stretched PVDF film in Pa: data sheets give 160 to 220 MPa along either
+#: direction.
 STRENGTH = 180e6
-# Principal stretch less 1 up to which St. Venant-Kirchhoff's law is that of a linear elastic
-# solid: at 5 % the 2nd Piola-Kirchhoff and the nominal stress differ by as much.
+#: Principal stretch less 1 up to which St. Venant-Kirchhoff's law is that of a linear elastic
+#: solid: at 5 % the 2nd Piola-Kirchhoff and the nominal stress differ by as much.
 STRAIN_LIMIT = 0.05
-# The film's law is exact at any slope, the load's is not: at this one a pressure along z and one
-# normal to the film differ by 1 - cos = 11 %, and the probe's face no longer covers its shadow.
+#: Slope up to which the load is modelled well. The film's law is exact at any slope; but here a
+#: pressure along z and one normal to the film differ by 1 - cos = 11 %, and the probe's face no
+#: longer covers its shadow.
 SLOPE_LIMIT = 0.5
-ROUNDING = 1e-9
 
 
-def refusal(
-    equilibrium: Equilibrium, state: MembraneState, factors: SuperLU | None
-) -> Status | None:
+def refusal(fields: Fields, factors: SuperLU | None) -> Status | None:
     """The status of a solution that is no equilibrium or no minimum; None for one that is."""
     if factors is None:  # the flat film
         return None
-    allowed = IMBALANCE
-    if isinstance(equilibrium.membrane, WrinklingMembrane):
-        allowed = max(allowed, disagreement(equilibrium.scene))
-    if not balanced(equilibrium, state, factors, allowed):
+    equilibrium, state = fields.solved, fields.solved_state
+    if not balanced(equilibrium, state, factors, equilibrium.model.imbalance):
         return Status.UNBALANCED
-    if not equilibrium.load.conservative and beyond_limit(factors):
-        return Status.UNSTABLE
-    # Without compression the energy has no other stationary point.
-    unsure = equilibrium.load.conservative and compressed(state)
-    if unsure and negative_pivots(factors) > 0:
+    if not equilibrium.conservative:
+        return Status.UNSTABLE if beyond_limit(factors) else None
+    # without compression the energy has no other stationary point
+    if compressed(state) and negative_pivots(factors) > 0:
         return Status.UNSTABLE
     return None
 
 
-def keeps_symmetry(equilibrium: Equilibrium, state: MembraneState) -> bool:
+def keeps_symmetry(fields: Fields) -> bool:
     """Whether a solution on a part of the film is a minimum of the energy of the whole film.
 
-    Of displacements that are their own mirror images it is known to be one. A film that wrinkles
-    has a convex energy.
+    Among displacements that are their own mirror images it is known to be one.
     """
-    load, film = equilibrium.load, equilibrium.film
-    if film.compression == "tension-field" or not (load.conservative and compressed(state)):
+    equilibrium, state = fields.solved, fields.solved_state
+    if equilibrium.model.convex or not (equilibrium.conservative and compressed(state)):
         return True
-    tangents = equilibrium.element_tangent(state)
-    odd = (assembly.matrix(tangents) for assembly in equilibrium.odd_assemblies())
+    odd = (equilibrium.tangent(state, assembly) for assembly in equilibrium.odd_assemblies())
     return all(negative_pivots(factorise(tangent)) == 0 for tangent in odd)
 
 
-def warnings(equilibrium: Equilibrium, state: MembraneState) -> Iterator[str]:
+def warnings(equilibrium: Equilibrium, state: State) -> Iterator[str]:
     """What to look at: compression or wrinkles, strength, strain, slope; with value and place."""
     least, largest = principal(state.stress)
-    yield from _compression(equilibrium, least, largest)
+    for remark, where in equilibrium.model.compression_remarks(least, largest):
+        yield remark.format(_area(equilibrium, where))
     if (stress := largest.max()) > STRENGTH:
         yield (
             f"strength: principal stress up to {1e-6 * stress:.4g} MPa"
@@ -90,32 +84,8 @@ def warnings(equilibrium: Equilibrium, state: MembraneState) -> Iterator[str]:
         )
 
 
-def _compression(equilibrium: Equilibrium, least: Array, largest: Array) -> Iterator[str]:
-    if equilibrium.film.compression == "tension-field":
-        yield from _wrinkles(equilibrium, least, largest)
-        return
-    compressed = least < -ROUNDING * np.abs(largest).max()
-    if compressed.any():
-        yield (
-            f"compression: down to {1e-6 * least.min():.3g} MPa on"
-            f" {_area(equilibrium, compressed)}, where a real film wrinkles"
-        )
-
-
-def _wrinkles(equilibrium: Equilibrium, least: Array, largest: Array) -> Iterator[str]:
-    limit = ROUNDING * np.abs(largest).max()
-    wrinkled, slack = (least <= limit) & (largest > limit), largest <= limit
-    found = [
-        f"{word} on {_area(equilibrium, where)}"
-        for word, where in (("wrinkled", wrinkled), ("slack", slack))
-        if where.any()
-    ]
-    if found:
-        yield f"tension field: {', '.join(found)}"
-
-
 def _area(equilibrium: Equilibrium, where: Array) -> str:
-    weights = equilibrium.membrane.weights * len(equilibrium.part.signs)
+    weights = equilibrium.space.weights * len(equilibrium.part.signs)
     area = float((weights * where).sum())
     return f"{1e6 * area:.3g} mm2 ({area / weights.sum():.2%} of the film)"
 
@@ -123,6 +93,6 @@ def _area(equilibrium: Equilibrium, where: Array) -> str:
 def _place(equilibrium: Equilibrium, values: Array) -> str:
     """Where values (elements, points) are largest, as text."""
     element, point = np.unravel_index(values.argmax(), values.shape)
-    places = np.asarray(equilibrium.membrane.basis.global_coordinates())
+    places = np.asarray(equilibrium.space.basis.global_coordinates())
     x, y = 1e3 * equilibrium.part.frame.T @ places[:, element, point]
     return f"({x:.4g}, {y:.4g}) mm"

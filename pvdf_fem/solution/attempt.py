@@ -10,56 +10,95 @@ import numpy as np
 from scipy.spatial import cKDTree
 from skfem import MeshTri2
 
+from pvdf_fem.arrays import Array
 from pvdf_fem.charges.forces import (
-    Goal,
+    Forces,
     area_defects,
     charge_sizes,
     charges_of,
     goal_forces,
     goal_gradients,
 )
-from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.layers import Layers, left
-from pvdf_fem.film.membrane import Array
-from pvdf_fem.film.plate import LOWEST_ORDER
-from pvdf_fem.mesh.gmsh_mesh import SizeField, element_sizes
-from pvdf_fem.mesh.symmetry import Part
-from pvdf_fem.scene.outline import Polygon
+from pvdf_fem.charges.goals import Goal
+from pvdf_fem.film.equilibrium import Equilibrium, prolongation
+from pvdf_fem.film.layers import Layers, remaining_part
+from pvdf_fem.film.space import transferred
+from pvdf_fem.mesh.size_field import SizeField, element_sizes, refined_sizes
+from pvdf_fem.mesh.symmetry import MirroredPart
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.clock import Clock
-from pvdf_fem.solution.estimate import Correction, indicators, prolongation
+from pvdf_fem.solution.estimate import Correction, corrected, duals, indicators
 from pvdf_fem.solution.fields import Fields
-from pvdf_fem.solution.refine import refined_sizes, transferred
-from pvdf_fem.solvers.newton import NewtonResult, Status
+from pvdf_fem.solution.history import Clock
+from pvdf_fem.solvers.budget import Budget
+from pvdf_fem.solvers.ladder import equilibrate
+from pvdf_fem.solvers.newton import NewtonResult, Tried
 from pvdf_fem.solvers.settled import Settled
-from pvdf_fem.solvers.wrinkling import barely_loaded, corrected, equilibrate
+from pvdf_fem.solvers.status import Status
+from pvdf_fem.solvers.wrinkling import barely_loaded
 
-# Newton's last step in the orders below, whose discretisation errors are larger.
-START_TOLERANCE = 3e-2
-# Charges that a refined mesh follows, those with the largest errors.
+#: Relative size of Newton's last step in the orders below, whose discretisation errors are larger.
+LOWER_TOLERANCE = 3e-2
+#: Newton iterations that an error estimate costs as much as.
+ESTIMATE_ITERATIONS = 4
+#: Unknowns per element, by order of the displacement.
+UNKNOWNS_PER_ELEMENT = {1: 1.5, 2: 6.0, 3: 13.5}
+#: Number of charges that a refined mesh follows, those with the largest errors.
 MOST_DUALS = 32
-# The next order takes away only half of the error that the singular edge of a rigid probe makes,
-# and 0.55 to 0.8 of that of the kinks of a film that wrinkles (measured on refined meshes);
-# estimates are raised by this.
-EDGE_FACTOR, KINK_FACTOR = 2.0, 1.6
-# The same of a film that bends: 0.85 to 1.1, unless its layers leave more (`layers`).
-BENT_FACTOR = 1.2
-# The part of an error that elements at a punch's corners may make together, and by how much they
-# become smaller at the most.
-CORNERS, SHARPEST = 0.5, 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is solved on every mesh: scene, goals, order, and what it may cost."""
+
+    scene: Scene
+    goals: Sequence[Goal]
+    order: int
+    budget: Budget
+    clock: Clock
 
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """A solve on one mesh: Newton's result, its correction, layers of bending, what starts cost."""
+    """A solve on one mesh.
 
-    scene: Scene
-    goals: Sequence[Goal]
+    Attributes
+    ----------
+    problem : Problem
+    equilibrium : Equilibrium
+    result : NewtonResult
+    fields : Fields
+    correction : Correction or None
+        The solution in a richer space, if there is a solution.
+    layers : Layers or None
+        Bending layers that the elements do not resolve.
+    """
+
+    problem: Problem
+    equilibrium: Equilibrium
     result: NewtonResult
     fields: Fields
-    correction: Correction | None
-    layers: Layers | None
-    lower_work: float
+    correction: Correction | None = None
+    layers: Layers | None = None
+
+    @property
+    def status(self) -> Status:
+        """How Newton's method ended, in either space."""
+        return self.result.status
+
+    @property
+    def unknowns(self) -> int:
+        """Number of equations."""
+        return self.equilibrium.unknowns.count
+
+    @property
+    def iterations(self) -> int:
+        """Newton iterations that led to the result."""
+        return len(self.result.iterations)
+
+    @property
+    def tried(self) -> tuple[Tried, ...]:
+        """Solvers that failed before."""
+        return self.result.tried
 
     @property
     def worst(self) -> float:
@@ -69,157 +108,168 @@ class Attempt:
     @property
     def charge_errors(self) -> Array:
         """Estimated error of each charge over the sizes of its two contributions, (goals,)."""
-        return np.abs(charges_of(self.goals, self.fields.force_errors)) / self.charge_sizes
+        errors = charges_of(self.problem.goals, self.fields.forces.errors)
+        return np.abs(errors) / self.charge_sizes
 
     @cached_property
     def charge_sizes(self) -> Array:
-        """`charge.charge_sizes` of the goals, (goals,)."""
-        fields = self.fields
-        weights = fields.solved.membrane.weights
-        return charge_sizes(self.goals, fields.solved_state, fields.forces, weights)
+        """`charge_sizes` of the goals, (goals,)."""
+        fields, space = self.fields, self.equilibrium.space
+        return charge_sizes(self.problem.goals, fields.solved_state, fields.forces.values, space)
 
 
 def solve_on(
-    scene: Scene,
-    goals: Sequence[Goal],
-    mesh: MeshTri2,
-    part: Part,
-    order: int,
-    clock: Clock,
-    coarser: Attempt | None = None,
+    problem: Problem, part: MirroredPart, mesh: MeshTri2, coarser: Attempt | None = None
 ) -> Attempt:
     """Solve on the mesh of a part of the film, from the solution on a coarser one if there is."""
-    with clock("solve"):
-        equilibrium = Equilibrium(scene, mesh, order, part)
-        lower = _LowerOrders()
-        result = _equilibrated(equilibrium, Settled(goals, equilibrium), lower, coarser)
-        x = equilibrium.unknowns.expand(result.q)
-        forces = goal_forces(goals, equilibrium.membrane, x, part)
-    correction, layers, errors = None, None, np.zeros_like(forces)
-    if result.status is Status.CONVERGED and result.factors is not None:
-        with clock("estimate"):
-            rich = Equilibrium(scene, mesh, order + 1, part)
-            found = corrected(equilibrium, result.q, result.factors, rich, Settled(goals, rich))
-        if isinstance(found, Status):
-            result = replace(result, status=found)
-        else:
-            correction = found
-            x = rich.unknowns.expand(correction.q)
-            errors = goal_forces(goals, rich.membrane, x, part) - forces
-            if layers := Layers.of(equilibrium, result.q):
-                x = equilibrium.unknowns.expand(result.q + layers.change(result.factors))
-                more = goal_forces(goals, equilibrium.membrane, x, part) - forces
-                errors = _larger(BENT_FACTOR * errors, more, goals)
-            elif scene.load.kind == "rigid":
-                errors *= EDGE_FACTOR
-            elif scene.film.compression == "tension-field":
-                errors *= KINK_FACTOR
-            # both orders share the elements, and what these lack of a round electrode
-            defects = area_defects(goals, equilibrium.membrane, part)[:, None] * np.abs(forces)
-            errors += np.where(errors < 0.0, -defects, defects)
-    fields = Fields(equilibrium, result.q, forces, errors)
-    return Attempt(scene, goals, result, fields, correction, layers, lower.work)
+    with problem.clock("solve"):
+        equilibrium = Equilibrium(problem.scene, mesh, problem.order, part)
+        result = _equilibrated(problem, equilibrium, coarser)
+        problem.budget.spend(equilibrium, result.fresh_count)
+        forces = _forces(problem, equilibrium, result.q)
+    attempt = Attempt(
+        problem,
+        equilibrium,
+        result,
+        Fields(equilibrium, result.q, Forces(forces, np.zeros_like(forces))),
+    )
+    if not result.converged or result.factors is None:
+        return attempt
+    with problem.clock("estimate"):
+        return _with_errors(attempt)
 
 
-def _equilibrated(
-    equilibrium: Equilibrium, settled: Settled, lower: _LowerOrders, coarser: Attempt | None
-) -> NewtonResult:
-    # what a change of mesh leaves of a heated film's stress leads nowhere
-    if coarser is not None and not equilibrium.film.thermal_strain > 0.0:
-        start, other = _carried_over(coarser, equilibrium), partial(lower.start, equilibrium)
-        return equilibrate(equilibrium, start, near=True, settled=settled, other=other)
-    from_below = lower.start(equilibrium)
-    if lower.refusal:
-        return replace(lower.refusal, q=np.zeros(equilibrium.unknowns.count))
-    near = from_below is not None
-    return equilibrate(equilibrium, from_below, near=near, settled=settled)
+def _forces(problem: Problem, equilibrium: Equilibrium, q: Array) -> Array:
+    x = equilibrium.unknowns.expand(q)
+    return goal_forces(problem.goals, equilibrium.membrane, x, equilibrium.part)
+
+
+def _with_errors(attempt: Attempt) -> Attempt:
+    """The attempt with estimated errors, or with the status of a richer space that has none."""
+    problem, equilibrium, result = attempt.problem, attempt.equilibrium, attempt.result
+    mesh, order, part = equilibrium.space.mesh, equilibrium.space.order, equilibrium.part
+    assert result.factors is not None
+    rich = Equilibrium(problem.scene, mesh, order + 1, part)
+    settled = Settled(problem.goals, rich)
+    correction = corrected(equilibrium, result.q, result.factors, rich, problem.budget, settled)
+    if isinstance(correction, NewtonResult):
+        problem.budget.spend(rich, correction.fresh_count)
+        tried = (*result.tried, *correction.as_tried("order above"))
+        return replace(attempt, result=replace(result, status=correction.status, tried=tried))
+    if correction.result is None:
+        problem.budget.spend(equilibrium, ESTIMATE_ITERATIONS)
+    else:
+        problem.budget.spend(rich, correction.result.fresh_count)
+
+    forces, model = attempt.fields.forces.values, equilibrium.model
+    errors = model.saturation * (_forces(problem, rich, correction.q) - forces)
+    state = attempt.fields.solved_state
+    layers = model.layers(equilibrium.terms, equilibrium.unknowns.expansion, state)
+    if layers is not None:
+        changed = result.q + layers.change(result.factors)
+        by_layers = _forces(problem, equilibrium, changed) - forces
+        errors = _larger(errors, by_layers, problem.goals)
+    # both orders share the elements, and the area that these lack of a round electrode
+    defects = area_defects(problem.goals, equilibrium.space, part)[:, None] * np.abs(forces)
+    errors += np.where(errors < 0.0, -defects, defects)
+    fields = Fields(equilibrium, result.q, Forces(forces, errors))
+    return replace(attempt, fields=fields, correction=correction, layers=layers)
 
 
 def _larger(errors: Array, others: Array, goals: Sequence[Goal]) -> Array:
-    """Of two estimates of the force errors (goals, 2), for each charge that which is larger."""
-    own, other = (np.abs(charges_of(goals, each)) for each in (errors, others))
-    return np.where((own >= other)[:, None], errors, others)
+    """The estimate of the force errors (goals, 2) that makes the larger charge error, by goal."""
+    first, second = (np.abs(charges_of(goals, estimate)) for estimate in (errors, others))
+    return np.where((first >= second)[:, None], errors, others)
 
 
-class _LowerOrders:
-    """Starts that cost less than the iterations that they save, and how much work they were.
+def _equilibrated(
+    problem: Problem, equilibrium: Equilibrium, coarser: Attempt | None
+) -> NewtonResult:
+    """The equilibrium, from the coarser mesh's solution or from those of lower orders."""
+    settled, budget = Settled(problem.goals, equilibrium), problem.budget
+    # the stress that a change of mesh leaves in a heated film leads nowhere
+    if coarser is not None and not equilibrium.film.thermal_strain > 0.0:
+        x = transferred(coarser.equilibrium.space, coarser.fields.solved_dofs, equilibrium.space)
+        return equilibrate(
+            equilibrium,
+            equilibrium.unknowns.restrict(x),
+            budget=budget,
+            settled=settled,
+            other_start=partial(_start_from_below, equilibrium, budget),
+        )
+    start = _from_below(equilibrium, budget)
+    if isinstance(start, Status):
+        return NewtonResult(np.zeros(equilibrium.unknowns.count), start, (), None)
+    return equilibrate(equilibrium, start, budget=budget, settled=settled)
 
-    Attributes
-    ----------
-    work : float
-        Sum of the work of their iterations.
-    refusal : NewtonResult or None
-        Of a film that bends, that which is no minimum of the energy, or met a limit point. So would
-        the order above, whose displacements contain these.
+
+def _from_below(equilibrium: Equilibrium, budget: Budget) -> Array | Status | None:
+    """The solution of the order below: a start that costs less than the iterations it saves.
+
+    None where it would not help or was not found. A status where the order below is unstable or at
+    a limit point in a film that bends: so is this one, whose displacements contain those.
     """
-
-    def __init__(self) -> None:
-        self.work = 0.0
-        self.refusal: NewtonResult | None = None
-
-    def start(self, equilibrium: Equilibrium) -> Array | None:
-        """The solution of the order below, or None where that would not help."""
-        order = equilibrium.membrane.order
-        if order == (1 if equilibrium.bending is None else LOWEST_ORDER):
-            return None
-        if barely_loaded(equilibrium.scene):  # whose solution of another order is far away
-            return None
-        mesh = equilibrium.membrane.mesh
-        lower = Equilibrium(equilibrium.scene, mesh, order - 1, equilibrium.part)
-        start = self.start(lower)
-        result = equilibrate(lower, start, START_TOLERANCE, near=start is not None)
-        self.work += result.iteration_count * lower.iteration_work
-        if result.status in (Status.UNSTABLE, Status.LIMIT) and lower.bending is not None:
-            self.refusal = result
-        if result.status is not Status.CONVERGED:
-            return None
-        return prolongation(lower, equilibrium) @ result.q
+    order = equilibrium.space.order
+    if order == equilibrium.model.lowest_order:
+        return None
+    if equilibrium.model.wrinkles and barely_loaded(equilibrium.scene):
+        return None  # the solution of another order is far away
+    lower = Equilibrium(equilibrium.scene, equilibrium.space.mesh, order - 1, equilibrium.part)
+    start = _from_below(lower, budget)
+    if isinstance(start, Status):
+        return start
+    result = equilibrate(lower, start, LOWER_TOLERANCE, budget=budget)
+    budget.spend(lower, result.fresh_count)
+    if result.status in (Status.UNSTABLE, Status.LIMIT) and lower.plate is not None:
+        return result.status
+    return prolongation(lower, equilibrium) @ result.q if result.converged else None
 
 
-def _carried_over(coarser: Attempt, equilibrium: Equilibrium) -> Array:
-    known = coarser.fields.solved.membrane.basis
-    x = transferred(known, coarser.fields.solved_dofs, equilibrium.membrane.basis)
-    return equilibrium.unknowns.restrict(x)
+def _start_from_below(equilibrium: Equilibrium, budget: Budget) -> Array | None:
+    start = _from_below(equilibrium, budget)
+    return None if isinstance(start, Status) else start
 
 
-def refined(attempt: Attempt, tolerance: float) -> SizeField:
-    """Element sizes at which the worst error would be `tolerance`."""
+def refined(attempt: Attempt, tolerance: float, most_unknowns: float) -> SizeField:
+    """Element sizes at which the worst error would be `tolerance`, or coarser ones."""
     correction, factors = attempt.correction, attempt.result.factors
     if correction is None or factors is None:
         raise ValueError("only a converged attempt can be refined")
-    rich = correction.rich
-    x = rich.unknowns.expand(correction.start)
+    rich, load = correction.rich, attempt.equilibrium.load
     worst = np.argsort(attempt.charge_errors)[-MOST_DUALS:]
-    goals = [attempt.goals[i] for i in worst]
+    goals = [attempt.problem.goals[i] for i in worst]
+    x = rich.unknowns.expand(correction.start)
     gradients = goal_gradients(goals, rich.membrane, x, rich.part) / attempt.charge_sizes[worst]
-    shares = indicators(correction, factors, gradients).max(axis=1)
-    load, reduction = attempt.fields.solved.load, tolerance / attempt.worst
+    dual = duals(correction, factors, gradients)
+    shares = indicators(correction, dual, gradients).max(axis=1)
+    reduction = tolerance / attempt.worst
     most: Array | float = np.inf
     if layers := attempt.layers:
-        right = correction.prolong.T @ (rich.unknowns.expansion.T @ gradients)
-        effects = layers.effects(factors.solve(right, "T")).max(axis=1)
-        total = float((effects * left(layers.widths)).sum())
+        effects = layers.effects(dual).max(axis=1)
+        total = float((effects * remaining_part(layers.widths)).sum())
         most = layers.sizes(effects, max(reduction * total, tolerance))
-        if load.kind == "rigid":
-            most = np.minimum(
-                most, _at_corners(attempt.scene, rich.membrane.mesh, shares, reduction)
-            )
-    stiff = load.patch if load.kind == "rigid" else None
-    return refined_sizes(rich.membrane.mesh, shares, reduction, most, stiff)
+        if load.rigid:
+            corners = _sizes_at_corners(attempt, shares, reduction)
+            most = np.minimum(most, corners)
+    sizes = refined_sizes(rich.space.mesh, shares, reduction, most, load.rigid_patch)
+    return sizes.coarsened(most_unknowns / UNKNOWNS_PER_ELEMENT[attempt.problem.order])
 
 
-def _at_corners(scene: Scene, mesh: MeshTri2, shares: Array, reduction: float) -> Array:
+def _sizes_at_corners(
+    attempt: Attempt, shares: Array, reduction: float, smallest: float = 0.01
+) -> Array:
     """Sizes of the elements at a punch's corners, m, and infinite ones of all others.
 
     A plate clamped along the edges of a corner has moments that grow to it as the root of the
-    distance falls, so that an element's share is but proportional to its size.
+    distance falls, so that an element's share is only proportional to its size. The elements at the
+    corners may make half of the error; they become smaller by the factor `smallest` at the most.
     """
+    scene, mesh = attempt.problem.scene, attempt.equilibrium.space.mesh
     sizes = np.full(mesh.nelements, np.inf)
-    outline = scene.probe.outline if scene.probe else None
-    if isinstance(outline, Polygon):
-        near = cKDTree(mesh.p.T).query(outline.vertices)[1]
+    if scene.probe and len(corners_m := scene.probe.outline.corners):
+        near = cKDTree(mesh.p.T).query(corners_m)[1]
         corners = np.isin(mesh.t, near).any(axis=0)
-        wanted = max(CORNERS * reduction * shares.sum() / corners.sum(), np.finfo(float).tiny)
-        factor = wanted / np.maximum(shares[corners], wanted)
-        sizes[corners] = element_sizes(mesh)[corners] * np.maximum(factor, SHARPEST)
+        share = max(0.5 * reduction * shares.sum() / corners.sum(), np.finfo(float).tiny)
+        factor = share / np.maximum(shares[corners], share)
+        sizes[corners] = element_sizes(mesh)[corners] * np.maximum(factor, smallest)
     return sizes

@@ -8,31 +8,45 @@ of the corrected solution less that of the solution is the estimate, for all cha
 The linear correction needs no factorisation of its own: conjugate gradients with a two-level
 preconditioner (the factorised tangent of order p, plus the diagonal) take 5 to 10 iterations.
 
-It is not enough: a film resists stretching so much more than turning that the square of the error's
-slope, which a linear correction leaves out, shifts the tension as much as the error itself does.
-That shift is smooth, so two more steps in the space of order p alone bring it in; the estimate is
-then mostly within a tenth, at worst a third, of the fully converged correction.
+It is not enough: the strain has the square of the error's slope, which a linear correction leaves
+out. A film resists stretching so much more than turning that this square changes the tension as
+much as the error itself does. That change is smooth, so two more steps of order p alone
+bring it in. The estimate is then mostly within a tenth, at worst a third, of the fully converged
+correction.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.sparse.linalg import SuperLU
 
-from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.membrane import ELEMENTS, Array, MembraneState
+from pvdf_fem.arrays import Array
+from pvdf_fem.film.equilibrium import Equilibrium, prolongation
+from pvdf_fem.film.term import State
+from pvdf_fem.solvers.budget import Budget
+from pvdf_fem.solvers.ladder import PATH_ITERATIONS, equilibrate
+from pvdf_fem.solvers.newton import FullSteps, NewtonResult, compressed, negative_pivots, newton
+from pvdf_fem.solvers.settled import Settled
+from pvdf_fem.solvers.status import Status
 
-# Conjugate gradients end when an iteration lowers the energy by less than this part of what all
-# have done; bending and wrinkles, which the diagonal meets less well, need more of them.
-ENERGY_PART, ENERGY_PART_ROUGH = 0.02, 1e-3
+#: Conjugate gradients end when an iteration lowers the energy by less than this part of what all
+#: have done.
+ENERGY_PART = 0.02
+#: The same for bending and wrinkles, which the diagonal meets less well.
+ENERGY_PART_ROUGH = 1e-3
+#: Largest number of conjugate gradients' iterations.
 MAX_ITERATIONS = 40
+#: Newton steps in the space of order p after the linear correction.
 SMOOTH_STEPS = 2
-# Of values of shape functions at nodes where they vanish.
-ROUNDING = 1e-13
+#: Residual over that of the start below which a correction of a film that wrinkles will do.
+REMAINDER = 0.2
+#: Relative size of Newton's last step where the richer equations are solved.
+RICH_TOLERANCE = 1e-3
+#: A richer space is solved only where the budget pays for this number of iterations.
+RICH_ITERATIONS = 10
 
 
 @dataclass(frozen=True)
@@ -45,27 +59,33 @@ class Correction:
         The richer equations.
     start, q : (rich unknowns,)
         The given solution written in the richer space, and the corrected one.
-    state : MembraneState
+    state : State
         Fields of `start`, where the correction took its tangent.
     prolong : sparse matrix (rich unknowns, coarse unknowns)
-    iterations : int
-        Newton's in the richer space, if a linear correction was not enough.
+    result : NewtonResult or None
+        The solve in the richer space, if a linear correction was not enough.
     """
 
     rich: Equilibrium
     start: Array
     q: Array
-    state: MembraneState
+    state: State
     prolong: sp.csr_matrix
-    iterations: int = 0
+    result: NewtonResult | None = None
 
 
-def correct(
-    coarse: Equilibrium, q: Array, factors: SuperLU, rich: Equilibrium
-) -> Correction | None:
-    """A Newton step in the space of `rich` from the solution `q` of `coarse`, and smooth steps.
+def corrected(
+    coarse: Equilibrium,
+    q: Array,
+    factors: SuperLU,
+    rich: Equilibrium,
+    budget: Budget,
+    settled: Settled | None = None,
+) -> Correction | NewtonResult:
+    """The solution `q` of `coarse` in the space of `rich`, or the solve there that failed.
 
-    None where the smooth steps grow: `rich` is too far from linear, or not stable, between the two.
+    Usually a few conjugate gradients and two smooth steps give it. Where the film is too far from
+    linear for them, or too stiff as it wrinkles, the richer equations are solved.
 
     Parameters
     ----------
@@ -75,11 +95,39 @@ def correct(
         Solution of `coarse`.
     factors : SuperLU
         Factorised tangent of `coarse` near the solution.
+    budget : Budget
+    settled : Settled, optional
+        Charges that the last steps must leave as they are.
     """
     prolong = prolongation(coarse, rich)
     start = prolong @ q
     state = rich.state(start)
-    better = start - _solve(rich, state, rich.residual(state), prolong, factors)
+    correction = Correction(rich, start, start, state, prolong)
+    better = _few_steps(correction, factors)
+    if better is not None and not _lacks_balance(rich, start, better):
+        return replace(correction, q=better)
+    last = settled and replace(settled, start=start)
+    affordable = budget.iterations(rich)
+    if rich.model.wrinkles or affordable >= RICH_ITERATIONS:
+        follow_path = affordable >= PATH_ITERATIONS
+        result = equilibrate(
+            rich, start, RICH_TOLERANCE, budget=budget, settled=last, follow_path=follow_path
+        )
+    else:
+        result = _undamped(rich, start)
+    if not result.converged:
+        return result
+    return replace(correction, q=result.q, result=result)
+
+
+def _few_steps(correction: Correction, factors: SuperLU) -> Array | None:
+    """A Newton step in the richer space, and smooth steps in the space below.
+
+    None where the smooth steps grow: between the two spaces the equations are not linear enough, or
+    not stable.
+    """
+    rich, prolong = correction.rich, correction.prolong
+    better = correction.start - _solve(correction, rich.residual(correction.state), factors)
     last = np.inf
     for _ in range(SMOOTH_STEPS):
         residual = prolong.T @ rich.residual(rich.state(better))
@@ -88,27 +136,25 @@ def correct(
         if not size <= last:
             return None
         better, last = better - prolong @ step, size
-    return Correction(rich, start, better, state, prolong)
+    return better
 
 
-def _solve(
-    rich: Equilibrium, state: MembraneState, right: Array, prolong: sp.csr_matrix, factors: SuperLU
-) -> Array:
-    """Preconditioned conjugate gradients."""
-    diagonal = _diagonal(rich, state)
+def _solve(correction: Correction, right: Array, factors: SuperLU) -> Array:
+    """Preconditioned conjugate gradients with the tangent of the richer space."""
+    rich, state, prolong = correction.rich, correction.state, correction.prolong
+    diagonal = rich.diagonal(state)
 
     def precondition(residual: Array) -> Array:
         return prolong @ factors.solve(prolong.T @ residual) + residual / diagonal
 
-    smooth = rich.bending is None and rich.film.compression == "refuse"
-    enough = ENERGY_PART if smooth else ENERGY_PART_ROUGH
+    enough = ENERGY_PART if rich.model.smooth else ENERGY_PART_ROUGH
     x, residual, energy = np.zeros_like(right), right.copy(), 0.0
     direction = precondition(residual)
     product = residual @ direction
     for _ in range(MAX_ITERATIONS):
-        force = _times(rich, state, direction)
+        force = rich.action(state, direction)
         curvature = float(direction @ force)
-        if curvature <= 0.0:  # no minimum along it: what is left is up to the smooth steps
+        if curvature <= 0.0:  # no minimum along it: the smooth steps take the remainder
             break
         length = product / curvature
         x, residual = x + length * direction, residual - length * force
@@ -121,28 +167,36 @@ def _solve(
     return x
 
 
-def _action(rich: Equilibrium, state: MembraneState, q: Array) -> Array:
-    """The membrane's element forces of a step, without the follower load's, not symmetric."""
-    return rich.membrane.tangent_action(state, rich.unknowns.expand(q))
+def _lacks_balance(rich: Equilibrium, start: Array, better: Array) -> bool:
+    """Whether a film that wrinkles is still far from balance."""
+    if not rich.model.wrinkles:
+        return False
+    left, before = (float(np.linalg.norm(rich.residual(rich.state(q)))) for q in (better, start))
+    return not left <= REMAINDER * before
 
 
-def _times(rich: Equilibrium, state: MembraneState, step: Array) -> Array:
-    """The tangent times a step."""
-    product = rich.assembly.vector(_action(rich, state, step))
-    return product if rich.bending is None else product + rich.bending.matrix @ step
+def _undamped(rich: Equilibrium, start: Array) -> NewtonResult:
+    """Undamped Newton in a large space.
+
+    Where it leads nowhere, the film is in compression and buckles into waves that its mesh is too
+    coarse for, and Newton's method from afar would take minutes to say no more.
+    """
+    result = newton(FullSteps(rich, RICH_TOLERANCE), start)
+    unsure = rich.conservative and compressed(rich.state(start))
+    if unsure and result.factors is not None and negative_pivots(result.factors) > 0:
+        return replace(result, status=Status.UNSTABLE)
+    return result
 
 
-def _diagonal(rich: Equilibrium, state: MembraneState) -> Array:
-    diagonal = rich.assembly.vector(rich.membrane.tangent_diagonal(state))
-    return diagonal if rich.bending is None else diagonal + rich.bending.matrix.diagonal()
+def duals(correction: Correction, factors: SuperLU, goals: Array) -> Array:
+    """Dual solutions in the coarse space, (coarse unknowns, goals).
+
+    `goals` (rich dofs, goals) are the derivatives of the goals; `factors` is the coarse tangent.
+    """
+    return factors.solve(correction.prolong.T @ (correction.rich.unknowns.expansion.T @ goals), "T")
 
 
-def _local(equilibrium: Equilibrium, q: Array) -> Array:
-    """Values of the unknowns at each element's dofs, (elements, dofs of an element)."""
-    return equilibrium.unknowns.expand(q)[equilibrium.membrane.element_dofs]
-
-
-def indicators(correction: Correction, factors: SuperLU, goals: Array) -> Array:
+def indicators(correction: Correction, dual: Array, goals: Array) -> Array:
     """Share of each element in the error of each goal, (elements, goals).
 
     Dual-weighted: the error's element energy against the part of the dual solution that the
@@ -151,48 +205,17 @@ def indicators(correction: Correction, factors: SuperLU, goals: Array) -> Array:
     Parameters
     ----------
     correction : Correction
-    factors : SuperLU
-        Factorised coarse tangent.
+    dual : (coarse unknowns, goals)
+        From `duals`.
     goals : (rich dofs, goals)
-        Derivative of the goals with respect to the dofs of ``correction.rich``.
+        Derivatives of the goals by the dofs of ``correction.rich``.
     """
-    rich, state, prolong = correction.rich, correction.state, correction.prolong
-    step = correction.q - correction.start
-    error = _action(rich, state, step)
-    if rich.bending is not None:
-        # forces across edges belong to no element: each node's is shared among its elements
-        nodes = rich.membrane.basis.element_dofs.T
-        forces = rich.bending.forces(rich.unknowns.expand(step))
-        error[:, 2::3] += (forces / np.bincount(nodes.ravel()))[nodes]
-    diagonal = _diagonal(rich, state)
+    rich, state = correction.rich, correction.state
+    error = rich.element_action(state, correction.q - correction.start)
+    diagonal = rich.diagonal(state)
     shares = []
-    for goal in (rich.unknowns.expansion.T @ goals).T:
-        dual = prolong @ factors.solve(prolong.T @ goal, "T")
-        missing = goal - _times(rich, state, dual)
-        shares.append(np.abs((error * _local(rich, missing / diagonal)).sum(axis=1)))
+    for goal, solution in zip((rich.unknowns.expansion.T @ goals).T, dual.T, strict=True):
+        missing = (goal - rich.action(state, correction.prolong @ solution)) / diagonal
+        local = rich.unknowns.expand(missing)[rich.space.element_dofs]
+        shares.append(np.abs((error * local).sum(axis=1)))
     return np.stack(shares, axis=-1)
-
-
-def prolongation(coarse: Equilibrium, rich: Equilibrium) -> sp.csr_matrix:
-    """Matrix (rich unknowns, coarse unknowns) that writes a function of `coarse` in `rich`."""
-    points = ELEMENTS[rich.membrane.order].doflocs.T
-    element = ELEMENTS[coarse.membrane.order]()
-    functions = len(element.doflocs)
-    values = np.stack([element.lbasis(points, i)[0] for i in range(functions)], axis=-1)
-
-    rich_nodes, coarse_nodes = (e.membrane.basis.element_dofs for e in (rich, coarse))
-    node, component = np.divmod(_first(rich.unknowns.of_dof, rich.unknowns.count), 3)
-    place = _first(rich_nodes.T.ravel(), rich.membrane.basis.N)[node]
-    element, local = np.divmod(place, len(rich_nodes))
-    columns = coarse.unknowns.of_dof[3 * coarse_nodes[:, element].T + component[:, None]]
-    used = (columns >= 0) & (np.abs(values) > ROUNDING)[local]
-    ends = np.append(0, np.cumsum(used.sum(axis=1)))
-    shape = (rich.unknowns.count, coarse.unknowns.count)
-    return sp.csr_matrix((values[local][used], columns[used], ends), shape=shape)
-
-
-def _first(labels: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """Where each of the labels 0 ... count - 1 stands first, (count,); others are negative."""
-    place = np.empty(count + 1, dtype=np.int64)
-    place[labels[::-1]] = np.arange(len(labels))[::-1]
-    return place[:count]

@@ -1,4 +1,4 @@
-"""A discrete solution: its fields, the electrodes' forces, and where a field is largest."""
+"""A discrete solution: its fields, also on the whole of a film of which a part was solved."""
 
 from __future__ import annotations
 
@@ -7,15 +7,18 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from skfem import Basis
+from scipy.spatial import cKDTree
+from skfem import Basis, MeshTri2
 
-from pvdf_fem.charges.forces import Goal, goal_forces
+from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.charges.forces import Forces, goal_forces
+from pvdf_fem.charges.goals import Goal
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.membrane import Array, MembraneState
-from pvdf_fem.solution.unfold import unfolded, unfolded_dofs
-
-# The largest deflection is sought on this many points around the best one, on ever smaller scales.
-ZOOM, ROUNDS = 8, 5
+from pvdf_fem.film.space import shape_values
+from pvdf_fem.film.term import State
+from pvdf_fem.mesh.gmsh_mesh import electrode_patch, named
+from pvdf_fem.mesh.six_node import with_sorted_vertices
+from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,13 +31,13 @@ class Fields:
         The equations that were solved, which may be those of a part of the film.
     q : (unknowns,)
         Their unknowns.
-    forces, force_errors : (goals, 2)
+    forces : Forces
+        Of the goals, with their errors.
     """
 
     solved: Equilibrium
     q: Array
-    forces: Array
-    force_errors: Array
+    forces: Forces
 
     @cached_property
     def solved_dofs(self) -> Array:
@@ -42,7 +45,7 @@ class Fields:
         return self.solved.unknowns.expand(self.q)
 
     @cached_property
-    def solved_state(self) -> MembraneState:
+    def solved_state(self) -> State:
         """State of `solved`."""
         return self.solved.state(self.q)
 
@@ -63,26 +66,75 @@ class Fields:
         return unfolded_dofs(self.solved, self.solved_dofs, self.equilibrium)
 
     @cached_property
-    def state(self) -> MembraneState:
+    def state(self) -> State:
         """State of the whole film."""
         if self.equilibrium is self.solved:
             return self.solved_state
         return self.equilibrium.membrane.state(self.displacement)
 
 
-def largest(basis: Basis, values: Array) -> float:
-    """Largest absolute value of a field with the nodal `values`, also between the nodes."""
-    s = np.arange(-ZOOM, ZOOM + 1) / ZOOM
+def largest(basis: Basis, values: Array, zoom: int = 8, rounds: int = 5) -> float:
+    """Largest absolute value of a field with the nodal `values`, also between the nodes.
+
+    It is sought on a raster in the elements with the largest nodal values, then on ever finer ones
+    about the best point: `zoom` intervals on either side, `rounds` times.
+    """
+    s = np.arange(-zoom, zoom + 1) / zoom
     offsets, width = np.stack(np.meshgrid(s, s), axis=-1).reshape(-1, 2), 0.5
-    dofs = basis.element_dofs[:, np.abs(values)[basis.element_dofs].max(axis=0).argsort()[-ZOOM:]]
+    dofs = basis.element_dofs[:, np.abs(values)[basis.element_dofs].max(axis=0).argsort()[-zoom:]]
     best, places = 0.0, np.full((dofs.shape[1], 2), 0.5)
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         points = np.clip(places[:, None] + width * offsets, 0.0, 1.0)
         points /= np.maximum(points.sum(axis=-1, keepdims=True), 1.0)
-        functions = [basis.elem.lbasis(points.reshape(-1, 2).T, i)[0] for i in range(basis.Nbfun)]
-        found = np.einsum(
-            "fep,fe->ep", np.reshape(functions, (-1, *points.shape[:2])), values[dofs]
-        )
-        places = points[np.arange(len(points)), np.abs(found).argmax(axis=1)]
-        best, width = max(best, float(np.abs(found).max())), width / ZOOM * 2.0
+        functions = shape_values(basis.elem, np.moveaxis(points, -1, 0))
+        field = np.abs(np.einsum("epf,fe->ep", functions, values[dofs]))
+        places = points[np.arange(len(points)), field.argmax(axis=1)]
+        best, width = max(best, float(field.max())), width / zoom * 2.0
     return best
+
+
+def unfolded(equilibrium: Equilibrium) -> Equilibrium:
+    """The equations of the whole film, in the axes of the scene."""
+    part, space = equilibrium.part, equilibrium.space
+    if not part.mirrored:
+        return equilibrium
+    return Equilibrium(equilibrium.scene, unfolded_mesh(space.mesh, part), space.order)
+
+
+def unfolded_mesh(mesh: MeshTri2, part: MirroredPart) -> MeshTri2:
+    """The mesh of a part with its mirror images, in the axes of the scene."""
+    nodes, triangles = mesh.doflocs, mesh.dofs.element_dofs.T
+    # an image shares the nodes for which its change of signs makes no difference
+    flips = np.array([np.where(nodes == 0.0, 1.0, signs[:, None]) for signs in part.signs])
+    keys = 2 * (flips[:, 0] < 0.0) + (flips[:, 1] < 0.0) + 4 * np.arange(nodes.shape[1])
+    _, first, number = np.unique(keys, return_index=True, return_inverse=True)
+    points = part.frame.T @ (flips * nodes).transpose(1, 0, 2).reshape(2, -1)[:, first]
+    numbers = number.reshape(keys.shape)
+    elements = np.concatenate([image[triangles] for image in numbers])
+    whole = MeshTri2(points, with_sorted_vertices(elements).T)
+    return named(whole, _subdomains(mesh, part), WHOLE)
+
+
+def _subdomains(mesh: MeshTri2, part: MirroredPart) -> dict[str, Indices]:
+    """The patches of the whole film: an image of an electrode is where that of the part is."""
+    unfolded_patches, added = {}, {electrode_patch(image) for image in part.images}
+    for name in (name for name in mesh.subdomains if name not in added):
+        places = []
+        for image, swap in enumerate(part.swaps):
+            patches = {electrode_patch(a): electrode_patch(b) for a, b in swap.items()}
+            places.append(mesh.subdomains[patches.get(name, name)] + image * mesh.nelements)
+        unfolded_patches[name] = np.concatenate(places)
+    return unfolded_patches
+
+
+def unfolded_dofs(solved: Equilibrium, x: Array, whole: Equilibrium) -> Array:
+    """The displacement `x` of a part at the dofs of the whole film."""
+    part = solved.part
+    places = part.frame @ whole.space.basis.doflocs
+    mirrored = np.array([[axis in part.mirrored] for axis in (0, 1)])
+    folded = np.where(mirrored, np.abs(places), places)
+    _, source = cKDTree(solved.space.basis.doflocs.T).query(folded.T)
+    displacement = x.reshape(-1, 3)[source]
+    signs = np.where((places < 0.0) & mirrored, -1.0, 1.0).T
+    displacement[:, :2] = (signs * displacement[:, :2]) @ part.frame
+    return displacement.ravel()

@@ -6,65 +6,67 @@ from dataclasses import replace
 
 import numpy as np
 
-from pvdf_fem.film.bending_effect import bending_effect, bending_joins, layer_size
-from pvdf_fem.mesh.gmsh_mesh import FILM, PROBE, Sizes, outlines
+from pvdf_fem.charges.observables import OBSERVABLES
+from pvdf_fem.film.bending_effect import bending_effect, layer_size
+from pvdf_fem.film.loads import LOADS
+from pvdf_fem.film.models import film_model
+from pvdf_fem.mesh.gmsh_mesh import FILM, PROBE, outlines
+from pvdf_fem.mesh.size_field import Sizes
 from pvdf_fem.scene.scene import Scene
 
-# Of the displacement, unless another one is asked for.
+#: Order of the displacement, unless another one is asked for.
 ORDER = 3
-# Relative error of the worst charge that element sizes of `first_sizes` without their factor leave,
-# by order of the displacement.
+#: Relative error of the worst charge that the element sizes of `first_sizes` leave with a factor of
+#: 1, by order of the displacement.
 REACHED = {1: 2e-2, 2: 2e-3, 3: 1e-4}
-# Elements along a needle's outline may be this part of it, however thin the needle is.
-SLENDER = 1.0 / 200.0
-# Most elements along an outline in whose layer bending acts; where that matters the next mesh is
-# finer, but only there. What the rim's layer does is far from most electrodes.
-MOST_ALONG = {FILM: 80, PROBE: 250}
-# A film that wrinkles has kinks, which only the next mesh can follow; the first one is coarser.
-KINKS = 1.7
+#: Element size at a punch, whose tractions are singular along its edge, as a share of its width.
+PUNCH_SHARE = 0.5
 
 
 def first_sizes(scene: Scene, order: int) -> Sizes:
     """Element sizes that meet the tolerance in most scenes.
 
-    The sizes at an outline follow its area over its perimeter, which for a slender shape is half
-    its width. A rigid probe has singular tractions along its edge, a pressure only a jump. Means
-    of a stress along an electrode's edges need smaller elements than integrals over it. The mesh
-    of a scene without electrodes is for charges anywhere on the film (`solve_goals`), which see
-    more of its error where they cut elements: it is finer at the probe, and farther away from it.
+    The size at an outline is a share of its area over its perimeter, which for a slender shape is
+    half its width; but at least a two-hundredth of the perimeter, however thin a needle is. The
+    mesh of a scene without electrodes is for charges anywhere on the film (`solve_goals`), which
+    see more of its error where they cut elements: it is finer at the probe, and farther away.
     """
-    along_edges = scene.numerics.observable == "thesis-edge"
-    rigid = scene.load.kind == "rigid"
-    electrode, probe = (1.7, 1.4) if along_edges else (5.0, 2.0)
-    reached = scene.numerics.tolerance / REACHED[order]
-    factor = float(np.clip(reached ** (1.0 / (order + 1.0)), 0.4, 2.2))
+    observable, model = OBSERVABLES[scene.numerics.observable], film_model(scene)
+    at_electrode, at_probe = observable.element_shares
+    if LOADS[scene.load.kind].rigid:
+        at_probe = PUNCH_SHARE
+    has_electrodes = len(scene.electrode_list) > 0
+    growth, largest = (0.5, 0.55) if has_electrodes else (0.2, 0.4)
     shapes = outlines(scene)
-    followed = len(scene.electrode_list) > 0
-    at_probe = (0.5 if rigid else probe) * (1.0 if followed else 0.5)
-    share = dict.fromkeys(shapes, electrode) | {PROBE: at_probe}
+    share = dict.fromkeys(shapes, at_electrode)
+    share[PROBE] = at_probe if has_electrodes else 0.5 * at_probe
     patches = {
-        name: shape.perimeter * max(share[name] * shape.area / shape.perimeter**2, SLENDER)
+        name: max(share[name] * shape.area / shape.perimeter, shape.perimeter / 200.0)
         for name, shape in shapes.items()
     }
-    if scene.film.compression == "tension-field":
-        factor *= KINKS
-    growth, film = (0.5, 0.55) if followed else (0.2, 0.4)
-    sizes = Sizes(patches, growth, film * scene.film.radius).scaled(factor)
-    return _with_layers(scene, sizes) if bending_joins(scene) else sizes
+    reached = scene.numerics.tolerance / REACHED[order]
+    factor = float(np.clip(reached ** (1.0 / (order + 1.0)), 0.4, 2.2))
+    sizes = Sizes(patches, growth, largest * scene.film.radius)
+    sizes = sizes.scaled(model.size_factor * factor)
+    return _with_layers(scene, sizes) if model.bends else sizes
 
 
-def _with_layers(scene: Scene, sizes: Sizes) -> Sizes:
-    """Sizes that resolve the layers in which bending acts, where they matter enough."""
+def _with_layers(scene: Scene, sizes: Sizes, most_along_rim: int = 80, most: int = 250) -> Sizes:
+    """Sizes that resolve the layers in which bending acts, where they matter enough.
+
+    There are at most `most_along_rim` and `most` elements along the rim and along the probe; where
+    that is too coarse the next mesh is finer. What the rim's layer does is far from most
+    electrodes.
+    """
     effect, tolerance = bending_effect(scene), scene.numerics.tolerance
-    layers = {FILM: layer_size(effect.rim_length, effect.rim, tolerance)}
-    if scene.load.kind == "rigid":
-        layers[PROBE] = layer_size(effect.probe_length, effect.probe, tolerance)
-    lengths = {FILM: 2.0 * np.pi * scene.film.radius}
-    if scene.probe is not None:
-        lengths[PROBE] = scene.probe.outline.perimeter
+    around = 2.0 * np.pi * scene.film.radius
+    layers = {FILM: (layer_size(effect.rim_length, effect.rim, tolerance), around / most_along_rim)}
+    if scene.probe is not None and LOADS[scene.load.kind].rigid:
+        size = layer_size(effect.probe_length, effect.probe, tolerance)
+        layers[PROBE] = size, scene.probe.outline.perimeter / most
     finer = {
-        name: min(sizes.patches.get(name, np.inf), max(size, lengths[name] / MOST_ALONG[name]))
-        for name, size in layers.items()
+        name: min(sizes.patches.get(name, np.inf), max(size, least))
+        for name, (size, least) in layers.items()
         if size < sizes.film
     }
     return replace(sizes, patches=sizes.patches | finer)

@@ -19,25 +19,27 @@ reference area: e_z for a dead load, F1 x F2 for a follower load.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pvdf_fem.charges.forces import COMPLEX_STEP, charge_gradients, electrode_forces
-from pvdf_fem.charges.quadrature import Cut, edge_cut
-from pvdf_fem.film.bending_effect import bending_joins
+from pvdf_fem.arrays import COMPLEX_STEP, Array, Indices
+from pvdf_fem.charges.forces import charge_gradients, electrode_forces
+from pvdf_fem.charges.quadrature import PlacedQuadrature, facet_quadrature
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.membrane import IDENTITY, Array, Membrane
+from pvdf_fem.film.laws import StVenantKirchhoff
+from pvdf_fem.film.loads import LOADS
+from pvdf_fem.film.membrane import IDENTITY, Membrane
+from pvdf_fem.film.models import film_model
+from pvdf_fem.film.space import Space, shape_values
 from pvdf_fem.scene.film import Film, plane_stress
 from pvdf_fem.scene.scene import Probe, Scene
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solvers.newton import factorise
 
 PLACE = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg")
-# Exact for two functions of order 4 on a straight edge.
+#: Gauss points on an edge, exact for the product of two functions of order 4 on a straight one.
 EDGE_POINTS = 5
 
 
@@ -86,9 +88,10 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
     """
     probe: tuple[str, ...] = ()
     if scene.probe is not None:
-        probe = (*(PLACE if scene.load.kind != "rigid" else ()), "load.force_N")
+        place = () if LOADS[scene.load.kind].rigid else PLACE
+        probe = (*place, "load.force_N")
     film: tuple[str, ...] = ()
-    if not bending_joins(scene) and scene.film.compression == "refuse":
+    if film_model(scene).film_is_differentiable:
         film = ("film.thickness_um", "film.temperature_change_K", *_moduli(scene.film))
     return (*probe, *film, "film.d31_pC_N", "film.d32_pC_N")
 
@@ -109,45 +112,28 @@ def _refusal(scene: Scene, key: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Adjoint:
-    """A solution with the adjoint solutions of its charges.
-
-    Attributes
-    ----------
-    scene : Scene
-    equilibrium : Equilibrium
-    x : (dofs,)
-        The displacement.
-    forces : (electrodes, 2)
-        X and Y of each electrode.
-    unknowns : (unknowns, electrodes)
-        λ for the charges in C.
-    dofs : (dofs, electrodes)
-        The same at all dofs.
-    """
+    """A solution with the adjoint solutions of its charges."""
 
     scene: Scene
     equilibrium: Equilibrium
-    x: Array
-    forces: Array
-    unknowns: Array
-    dofs: Array
+    x: Array  # the displacement, (dofs,)
+    forces: Array  # X and Y, (electrodes, 2)
+    unknowns: Array  # λ for the charges in C, (unknowns, electrodes)
+    dofs: Array  # λ at all dofs, (dofs, electrodes)
 
     @classmethod
     def of(cls, solution: Solution) -> _Adjoint:
-        """One solve per electrode with the tangent at the solution.
-
-        Newton's last tangent may be that of an earlier iterate.
-        """
+        """One solve per electrode with a new tangent; Newton's last may be an earlier one."""
         scene, fields = solution.scene, solution.fields
         equilibrium, x = fields.equilibrium, fields.displacement
         goals = charge_gradients(scene, equilibrium.membrane, x)
         spread = equilibrium.unknowns.expansion
         unknowns = factorise(equilibrium.tangent(fields.state)).solve(spread.T @ goals, "T")
-        return cls(scene, equilibrium, x, fields.forces, unknowns, spread @ unknowns)
+        return cls(scene, equilibrium, x, fields.forces.values, unknowns, spread @ unknowns)
 
-    def work(self, element_forces: Array) -> Array:
-        """λ · f of element vectors f, (electrodes,)."""
-        return self.equilibrium.assembly.vector(element_forces) @ self.unknowns
+    def work(self, forces: Array) -> Array:
+        """λ · f of forces f on the dofs, (electrodes,)."""
+        return forces @ self.dofs
 
     def of_stress(self, membrane: Membrane) -> Array:
         """∂Q/∂θ - λ · ∂R/∂θ of a stress that `membrane` has where the strain stays, (electrodes,).
@@ -156,7 +142,7 @@ class _Adjoint:
         """
         d = [self.scene.film.d31, self.scene.film.d32]
         explicit = electrode_forces(self.scene, membrane, self.x) @ d
-        return explicit - self.work(membrane.residual(membrane.state(self.x)))
+        return explicit - self.work(membrane.internal_forces(membrane.state(self.x)))
 
 
 def _rates(adjoint: _Adjoint) -> dict[str, Callable[[], Array]]:
@@ -165,23 +151,21 @@ def _rates(adjoint: _Adjoint) -> dict[str, Callable[[], Array]]:
     state = membrane.state(adjoint.x)
 
     def by_force() -> Array:
-        unit = replace(adjoint.equilibrium.load, force=1.0)
-        return adjoint.work(unit.forces(state.deformation_gradient))
+        return adjoint.work(adjoint.equilibrium.load.with_force(1.0).forces(state))
 
     def by_thickness() -> Array:
-        return -adjoint.work(membrane.residual(state)) / film.thickness_um
+        return -adjoint.work(membrane.internal_forces(state)) / film.thickness_um
 
     def by_temperature() -> Array:
         # the stress is linear in the temperature: the difference over 1 K is the derivative
-        warmer, degree = copy(membrane), {"temperature_change_K": film.temperature_change_K + 1.0}
-        warmer.film = film.model_copy(update=degree)
+        degree = {"temperature_change_K": film.temperature_change_K + 1.0}
+        warmer = Membrane(membrane.space, film.model_copy(update=degree))
         return adjoint.of_stress(warmer) - adjoint.of_stress(membrane)
 
     def by_modulus(key: str) -> Array:
         # the stress is linear in the stiffness, whose rate takes its place
-        softened = copy(membrane)
-        softened.stiffness = _stiffness_rate(film, key)
-        return adjoint.of_stress(softened)
+        law = StVenantKirchhoff(_stiffness_rate(film, key))
+        return adjoint.of_stress(Membrane(membrane.space, film, law))
 
     return {
         **{key: partial(_swept, adjoint, key) for key in PLACE},
@@ -210,35 +194,31 @@ def _swept(adjoint: _Adjoint, key: str) -> Array:
     """The integral p ∮ (λ · t) (V · n) ds in C per unit of the key, (electrodes,)."""
     probe, load = adjoint.scene.probe, adjoint.equilibrium.load
     assert probe is not None
-    membrane = adjoint.equilibrium.membrane
-    inner, outer, normals = _traces(membrane, load.patch)
+    space = adjoint.equilibrium.space
+    inner, outer, normals = _traces(space, load.patch)
     # traces of the displacement gradient from both sides differ by the discretisation error
-    F = IDENTITY + 0.5 * sum(_gradient(side, membrane, adjoint.x) for side in (inner, outer))
-    flat = inner.points.reshape(2, -1)
-    element = membrane.basis.elem
-    shapes = np.stack([element.lbasis(flat, i)[0] for i in range(membrane.basis.Nbfun)], axis=-1)
-    shapes = shapes.reshape(*inner.weights.shape, -1)
-    nodes = membrane.basis.element_dofs.T[inner.elements]
-    nodal = adjoint.dofs.reshape(-1, 3, adjoint.dofs.shape[1])[nodes]
+    F = IDENTITY + 0.5 * sum(_gradient(side, space, adjoint.x) for side in (inner, outer))
+    shapes = shape_values(space.basis.elem, inner.points)
+    nodal = adjoint.dofs.reshape(-1, 3, adjoint.dofs.shape[1])[space.nodes[inner.elements]]
     works = np.einsum("fqa,facn,fqc->fqn", shapes, nodal, load.direction(F))
-    points = np.moveaxis(membrane.mesh.mapping().F(inner.points, inner.elements), 0, -1)
+    points = np.moveaxis(space.mesh.mapping().F(inner.points, inner.elements), 0, -1)
     swept = inner.weights * (_velocity(probe, key, points) * normals).sum(axis=-1)
     return load.pressure * np.einsum("fq,fqn->n", swept, works)
 
 
-def _traces(membrane: Membrane, patch: NDArray[np.int64]) -> tuple[Cut, Cut, Array]:
+def _traces(space: Space, patch: Indices) -> tuple[PlacedQuadrature, PlacedQuadrature, Array]:
     """Quadrature on a patch's outline, in the elements inside and outside, and normals outwards.
 
     Normals are (edges, points, 2). Where the outline is the clamped rim, λ is zero and nothing is
     swept.
     """
-    mesh = membrane.mesh
+    mesh = space.mesh
     facets, count = np.unique(mesh.t2f[:, patch], return_counts=True)
     facets = facets[(count == 1) & (mesh.f2t[1, facets] >= 0)]
     pair = mesh.f2t[:, facets]
     inside, outside = np.where(np.isin(pair[0], patch), pair, pair[::-1])
     (inner, tangents), (outer, _) = (
-        edge_cut(mesh, facets, elements, EDGE_POINTS) for elements in (inside, outside)
+        facet_quadrature(mesh, facets, elements, EDGE_POINTS) for elements in (inside, outside)
     )
     normals = np.stack([tangents[..., 1], -tangents[..., 0]], axis=-1)
     middle = mesh.p[:, mesh.t[:, inside]].mean(axis=1).T[:, None]
@@ -247,10 +227,10 @@ def _traces(membrane: Membrane, patch: NDArray[np.int64]) -> tuple[Cut, Cut, Arr
     return inner, outer, normals
 
 
-def _gradient(side: Cut, membrane: Membrane, x: Array) -> Array:
+def _gradient(side: PlacedQuadrature, space: Space, x: Array) -> Array:
     """Displacement gradient (edges, points, 3, 2) of the dofs `x`."""
-    nodal = x.reshape(-1, 3)[membrane.basis.element_dofs.T[side.elements]][:, None]
-    return np.matmul(nodal.swapaxes(2, 3), side.gradients(membrane))
+    nodal = x.reshape(-1, 3)[space.nodes[side.elements]][:, None]
+    return np.matmul(nodal.swapaxes(2, 3), space.gradients_at(side.elements, side.points))
 
 
 def _velocity(probe: Probe, key: str, points: Array) -> Array:

@@ -13,7 +13,7 @@ difference from cubic elements on the same mesh, is below ``numerics.tolerance``
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -21,28 +21,36 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator, SuperLU, eigs, eigsh
 from skfem import Basis, MeshTri2
 
+from pvdf_fem.arrays import Array
 from pvdf_fem.film.bending_effect import bending_effect, layer_size
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.membrane import Array, Membrane
-from pvdf_fem.mesh.gmsh_mesh import FILM, PROBE, MeshError, Sizes, mesh_scene, outlines
+from pvdf_fem.film.loads import LOADS
+from pvdf_fem.film.models import film_model
+from pvdf_fem.mesh.gmsh_mesh import FILM, PROBE, MeshError
+from pvdf_fem.mesh.size_field import Sizes
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.clock import Clock
+from pvdf_fem.solution.attempt import UNKNOWNS_PER_ELEMENT
+from pvdf_fem.solution.estimate import corrected
+from pvdf_fem.solution.history import Clock
+from pvdf_fem.solution.refinement import MeshLoop, TooManyUnknownsError
 from pvdf_fem.solution.solution import NotConvergedError
-from pvdf_fem.solvers.newton import Status, factorise, newton, seed
-from pvdf_fem.solvers.wrinkling import corrected
+from pvdf_fem.solvers.budget import Budget
+from pvdf_fem.solvers.ladder import equilibrate
+from pvdf_fem.solvers.newton import NewtonResult, Tried, factorise
+from pvdf_fem.solvers.status import Status
 
+#: Largest number of modes that may be asked for.
 MOST_MODES = 200
-MAX_MESHES = 6
-MAX_ELEMENTS = 30_000
-# Relative error of a frequency of the flat disc over (wavenumber x element size)^4, measured.
+#: Relative error of a frequency of the flat disc over (wavenumber x element size)^4, measured.
 FLAT_ERROR = 4e-4
+#: Order of a frequency's error in the element size.
 ORDER = 4.0
-# Sizes aim at this part of the tolerance.
-SAFETY = 0.5
-# Eigenvalues of an unsymmetric tangent with a relative imaginary part above this are complex;
-# rounding splits a pair of modes into complex ones by the square root of the machine's precision.
+#: Newton iterations that an eigenvalue problem costs as much as.
+EIGEN_ITERATIONS = 3
+#: Relative imaginary part above which an eigenvalue of an unsymmetric tangent is complex; rounding
+#: splits a pair of modes into complex ones by the square root of the machine's precision.
 COMPLEX = 1e-6
-# kg/m^3, at room temperature
+#: Density of air at room temperature, kg/m^3.
 AIR_DENSITY = 1.2
 
 
@@ -104,12 +112,12 @@ class Modes:
     @property
     def mesh(self) -> MeshTri2:
         """Mesh in metres; without the probe where it makes no difference."""
-        return self.spectrum.equilibrium.membrane.mesh
+        return self.spectrum.equilibrium.space.mesh
 
     @property
     def basis(self) -> Basis:
         """Scalar basis of each component of `shapes`."""
-        return self.spectrum.equilibrium.membrane.basis
+        return self.spectrum.equilibrium.space.basis
 
     @property
     def shapes(self) -> Array:
@@ -166,94 +174,149 @@ def modes(scene: Scene, count: int = 6, loaded: bool = False) -> Modes:
     """
     if not 1 <= count <= MOST_MODES:
         raise ValueError(f"count = {count!r}: is out of range; give 1 to {MOST_MODES}")
-    clock, tolerance = Clock(), scene.numerics.tolerance
-    # On the flat film only a rigid probe matters, by the unknowns that it binds together.
-    bare = scene if loaded or scene.load.kind == "rigid" else scene.with_(probe=None)
+    # on the flat film only a rigid probe matters, by the unknowns that it binds together
+    bare = scene if loaded or LOADS[scene.load.kind].rigid else scene.with_(probe=None)
     share = _bending_share(bare, count, loaded)
-    joins = share > tolerance if scene.film.bending == "auto" else scene.film.bending
-    bare = bare.with_(**{"film.bending": joins})
-    sizes, worst = _first_sizes(bare, count, share), np.inf
-    for _ in range(MAX_MESHES):
-        if _elements(sizes, scene) > MAX_ELEMENTS:
-            break
-        try:
-            with clock("mesh"):
-                mesh = mesh_scene(bare, sizes)
-        except MeshError as error:
-            reason = f"{Status.MESH_FAILED.advice} ({error})"
-            return Modes(scene, loaded, Status.MESH_FAILED, reason, (), clock.seconds())
-        found = _modes_on(bare, mesh, count, loaded, clock)
-        if isinstance(found, Status):
-            return Modes(scene, loaded, found, found.advice, (), clock.seconds())
-        worst = float(np.max(found.errors / found.frequencies))
-        if worst <= tolerance:
-            status, neglected = Status.CONVERGED, _left_out(scene, share, joins)
-            return Modes(scene, loaded, status, status.advice, neglected, clock.seconds(), found)
-        factor = (SAFETY * tolerance / worst) ** (1.0 / ORDER)
-        sizes = sizes.scaled(float(np.clip(factor, 0.25, 0.8)))
-    reached = f"; {worst:.1e} was reached" if np.isfinite(worst) else ""
-    reason = f"{tolerance:g} needs too fine a mesh; raise numerics.tolerance{reached}"
-    return Modes(scene, loaded, Status.TOLERANCE, reason, (), clock.seconds())
+    bends = scene.film.bending
+    if bends == "auto":
+        bends = share > scene.numerics.tolerance
+    bare = bare.with_(**{"film.bending": bends})
+    problem = _ModalProblem(bare, count, loaded, share, _modal_budget(bare), Clock())
+    loop = MeshLoop(
+        bare,
+        problem.first_sizes,
+        problem.solve_on,
+        problem.next_sizes,
+        problem.budget,
+        problem.clock,
+        UNKNOWNS_PER_ELEMENT[2],
+    )
+    try:
+        attempt, stop = loop.run()
+    except MeshError as error:
+        status = Status.MESH_FAILED
+        return Modes(scene, loaded, status, f"{status.advice} ({error})")
+    except TooManyUnknownsError as error:
+        return Modes(scene, loaded, Status.TOLERANCE, str(error))
+    status, reason = attempt.status, attempt.status.advice
+    if status is Status.CONVERGED and attempt.worst > scene.numerics.tolerance:
+        status = Status.TOLERANCE
+        reason = f"{status.advice}, to at least {attempt.worst:.1e}, which was reached ({stop})"
+    return Modes(
+        scene,
+        loaded,
+        status,
+        reason,
+        _left_out(scene, share, bends),
+        loop.clock.seconds(),
+        attempt.spectrum,
+    )
 
 
-def _first_sizes(scene: Scene, count: int, bending: float) -> Sizes:
-    """Sizes that meet the tolerance for the flat film; `bending` is the share of its effect."""
-    share = (SAFETY * scene.numerics.tolerance / FLAT_ERROR) ** (1.0 / ORDER)
-    size = scene.film.radius * min(share / _wavenumber(count), 0.3)
-    shapes = outlines(scene)
-    patches = {}
-    if scene.probe is not None:
-        patches[PROBE] = min(size, shapes[PROBE].area / shapes[PROBE].perimeter)
-    if scene.film.bending:
-        length = bending_effect(scene).rim_length
-        layer = layer_size(length, bending, scene.numerics.tolerance)
-        if layer < size:
-            patches[FILM] = layer
-    return Sizes(patches, 0.4, size)
+@dataclass(frozen=True, eq=False)
+class _Attempt:
+    """The modes on one mesh, or why there are none."""
+
+    equilibrium: Equilibrium
+    status: Status
+    spectrum: Spectrum | None = None
+    iterations: int = 0
+    tried: tuple[Tried, ...] = ()
+
+    @property
+    def worst(self) -> float:
+        """Largest relative error of a frequency."""
+        spectrum = self.spectrum
+        return 0.0 if spectrum is None else float(np.max(spectrum.errors / spectrum.frequencies))
+
+    @property
+    def unknowns(self) -> int:
+        return self.equilibrium.unknowns.count
 
 
-def _elements(sizes: Sizes, scene: Scene) -> float:
-    """Number of elements of the largest size on the film, roughly."""
-    return float(np.pi / np.sqrt(3.0 / 16.0)) * (scene.film.radius / sizes.film) ** 2
+@dataclass(eq=False)
+class _ModalProblem:
+    """What is solved on every mesh."""
 
+    scene: Scene  # bending decided, and without a probe that makes no difference
+    count: int
+    loaded: bool
+    bending_share: float  # part of the highest frequency that bending adds, roughly
+    budget: Budget
+    clock: Clock
+    sizes: Sizes | None = None  # those of the last mesh
 
-def _modes_on(
-    scene: Scene, mesh: MeshTri2, count: int, loaded: bool, clock: Clock
-) -> Spectrum | Status:
-    """Modes with their errors, or why there are none."""
-    order = 3 if scene.film.bending else 2
-    coarse, rich = Equilibrium(scene, mesh, order), Equilibrium(scene, mesh, order + 1)
-    q, q_rich = np.zeros(coarse.unknowns.count), np.zeros(rich.unknowns.count)
-    if loaded and coarse.load.force > 0.0:
-        with clock("solve"):
-            result = newton(coarse, seed(coarse))
-            if result.status is not Status.CONVERGED or result.factors is None:
-                return result.status
-            q = result.q
-            correction = corrected(coarse, q, result.factors, rich)
-            if isinstance(correction, Status):
-                return correction
-            q_rich = correction.q
-    with clock("modes"):
-        found = _eigen(coarse, q, count)
-        if isinstance(found, Status):
-            return found
-        reference = _eigen(rich, q_rich, count)
-        if isinstance(reference, Status):
-            return reference
-    errors = np.abs(found[0] - reference[0])
-    return Spectrum(coarse, q, found[0], errors, found[1])
+    def first_sizes(self) -> Sizes:
+        """Sizes that meet half of the tolerance for the flat film."""
+        scene, tolerance = self.scene, self.scene.numerics.tolerance
+        share = (0.5 * tolerance / FLAT_ERROR) ** (1.0 / ORDER)
+        size = scene.film.radius * min(share / _wavenumber(self.count), 0.3)
+        patches = {}
+        if scene.probe is not None:
+            outline = scene.probe.outline
+            patches[PROBE] = min(size, outline.area / outline.perimeter)
+        if film_model(scene).bends:
+            length = bending_effect(scene).rim_length
+            layer = layer_size(length, self.bending_share, tolerance)
+            if layer < size:
+                patches[FILM] = layer
+        self.sizes = Sizes(patches, 0.4, size)
+        return self.sizes
+
+    def next_sizes(self, attempt: _Attempt, tolerance: float, most_unknowns: float) -> Sizes:
+        """Sizes at which the worst error would be `tolerance`, by the law of its order."""
+        assert self.sizes is not None
+        factor = (tolerance / attempt.worst) ** (1.0 / ORDER)
+        smallest = max(0.25, (attempt.unknowns / most_unknowns) ** 0.5)
+        self.sizes = self.sizes.scaled(float(np.clip(factor, smallest, 0.8)))
+        return self.sizes
+
+    def solve_on(self, mesh: MeshTri2, coarser: _Attempt | None) -> _Attempt:
+        """Modes with their errors, or why there are none."""
+        order = max(2, film_model(self.scene).lowest_order + 1)
+        coarse, rich = (
+            Equilibrium(self.scene, mesh, order),
+            Equilibrium(self.scene, mesh, order + 1),
+        )
+        q, q_rich = np.zeros(coarse.unknowns.count), np.zeros(rich.unknowns.count)
+        iterations = 0
+        tried: tuple[Tried, ...] = ()
+        if self.loaded and coarse.load.force > 0.0:
+            with self.clock("solve"):
+                result = equilibrate(coarse, budget=self.budget)
+                iterations, tried = len(result.iterations), result.tried
+                self.budget.spend(coarse, result.fresh_count)
+                if not result.converged or result.factors is None:
+                    return _Attempt(coarse, result.status, None, iterations, tried)
+                correction = corrected(coarse, result.q, result.factors, rich, self.budget)
+                if isinstance(correction, NewtonResult):
+                    return _Attempt(coarse, correction.status, None, iterations, tried)
+                q, q_rich = result.q, correction.q
+        elif film_model(self.scene).wrinkles and self.scene.film.thermal_strain >= 0.0:
+            return _Attempt(coarse, Status.SINGULAR)  # a slack film has no tension
+        with self.clock("modes"):
+            modes, reference = (_eigen(e, x, self.count) for e, x in ((coarse, q), (rich, q_rich)))
+        for equilibrium in (coarse, rich):
+            self.budget.spend(equilibrium, EIGEN_ITERATIONS)
+        if isinstance(modes, Status) or isinstance(reference, Status):
+            status = modes if isinstance(modes, Status) else reference
+            assert isinstance(status, Status)
+            return _Attempt(coarse, status, None, iterations, tried)
+        errors = np.abs(modes[0] - reference[0])
+        spectrum = Spectrum(coarse, q, modes[0], errors, modes[1])
+        return _Attempt(coarse, Status.CONVERGED, spectrum, iterations, tried)
 
 
 def _eigen(equilibrium: Equilibrium, q: Array, count: int) -> tuple[Array, Array] | Status:
     """Lowest frequencies in Hz (n,) and eigenvectors (unknowns, n) at `q`, or why not."""
     stiffness = equilibrium.tangent(equilibrium.state(q))
-    mass = equilibrium.assembly.matrix(element_mass(equilibrium.membrane))
+    film = equilibrium.film
+    mass = equilibrium.assembly.matrix(film.density * film.thickness * equilibrium.space.mass())
     try:
         factors = factorise(stiffness)
     except RuntimeError:  # SuperLU: exactly singular
         return Status.SINGULAR
-    symmetric = equilibrium.load.conservative or not q.any()
+    symmetric = equilibrium.conservative or not q.any()
     values, vectors = _lowest(eigsh if symmetric else eigs, stiffness, mass, factors, count)
     if np.any(np.abs(values.imag) > COMPLEX * np.abs(values)) or np.any(values.real <= 0.0):
         return Status.UNSTABLE
@@ -271,15 +334,12 @@ def _lowest(
     return solver(stiffness, count, M=mass, sigma=0.0, OPinv=inverse, v0=start)
 
 
-def element_mass(membrane: Membrane) -> Array:
-    """Mass matrices rho h in kg, (elements, dofs, dofs of an element)."""
-    film, weights = membrane.film, membrane.weights
-    values = [np.broadcast_to(s[0], weights.shape) for s in membrane.basis.basis]
-    shapes = np.stack(values, axis=-1)
-    weighted = shapes * (film.density * film.thickness * weights)[..., None]
-    scalar = np.matmul(weighted.swapaxes(1, 2), shapes)
-    blocks = np.einsum("eab,ij->eaibj", scalar, np.eye(3))
-    return blocks.reshape(membrane.element_dofs.shape + membrane.element_dofs.shape[1:])
+def _modal_budget(scene: Scene, most_unknowns: int = 180_000) -> Budget:
+    """What the modes may cost: by default as many unknowns at any tolerance."""
+    budget = Budget.of(scene)
+    if scene.numerics.max_unknowns is None:
+        budget = replace(budget, max_unknowns=most_unknowns)
+    return replace(budget, bounds_first_mesh=True)
 
 
 def _bending_share(scene: Scene, count: int, loaded: bool) -> float:

@@ -22,28 +22,62 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse.linalg import SuperLU
 
+from pvdf_fem.arrays import Array, times
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.laws import GivenModuli, WrinklingMembrane
-from pvdf_fem.film.membrane import IDENTITY, Array, MembraneState, strain_of, strain_rate, times
+from pvdf_fem.film.membrane import (
+    IDENTITY,
+    PredictedState,
+    WrinklingMembrane,
+    strain_of,
+    strain_rate,
+)
+from pvdf_fem.film.term import State
 from pvdf_fem.solvers.newton import factorise
 
-# Of the longest step that leaves s and p in their cones.
-SHORTER = 0.95
-# A predictor shorter than this asks for more centring than Mehrotra's (1 - length)^3.
-SHORT = 0.5
-LEAST_CENTRING = 1e-6
-# Gondzio's corrections at the most, how much longer than the step they try, and the eigenvalues of
-# S P over mu that they leave alone. One that gains less than a part of the trial ends them.
-CORRECTIONS, FARTHER, CENTRAL = 3, 0.3, (0.1, 10.0)
-GAIN = 0.1
-# Part of a tensor's other components by which its trace is larger at the least.
+
+@dataclass(frozen=True)
+class StepRules:
+    """How far a step goes, and how it is centred and corrected.
+
+    Attributes
+    ----------
+    to_boundary : float
+        Part of the way to the cones' boundary that a step may go.
+    short : float
+        A predictor shorter than this asks for more centring than Mehrotra's (1 - length)^3.
+    least_centring : float
+    corrections : int
+        Largest number of Gondzio's corrections.
+    farther : float
+        How much longer than the step a correction tries to be.
+    central : (float, float)
+        Eigenvalues of S P over mu that a correction leaves alone.
+    gain : float
+        A correction that gains less than this part of its trial ends them.
+    shortened : float
+        Part of a step that has to be left when the second order is taken into account.
+    exact : float
+        The exact wrinkling strain replaces one that differs by at most this factor.
+    start : float
+        Factor on the mean stress and strain at the start, since under a small probe means say
+        little.
+    """
+
+    to_boundary: float = 0.95
+    short: float = 0.5
+    least_centring: float = 1e-6
+    corrections: int = 3
+    farther: float = 0.3
+    central: tuple[float, float] = (0.1, 10.0)
+    gain: float = 0.1
+    shortened: float = 0.7
+    exact: float = 2.0
+    start: float = 100.0
+
+
+RULES = StepRules()
+#: Part by which a tensor's trace exceeds its other components at least, against rounding.
 ROUNDING = 1e-15
-# Part of a step that has to be left of it when the second order is taken into account.
-SHORTENED = 0.7
-# A wrinkling strain may be put right at once by the exact strain up to this factor.
-EXACT = 2.0
-# The start is so many times larger than mean values, since under a small probe they say little.
-LARGER = 100.0
 
 # p = STRAIN P, Voigt with engineering shear, and S = STRAIN^T s.
 STRAIN: Array = np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 0.0, 1.0]]) / np.sqrt(2.0)
@@ -69,7 +103,7 @@ class Iterate:
         Part of Newton's step that was taken.
     factors : SuperLU or None
         The tangent of that step, factorised.
-    state : MembraneState
+    state : State
         Of `q`.
     """
 
@@ -79,7 +113,7 @@ class Iterate:
     gap: float
     length: float
     factors: SuperLU | None
-    state: MembraneState
+    state: State
 
     @property
     def stress(self) -> Array:
@@ -108,7 +142,7 @@ class _InteriorPoint:
             raise TypeError("the film of this equilibrium does not wrinkle")
         self.equilibrium, self.membrane = equilibrium, equilibrium.membrane
         self.compliance = STRAIN @ self.membrane.law.compliance @ STRAIN.T
-        self.weights = self.membrane.film.thickness * self.membrane.weights
+        self.weights = self.membrane.volumes
 
     def start(self, q: Array) -> Iterate:
         """Stress and wrinkling strain of about the right size, equal in all directions."""
@@ -118,7 +152,7 @@ class _InteriorPoint:
         tension = density / max(abs(film.thermal_strain), elastic)
         widest = np.abs(self.membrane.elastic(state.strain)).max()
         strain = max(widest, tension * self.compliance[0, 0])
-        ones = np.broadcast_to(LARGER * UNIT, state.strain.shape)
+        ones = np.broadcast_to(RULES.start * UNIT, state.strain.shape)
         return Iterate(q, tension * ones, strain * ones, np.inf, 1.0, None, state)
 
     def next(self, at: Iterate) -> Iterate:
@@ -127,12 +161,12 @@ class _InteriorPoint:
         predicted = step.solve(-step.scaled)
         length = _longest(at, predicted)
         missing = 1.0 - length
-        centring = max(missing**3 if length > SHORT else 0.5 * missing, LEAST_CENTRING)
+        centring = max(missing**3 if length > RULES.short else 0.5 * missing, RULES.least_centring)
         ds, dp = predicted[1:]
         second = _jordan(times(step.inverse, ds), times(step.scaling, dp))
         wanted = centring * step.mu * UNIT - second
         dq, ds, dp = self._corrected(step, wanted, centring * step.mu)
-        length = min(1.0, SHORTER * _longest(at, (dq, ds, dp)))
+        length = min(1.0, RULES.to_boundary * _longest(at, (dq, ds, dp)))
         q, s, p = at.q + length * dq, at.s + length * ds, at.p + length * dp
         s, p = _inside(s), _inside(p)
         state = self.equilibrium.state(q)
@@ -150,21 +184,21 @@ class _InteriorPoint:
         at = step.at
         best = step.solve(_jordan_inverse(step.scaled, wanted) - step.scaled)
         length = _longest(at, best)
-        for _ in range(CORRECTIONS):
-            if length > 1.0 - GAIN:
+        for _ in range(RULES.corrections):
+            if length > 1.0 - RULES.gain:
                 break
-            trial = min(1.0, length + FARTHER)
+            trial = min(1.0, length + RULES.farther)
             s, p = at.s + trial * best[1], at.p + trial * best[2]
             products = _jordan(times(step.inverse, s), times(step.scaling, p))
-            wanted = wanted + _into(products, CENTRAL[0] * mu, CENTRAL[1] * mu)
+            wanted = wanted + _into(products, RULES.central[0] * mu, RULES.central[1] * mu)
             other = step.solve(_jordan_inverse(step.scaled, wanted) - step.scaled)
             longer = _longest(at, other)
-            if longer < length + GAIN * FARTHER:
+            if longer < length + RULES.gain * RULES.farther:
                 break
             best, length = other, longer
         right = _jordan_inverse(step.scaled, wanted) - step.scaled
         other = step.solve(right, step.second_order(best, length))
-        return best if _longest(at, other) < SHORTENED * length else other
+        return best if _longest(at, other) < RULES.shortened * length else other
 
 
 class _Linearised:
@@ -185,8 +219,9 @@ class _Linearised:
 
     def _factors(self) -> SuperLU:
         now = self.state
-        root = self.root @ STRAIN
-        state = GivenModuli(now.deformation_gradient, now.strain, self.at.stress, now.dofs, root)
+        state = PredictedState(
+            now.deformation_gradient, now.strain, self.at.stress, now.dofs, self.root @ STRAIN, 0.0
+        )
         return factorise(self.points.equilibrium.tangent(state))
 
     def solve(
@@ -196,9 +231,9 @@ class _Linearised:
         equilibrium, state = self.points.equilibrium, self.state
         mismatch = self.mismatch + second_order[0]
         known = self._moduli(mismatch + times(self.inverse, right))
-        stress: MembraneState = replace(state, stress=(self.at.s + known) @ STRAIN)
+        stress = replace(state, stress=(self.at.s + known) @ STRAIN)
         dq = -self.factors.solve(equilibrium.residual(stress) + second_order[1])
-        gradient = equilibrium.membrane.gradient(equilibrium.unknowns.expand(dq))
+        gradient = equilibrium.space.gradient(equilibrium.unknowns.expand(dq))
         strain = strain_rate(state.deformation_gradient, gradient) @ STRAIN.T
         ds = self._moduli(strain) + known
         return dq, ds, ds @ self.points.compliance - strain - mismatch
@@ -206,10 +241,10 @@ class _Linearised:
     def second_order(self, step: Step, length: float) -> tuple[Array, Array]:
         """Strain and forces in N of second order that a part of `step` adds, over that part."""
         membrane, equilibrium = self.points.membrane, self.points.equilibrium
-        gradient = membrane.gradient(equilibrium.unknowns.expand(step[0]))
+        gradient = equilibrium.space.gradient(equilibrium.unknowns.expand(step[0]))
         strain = (strain_of(gradient) - strain_rate(IDENTITY, gradient)) @ STRAIN.T
         state = replace(self.state, deformation_gradient=gradient, stress=step[1] @ STRAIN)
-        forces = equilibrium.assembly.vector(membrane.residual(state))
+        forces = equilibrium.unknowns.fold(membrane.internal_forces(state))
         return length * strain, length * forces
 
     def _moduli(self, strain: Array) -> Array:
@@ -266,7 +301,7 @@ def _inside(x: Array) -> Array:
 
 def _closer(p: Array, exact: Array) -> Array:
     """`exact` where it is in the cone and about as large as `p`, elsewhere `p`."""
-    below, above = exact - p / EXACT, EXACT * p - exact
+    below, above = exact - p / RULES.exact, RULES.exact * p - exact
     inside = [(_determinant(x) > 0.0) & (x[..., 0] > 0.0) for x in (below, above)]
     return np.where((inside[0] & inside[1])[..., None], exact, p)
 

@@ -1,98 +1,34 @@
-"""Newton's method: a seed near the solution, an exact line search, a named end.
+"""Newton's method: one loop, and the variants that differ in tangents, step lengths and ends.
 
-A flat film without pretension has a singular tangent, so the first iterate is not the flat film.
-`seed` solves the linear membrane under an estimate of the tension that the load itself makes, then
-the in-plane equations at that deflection, and scales the result to the least energy. From there
-the energy along a Newton direction is an exact quartic, and its least value costs a few sums.
-Far from the solution the seed's compressive stresses, which vanish with it, would make the
-tangent indefinite; there the geometric stiffness takes the tensile part of the stress only.
+The energy along a Newton direction of a film that does not wrinkle is an exact quartic, and its
+least value costs a few sums. A seed's compressive stresses, which the solution does not have, would
+make the tangent indefinite; so far from the solution the geometric stiffness takes the tensile part
+of the stress only.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from itertools import pairwise
+from typing import Any, Protocol
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.polynomial import polynomial
-from numpy.typing import NDArray
 from scipy.sparse.linalg import SuperLU, splu
 
+from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.membrane import (
-    IDENTITY,
-    Array,
-    MembraneState,
-    strain_of,
-    strain_rate,
-    tensile_part,
-)
+from pvdf_fem.film.membrane import tensile_part
+from pvdf_fem.film.term import State
+from pvdf_fem.solvers.budget import Budget
+from pvdf_fem.solvers.status import Status
 
-# Relative size, in the energy norm, of the last Newton step that is made with a fresh tangent. The
-# next one, by the quadratic convergence, would be some 1e-12.
+#: Relative size, in the energy norm, of the last Newton step that is made with a fresh tangent. The
+#: next one, by the quadratic convergence, would be about 1e-12.
 STEP_TOLERANCE = 1e-6
-# Above this size compressive stress adds no stiffness, so that every step lowers the energy.
-NEAR = 0.1
-# Below this size full steps keep the quadratic convergence.
-LOCAL = 1e-2
-# Tension, as a part of the largest stress, that keeps a slack film's convex tangent regular.
-CONVEX_FLOOR = 1e-6
-# A tangent serves on after a step below the first size, as long as steps shrink by the second.
-DEFER = 0.3
-CONTRACTION = 0.5
-MAX_ITERATIONS = 60
-# Under a load that follows the film, whose energy along a step is not known, and for which there is
-# another way (`continuation`).
-MAX_FOLLOWING = 25
-# A film that is still in compression after so many, and moves or has an indefinite tangent, finds
-# no equilibrium that is a minimum; after so many with fresh tangents if these took so much work,
-# some 15 s of one core where it bends.
-PATIENCE, LEAST_PATIENCE, PATIENT_WORK = 20, 9, 1.2e6
-# Full steps from near by: so many, and none larger, nor a third or later one that grows.
-MOST_FULL, LARGEST_FULL = 8, 3.0
-
-
-class Status(StrEnum):
-    """How a solve ended."""
-
-    CONVERGED = "converged"
-    MAX_ITERATIONS = "max_iterations"
-    SINGULAR = "singular_tangent"
-    UNSTABLE = "unstable"
-    LIMIT = "limit_point"
-    UNBALANCED = "unbalanced"
-    TOLERANCE = "tolerance_not_reached"
-    SLACK = "slack"
-    MESH_FAILED = "mesh_failed"
-
-    @property
-    def advice(self) -> str:
-        """What the status means and what to change."""
-        return ADVICE[self]
-
-
-ADVICE = {
-    Status.CONVERGED: "the Newton iteration converged",
-    Status.MAX_ITERATIONS: f"no convergence in {MAX_ITERATIONS} Newton iterations; lower"
-    " load.force_N, or give the film more tension (film.temperature_change_K below zero)",
-    Status.LIMIT: "the pressure, which follows the film, blows its patch up or turns it over until"
-    " no equilibrium is found any more; lower load.force_N, make the probe larger, or let it press"
-    ' along z (load.kind = "dead")',
-    Status.SINGULAR: "the tangent is singular: the film has no tension; cool it"
-    " (film.temperature_change_K below zero)",
-    Status.UNBALANCED: "the forces on the film found do not balance to 1e-6 of the load, which"
-    " rounding does to a film of extreme proportions; make the probe larger",
-    Status.TOLERANCE: "the finest mesh allowed misses the tolerance; raise numerics.tolerance",
-    Status.SLACK: "the load is too small to pull taut what heating has made too large, and the"
-    " tension runs in folds finer than any mesh allowed; raise load.force_N or lower"
-    " film.temperature_change_K",
-    Status.MESH_FAILED: "gmsh could not mesh the scene; move or resize the probe slightly",
-    Status.UNSTABLE: "no equilibrium found is a minimum of the energy: the film is in compression,"
-    ' which it cannot carry; let it wrinkle (film.compression = "tension-field") or cool it'
-    " (film.temperature_change_K below zero)",
-}
 
 
 @dataclass(frozen=True)
@@ -118,96 +54,112 @@ class Iteration:
 
 
 @dataclass(frozen=True)
-class NewtonResult:
-    """Unknowns, how the iteration ended, its table and the last factorised tangent.
+class Tried:
+    """A solver that was tried.
 
-    `earlier` counts the iterations of other solves that it took to get to the table's first.
+    Attributes
+    ----------
+    solver : str
+    status : Status
+        How it ended.
+    iterations : int
+    tangents : int
+        Number of its iterations with a new tangent.
+    """
+
+    solver: str
+    status: Status
+    iterations: int
+    tangents: int
+
+
+@dataclass(frozen=True)
+class NewtonResult:
+    """How Newton's method ended.
+
+    Attributes
+    ----------
+    q : (unknowns,)
+    status : Status
+    iterations : tuple of Iteration
+        The table of the solve that led to `q`.
+    factors : SuperLU or None
+        The last factorised tangent; None for the flat film and without a result.
+    tried : tuple of Tried
+        What was tried before.
     """
 
     q: Array
     status: Status
     iterations: tuple[Iteration, ...]
     factors: SuperLU | None
-    earlier: int = 0
+    tried: tuple[Tried, ...] = ()
 
     @property
-    def iteration_count(self) -> int:
-        """All iterations that the result took."""
-        return self.earlier + len(self.iterations)
+    def converged(self) -> bool:
+        """Whether `q` is an equilibrium."""
+        return self.status is Status.CONVERGED
+
+    @property
+    def fresh_count(self) -> int:
+        """Number of tangents that were factorised, those of earlier tries included."""
+        return sum(earlier.tangents for earlier in self.tried) + self._tangents
+
+    @property
+    def _tangents(self) -> int:
+        return sum(row.fresh for row in self.iterations)
+
+    def as_tried(self, solver: str) -> tuple[Tried, ...]:
+        """What a later result says of this one, and of what was tried before it."""
+        return (*self.tried, Tried(solver, self.status, len(self.iterations), self._tangents))
 
 
 def factorise(matrix: sp.csc_matrix) -> SuperLU:
     """LU of a matrix of symmetric pattern without pivoting: the signs of U are the inertia."""
     return splu(
-        matrix,
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
+        matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
     )
 
 
-def newton(
-    equilibrium: Equilibrium, q: Array, tolerance: float = STEP_TOLERANCE, *, near: bool = False
-) -> NewtonResult:
-    """Solve ``equilibrium`` from the unknowns `q`.
+def negative_pivots(factors: SuperLU) -> int:
+    """Number of negative eigenvalues of a symmetric matrix, by Sylvester's law of inertia."""
+    return int((factors.U.diagonal() < 0).sum())
 
-    Parameters
-    ----------
-    equilibrium : Equilibrium
-    q : (unknowns,)
-    tolerance : float
-        Relative size, in the energy norm, of a last step with a fresh tangent.
-    near : bool
-        Whether `q` is a solution of less resolution, not a mere seed.
+
+def compressed(state: State) -> bool:
+    """Whether a principal stress is compressive anywhere."""
+    s11, s22, s12 = np.moveaxis(state.stress, -1, 0)
+    return bool(np.any((s11 + s22 < 0.0) | (s11 * s22 < s12**2)))
+
+
+def is_minimum(equilibrium: Equilibrium, factors: SuperLU) -> bool:
+    """Whether a tangent is that of a minimum, which is not asked where there is no energy."""
+    return not equilibrium.conservative or negative_pivots(factors) == 0
+
+
+def balanced(equilibrium: Equilibrium, state: State, factors: SuperLU, allowed: float) -> bool:
+    """Whether a state lacks no more than `allowed` of balance.
+
+    By the residual the displacement is that far from the solution, in the energy norm; by the rim's
+    reaction that part of the load is not borne.
     """
-    if equilibrium.load.force == 0.0:
-        return _unloaded(equilibrium, q)
-    table: list[Iteration] = []
-    size, state = NEAR if near else np.inf, equilibrium.state(q)
-    tangent: _Tangent | None = None
-    most = MAX_ITERATIONS if equilibrium.load.conservative else MAX_FOLLOWING
-    try:
-        while len(table) < most and not _ended(table, tolerance):
-            fresh = tangent is None or _outdated(tangent, table)
-            if tangent is None or fresh:
-                tangent = _tangent(equilibrium, state, size)
-            residual = equilibrium.residual(state)
-            step = tangent.step(residual)
-            slope = float(residual @ step)
-            size = float(np.sqrt(abs(slope / equilibrium.work(state, q))))
-            length = 1.0
-            if size > LOCAL:
-                length = _least(equilibrium.energy_along(state, step, slope))
-            table.append(Iteration(size, length, tangent.convex, fresh))
-            tangent.remember(residual, length * step)
-            q = q + length * step
-            state = equilibrium.state(q)
-            unsettled = size > LOCAL**2 or tangent.convex
-            if unsettled and _lasts(equilibrium, table) and compressed(state):
-                return NewtonResult(q, Status.UNSTABLE, tuple(table), None)
-        if tangent is None or not _ended(table, tolerance):
-            stuck = tangent is not None and tangent.convex and compressed(state)
-            status = Status.UNSTABLE if stuck else Status.MAX_ITERATIONS
-            return NewtonResult(q, status, tuple(table), None)
-        if tangent.convex or compressed(state):
-            tangent = _Tangent(factorise(equilibrium.tangent(state)), False)
-    except RuntimeError:  # SuperLU: exactly singular
-        return NewtonResult(q, Status.SINGULAR, tuple(table), None)
-    stable = not compressed(state) or _stable(equilibrium, tangent.factors)
-    status = Status.CONVERGED if stable else Status.UNSTABLE
-    return NewtonResult(q, status, tuple(table), tangent.factors)
+    residual = equilibrium.residual(state)
+    lacking = abs(float(residual @ factors.solve(residual)))
+    work = float(equilibrium.load.forces(state) @ state.dofs)
+    balance = abs(equilibrium.rim_reaction(state) + equilibrium.applied_force(state))
+    return lacking <= allowed**2 * work and balance <= allowed * equilibrium.load.force
 
 
 @dataclass(frozen=True)
-class _Tangent:
-    """A factorised tangent, whether compressive stress was left out of it, and the steps made.
+class Tangent:
+    """A factorised tangent and the steps made with it.
 
     While the tangent serves on, its inverse follows the residuals met (L-BFGS: Nocedal, Math.
     Comp. 35, 1980, 773-782), which takes the few modes that change most, those of the tension.
     """
 
     factors: SuperLU
-    convex: bool
+    convex: bool = False
     residuals: list[Array] = field(default_factory=list)
     steps: list[Array] = field(default_factory=list)
 
@@ -229,170 +181,291 @@ class _Tangent:
         self.steps.append(step)
 
 
-def _ended(table: list[Iteration], tolerance: float) -> bool:
-    """Whether what the last step leaves is smaller than the square of the tolerance.
+class Direction(Protocol):
+    """What a variant's tangent has to offer."""
 
-    The steps shrink quadratically with fresh tangents, and else at the rate of the last two.
+    @property
+    def convex(self) -> bool: ...
+    def step(self, residual: Array) -> Array: ...
+    def remember(self, residual: Array, step: Array) -> None: ...
+
+
+@dataclass(frozen=True)
+class Step:
+    """A Newton step about to be made.
+
+    Attributes
+    ----------
+    q : (unknowns,)
+        Where it starts.
+    state : State
+        The fields there.
+    change : (unknowns,)
+        The full step.
+    slope : float
+        Derivative of the energy along it, J.
+    size : float
+        Relative size in the energy norm.
     """
-    if not table:
-        return False
-    step, fresh = table[-1].step, table[-1].fresh
-    return step * (step if fresh else step / table[-2].step) < tolerance**2
+
+    q: Array
+    state: Any
+    change: Array
+    slope: float
+    size: float
 
 
-def _lasts(equilibrium: Equilibrium, table: list[Iteration]) -> bool:
-    """Whether the iteration has lasted too long for a film in compression."""
-    fresh = sum(row.fresh for row in table)
-    laborious = fresh >= LEAST_PATIENCE and fresh * equilibrium.iteration_work >= PATIENT_WORK
-    return laborious or len(table) >= PATIENCE
+class Variant(ABC):
+    """What distinguishes one variant of Newton's method from another.
 
-
-def _outdated(tangent: _Tangent, table: list[Iteration]) -> bool:
-    """Whether a new tangent would save more steps than it costs."""
-    if tangent.convex or table[-1].step > DEFER:
-        return True
-    return not table[-1].fresh and table[-1].step > CONTRACTION * table[-2].step
-
-
-def _tangent(equilibrium: Equilibrium, state: MembraneState, size: float) -> _Tangent:
-    """The full tangent near the solution, otherwise the convex one.
-
-    Where no stress is compressive they are the same, and positive definite.
+    Attributes
+    ----------
+    max_iterations : int
+    factors : SuperLU or None
+        Factorised tangent of the solution, once it is found.
     """
-    under_compression = compressed(state)
-    if size <= NEAR or not under_compression:
-        factors = factorise(equilibrium.tangent(state))
-        if not under_compression or _stable(equilibrium, factors):
-            return _Tangent(factors, False)
-    return _Tangent(factorise(_convex_tangent(equilibrium, state)), True)
+
+    max_iterations = 60
+    factors: SuperLU | None = None
+
+    @abstractmethod
+    def state(self, q: Array) -> Any:
+        """The fields of the unknowns."""
+
+    @abstractmethod
+    def residual(self, state: Any) -> Array:
+        """What has to vanish."""
+
+    @abstractmethod
+    def tangent(self, state: Any, table: Sequence[Iteration]) -> tuple[Direction, bool]:
+        """The tangent to step with, and whether it is that of this state."""
+
+    @abstractmethod
+    def size(self, q: Array, state: Any, slope: float, change: Array) -> float:
+        """Relative size of a full step."""
+
+    def length(self, step: Step) -> float:
+        """How much of a step is made; 0 of a hopeless one."""
+        return 1.0
+
+    @abstractmethod
+    def ended(self, step: Step, state: Any, table: Sequence[Iteration]) -> Status | None:
+        """Status after a step that led to `state`; None to go on."""
+
+    def exhausted(self, state: Any) -> Status:
+        """Status after `max_iterations`."""
+        return Status.MAX_ITERATIONS
 
 
-def compressed(state: MembraneState) -> bool:
-    """Whether a principal stress is compressive anywhere."""
-    s11, s22, s12 = np.moveaxis(state.stress, -1, 0)
-    return bool(np.any((s11 + s22 < 0.0) | (s11 * s22 < s12**2)))
-
-
-def full_steps(equilibrium: Equilibrium, q: Array, tolerance: float) -> NewtonResult:
-    """A few steps of Newton's method from a near `q`, as long as they do not grow."""
+def newton(variant: Variant, q: Array) -> NewtonResult:
+    """Iterate from the unknowns `q` until the variant ends."""
     table: list[Iteration] = []
-    while len(table) < MOST_FULL:
-        state = equilibrium.state(q)
-        residual = equilibrium.residual(state)
-        try:
-            factors = factorise(equilibrium.tangent(state))
-        except RuntimeError:  # SuperLU: exactly singular
-            return NewtonResult(q, Status.SINGULAR, tuple(table), None)
-        step = -factors.solve(residual)
-        size = float(np.sqrt(abs(residual @ step / equilibrium.work(state, q))))
-        table.append(Iteration(size, 1.0, False, True))
-        if not size < LARGEST_FULL or (len(table) > 2 and size > table[-2].step):
-            break
-        q = q + step
-        if size < tolerance:
-            return NewtonResult(q, Status.CONVERGED, tuple(table), factors)
-    return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
+    state = variant.state(q)
+    try:
+        while len(table) < variant.max_iterations:
+            tangent, fresh = variant.tangent(state, table)
+            residual = variant.residual(state)
+            change = tangent.step(residual)
+            slope = float(residual @ change[: len(residual)])
+            step = Step(q, state, change, slope, variant.size(q, state, slope, change))
+            length = variant.length(step)
+            table.append(Iteration(step.size, length, tangent.convex, fresh))
+            tangent.remember(residual, length * change)
+            q = q + length * change
+            state = variant.state(q)
+            if status := variant.ended(replace(step, change=length * change), state, table):
+                factors = variant.factors if status is Status.CONVERGED else None
+                return NewtonResult(q, status, tuple(table), factors)
+    except RuntimeError:  # SuperLU: exactly singular
+        return NewtonResult(q, Status.SINGULAR, tuple(table), None)
+    return NewtonResult(q, variant.exhausted(state), tuple(table), None)
 
 
-def _stable(equilibrium: Equilibrium, factors: SuperLU) -> bool:
-    return not equilibrium.load.conservative or negative_pivots(factors) == 0
+class OfEquilibrium(Variant):
+    """A variant for the equations of an equilibrium, with its energy norm."""
+
+    def __init__(self, equilibrium: Equilibrium) -> None:
+        self.equilibrium = equilibrium
+
+    def state(self, q: Array) -> State:
+        return self.equilibrium.state(q)
+
+    def residual(self, state: State) -> Array:
+        return self.equilibrium.residual(state)
+
+    def size(self, q: Array, state: State, slope: float, change: Array) -> float:
+        """Energy norm of a step over that of the displacement."""
+        return float(np.sqrt(abs(slope / self.equilibrium.work(state, q))))
 
 
-def balanced(
-    equilibrium: Equilibrium, state: MembraneState, factors: SuperLU, allowed: float
-) -> bool:
-    """Whether a state lacks no more than `allowed` of balance.
+@dataclass(frozen=True)
+class NewtonOptions:
+    """When Newton's method takes which tangent, and when it gives up.
 
-    Of the displacement, in the energy norm, by the residual; of the load by the rim's reaction.
+    Attributes
+    ----------
+    tolerance : float
+        Relative size, in the energy norm, of a last step with a fresh tangent.
+    near_size : float
+        After a larger step compressive stress adds no stiffness, so that every step lowers the
+        energy.
+    local_size : float
+        Below this size full steps keep the quadratic convergence, and no line search is made.
+    defer_size : float
+        A tangent serves on after a smaller step.
+    contraction : float
+        It serves as long as each step is at most this part of the one before.
+    max_iterations : int
+    max_following : int
+        The same under a load that follows the film, whose energy along a step is not known, and for
+        which there is another way (`pvdf_fem.solvers.arc_length`).
+    patience : int
+        A film that is still in compression after this number of iterations, and moves or has an
+        indefinite tangent, has no equilibrium that is a minimum.
+    least_patience : int
+        However small the budget is, this number of new tangents is tried before.
     """
-    residual = equilibrium.residual(state)
-    lacking = abs(float(residual @ factors.solve(residual)))
-    forces = equilibrium.load.forces(state.deformation_gradient)
-    work = float((forces * state.dofs[equilibrium.membrane.element_dofs]).sum())
-    balance = abs(equilibrium.rim_reaction(state) + equilibrium.applied_force(state))
-    return lacking <= allowed**2 * work and balance <= allowed * equilibrium.load.force
+
+    tolerance: float = STEP_TOLERANCE
+    near_size: float = 0.1
+    local_size: float = 1e-2
+    defer_size: float = 0.3
+    contraction: float = 0.5
+    max_iterations: int = 60
+    max_following: int = 25
+    patience: int = 20
+    least_patience: int = 9
 
 
-def negative_pivots(factors: SuperLU) -> int:
-    """Number of negative eigenvalues of a symmetric matrix, by Sylvester's law of inertia."""
-    return int((factors.U.diagonal() < 0).sum())
+class DeferredNewton(OfEquilibrium):
+    """Newton's method with an exact line search, whose tangents serve on near the solution.
 
-
-def _convex_tangent(equilibrium: Equilibrium, state: MembraneState) -> sp.csc_matrix:
-    """The tangent without the geometric stiffness of compressive stress: never indefinite."""
-    stress = tensile_part(state.stress)
-    floor = CONVEX_FLOOR * np.abs(state.stress).max() * np.array([1.0, 1.0, 0.0])
-    return equilibrium.tangent(replace(state, stress=stress + floor))
-
-
-def _unloaded(equilibrium: Equilibrium, q: Array) -> NewtonResult:
-    """The flat film: an equilibrium for any tension, a stable one unless it is compressed.
-
-    A film that bends bears the compression below that at which it buckles.
+    Parameters
+    ----------
+    equilibrium : Equilibrium
+    options : NewtonOptions
+    budget : Budget
+    near : bool
+        Whether the start is a solution of less resolution, not a mere seed.
     """
-    unstable = equilibrium.film.thermal_strain > 0.0
-    if unstable and equilibrium.bending is not None:
-        factors = factorise(equilibrium.tangent(equilibrium.state(q)))
-        unstable = negative_pivots(factors) > 0
-    return NewtonResult(q, Status.UNSTABLE if unstable else Status.CONVERGED, (), None)
+
+    def __init__(
+        self, equilibrium: Equilibrium, options: NewtonOptions, budget: Budget, *, near: bool
+    ) -> None:
+        super().__init__(equilibrium)
+        self.options, self._tangent = options, None
+        self._start_size = options.near_size if near else np.inf
+        self._patience = max(options.least_patience, budget.iterations(equilibrium))
+        conservative = equilibrium.conservative
+        self.max_iterations = options.max_iterations if conservative else options.max_following
+
+    _tangent: Tangent | None
+
+    def tangent(self, state: State, table: Sequence[Iteration]) -> tuple[Tangent, bool]:
+        if self._tangent is not None and not self._outdated(self._tangent, table):
+            return self._tangent, False
+        self._tangent = self._fresh_tangent(state, table[-1].step if table else self._start_size)
+        return self._tangent, True
+
+    def _outdated(self, tangent: Tangent, table: Sequence[Iteration]) -> bool:
+        """Whether a new tangent would save more steps than it costs."""
+        if tangent.convex or table[-1].step > self.options.defer_size:
+            return True
+        contraction = self.options.contraction
+        return not table[-1].fresh and table[-1].step > contraction * table[-2].step
+
+    def _fresh_tangent(self, state: State, size: float) -> Tangent:
+        """The full tangent near the solution, otherwise the convex one.
+
+        Where no stress is compressive they are the same, and positive definite.
+        """
+        under_compression = compressed(state)
+        if size <= self.options.near_size or not under_compression:
+            factors = factorise(self.equilibrium.tangent(state))
+            if not under_compression or is_minimum(self.equilibrium, factors):
+                return Tangent(factors)
+        return Tangent(factorise(convex_tangent(self.equilibrium, state)), convex=True)
+
+    def length(self, step: Step) -> float:
+        """Where the energy along the step is least, unless it is small."""
+        if step.size <= self.options.local_size:
+            return 1.0
+        return least_energy(self.equilibrium.energy_along(step.state, step.change, step.slope))
+
+    def ended(self, step: Step, state: State, table: Sequence[Iteration]) -> Status | None:
+        assert self._tangent is not None
+        moves = step.size > self.options.local_size**2 or self._tangent.convex
+        if moves and self._lasts(table) and compressed(state):
+            return Status.UNSTABLE
+        if not self._small(table):
+            return None
+        self.factors, under_compression = self._tangent.factors, compressed(state)
+        if self._tangent.convex or under_compression:
+            self.factors = factorise(self.equilibrium.tangent(state))
+        stable = not under_compression or is_minimum(self.equilibrium, self.factors)
+        return Status.CONVERGED if stable else Status.UNSTABLE
+
+    def _small(self, table: Sequence[Iteration]) -> bool:
+        """Whether the last step leaves less than the square of the tolerance.
+
+        The steps shrink quadratically with fresh tangents, and else at the rate of the last two.
+        """
+        step, fresh = table[-1].step, table[-1].fresh
+        return step * (step if fresh else step / table[-2].step) < self.options.tolerance**2
+
+    def _lasts(self, table: Sequence[Iteration]) -> bool:
+        fresh = sum(row.fresh for row in table)
+        return fresh >= self._patience or len(table) >= self.options.patience
+
+    def exhausted(self, state: State) -> Status:
+        """A film that is still in compression has no equilibrium that is a minimum."""
+        stuck = self._tangent is not None and self._tangent.convex and compressed(state)
+        return Status.UNSTABLE if stuck else Status.MAX_ITERATIONS
 
 
-def _least(energy: Array) -> float:
-    """The s > 0 of least energy among the stationary points of the quartic, 1 without any."""
+class FullSteps(OfEquilibrium):
+    """Undamped Newton from a near start.
+
+    It gives up after eight steps, at a step of relative size above 3, or when a step grows from the
+    third on.
+    """
+
+    max_iterations = 8
+    largest_step = 3.0
+
+    def __init__(self, equilibrium: Equilibrium, tolerance: float) -> None:
+        super().__init__(equilibrium)
+        self.tolerance = tolerance
+
+    def tangent(self, state: State, table: Sequence[Iteration]) -> tuple[Tangent, bool]:
+        self.factors = factorise(self.equilibrium.tangent(state))
+        return Tangent(self.factors), True
+
+    def length(self, step: Step) -> float:
+        return 1.0 if step.size < self.largest_step else 0.0
+
+    def ended(self, step: Step, state: State, table: Sequence[Iteration]) -> Status | None:
+        grows = len(table) > 2 and step.size > table[-2].step
+        if not step.size < self.largest_step or grows:
+            return Status.MAX_ITERATIONS
+        return Status.CONVERGED if step.size < self.tolerance else None
+
+
+def convex_tangent(
+    equilibrium: Equilibrium, state: State, least_tension: float = 1e-6
+) -> sp.csc_matrix:
+    """The tangent without the geometric stiffness of compressive stress: never indefinite.
+
+    `least_tension`, over the largest stress, keeps it regular where the film is slack.
+    """
+    floor = least_tension * np.abs(state.stress).max() * np.array([1.0, 1.0, 0.0])
+    return equilibrium.tangent(replace(state, stress=tensile_part(state.stress) + floor))
+
+
+def least_energy(energy: Array) -> float:
+    """The s > 0 of least energy among the stationary points of a quartic, 1 without any."""
     roots = np.roots(polynomial.polyder(energy)[::-1])
     lengths = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots)) & (roots.real > 0)]
     if not len(lengths):
         return 1.0
     return float(lengths[np.argmin(polynomial.polyval(lengths, energy))])
-
-
-def seed(equilibrium: Equilibrium) -> Array:
-    """Unknowns near the solution: linear deflection, in-plane response, least energy."""
-    film, membrane = equilibrium.film, equilibrium.membrane
-    q = np.zeros(equilibrium.unknowns.count)
-    if equilibrium.load.force == 0.0:
-        return q
-    deflections = np.flatnonzero(equilibrium.unknowns.deflections())
-    in_plane = np.flatnonzero(~equilibrium.unknowns.deflections())
-    flat = membrane.state(np.zeros(membrane.dof_count))
-    forces = equilibrium.assembly.vector(equilibrium.load.forces(flat.deformation_gradient))
-
-    stiffness = film.thickness * film.stiffness[:2, :2].mean()
-    induced = 0.3 * np.cbrt(stiffness * (equilibrium.load.force / film.radius) ** 2)
-    tension = induced + max(-2.0 * stiffness * film.thermal_strain, 0.0)
-    laplace = equilibrium.assembly.matrix(membrane.laplace() * tension)
-    if equilibrium.bending is not None:
-        laplace = laplace + equilibrium.bending.matrix
-    tangent = equilibrium.tangent(flat)
-    q[deflections] = _solve_block(laplace, forces, deflections)
-    residual = equilibrium.residual(equilibrium.state(q))
-    q[in_plane] = -_solve_block(tangent, residual, in_plane)
-
-    length = _least(_energy_of_scaled(equilibrium, q, deflections, forces))
-    q[deflections] *= length
-    q[in_plane] *= length**2
-    return q
-
-
-def _solve_block(matrix: sp.csc_matrix, right: Array, block: NDArray[np.intp]) -> Array:
-    return factorise(matrix[block][:, block].tocsc()).solve(right[block])
-
-
-def _energy_of_scaled(
-    equilibrium: Equilibrium, q: Array, deflections: NDArray[np.intp], forces: Array
-) -> Array:
-    """Föppl-von Kármán energy of (s^2 u, s^2 v, s w), coefficients (5,) of 1, s, ... s^4."""
-    membrane, film = equilibrium.membrane, equilibrium.film
-    w = np.zeros_like(q)
-    w[deflections] = q[deflections]
-    deflection = membrane.gradient(equilibrium.unknowns.expand(w))
-    plane = membrane.gradient(equilibrium.unknowns.expand(q - w))
-    strain = strain_rate(IDENTITY, plane) + strain_of(deflection)
-    weighted = strain * (film.thickness * membrane.weights)[..., None]
-    stress = strain @ film.stiffness
-    thermal = film.thermal_strain * film.stiffness[:, :2].sum(axis=1)
-    work, released = float(forces @ w), float((weighted @ thermal).sum())
-    quadratic = -released
-    if equilibrium.bending is not None:
-        quadratic += equilibrium.bending.energy(w)
-    return np.array([0.0, -work, quadratic, 0.0, 0.5 * float((stress * weighted).sum())])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -11,12 +12,13 @@ import numpy as np
 import xarray
 
 from pvdf_fem import __version__
+from pvdf_fem.files import replacing
 from pvdf_fem.scene.scene_file import quote
 from pvdf_fem.sweeps.grid import Grid
-from pvdf_fem.sweeps.plan import Plan
+from pvdf_fem.sweeps.plan import SweepPlan
 from pvdf_fem.sweeps.store import Record
 
-# What the end of a key says about the unit.
+# Endings of keys, and the units that they stand for.
 _UNITS = {
     "pC_N": "pC/N",
     "kg_m3": "kg/m3",
@@ -31,28 +33,29 @@ _UNITS = {
 }
 
 
-def dataset(grid: Grid, plan: Plan, records: Iterable[tuple[int, Record]]) -> xarray.Dataset:
-    """The records of a grid's scenes.
+def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) -> xarray.Dataset:
+    """The charges of a grid's scenes.
 
     Parameters
     ----------
     grid : Grid
-    plan : Plan
-        That of the grid's scenes.
+    plan : SweepPlan
+        The plan for the grid's scenes.
     records : iterable of (int, Record)
-        Of every first of equal scenes, in any order.
+        For each distinct scene its index in the plan and its record, in any order.
 
     Returns
     -------
     xarray.Dataset
-        A dimension for each axis, and `electrode`. Variables `charge_pC` and `charge_error_pC` over
-        all of them, NaN where there is none; `status` and `deflection_max_mm` over the axes.
-        Numbers have the attribute `units`, coordinates the `key` of the scene they stand for.
+        It has a dimension for each axis, and `electrode`. The variables `charge_pC` and
+        `charge_error_pC` have all dimensions, with NaN where there is no charge; `status` and
+        `deflection_max_mm` have those of the axes. Numbers have an attribute `units`, coordinates
+        an attribute `key`, the key of the scene that varies.
     """
     scenes = plan.scenes
-    layouts = {scene.electrodes: scene for scene in scenes}
-    every = (electrode.name for scene in layouts.values() for electrode in scene.electrode_list)
-    names = list(dict.fromkeys(every))
+    layouts = {scene.electrodes: scene.electrode_list for scene in scenes}
+    electrodes = (electrode for layout in layouts.values() for electrode in layout)
+    names = list(dict.fromkeys(electrode.name for electrode in electrodes))
     count = len(scenes)
     charge, error = np.full((2, count, len(names)), np.nan)
     deflection, status = np.full(count, np.nan), np.full(count, "", dtype="U32")
@@ -85,22 +88,29 @@ def dataset(grid: Grid, plan: Plan, records: Iterable[tuple[int, Record]]) -> xa
 
 def _coordinates(grid: Grid) -> dict[str, Any]:
     keys = [key for axis in grid.axes for key in axis.values]
-    last = [key.split(".")[-1] for key in keys]
-    names = {key: one if last.count(one) == 1 else key for key, one in zip(keys, last, strict=True)}
-    found: dict[str, Any] = {}
+    ends = Counter(_end(key) for key in keys)
+    coordinates: dict[str, Any] = {}
     for axis in grid.axes:
         for key, values in axis.values.items():
-            # a coordinate with the name of its dimension is the index, which one key can be
-            name = axis.name if len(axis.values) == 1 else names[key]
-            name = key if name == axis.name and len(axis.values) > 1 else name
-            found[name] = (axis.name, _plain(values), {"key": key, **_unit(key)})
-        for name, along in axis.beside.items():
-            found[name] = (axis.name, list(along), _unit(name))
-    return found
+            name = _end(key) if ends[_end(key)] == 1 else key
+            # xarray takes a coordinate with the name of its dimension for the index, so there
+            # can be one only
+            if len(axis.values) == 1:
+                name = axis.name
+            elif name == axis.name:
+                name = key
+            coordinates[name] = (axis.name, _plain(values), {"key": key, **_unit(key)})
+        for name, further in axis.beside.items():
+            coordinates[name] = (axis.name, list(further), _unit(name))
+    return coordinates
+
+
+def _end(key: str) -> str:
+    return key.rpartition(".")[-1]
 
 
 def _plain(values: tuple[Any, ...]) -> list[Any]:
-    """Numbers, or texts; what is neither as a scene file shows it."""
+    """Values as numbers or as texts; a list or a table as a scene file shows it."""
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
         return [float(value) for value in values]
     return [value if isinstance(value, str) else quote(value) for value in values]
@@ -114,7 +124,5 @@ def _unit(key: str) -> dict[str, str]:
 
 def write_netcdf(data: xarray.Dataset, path: Path) -> None:
     """Write a dataset as NetCDF 3, which xarray reads back equal."""
-    from pvdf_fem.files import replacing
-
     with replacing(path) as part:
         data.to_netcdf(part, format="NETCDF3_64BIT", engine="scipy")

@@ -1,11 +1,11 @@
 """Scenes whose films deform alike, so that one solution has the charges of all of them.
 
-- Electrodes and piezoelectric coefficients only read the stress, they do not change it.
-- A clamped round film that is equally stiff in all directions may be turned and mirrored, with the
-  probe and the electrodes on it; one with E1 and E2, along its axes only.
+- Where electrodes and piezoelectric coefficients only read the stress, they do not change it.
+- A clamped round film that is equally stiff in all directions may be turned and mirrored together
+  with its probe and electrodes; a film with E1 and E2 may be mirrored at its axes only.
 - The stress of a membrane depends on force and thickness through their ratio only: energy and
-  tension grow with the thickness, so the displacement of a film twice as thick under twice the
-  force is the same.
+  tension grow with the thickness, so a film twice as thick under twice the force has the same
+  displacement.
 """
 
 from __future__ import annotations
@@ -15,21 +15,19 @@ from functools import lru_cache
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pvdf_fem.film.bending_effect import bending_joins
+from pvdf_fem.arrays import Array
+from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.symmetry import isotropy
 from pvdf_fem.scene.film import Film
-from pvdf_fem.scene.outline import Polygon
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.shapes import Probe
 
-Array = NDArray[np.float64]
-
-# Lengths over the film's radius, and forces per thickness, are equal to so many digits.
+# Lengths over the film's radius are equal if they agree to this many decimals, and forces over the
+# thickness if they agree to this many digits.
 DIGITS = 9
-# What the film's deformation does not depend on.
-UNMECHANICAL = {"d31_pC_N", "d32_pC_N", "density_kg_m3"}
+# Film keys that do not change the deformation if electrodes only read the stress.
+_READING_KEYS = {"d31_pC_N", "d32_pC_N", "density_kg_m3"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +36,14 @@ class Mechanics:
 
     Attributes
     ----------
-    given, turned, scaled : str
-        Equal for scenes that deform alike as they are; after a turn or a mirror image too; and
-        with another thickness and force too.
+    given : str
+        Two scenes with equal texts have the same deformation.
+    turned : str
+        Two scenes with equal texts have the same deformation after a turn or a mirror image.
+    scaled : str
+        The same if thickness and force may differ, too, where only their ratio counts.
     frame : (2, 2)
-        Orthogonal matrix from the axes of the scene to those in which all scenes of one `turned`
+        Orthogonal matrix from the axes of the scene to axes in which all scenes with one `turned`
         have their probe at the same place.
     """
 
@@ -53,77 +54,69 @@ class Mechanics:
 
 
 def mechanics(scene: Scene) -> Mechanics:
-    """See `Mechanics`; scenes with different tolerances are different."""
-    film, thickness = _film(scene.film)
-    if scene.film.bending == "auto":  # what is decided depends on the electrodes
-        film = f"{film} {bending_joins(scene)}"
-    tolerance = scene.numerics.tolerance
+    """The mechanics of a scene, in which its tolerance and its limits count as well."""
+    model = film_model(scene)
+    if not model.electrodes_only_read:
+        alone = repr(scene)
+        return Mechanics(alone, alone, alone, np.eye(2))
+    film, thickness = _film_key(scene.film), scene.film.thickness_um
+    if scene.film.bending == "auto":  # the electrodes decide whether bending joins
+        film = f"{film} {model.bends}"
+    numerics = scene.numerics.model_dump(exclude={"observable"})
     if scene.probe is None:
-        key = f"{film} {thickness} {tolerance}"
-        return Mechanics(key, key, f"{film} {tolerance}", np.eye(2))
+        flat = f"{film} {thickness} {numerics}"
+        return Mechanics(flat, flat, f"{film} {numerics}", np.eye(2))
     load, force = scene.load, scene.load.force_N
-    place, frame = _place(scene.probe, scene.film.radius, isotropy(scene.film))
-    common = f"{film} {load.kind} {load.contact} {tolerance}"
-    ratio = f"{force / thickness:.{DIGITS}e}" if force_alone(scene.film) else ""
+    place, frame = _canonical_place(scene.probe, scene.film.radius, isotropy(scene.film))
+    common = f"{film} {load.kind} {load.contact} {numerics}"
+    size = f"{thickness} {force}"
+    ratio = f"{force / thickness:.{DIGITS}e}" if model.force_over_thickness else size
     return Mechanics(
-        f"{common} {thickness} {force} {scene.probe!r}",
-        f"{common} {thickness} {force} {place}",
-        f"{common} {ratio or (force, thickness)} {place}",
+        f"{common} {size} {scene.probe!r}",
+        f"{common} {size} {place}",
+        f"{common} {ratio} {place}",
         frame,
     )
 
 
-def force_alone(film: Film) -> bool:
-    """Whether force over thickness is all that counts, as in a film that does not resist bending.
-
-    A bending stiffness grows with the cube of the thickness.
-    """
-    return film.bending is False
-
-
 @lru_cache(maxsize=1024)
-def _film(film: Film) -> tuple[str, float]:
-    """What of a film is mechanical, and its thickness."""
-    table = film.model_dump(exclude={*UNMECHANICAL, "thickness_um"})
-    # only the product of the two counts
+def _film_key(film: Film) -> str:
+    """The film's keys that change its deformation, but for the thickness."""
+    table = film.model_dump(exclude={*_READING_KEYS, "thickness_um"})
+    # thermal expansion and temperature count through their product only
     expansion, change = table.pop("thermal_expansion_per_K"), table.pop("temperature_change_K")
-    return f"{table} {expansion * change:.12e}", film.thickness_um
+    return f"{table} {expansion * change:.12e}"
 
 
 @lru_cache(maxsize=4096)
-def _place(probe: Probe, radius: float, symmetry: str) -> tuple[str, Array]:
-    """The probe in the first of its equivalent places, and the frame that brings it there.
+def _canonical_place(probe: Probe, radius: float, symmetry: str) -> tuple[str, Array]:
+    """The first of the probe's equivalent places as text, and the frame that brings it there.
 
-    Of the frames that bring it there, as a symmetric probe has several, the one that turns least.
+    Several frames bring a symmetric probe to its first place; this is the one that turns least.
     """
     outline = probe.outline
-    if isinstance(outline, Polygon):
-        size, points, centre = 0.0, outline.vertices / radius, outline.centroid / radius
-    else:
-        size, centre = outline.radius / radius, outline.centre / radius
-        points = centre[None]
-    found = []
-    for frame in _frames(points, centre, symmetry):
-        moved = np.round(points @ frame.T, DIGITS) + 0.0
-        corners = sorted(map(tuple, moved.tolist()))
-        found.append((corners, -round(float(np.trace(frame)), DIGITS), tuple(frame.ravel())))
-    corners, _, entries = min(found)
-    return f"{round(size, DIGITS)} {corners}", np.reshape(entries, (2, 2))
+    places = []
+    for frame in _frames(outline.landmarks / radius, outline.centroid / radius, symmetry):
+        signature = outline.mapped(frame).signature(radius, DIGITS)
+        places.append((signature, -round(float(np.trace(frame)), DIGITS), tuple(frame.ravel())))
+    signature, _, entries = min(places)
+    return f"{signature}", np.reshape(entries, (2, 2))
 
 
 def _frames(points: Array, centre: Array, symmetry: str) -> list[Array]:
     """Turns and mirror images that the film allows and that bring a probe to a canonical place."""
     mirror, swap = np.diag([1.0, -1.0]), np.array([[0.0, 1.0], [1.0, 0.0]])
     if symmetry != "isotropic":
-        signs = [np.diag(each) for each in product((1.0, -1.0), repeat=2)]
-        return signs if symmetry == "axes" else [*signs, *(one @ swap for one in signs)]
-    # the centroid goes to the x axis; from the film's centre, one of the corners
-    ahead = points if np.linalg.norm(centre) < 10.0**-DIGITS else centre[None]
-    turns = [_onto_x(point) for point in ahead]
+        flips = [np.diag(signs) for signs in product((1.0, -1.0), repeat=2)]
+        return flips if symmetry == "axes" else [*flips, *(flip @ swap for flip in flips)]
+    # the probe's centroid goes to the x axis; if it is the film's centre, one of the corners does
+    at_centre = np.linalg.norm(centre) < 10.0**-DIGITS
+    turns = [_onto_x(point) for point in (points if at_centre else centre[None])]
     return [*turns, *(mirror @ turn for turn in turns)]
 
 
 def _onto_x(point: Array) -> Array:
+    """The turn that brings a point to the positive x axis."""
     distance = np.linalg.norm(point)
     if distance < 10.0**-DIGITS:
         return np.eye(2)

@@ -1,7 +1,7 @@
 """A grid of scenes: a base scene, and axes along which some of its keys vary.
 
-An axis varies one key, or several together. In a sweep file and in Python it is the same table, of
-keys of the scene and what they become: a list, or numbers from `start` to `stop`.
+An axis varies one key, or several together. In a sweep file and in Python an axis is a table with
+keys of the scene and their values: a list, or numbers from `start` to `stop`.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, ValidationError
 
-from pvdf_fem.maps.mapping import MappingScheme
 from pvdf_fem.scene.mistakes import MOST_MISTAKES
-from pvdf_fem.scene.quantity import Finite, Length, Number, Part
+from pvdf_fem.scene.quantity import Finite, Length, Number, Section
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, choose, parse_toml, problem, read_scene_text
+from pvdf_fem.sweeps.lines import MappingScheme
 
-#: Grids with more scenes are refused.
+#: Largest number of scenes in a grid.
 MOST_SCENES = 1_000_000
 _SECTIONS = tuple(Scene.model_fields)
 
 
-class Range(Part):
+class Range(Section):
     """`count` numbers from `start` to `stop`, both included, with equal steps or equal ratios."""
 
     start: Finite
@@ -40,12 +40,12 @@ class Range(Part):
         """The numbers; ends are exact."""
         if self.spacing == "linear":
             return np.linspace(self.start, self.stop, self.count).tolist()
-        found = np.geomspace(self.start, self.stop, self.count).tolist()
-        return [self.start, *found[1:-1], self.stop]
+        inner = np.geomspace(self.start, self.stop, self.count)[1:-1]
+        return [self.start, *inner.tolist(), self.stop]
 
 
-class Lines(Part):
-    """The places of `pvdf_fem.maps.mapping.MappingScheme`, on the base scene."""
+class Lines(Section):
+    """The places of `pvdf_fem.sweeps.lines.MappingScheme`, on the base scene."""
 
     electrode: str
     angles_deg: tuple[Number, ...] = Field(min_length=1)
@@ -54,7 +54,7 @@ class Lines(Part):
 
 
 @dataclass(frozen=True)
-class Axis:
+class SweepAxis:
     """A dimension of a grid.
 
     Attributes
@@ -63,7 +63,7 @@ class Axis:
     values : dict of str to tuple
         For each key of the scene its values along the axis.
     beside : dict of str to tuple
-        What else is known along the axis, and no key of the scene.
+        Further coordinates along the axis that are no keys of the scene.
     """
 
     name: str
@@ -74,7 +74,7 @@ class Axis:
         return len(next(iter(self.values.values())))
 
     def __getitem__(self, index: int) -> dict[str, Any]:
-        """The changes to the base scene at a place of the axis."""
+        """The changes to the base scene at an index of the axis."""
         return {key: values[index] for key, values in self.values.items()}
 
 
@@ -83,7 +83,7 @@ class Grid:
     """A base scene and its axes; see `Grid.of`."""
 
     scene: Scene
-    axes: tuple[Axis, ...]
+    axes: tuple[SweepAxis, ...]
 
     @classmethod
     def of(cls, scene: Scene, axes: Sequence[Mapping[str, Any]], source: str = "") -> Self:
@@ -96,12 +96,12 @@ class Grid:
             For each axis the keys that vary together, such as
             ``{"film.thickness_um": [9, 25, 110]}`` or
             ``{"load.force_N": {"start": 0.1, "stop": 10, "count": 5, "spacing": "log"}}``; several
-            keys take lists of one length. Keys may be nested tables too. ``name`` names the axis,
-            which has otherwise the last part of its first key. ``{"mapping": {"electrode": "A",
+            keys take lists of one length. Keys may be nested tables too. ``name`` is the name of
+            the axis, by default the last part of its first key. ``{"mapping": {"electrode": "A",
             "angles_deg": [0, 45]}}`` puts the probe on lines from an electrode of the base scene,
             with ``distances_mm`` and ``reach_mm`` as in `MappingScheme`.
         source : str
-            Names the file in a complaint.
+            The file that error texts name.
 
         Raises
         ------
@@ -109,17 +109,20 @@ class Grid:
             With all mistakes.
         """
         problems: list[str] = []
-        found = [_axis(f"axes[{i}]", table, scene, problems) for i, table in enumerate(axes)]
+        read = [_axis(f"axes[{i}]", table, scene, problems) for i, table in enumerate(axes)]
+        valid = tuple(axis for axis in read if axis)
         if not problems:
-            problems += _clashes([axis for axis in found if axis])
+            problems += _clashes(valid)
         if problems:
             raise SceneError(problems[:MOST_MISTAKES], source)
-        return cls(scene, tuple(axis for axis in found if axis))
+        return cls(scene, valid)
 
     @classmethod
     def load(cls, path: Path | str) -> Self:
-        """The grid of a sweep file: `scene`, the path of a scene file beside it or a table, and
-        `axes`, tables as in `of`.
+        """The grid of a sweep file.
+
+        Its key `scene` is the path of a scene file, relative to the sweep file, or a table; its
+        key `axes` holds tables as in `of`.
 
         Raises
         ------
@@ -159,24 +162,24 @@ class Grid:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Number of places along each axis."""
+        """Number of values along each axis."""
         return tuple(len(axis) for axis in self.axes)
 
     def scenes(self) -> list[Scene]:
-        """The scenes, the last axis fastest.
+        """The scenes, in the order of an array of `shape`: the last axis varies fastest.
 
-        Equal parts of them are one object, so that many scenes need little memory.
+        Scenes with equal films share one object for them, and so on, which saves memory.
 
         Raises
         ------
         SceneError
             With the mistakes of all scenes, each once.
         """
-        parts: dict[Any, Any] = {}
-        found, problems = [], dict[str, None]()
-        for place in itertools.product(*(range(len(axis)) for axis in self.axes)):
+        known: dict[Any, Any] = {}
+        scenes, problems = [], dict[str, None]()
+        for indices in itertools.product(*map(range, self.shape)):
             changes: dict[str, Any] = {}
-            for axis, index in zip(self.axes, place, strict=True):
+            for axis, index in zip(self.axes, indices, strict=True):
                 changes |= axis[index]
             try:
                 scene = self.scene.with_(**changes)
@@ -185,31 +188,31 @@ class Grid:
                 if len(problems) > MOST_MISTAKES:
                     break
                 continue
-            shared = {name: getattr(scene, name) for name in _SECTIONS}
-            shared = {name: parts.setdefault((name, part), part) for name, part in shared.items()}
-            found.append(Scene.model_construct(**shared))
+            sections = ((name, getattr(scene, name)) for name in _SECTIONS)
+            shared = {name: known.setdefault((name, value), value) for name, value in sections}
+            scenes.append(Scene.model_construct(**shared))
         if problems:
             raise SceneError(list(problems)[:MOST_MISTAKES])
-        return found
+        return scenes
 
 
-def _axis(where: str, table: Mapping[str, Any], scene: Scene, problems: list[str]) -> Axis | None:
-    """One axis of a table; None, and more problems, if there is a mistake."""
+def _axis(
+    where: str, table: Mapping[str, Any], scene: Scene, problems: list[str]
+) -> SweepAxis | None:
+    """The axis that a table describes; None if it has mistakes, which join the problems."""
     count = len(problems)
-    rest = dict(table)
-    name = rest.pop("name", None)
+    varied = dict(table)
+    name = varied.pop("name", None)
     if name is not None and not (isinstance(name, str) and name.isprintable() and name.strip()):
         problems.append(problem(f"{where}.name", name, "is no name; give printable characters"))
-    if "mapping" in rest:
-        lines = rest.pop("mapping")
-        if rest:
+    if "mapping" in varied:
+        lines = varied.pop("mapping")
+        if varied:
             reason = "cannot vary together with a mapping; give it an axis of its own"
-            problems += [problem(f"{where}.{key}", value, reason) for key, value in _flat(rest)]
-        return _mapped(f"{where}.mapping", lines, scene, name or "place", problems)
-    values = {}
-    for key, value in _flat(rest):
-        values[key] = _values(f"{where}.{key}", value, problems)
-    lengths = {key: len(each) for key, each in values.items()}
+            problems += [problem(f"{where}.{key}", value, reason) for key, value in _flat(varied)]
+        return _mapping_axis(f"{where}.mapping", lines, scene, name or "place", problems)
+    values = {key: _values(f"{where}.{key}", value, problems) for key, value in _flat(varied)}
+    lengths = {key: len(along) for key, along in values.items()}
     if not values:
         problems.append(f"{where} = (nothing): has no key of a scene; add one, with its values")
     elif len(problems) == count and len(set(lengths.values())) > 1:
@@ -217,7 +220,7 @@ def _axis(where: str, table: Mapping[str, Any], scene: Scene, problems: list[str
         problems.append(f"{where}: {text} values; give keys that vary together equally many")
     if len(problems) > count:
         return None
-    return Axis(name or next(iter(values)).split(".")[-1], values, {})
+    return SweepAxis(name or next(iter(values)).split(".")[-1], values, {})
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -230,17 +233,18 @@ def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any
 
 
 def _values(where: str, value: Any, problems: list[str]) -> tuple[Any, ...]:
+    """The values of a key along an axis; none if they have mistakes, which join the problems."""
     if isinstance(value, Mapping):
         try:
-            given = Range.model_validate(value)
+            numbers = Range.model_validate(value)
         except ValidationError as error:
-            problems += _told(where, error, Range)
+            problems += _mistakes(where, error, Range)
             return ()
-        if given.spacing == "log" and not given.start * given.stop > 0.0:
+        if numbers.spacing == "log" and not numbers.start * numbers.stop > 0.0:
             reason = "both ends of equal ratios need one sign, and not 0; change them or spacing"
-            problems.append(problem(f"{where}.start", given.start, reason))
+            problems.append(problem(f"{where}.start", numbers.start, reason))
             return ()
-        return tuple(given.values)
+        return tuple(numbers.values)
     if not isinstance(value, list | tuple | np.ndarray) or not len(value):
         reason = "must be a list, or a table of start, stop and count; put it in brackets"
         problems.append(problem(where, value, reason))
@@ -248,29 +252,31 @@ def _values(where: str, value: Any, problems: list[str]) -> tuple[Any, ...]:
     return tuple(value.tolist() if isinstance(value, np.ndarray) else value)
 
 
-def _mapped(where: str, value: Any, scene: Scene, name: str, problems: list[str]) -> Axis | None:
+def _mapping_axis(
+    where: str, value: Any, scene: Scene, name: str, problems: list[str]
+) -> SweepAxis | None:
     try:
         lines = Lines.model_validate(value)
         scheme = MappingScheme(scene, **lines.model_dump())
     except ValidationError as error:
-        problems += _told(where, error, Lines)
+        problems += _mistakes(where, error, Lines)
         return None
     except ValueError as error:
         problems.append(f"{where}.{error}")
         return None
     places = np.concatenate(scheme.positions_mm)
-    lengths = [len(along) for along in scheme.positions_mm]
-    away = np.linalg.norm(places - scheme.centre_mm, axis=1)
+    lengths = [len(line) for line in scheme.positions_mm]
+    distances = np.linalg.norm(places - scheme.centre_mm, axis=1)
     keys = {"probe.x_mm": tuple(places[:, 0].tolist()), "probe.y_mm": tuple(places[:, 1].tolist())}
     beside = {
         "angle_deg": tuple(np.repeat(lines.angles_deg, lengths).tolist()),
-        "distance_mm": tuple(away.tolist()),
+        "distance_mm": tuple(distances.tolist()),
     }
-    return Axis(name, keys, beside)
+    return SweepAxis(name, keys, beside)
 
 
-def _told(where: str, error: ValidationError, model: type[Part]) -> Iterator[str]:
-    """The mistakes of a range or of lines."""
+def _mistakes(where: str, error: ValidationError, model: type[Section]) -> Iterator[str]:
+    """What a range or lines have wrong, in the words of a scene's mistakes."""
     for details in error.errors(include_url=False):
         key = ".".join([where, *map(str, details["loc"])])
         if details["type"] == "missing":
@@ -283,17 +289,17 @@ def _told(where: str, error: ValidationError, model: type[Part]) -> Iterator[str
             yield problem(key, details["input"], f"{details['msg']}; change it")
 
 
-def _clashes(axes: Sequence[Axis]) -> Iterator[str]:
-    """Names and keys that two axes have, and a grid that is too large."""
-    for what, of in (("name", lambda axis: [axis.name]), ("key", lambda axis: axis.values)):
-        seen: set[str] = set()
-        for i, axis in enumerate(axes):
-            for word in of(axis):
-                if word in seen:
-                    change = "name the axis" if what == "name" else "remove it from one"
-                    yield problem(f"axes[{i}]", word, f"an axis before has this {what}; {change}")
-                seen.add(word)
+def _clashes(axes: Sequence[SweepAxis]) -> Iterator[str]:
+    """Complaints about names and keys that two axes have, and about a grid that is too large."""
+    names, keys = set[str](), set[str]()
     for i, axis in enumerate(axes):
+        if axis.name in names:
+            reason = "an axis before has this name; name the axis"
+            yield problem(f"axes[{i}]", axis.name, reason)
+        for key in filter(keys.__contains__, axis.values):
+            yield problem(f"axes[{i}]", key, "an axis before has this key; remove it from one")
+        names.add(axis.name)
+        keys |= axis.values.keys()
         if axis.name == "electrode":
             reason = "is the name of the dataset's own dimension; choose another"
             yield problem(f"axes[{i}].name", axis.name, reason)

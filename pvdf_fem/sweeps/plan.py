@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pvdf_fem.arrays import Array
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.sweeps.equivalence import mechanics
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +21,7 @@ class Block:
     Attributes
     ----------
     indices : tuple of int
-        Which scenes of the plan.
+        The scenes' indices in the plan.
     frames : (n, 2, 2)
         For each of them, the orthogonal matrix from its axes to those of the first.
     """
@@ -30,29 +30,36 @@ class Block:
     frames: Array
 
 
+class Steps(NamedTuple):
+    """Numbers of solves by what is known about films that deform alike; see `Mechanics`."""
+
+    given: int
+    turned: int
+    scaled: int
+
+
 @dataclass(frozen=True, eq=False)
-class Plan:
-    """What there is to do for some scenes.
+class SweepPlan:
+    """The solves that scenes need; ``print`` shows it.
 
     Attributes
     ----------
     scenes : sequence of Scene
     first : (n,) int
-        For each scene the first one that equals it.
+        For each scene the index of the first one that equals it.
     stored : frozenset of int
-        The distinct scenes that need no solve.
+        Indices of the distinct scenes that need no solve.
     blocks : tuple of Block
-        The solves that the others need.
-    steps : (int, int, int)
-        How many solves would be needed if only electrodes and piezoelectric coefficients were
-        known not to touch the film; turns and mirror images too; thickness and force too.
+        The solves that the other distinct scenes need.
+    steps : Steps
+        How many solves those scenes would need with less knowledge of what they share.
     """
 
     scenes: Sequence[Scene]
     first: NDArray[np.int64]
     stored: frozenset[int]
     blocks: tuple[Block, ...]
-    steps: tuple[int, int, int]
+    steps: Steps
 
     @property
     def missing(self) -> int:
@@ -62,11 +69,12 @@ class Plan:
     def __str__(self) -> str:
         distinct = self.missing + len(self.stored)
         given, turned, scaled = self.steps
+        shared = ": electrodes and d31, d32 only read the stress" if given < self.missing else ""
         rows = [
             (len(self.scenes), "scenes"),
             (distinct, "different ones") if distinct < len(self.scenes) else None,
             (self.missing, "not in the store") if self.stored else None,
-            (given, "films to deform: electrodes and d31, d32 only read the stress"),
+            (given, f"films to deform{shared}"),
             (turned, "after turns and mirror images") if turned < given else None,
             (scaled, "after force over thickness: a membrane knows no other size")
             if scaled < turned
@@ -76,26 +84,33 @@ class Plan:
         return "\n".join(f"{row[0]:>8} {row[1]}" for row in rows if row)
 
 
-def plan(scenes: Sequence[Scene], stored: Sequence[bool] | None = None) -> Plan:
-    """The plan for scenes, of which some may be `stored` already, in order of their first scene."""
-    position: dict[Scene, int] = {}
-    first = np.array([position.setdefault(scene, i) for i, scene in enumerate(scenes)], int)
-    known = frozenset(i for i in position.values() if stored is not None and stored[i])
+def plan(scenes: Sequence[Scene], stored: Sequence[bool] | None = None) -> SweepPlan:
+    """The plan for scenes, its blocks in the order of their first scenes.
+
+    Parameters
+    ----------
+    scenes : sequence of Scene
+    stored : sequence of bool, optional
+        For each scene whether its record is known, so that it needs no solve.
+    """
+    index_of: dict[Scene, int] = {}
+    first = np.array([index_of.setdefault(scene, i) for i, scene in enumerate(scenes)], int)
+    known = frozenset(i for i in index_of.values() if stored is not None and stored[i])
     given, turned = set(), set()
-    groups: dict[str, tuple[list[int], list[Array]]] = {}
-    for scene, index in position.items():
+    alike: dict[str, tuple[list[int], list[Array]]] = {}
+    for scene, index in index_of.items():
         if index in known:
             continue
-        found = mechanics(scene)
-        given.add(found.given)
-        turned.add(found.turned)
-        indices, frames = groups.setdefault(found.scaled, ([], []))
+        film = mechanics(scene)
+        given.add(film.given)
+        turned.add(film.turned)
+        indices, frames = alike.setdefault(film.scaled, ([], []))
         indices.append(index)
-        frames.append(found.frame)
+        frames.append(film.frame)
     blocks = tuple(
-        Block(tuple(indices), _relative(np.array(frames))) for indices, frames in groups.values()
+        Block(tuple(indices), _relative(np.array(frames))) for indices, frames in alike.values()
     )
-    return Plan(scenes, first, known, blocks, (len(given), len(turned), len(blocks)))
+    return SweepPlan(scenes, first, known, blocks, Steps(len(given), len(turned), len(blocks)))
 
 
 def _relative(frames: Array) -> Array:

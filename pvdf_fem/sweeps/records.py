@@ -1,4 +1,4 @@
-"""What is kept of the solution that several scenes share."""
+"""Records of scenes from the solution that they share."""
 
 from __future__ import annotations
 
@@ -7,18 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from pvdf_fem.charges.forces import OBSERVABLES, Goal, goals_of
-from pvdf_fem.film.bending_effect import bending_joins
-from pvdf_fem.film.membrane import Array
+from pvdf_fem.arrays import Array
+from pvdf_fem.charges.goals import Goal, goals_of
+from pvdf_fem.charges.observables import OBSERVABLES, Observable
+from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import electrode_patch
-from pvdf_fem.scene.outline import Circle, Outline
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.solution import Solution, solve_goals
-from pvdf_fem.solvers.newton import Status
+from pvdf_fem.solution.solution import Solution
+from pvdf_fem.solution.solve import solve_goals
+from pvdf_fem.solvers.status import Status
+from pvdf_fem.sweeps.equivalence import DIGITS
 from pvdf_fem.sweeps.store import Record
 
-# Outlines in mm, and directions, are equal to so many digits.
-DIGITS = 7
+# Ends of a solve that may be due to the goals of other scenes or to a mesh without electrodes.
+_RETRIED = (Status.TOLERANCE, Status.SLACK, Status.MESH_FAILED)
 
 
 def records_of(scenes: Sequence[Scene], frames: Array) -> list[Record]:
@@ -32,23 +34,22 @@ def records_of(scenes: Sequence[Scene], frames: Array) -> list[Record]:
 
     Notes
     -----
-    The mesh follows the electrodes of the first scene if those of the others lie on them, else
-    the probe only. Scenes that do not meet the tolerance together are solved one by one.
+    The mesh follows the electrodes of the first scene if those of the others lie on them,
+    otherwise the probe only. Scenes that miss the tolerance together are solved one by one.
     """
     scene = scenes[0]
-    goals, rows = _goals(scenes, frames)
+    goals, indices = _distinct_goals(scenes, frames)
     followed = _followed(goals, scene)
-    if followed is None:
-        # no scene that a file could give, but all that counts here are its goals
-        film = scene.film.model_copy(update={"bending": bending_joins(scene)})
-        scene = scene.model_copy(update={"electrodes": (), "film": film})
+    if followed is not None:
+        solution = solve_goals(scene, followed)
     else:
-        goals = followed
-    solution = solve_goals(scene, goals)
-    retried = (Status.TOLERANCE, Status.SLACK, Status.MESH_FAILED)
-    if len(scenes) > 1 and solution.status in retried:
+        # Scenes with different electrodes share a solve only if electrodes just read the stress
+        # (`FilmModel.electrodes_only_read`), so that the film may be solved without them.
+        film = scene.film.model_copy(update={"bending": film_model(scene).bends})
+        solution = solve_goals(scene.model_copy(update={"electrodes": (), "film": film}), goals)
+    if len(scenes) > 1 and solution.status in _RETRIED:
         return [records_of([scene], frames[:1])[0] for scene in scenes]
-    return _records(solution, goals, scenes, rows)
+    return _records(solution, followed or goals, scenes, indices)
 
 
 def record_of(solution: Solution) -> Record:
@@ -62,87 +63,77 @@ def _records(
     solution: Solution,
     goals: Sequence[Goal],
     scenes: Sequence[Scene],
-    rows: Sequence[Sequence[int]],
+    indices: Sequence[Sequence[int]],
 ) -> list[Record]:
-    """Records of scenes with the goals of `rows`, of the solution for `goals`."""
-    shared = _shared(solution, len(scenes))
+    """Records of scenes, for each of which `indices` are those of its electrodes in `goals`."""
+    names = [tuple(electrode.name for electrode in scene.electrode_list) for scene in scenes]
+    shared = _without_charges(solution, len(scenes))
     if solution.status is not Status.CONVERGED:
-        return [replace(shared, electrodes=_names(scene)) for scene in scenes]
-    forces = {name: _forces(solution, goals, name) for name in OBSERVABLES}
+        return [replace(shared, electrodes=electrodes) for electrodes in names]
+    forces = {name: _forces(solution, goals, known) for name, known in OBSERVABLES.items()}
     records = []
-    for scene, mine in zip(scenes, rows, strict=True):
-        edged = all(goals[i].has_edges for i in mine)
-        found = {n: forces[n][mine].tolist() for n in OBSERVABLES if edged or n == "material"}
-        errors = {str(scene.numerics.observable): solution.fields.force_errors[mine].tolist()}
-        records.append(replace(shared, electrodes=_names(scene), forces=found, force_errors=errors))
+    for scene, electrodes, rows in zip(scenes, names, indices, strict=True):
+        defined = {
+            name: values[rows].tolist()
+            for name, values in forces.items()
+            if all(OBSERVABLES[name].defined_for(goals[row]) for row in rows)
+        }
+        errors = {str(scene.numerics.observable): solution.fields.forces.errors[rows].tolist()}
+        records.append(replace(shared, electrodes=electrodes, forces=defined, force_errors=errors))
     return records
 
 
-def _names(scene: Scene) -> tuple[str, ...]:
-    return tuple(electrode.name for electrode in scene.electrode_list)
-
-
-def _goals(scenes: Sequence[Scene], frames: Array) -> tuple[list[Goal], list[list[int]]]:
-    """The different goals of the scenes, and for each scene the indices of its own."""
+def _distinct_goals(scenes: Sequence[Scene], frames: Array) -> tuple[list[Goal], list[list[int]]]:
+    """The distinct goals of all scenes, and for each scene the indices of its electrodes' goals."""
     goals: list[Goal] = []
-    index: dict[tuple[object, ...], int] = {}
-    rows = []
+    index_of: dict[tuple[object, ...], int] = {}
+    indices: list[list[int]] = []
     for scene, frame in zip(scenes, frames, strict=True):
         d, observable = (scene.film.d31, scene.film.d32), scene.numerics.observable
-        mine = []
+        indices.append([])
         for electrode in scene.electrode_list:
             goal = Goal(electrode.outline, observable, d, None, frame)
-            turned = np.round(goal.directions, DIGITS).tobytes()
-            name = (_signature(goal.placed), turned, observable, d)
-            if name not in index:
-                index[name] = len(goals)
+            directions = np.round(goal.directions, DIGITS).tobytes()
+            key = goal.placed.signature(scene.film.radius, DIGITS), directions, observable, d
+            if key not in index_of:
+                index_of[key] = len(goals)
                 goals.append(goal)
-            mine.append(index[name])
-        rows.append(mine)
-    return goals, rows
+            indices[-1].append(index_of[key])
+    return goals, indices
 
 
 def _followed(goals: Sequence[Goal], scene: Scene) -> list[Goal] | None:
-    """The goals on a mesh of the scene, if they are its electrodes and the axes its axes."""
+    """The goals on a mesh that follows the electrodes of a scene.
+
+    None if one of them is not an electrode of the scene, with its axes along those of the scene.
+    """
     patches = {
-        _signature(electrode.outline): electrode_patch(electrode.name)
+        electrode.outline.signature(scene.film.radius, DIGITS): electrode_patch(electrode.name)
         for electrode in scene.electrode_list
     }
-    found = []
+    followed = []
     for goal in goals:
-        patch = patches.get(_signature(goal.placed))
+        patch = patches.get(goal.placed.signature(scene.film.radius, DIGITS))
         if patch is None or not np.isin(goal.frame, (-1.0, 0.0, 1.0)).all():
             return None
-        found.append(replace(goal, patch=patch))
-    return found
+        followed.append(replace(goal, patch=patch))
+    return followed
 
 
-def _signature(outline: Outline) -> tuple[float, frozenset[tuple[float, ...]]]:
-    """What outlines have in common if they cover the same points: radius and corners in mm."""
-    if isinstance(outline, Circle):
-        radius, points = outline.radius, outline.centre[None]
-    else:
-        radius, points = 0.0, outline.vertices
-    rounded = np.round(1e3 * points, DIGITS) + 0.0
-    return round(1e3 * radius, DIGITS), frozenset(map(tuple, rounded.tolist()))
-
-
-def _forces(solution: Solution, goals: Sequence[Goal], observable: str) -> Array:
-    """The forces by an observable, (goals, 2); NaN for electrodes that it is not defined for."""
-    fields = solution.fields
-    forces = np.full((len(goals), 2), np.nan)
-    own = np.array([goal.observable == observable for goal in goals])
-    forces[own] = fields.forces[own]
-    defined = observable == "material"
-    others = [i for i in np.flatnonzero(~own).tolist() if defined or goals[i].has_edges]
-    asked = [replace(goals[i], observable=observable) for i in others]
-    if asked:
-        forces[others] = fields.forces_of(asked)
+def _forces(solution: Solution, goals: Sequence[Goal], observable: Observable) -> Array:
+    """The forces X, Y by an observable, (goals, 2); zero for electrodes it is not defined for."""
+    forces = np.zeros((len(goals), 2))
+    solved = np.array([goal.observable == observable.name for goal in goals], bool)
+    forces[solved] = solution.fields.forces.values[solved]
+    others = [i for i in np.flatnonzero(~solved).tolist() if observable.defined_for(goals[i])]
+    if others:
+        asked = [replace(goals[i], observable=observable.name) for i in others]
+        forces[others] = solution.fields.forces_of(asked)
     return forces
 
 
-def _shared(solution: Solution, count: int) -> Record:
-    """The part of the records that is the same for all of them."""
+def _without_charges(solution: Solution, count: int) -> Record:
+    """The part of a record that `count` scenes have in common."""
     converged = solution.status is Status.CONVERGED
     return Record(
         status=str(solution.status),

@@ -1,8 +1,8 @@
-"""Results that survive: each finished scene is a row of an SQLite file.
+"""Records of solved scenes, in an SQLite file that survives a killed process.
 
-A row's key is a hash of the scene, numerics included, and of the source of every module that
-numbers depend on, so that results of older code are never taken for new ones. Rows are committed
-as soon as their scenes are solved, those of one solve together.
+Each scene has a row. The row's key is a hash of the scene, numerics included, and of the source of
+every module that numbers depend on, so that results of older code are never taken for new ones.
+Rows are committed as soon as their scenes are solved, those of one solve together.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import json
 import sqlite3
 import zlib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -21,34 +21,38 @@ from typing import Any, Self
 
 import numpy as np
 
-from pvdf_fem.charges.errors import charge_errors
+from pvdf_fem.arrays import Array
+from pvdf_fem.charges.forces import Forces
 from pvdf_fem.files import FileError
 from pvdf_fem.scene.scene import Scene
 
-# "pvdf" in ASCII; tells our files from other SQLite files.
+# SQLite's application id of our files: "pvdf" in ASCII.
 APPLICATION_ID = 0x70766466
+# Version of the tables in our files.
 SCHEMA = 2
-# What the numbers of a record depend on.
+# Folders of modules, and packages, on which the numbers of a record depend.
 NUMERICAL_FOLDERS = ("scene", "mesh", "film", "charges", "solvers", "solution", "sweeps")
 NUMERICAL_PACKAGES = ("gmsh", "numpy", "scikit-fem", "scipy")
 
 
 class StoreError(FileError):
-    """A file cannot serve as a store; the text names it and what to do."""
+    """A file cannot serve as a store; the text names the file and says what to do."""
 
 
 @dataclass(frozen=True)
 class Record:
-    """What is kept of a solution: all but its fields.
+    """A solution without its fields.
 
     Attributes
     ----------
     status, reason : str
     electrodes : tuple of str
-        Names.
-    forces, force_errors : dict
-        For each observable the forces X, Y in N of each electrode with d31 X + d32 Y the charge,
-        and the estimated errors of those of the scene's own observable.
+        Names of the electrodes.
+    forces : dict of str to list
+        For each observable the forces X, Y in N of each electrode; d31 X + d32 Y is its charge.
+        Empty for a scene that has not converged.
+    force_errors : dict of str to list
+        Estimated errors of the forces by the observable of the scene.
     deflection_max_mm, seconds : float
     unknowns, newton_iterations : int
     warnings : tuple of str
@@ -57,13 +61,13 @@ class Record:
     status: str
     reason: str
     electrodes: tuple[str, ...]
-    forces: dict[str, list[list[float]]]
-    force_errors: dict[str, list[list[float]]]
-    deflection_max_mm: float
-    unknowns: int
-    newton_iterations: int
-    warnings: tuple[str, ...]
-    seconds: float
+    forces: dict[str, list[list[float]]] = field(default_factory=dict)
+    force_errors: dict[str, list[list[float]]] = field(default_factory=dict)
+    deflection_max_mm: float = 0.0
+    unknowns: int = 0
+    newton_iterations: int = 0
+    warnings: tuple[str, ...] = ()
+    seconds: float = 0.0
 
     @property
     def converged(self) -> bool:
@@ -73,17 +77,22 @@ class Record:
     def charges_pC(
         self, d31_pC_N: float, d32_pC_N: float, observable: str = "material"
     ) -> dict[str, float]:
-        """Charges in pC by electrode; raises `KeyError` for a record without."""
-        values = np.reshape(self.forces[observable], (-1, 2)) @ [d31_pC_N, d32_pC_N]
-        return dict(zip(self.electrodes, values.tolist(), strict=True))
+        """Charges in pC by electrode; raises `KeyError` for a record without charges."""
+        return self._by_electrode(self._forces(observable).charges((d31_pC_N, d32_pC_N)))
 
     def charge_errors_pC(
         self, d31_pC_N: float, d32_pC_N: float, observable: str = "material"
     ) -> dict[str, float]:
-        """Estimated errors of `charges_pC`; `KeyError` for another than the scene's observable."""
-        forces, errors = (of[observable] for of in (self.forces, self.force_errors))
-        of_all = np.reshape(forces, (-1, 2)), np.reshape(errors, (-1, 2))
-        values = charge_errors(*of_all, (d31_pC_N, d32_pC_N))
+        """Estimated errors of `charges_pC`; NaN for an observable other than the scene's."""
+        return self._by_electrode(self._forces(observable).charge_errors((d31_pC_N, d32_pC_N)))
+
+    def _forces(self, observable: str) -> Forces:
+        """The electrodes' forces; their errors are NaN for an observable other than the scene's."""
+        values = np.reshape(self.forces[observable], (-1, 2))
+        errors = self.force_errors.get(observable, np.full_like(values, np.nan))
+        return Forces(values, np.reshape(errors, (-1, 2)))
+
+    def _by_electrode(self, values: Array) -> dict[str, float]:
         return dict(zip(self.electrodes, values.tolist(), strict=True))
 
     def charge_pC(
@@ -105,8 +114,8 @@ class Record:
         d31_pC_N: float = 8.0,
         d32_pC_N: float = 8.0,
     ) -> float:
-        """Estimated error of `charge_pC`; NaN for another observable than the scene's own."""
-        if observable not in self.force_errors:
+        """Estimated error of `charge_pC`; NaN where there is none."""
+        if observable not in self.forces:
             return np.nan
         return self.charge_errors_pC(d31_pC_N, d32_pC_N, observable)[electrode]
 
@@ -117,14 +126,14 @@ class Store:
     Parameters
     ----------
     path : Path
-        Made if it does not exist; several processes may use one file.
+        The file, which is made if there is none. Several processes may use one file.
     code : str
-        Hash of whatever else than this package makes the records.
+        Hash of the code outside this package that makes the records, if there is any.
 
     Raises
     ------
     StoreError
-        When the file is damaged, or is not a store of this version.
+        If the file is damaged, or is no store of this version.
     """
 
     def __init__(self, path: Path, code: str = "") -> None:
@@ -159,7 +168,7 @@ class Store:
         self._execute("COMMIT")
 
     def get(self, scene: Scene) -> Record | None:
-        """The record of a scene, if there is one whose text is still what was kept."""
+        """The record of a scene; None if there is none, or if its row is damaged."""
         text = self._text(scene)
         if text is None:
             return None
@@ -179,7 +188,7 @@ class Store:
         return text if text and row[0] == _sum(name, text) + text else None
 
     def put(self, records: Iterable[tuple[Scene, Record]]) -> None:
-        """Keep the records of scenes, all or none."""
+        """Add the records of scenes, all of them or none."""
         rows = []
         for scene, record in records:
             name, text = self._code + key(scene), json.dumps(vars(record))
@@ -192,10 +201,10 @@ class Store:
             raise self._error(error) from error
 
     def _execute(self, query: str, *values: str) -> Any:
-        """The first row that a query gives."""
+        """The first row of a query's result."""
         try:
             return self._rows.execute(query, values).fetchone()
-        except (sqlite3.Error, UnicodeDecodeError) as error:  # the latter in a damaged complaint
+        except (sqlite3.Error, UnicodeDecodeError) as error:  # SQLite's texts may be damaged too
             raise self._error(error) from error
 
     def _error(self, error: Exception) -> StoreError:
@@ -220,23 +229,28 @@ class Store:
 
 
 def _sum(name: str, text: str) -> str:
-    """Eight characters that tell a damaged row, which SQLite would not notice."""
+    """Checksum of a row in eight characters; SQLite does not notice a damaged row itself."""
     return f"{zlib.crc32((name + text).encode()):08x}"
 
 
-def key(scene: Scene) -> str:
-    """Hash of a scene and of the code that solves it."""
-    return hashlib.sha256((code_version() + scene.model_dump_json()).encode()).hexdigest()
+def key(scene: Scene, folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> str:
+    """Hash of a scene and of the code in some folders, by default those that solve it."""
+    return hashlib.sha256((code_version(folders) + scene.model_dump_json()).encode()).hexdigest()
 
 
 @cache
-def code_version() -> str:
-    """Hash of the modules that numbers depend on and of the libraries' versions."""
+def code_version(folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> str:
+    """Hash of the modules in some folders of the package and of the libraries' versions."""
     digest = hashlib.sha256()
     for name in NUMERICAL_PACKAGES:
         digest.update(f"{name} {metadata.version(name)}\n".encode())
-    package = Path(__file__).parents[1]
-    for folder in NUMERICAL_FOLDERS:
-        for module in sorted(package.joinpath(folder).glob("*.py")):
-            digest.update(module.read_bytes())
+    for module in modules_in(folders):
+        digest.update(module.read_bytes())
     return digest.hexdigest()
+
+
+def modules_in(folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> list[Path]:
+    """The modules in some folders of the package, and those that all folders share."""
+    package = Path(__file__).parents[1]
+    modules = (module for folder in folders for module in package.joinpath(folder).rglob("*.py"))
+    return [package / "arrays.py", *sorted(modules)]

@@ -1,4 +1,4 @@
-"""Many scenes: what can be shared is solved once, on all cores or a cluster, and kept."""
+"""Many scenes: one solve for all that deform alike, on all cores or a cluster, kept in a file."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.sweeps.grid import Grid
-from pvdf_fem.sweeps.plan import Plan, plan
+from pvdf_fem.sweeps.plan import SweepPlan, plan
 from pvdf_fem.sweeps.records import records_of
 from pvdf_fem.sweeps.store import Record, Store
 from pvdf_fem.sweeps.workers import Died, on_cluster, on_processes
@@ -16,15 +16,15 @@ from pvdf_fem.sweeps.workers import Died, on_cluster, on_processes
 if TYPE_CHECKING:
     import xarray
 
-#: Status of a scene whose solve ended in an exception or with the death of its process. It is not
-#: stored, so the next run tries it again.
+#: Status of a scene whose solve ended in an exception or with the death of its process. Such
+#: records are not stored, so that the next run tries the scenes again.
 CRASHED = "crashed"
 
 Progress = Callable[[int, int], None]
 
 
 def silent(done: int, total: int) -> None:
-    """A `Progress` that tells nobody."""
+    """A `Progress` that shows nothing."""
 
 
 def sweep(
@@ -61,8 +61,8 @@ def sweep(
 
     grid = Grid.of(scene, axes)
     todo = planned(grid.scenes(), store)
-    found = records(todo, store, processes=processes, scheduler=scheduler, progress=progress)
-    return dataset(grid, todo, found)
+    solved = records(todo, store, processes=processes, scheduler=scheduler, progress=progress)
+    return dataset(grid, todo, solved)
 
 
 def solve_all(
@@ -78,35 +78,37 @@ def solve_all(
     Parameters
     ----------
     scenes : sequence of Scene
-        One solve serves all whose films deform alike, see `pvdf_fem.sweeps.equivalence`.
+        One solve serves all scenes whose films deform alike, see `pvdf_fem.sweeps.equivalence`.
     store : Store, optional
-        Scenes found in it are not solved; others are added as they are solved, except crashed ones.
+        Scenes in the store are not solved; the others join it as they are solved, but for those
+        that crashed.
     processes : int
         Number of processes, -1 for all cores; 1 solves in this one.
     scheduler : str, optional
-        Address of a Dask scheduler, whose workers solve in place of processes of this machine.
+        Address of a Dask scheduler, whose workers solve instead of processes of this machine.
     progress : callable
-        Called with the numbers of finished and of all distinct scenes to be solved.
+        Called with two numbers of distinct scenes: how many are solved, and how many had to be.
     """
     todo = planned(scenes, store)
-    found = dict(records(todo, store, processes=processes, scheduler=scheduler, progress=progress))
-    return [found[first] for first in todo.first.tolist()]
+    solved = records(todo, store, processes=processes, scheduler=scheduler, progress=progress)
+    by_index = dict(solved)
+    return [by_index[first] for first in todo.first.tolist()]
 
 
-def planned(scenes: Sequence[Scene], store: Store | None = None) -> Plan:
-    """The plan for scenes, less what the store has."""
+def planned(scenes: Sequence[Scene], store: Store | None = None) -> SweepPlan:
+    """The plan for scenes, of which those in the store need no solve."""
     return plan(scenes, None if store is None else [scene in store for scene in scenes])
 
 
 def records(
-    todo: Plan,
+    todo: SweepPlan,
     store: Store | None = None,
     *,
     processes: int = -1,
     scheduler: str | None = None,
     progress: Progress = silent,
 ) -> Iterator[tuple[int, Record]]:
-    """The records of a plan as they come: index of the first of equal scenes, and its record.
+    """Indices of the distinct scenes of a plan, and their records, as they come.
 
     For the parameters see `solve_all`.
     """
@@ -141,10 +143,10 @@ def records(
 def _solved(task: tuple[list[Scene], Any]) -> list[Record]:
     try:
         return records_of(*task)
-    except Exception as error:  # whatever it is, the other scenes go on
+    except Exception as error:  # must not end the solves of the other scenes
         return _crashed(task[0], f"{type(error).__name__}: {error}")
 
 
 def _crashed(scenes: Sequence[Scene], reason: str) -> list[Record]:
     names = [tuple(electrode.name for electrode in scene.electrode_list) for scene in scenes]
-    return [Record(CRASHED, reason, each, {}, {}, 0.0, 0, 0, (), 0.0) for each in names]
+    return [Record(CRASHED, reason, electrodes) for electrodes in names]

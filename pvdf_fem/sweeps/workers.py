@@ -1,4 +1,4 @@
-"""Tasks on the processes of this machine, or on those of a Dask cluster, that may die."""
+"""Tasks on processes that may die, of this machine or of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-# After so many deaths of processes without a result between them the next task is run alone.
+# Deaths of processes without a result between them after which the next task is run alone.
 MOST_DEATHS = 2
 
 
@@ -33,18 +33,19 @@ class Died:
 def on_processes(
     function: Callable[[Task], Result], tasks: Mapping[int, Task], processes: int
 ) -> Iterator[tuple[int, Result | Died]]:
-    """Results by task as they come, from this process if `processes` is 1, else from others.
+    """Numbers of tasks and their results as they come.
 
-    When a process dies, all of them are replaced and what has no result yet is done again. A task
-    that kills its process even when it is alone has no result.
+    When a process dies, all processes are replaced, and the tasks without a result are done again.
+    A task that kills its process even when it is alone ends as `Died`.
 
     Parameters
     ----------
     function : callable
-        Of a task; must not raise.
+        Makes a result from a task; must not raise.
     tasks : mapping of int to task
     processes : int
-        -1 for all cores. Each has one thread of linear algebra.
+        Number of processes, -1 for all cores; 1 works in this one. Each process has one thread of
+        linear algebra.
     """
     left, deaths = dict(tasks), 0
     while left:
@@ -75,7 +76,7 @@ def _parallel(
                 yield result
         finally:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of what was cut short
+                warnings.simplefilter("ignore")  # joblib warns of tasks that are cut short
                 results.close()
 
 
@@ -86,16 +87,16 @@ def _numbered(function: Callable[[Task], Result], number: int, task: Task) -> tu
 def on_cluster(
     function: Callable[[Task], Result], tasks: Mapping[int, Task], scheduler: str
 ) -> Iterator[tuple[int, Result | Died]]:
-    """As `on_processes`, from the workers of a Dask cluster.
+    """Numbers of tasks and their results as they come from the workers of a Dask cluster.
 
-    The scheduler gives the tasks of a worker that died to others, a few times at the most.
+    The scheduler gives the tasks of a worker that died to other workers, a few times at the most.
 
     Parameters
     ----------
     function : callable
     tasks : mapping of int to task
     scheduler : str
-        Address, such as ``tcp://127.0.0.1:8786``.
+        Its address, such as ``tcp://127.0.0.1:8786``.
 
     Raises
     ------

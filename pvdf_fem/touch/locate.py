@@ -1,56 +1,74 @@
 """From charges to the touch: position, force and rotation with their uncertainty.
 
-`locate` finds every touch that may have given some charges (`pvdf_fem.touch.locate_many` the
-likeliest one of each of many): it maximises the likelihood of the charges under independent normal
-errors. Whatever keeps the result from being an answer is in it: other touches as likely, directions
-that the charges do not determine, charges that no touch explains, the edge of the model's domain.
+`locate` finds every touch that may have given some charges, `locate_many.locate_many` the likeliest
+touch for each of many rows of charges. Both maximise the likelihood of the charges under
+independent normal errors. The result of `locate` also says what keeps the best touch from being the
+answer: other touches as likely, directions that the charges do not determine, charges that no touch
+explains, the edge of the model's domain.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammaincc
 
-from pvdf_fem.touch.descent import LONGEST, Descent, Problem, descend, joined
-from pvdf_fem.touch.few_searches import FEW, descend_few
+from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model, X, Y, period_deg, touch_of
+from pvdf_fem.touch.descent import Descent, SearchOptions, descend, joined
 from pvdf_fem.touch.location import Location
+from pvdf_fem.touch.mistakes import charge_mistakes, known_mistakes
+from pvdf_fem.touch.problem import Problem
 from pvdf_fem.touch.starts import starts
-from pvdf_fem.touch.touch import (
-    FORCE,
-    QUANTITIES,
-    ROTATION,
-    Domain,
-    Model,
-    Touch,
-    X,
-    Y,
-    period_deg,
-)
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from pvdf_fem.touch.touch import Touch
 
 PLACE_AND_FORCE = ("x_mm", "y_mm", "force_N")
 
-# A touch is listed unless chi-square exceeds the least by this: then it is e^12 times less likely.
-_LISTED = 25.0
-# Charges may fold where the longest step along some direction changes them by less than this share
-# of themselves. If that is less than so many standard deviations noise hides which side is right.
-# The other side is sought so far along the direction, in longest steps.
-_FOLD, _HIDDEN = 0.02, 10.0
-_ALONG = np.array([-0.3, -0.1, -0.03, 0.0, 0.03, 0.1, 0.3])
-# Near a fold steps shrink slowly: the last one is shorter than this share of the longest.
-_EXACT = 1e-4
-# Two ends of searches are one touch if they are this close (mm, mm, degrees, logarithm of the
-# force), and by the curvature of chi-square too.
-_SAME = np.array([0.5, 0.5, 8.0, 0.3])
-_SAME_CHI_SQUARE = 0.1
+
+@dataclass(frozen=True)
+class LocateOptions:
+    """Which touches are listed, and how they are searched for.
+
+    At a fold of the charges two touches close together have almost the same charges, and a search
+    on one side of the fold does not see the touch on the other side. A fold is near where the
+    longest step along some direction changes the charges by less than a small share of themselves.
+
+    Attributes
+    ----------
+    listed : float
+        A touch is listed unless its chi-square exceeds the least by more than this: at 25 it is
+        e^12 times less likely.
+    same : float
+        Two ends of searches are one touch if chi-square, by its slopes at the better end, differs
+        by less than this between them.
+    same_deg : float
+        They are one touch only if their rotations, too, differ by less than this.
+    fold : float
+        Share of the charges by which the longest step changes them near a fold.
+    resolved : float
+        Standard deviations that this share must exceed: else the errors of the charges hide on
+        which side of the fold the touch is.
+    offsets : tuple of float
+        Starts about the fold, in longest steps along the direction.
+    search, fold_search : SearchOptions
+        Options of the searches, and of those about a fold, where steps shrink slowly.
+    """
+
+    listed: float = 25.0
+    same: float = 0.1
+    same_deg: float = 8.0
+    fold: float = 0.02
+    resolved: float = 10.0
+    offsets: tuple[float, ...] = (-0.3, -0.1, -0.03, 0.0, 0.03, 0.1, 0.3)
+    search: SearchOptions = field(default_factory=SearchOptions)
+    fold_search: SearchOptions = field(default_factory=lambda: SearchOptions(short=1e-4))
+
+
+DEFAULTS = LocateOptions()
 
 
 def locate(
@@ -61,6 +79,7 @@ def locate(
     unknown: Sequence[str] = PLACE_AND_FORCE,
     known: Mapping[str, float] | None = None,
     noise_pC: float = 0.0,
+    options: LocateOptions = DEFAULTS,
 ) -> Location:
     """All touches that may have given some charges, the likeliest first.
 
@@ -70,13 +89,14 @@ def locate(
     charges_pC : mapping
         Measured charges of some or all of the model's electrodes.
     sigma : float or mapping
-        Relative standard deviation of the charges, of all or by electrode.
+        Relative standard deviation of the charges, one for all or one by electrode.
     unknown : sequence of str
         What is sought, of `QUANTITIES`.
     known : mapping, optional
         Values of the other quantities; by default those of the model's scene.
     noise_pC : float
-        A standard deviation in pC that every charge has besides.
+        Standard deviation in pC of a further error that every charge has.
+    options : LocateOptions
 
     Returns
     -------
@@ -85,9 +105,9 @@ def locate(
     Raises
     ------
     ValueError
-        Listing all mistakes, a line each: charges of electrodes that the model has not, numbers
-        that are not finite, quantities that are both sought and known, known ones out of the
-        model's domain, no standard deviation at all.
+        Listing all mistakes, a line each: charges of electrodes that the model does not have,
+        numbers that are not finite, quantities that are both sought and known, known quantities
+        outside of the model's domain, no standard deviation at all.
 
     Notes
     -----
@@ -95,7 +115,7 @@ def locate(
     deviations. It is taken as independent between electrodes.
     """
     mistakes = [*charge_mistakes(model.names, charges_pC, sigma, noise_pC)]
-    default = _of_scene(model)
+    default = touch_of(model.scene)
     mistakes += known_mistakes(model.domain, unknown, known or {}, default)
     if not (mistakes or model.error_bound or noise_pC or np.min(_relative(sigma, charges_pC))):
         mistakes.append("sigma = 0: the model has no error of its own; give a positive one")
@@ -104,60 +124,56 @@ def locate(
     electrodes = np.array([model.names.index(name) for name in charges_pC])
     charges = np.array(list(charges_pC.values()), dtype=float)
     spread = deviations(model, charges, _relative(sigma, charges_pC), noise_pC)
-    sought = np.array([i for i, name in enumerate(QUANTITIES) if name in unknown], dtype=np.intp)
+    sought = np.array([i for i, name in enumerate(QUANTITIES) if name in unknown])
     values = {**default, **(known or {})}
-    rest = {i: float(values[n]) for i, n in enumerate(QUANTITIES) if n not in unknown}
+    fixed = {i: float(values[n]) for i, n in enumerate(QUANTITIES) if n not in unknown}
     problem = Problem(model, electrodes, charges[None], spread[None], sought)
-    return location(problem, search(problem, 0, rest))
+    return location(problem, search(problem, fixed, options), options)
 
 
-def search(problem: Problem, touch: int, known: dict[int, float]) -> Descent:
-    """Searches from everywhere for one of a problem's touches.
+def search(problem: Problem, known: Mapping[int, float], options: LocateOptions) -> Descent:
+    """Searches from everywhere for the touch of a problem.
 
     A sought rotation is held at first, at many values: a few degrees change charges by less than
-    the table's pitch of places does.
+    the distance of neighbours in the table of starts does.
+
+    Parameters
+    ----------
+    problem : Problem
+        With the charges of one touch.
+    known : mapping
+        Values of what is not sought, by its index in `QUANTITIES`.
+    options : LocateOptions
     """
-    if len(problem.charges_pC) > 1:
-        charges, spread = problem.charges_pC[[touch]], problem.deviations_pC[[touch]]
-        problem = replace(problem, charges_pC=charges, deviations_pC=spread)
     charges, spread = problem.charges_pC[0], problem.deviations_pC[0]
     at = starts(problem.model, charges, spread, problem.electrodes, known)
-    others = problem.unknown[problem.unknown != ROTATION]
-    if 0 < len(others) < len(problem.unknown):
-        at = _descended(replace(problem, unknown=others), at, np.inf).at
-    ends = _descended(problem, at, _LISTED)
-    # one by one: together those that come close go on as one
-    about = _about_fold(problem, ends)
-    across = [descend_few(problem, start[None], short=_EXACT) for start in about]
+    without_rotation = problem.unknown[problem.unknown != ROTATION]
+    if 0 < len(without_rotation) < len(problem.unknown):
+        at = descend(replace(problem, unknown=without_rotation), at, options=options.search).at
+    ends = descend(problem, at, hopeless=options.listed, options=options.search)
+    # each on its own, as searches that come close to each other would go on as one
+    across = [
+        descend(problem, start[None], options=options.fold_search)
+        for start in _starts_about_fold(problem, ends, options)
+    ]
     return joined([ends, *across]) if across else ends
 
 
-def _about_fold(problem: Problem, ends: Descent) -> Array:
-    """Starts (n, 4) on both sides of a fold at the best end of searches, if one is near.
-
-    Where charges turn along a direction two touches close together have almost the same ones, and a
-    search on one side of the fold between them does not see the other. Charges tell which it is if
-    they are as exact as that, and more than the unknown.
-    """
-    none, moving = np.empty((0, 4)), problem.moving
+def _starts_about_fold(problem: Problem, ends: Descent, options: LocateOptions) -> Array:
+    """Starts (n, 4) on both sides of a fold of the charges, if one is near the best end."""
+    none, moving = np.empty((0, len(QUANTITIES))), problem.moving
     size = float(np.linalg.norm(problem.charges_pC / problem.deviations_pC))
-    few = len(problem.electrodes) <= len(moving)
-    if few or _FOLD * size < _HIDDEN or not ends.arrived.any():
+    resolved = options.fold * size >= options.resolved and len(problem.electrodes) > len(moving)
+    if not resolved or not ends.arrived.any():
         return none
-    best = np.where(ends.arrived, ends.chi_square, np.inf).argmin()
-    longest = LONGEST * problem.scale
-    _, values, vectors = np.linalg.svd(ends.slopes[best][:, moving] * longest[moving])
-    if values[-1] > _FOLD * size:
+    best = ends.ranking.argmin()
+    longest = (np.array(options.search.longest) * problem.scale)[moving]
+    _, values, vectors = np.linalg.svd(ends.slopes[best][:, moving] * longest)
+    if values[-1] > options.fold * size:
         return none
-    at = np.tile(ends.at[best], (len(_ALONG), 1))
-    at[:, moving] += _ALONG[:, None] * vectors[-1] * longest[moving]
+    at = np.tile(ends.at[best], (len(options.offsets), 1))
+    at[:, moving] += np.outer(options.offsets, vectors[-1] * longest)
     return at
-
-
-def _descended(problem: Problem, at: Array, hopeless: float) -> Descent:
-    if len(at) <= FEW:
-        return descend_few(problem, at, hopeless)
-    return descend(problem, at, np.zeros(len(at), dtype=np.intp), hopeless)
 
 
 def _relative(sigma: float | Mapping[str, float], charges_pC: Mapping[str, float]) -> Array:
@@ -165,147 +181,74 @@ def _relative(sigma: float | Mapping[str, float], charges_pC: Mapping[str, float
 
 
 def deviations(model: Model, charges: Array, relative: Array, noise_pC: float) -> Array:
-    """Standard deviations in pC of charges: measured, the amplifier's, and the model's own."""
-    own = model.error_bound / math.sqrt(3.0)
-    return np.sqrt((relative**2 + own**2) * charges**2 + noise_pC**2)
+    """Standard deviations in pC of charges: relative ones, noise, and the model's error."""
+    model_error = model.error_bound / math.sqrt(3.0)
+    return np.sqrt((relative**2 + model_error**2) * charges**2 + noise_pC**2)
 
 
-@lru_cache(maxsize=8)
-def _of_scene(model: Model) -> Mapping[str, float]:
-    probe, force_N = model.scene.probe, model.scene.load.force_N
-    if probe is None:
-        return {"force_N": force_N}
-    place = {"x_mm": probe.x_mm, "y_mm": probe.y_mm, "rotation_deg": probe.rotation_deg}
-    return {**place, "force_N": force_N}
-
-
-# -------------------------------------------------------------------------------------- mistakes
-
-
-def charge_mistakes(
-    names: Sequence[str],
-    charges_pC: Mapping[str, float],
-    sigma: float | Mapping[str, float],
-    noise_pC: float,
-) -> Iterator[str]:
-    """What is wrong with measured charges and their deviations."""
-    if not charges_pC:
-        yield f"charges: none given; give some of {', '.join(names)}"
-    for name, charge in charges_pC.items():
-        if name not in names:
-            yield f"charges.{name}: no such electrode; choose from {', '.join(names)}"
-        elif not abs(charge) <= 1e12:
-            yield f"charges.{name} = {charge}: give a charge in pC"
-    each = sigma if isinstance(sigma, Mapping) else {"": sigma}
-    for name in charges_pC if isinstance(sigma, Mapping) else ():
-        if name not in each:
-            yield f"sigma.{name}: missing; give one for each charge, or one number for all"
-    for name, value in each.items():
-        if not 0.0 <= value <= 1.0:
-            yield f"sigma{'.' * bool(name)}{name} = {value}: give a share of the charge, 0 to 1"
-    if not 0.0 <= noise_pC < math.inf:
-        yield f"noise_pC = {noise_pC}: give a standard deviation in pC, not negative"
-    elif not noise_pC and any(charge == 0.0 for charge in charges_pC.values()):
-        yield "noise_pC = 0: a charge of 0 has no deviation then; give that of the amplifier"
-
-
-def known_mistakes(
-    domain: Domain,
-    unknown: Sequence[str],
-    known: Mapping[str, float],
-    default: Mapping[str, float],
-) -> Iterator[str]:
-    """What is wrong with the quantities sought and known; `default` has those of the scene."""
-    names = ", ".join(QUANTITIES)
-    if not unknown:
-        yield f"unknown: nothing is sought; choose from {names}"
-    for name in dict.fromkeys([*unknown, *known]):
-        if name not in QUANTITIES:
-            yield f"{name}: no quantity of a touch; choose from {names}"
-        elif name in unknown and name in known:
-            yield f"{name}: both sought and known; remove one"
-        elif name in known and not math.isfinite(known[name]):
-            yield f"known.{name} = {known[name]}: give a finite number"
-    fixed = {n: v for n, v in {**default, **known}.items() if n not in unknown}
-    reach, (lowest, highest) = domain.reach_mm, domain.force_N
-    distance = math.hypot(fixed.get("x_mm", 0.0), fixed.get("y_mm", 0.0))
-    if distance > reach:
-        place = ", ".join(f"{n} = {fixed[n]:g}" for n in ("x_mm", "y_mm") if n in fixed)
-        yield f"known {place}: beyond the {reach:g} mm that the model reaches; build a larger one"
-    if not lowest <= fixed.get("force_N", lowest) <= highest:
-        yield (
-            f"known force_N = {fixed['force_N']:g}: out of the model's {lowest:g} to {highest:g} "
-            "N; build one for it"
-        )
-
-
-# --------------------------------------------------------------------------------------- results
-
-
-def location(problem: Problem, ends: Descent) -> Location:
-    """The distinct touches among the ends of searches for one touch."""
-    keep = _distinct(problem, ends)
+def location(problem: Problem, ends: Descent, options: LocateOptions = DEFAULTS) -> Location:
+    """The location whose touches are the distinct ends of searches for one touch."""
+    ends = ends.take(_distinct(problem, ends, options))
     names = tuple(QUANTITIES[i] for i in problem.unknown.tolist())
     freedom = len(problem.electrodes) - len(names)
-    if not keep.size:
+    if not ends.arrived.size:
         return Location((), names, freedom, -np.inf, problem)
-    at, slopes, chi_square = ends.at[keep], ends.slopes[keep], ends.chi_square[keep]
     extent = extents(problem.model)
-    logs = _log_masses(slopes * extent, chi_square)
+    logs = _log_masses(ends.slopes * extent, ends.chi_square)
     total = float(np.logaddexp.reduce(logs))
-    values, scale = at.copy(), np.ones(at.shape)
-    values[:, FORCE] = scale[:, FORCE] = np.exp(at[:, FORCE])
+    values, scale = ends.at.copy(), np.ones(ends.at.shape)
+    values[:, FORCE] = scale[:, FORCE] = np.exp(ends.at[:, FORCE])
     if QUANTITIES[ROTATION] in names:
         values[:, ROTATION] %= period_deg(problem.model)
     columns = (
-        (slopes / scale[:, None]).take(problem.unknown, axis=2),
+        (ends.slopes / scale[:, None]).take(problem.unknown, axis=2),
         (extent * scale).take(problem.unknown, axis=1),
-        chi_square.tolist(),
-        p_values(chi_square, freedom).tolist(),
+        ends.chi_square.tolist(),
+        p_values(ends.chi_square, freedom).tolist(),
         np.exp(logs - total).tolist(),
-        edges(problem, at),
+        edges(problem, ends.at),
     )
     touches = (
-        Touch(x, y, rotation, force, names, *row)
-        for (x, y, rotation, force), *row in zip(values.tolist(), *columns, strict=True)
+        Touch(x, y, rotation, force, names, *attributes)
+        for (x, y, rotation, force), *attributes in zip(values.tolist(), *columns, strict=True)
     )
     spread = math.log(2.0 * math.pi) / 2.0 + np.log(problem.deviations_pC[0])
     return Location(tuple(touches), names, freedom, total - float(spread.sum()), problem)
 
 
-def _distinct(problem: Problem, ends: Descent) -> Indices:
-    """The likely ends of searches that are no repetition of a better one, the best first."""
-    rows = zip(ends.chi_square.tolist(), ends.arrived.tolist(), strict=True)
-    best_first = sorted((value, row) for row, (value, arrived) in enumerate(rows) if arrived)
-    likely = [row for value, row in best_first if value <= best_first[0][0] + _LISTED]
-    keep = np.array(likely, dtype=np.intp)
+def _distinct(problem: Problem, ends: Descent, options: LocateOptions) -> Indices:
+    """The likely ends of searches that do not repeat a better one, the best first."""
+    ranking = ends.ranking
+    order = ranking.argsort(kind="stable")
+    rows = order[ranking[order] <= ranking.min() + options.listed]
+    rows = rows[ends.arrived[rows]]
     period = period_deg(problem.model)
     k = 1
-    while k < len(keep):
-        best, others = keep[k - 1], keep[k:]
-        apart = ends.at[others] - ends.at[best]
+    while k < len(rows):
+        better, others = rows[k - 1], rows[k:]
+        apart = ends.at[others] - ends.at[better]
         apart[:, ROTATION] -= period * np.rint(apart[:, ROTATION] / period)
-        # by the slopes of the better one
-        same = np.square(apart @ ends.slopes[best].T).sum(axis=1) < _SAME_CHI_SQUARE
-        same &= (np.abs(apart) < _SAME).all(axis=1)
-        keep = np.concatenate([keep[:k], others[~same]])
+        same = np.square(apart @ ends.slopes[better].T).sum(axis=1) < options.same
+        same &= np.abs(apart[:, ROTATION]) < options.same_deg
+        rows = np.concatenate([rows[:k], others[~same]])
         k += 1
-    return keep
+    return rows
 
 
 @lru_cache(maxsize=8)
 def extents(model: Model) -> Array:
     """Size of a model's domain in each coordinate, (4,)."""
-    reach_mm, (lowest, highest) = model.domain.reach_mm, model.domain.force_N
-    return np.array([reach_mm, reach_mm, 0.5 * period_deg(model), math.log(highest / lowest)])
+    lowest, highest = model.domain.log_force
+    reach_mm = model.domain.reach_mm
+    return np.array([reach_mm, reach_mm, 0.5 * period_deg(model), highest - lowest])
 
 
 def _log_masses(slopes: Array, chi_square: Array) -> Array:
-    """Logarithm of likelihood times prior integrated about each touch (Laplace), (n,).
+    """Logarithm of likelihood times prior integrated about each touch, (n,), by Laplace's method.
 
     The prior is normal with the domain's extents about the touch, so that a direction which the
     charges do not determine counts with the domain's size and not with infinity. `slopes`
-    (n, electrodes, 4) are by coordinates over these.
+    (n, electrodes, 4) are by coordinates over these extents.
     """
     normal = np.matmul(slopes.swapaxes(1, 2), slopes) + np.eye(slopes.shape[2])
     return -0.5 * (chi_square + np.log(np.linalg.det(normal)))
@@ -319,79 +262,13 @@ def p_values(chi_square: Array, freedom: int) -> Array:
 
 
 def edges(problem: Problem, at: Array) -> list[tuple[str, ...]]:
-    """Which limits of the domain touches (n, 4) are at, or beyond."""
-    domain, held = problem.model.domain, []
-    lowest, highest = map(math.log, domain.force_N)
+    """Which limits of the domain each of the touches `at` (n, 4) is at, or beyond."""
+    reach_mm, (lowest, highest) = problem.model.domain.reach_mm, problem.model.domain.log_force
     sought = problem.unknown.tolist()
     placed, pressed = X in sought or Y in sought, FORCE in sought
+    limits = []
     for x, y, _, force in at.tolist():
-        far = placed and math.hypot(x, y) >= domain.reach_mm
-        limits = (("reach_mm", far), ("force_N", pressed and not lowest < force < highest))
-        held.append(tuple(name for name, is_held in limits if is_held))
-    return held
-
-
-# ---------------------------------------------------------------------------------------- shapes
-
-
-@dataclass(frozen=True, eq=False)
-class Choice:
-    """A model of one probe among several, and what it makes of the charges.
-
-    Attributes
-    ----------
-    name : str
-    weight : float
-        Probability that the charges are of this probe, if each was as likely before.
-    location : Location
-    """
-
-    name: str
-    weight: float
-    location: Location
-
-
-def weigh(
-    models: Mapping[str, Model],
-    charges_pC: Mapping[str, float],
-    sigma: float | Mapping[str, float] = 0.01,
-    *,
-    unknown: Sequence[str] = QUANTITIES,
-    known: Mapping[str, float] | None = None,
-    noise_pC: float = 0.0,
-) -> tuple[Choice, ...]:
-    """Which probe touched: models by the probability that they gave the charges.
-
-    Bayes' rule with each model's probability of the charges over all its touches: a probe that can
-    give many charges must explain these better than one that can give few.
-
-    Parameters
-    ----------
-    models : mapping
-        Models of different probes on the same sensor, by name.
-    charges_pC, sigma, unknown, known, noise_pC
-        As for `locate`.
-
-    Raises
-    ------
-    ValueError
-        Without models, and as `locate`.
-    """
-    if not models:
-        raise ValueError("models: none given; give one for each probe in question")
-    found = {
-        name: locate(model, charges_pC, sigma, unknown=unknown, known=known, noise_pC=noise_pC)
-        for name, model in models.items()
-    }
-    return choose(found)
-
-
-def choose(found: Mapping[str, Location]) -> tuple[Choice, ...]:
-    """Locations of the same charges with different probes, by their probability."""
-    logs = np.array([one.log_evidence for one in found.values()])
-    shares = np.zeros(len(logs))
-    if np.isfinite(logs).any():
-        shares = np.exp(logs - np.logaddexp.reduce(logs))
-    weighed = zip(found.items(), shares.tolist(), strict=True)
-    choices = [Choice(name, weight, location) for (name, location), weight in weighed]
-    return tuple(sorted(choices, key=lambda choice: -choice.weight))
+        far = placed and math.hypot(x, y) >= reach_mm
+        extreme = pressed and not lowest < force < highest
+        limits.append(("reach_mm",) * far + ("force_N",) * extreme)
+    return limits

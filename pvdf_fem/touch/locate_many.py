@@ -3,37 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pvdf_fem.touch.descent import Descent, Problem, descend
-from pvdf_fem.touch.locate import (
-    charge_mistakes,
-    deviations,
-    edges,
-    extents,
-    p_values,
-    search,
-)
-from pvdf_fem.touch.starts import Nearest, nearest_of
-from pvdf_fem.touch.touch import (
-    DETERMINED,
-    FORCE,
-    QUANTITIES,
-    ROTATION,
-    SIGNIFICANCE,
-    Model,
-    X,
-    Y,
-    period_deg,
-)
-
-Array = NDArray[np.float64]
-
-# Starts of the second search, where the end of the first does not explain the charges.
-_MORE = 8
+from pvdf_fem.arrays import Array, Indices, Mask
+from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model, X, Y, period_deg
+from pvdf_fem.touch.descent import Descent, descend
+from pvdf_fem.touch.locate import DEFAULTS, deviations, edges, extents, p_values, search
+from pvdf_fem.touch.mistakes import charge_mistakes
+from pvdf_fem.touch.nearest import NearestTouches, nearest_touches
+from pvdf_fem.touch.problem import Problem
+from pvdf_fem.touch.touch import DETERMINED, SIGNIFICANCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,13 +41,13 @@ class Touches:
     values: Array
     unknown: tuple[str, ...]
     covariances: Array
-    determined: NDArray[np.bool_]
+    determined: Mask
     chi_square: Array
     p_value: Array
-    at_edge: NDArray[np.bool_]
+    at_edge: Mask
 
     @property
-    def explained(self) -> NDArray[np.bool_]:
+    def explained(self) -> Mask:
         """Which charges a touch explains, (n,)."""
         return ~(self.p_value < SIGNIFICANCE) & np.isfinite(self.chi_square)
 
@@ -81,12 +62,13 @@ def locate_many(
     electrodes: Sequence[str] | None = None,
     noise_pC: float = 0.0,
     significance: float = SIGNIFICANCE,
+    retries: int = 8,
 ) -> Touches:
     """The likeliest place, and force and rotation if they are not known, for rows of charges.
 
-    Each search starts from the touch of a table with the nearest ratios of charges. Where its end
-    does not explain the charges, searches from more of them follow, and at last from everywhere, as
-    in `locate`.
+    Each search starts from the touch of a table whose charges have the nearest ratios. Where its
+    end does not explain the charges, searches from several touches of the table follow, and at last
+    searches from everywhere, as in `locate`.
 
     Parameters
     ----------
@@ -101,8 +83,10 @@ def locate_many(
     noise_pC : float
         As for `locate`.
     significance : float
-        Charges count as explained if a right model gives such ones more often than this; 0 keeps
-        the first search's touches, however far their charges are.
+        Charges count as explained if their p-value is not below this. With 0 the touches of the
+        first search are kept, however far their charges are.
+    retries : int
+        Number of starts of the second search.
 
     Raises
     ------
@@ -118,12 +102,11 @@ def locate_many(
     sought = np.array([i for i in range(len(QUANTITIES)) if held.get(i) is None])
     spread = deviations(model, charges, np.array(sigma), noise_pC)
     problem = Problem(model, columns, charges, spread, sought)
-    table = nearest_of(model, tuple(columns.tolist()), rotations_deg is not None)
-    rows = np.arange(len(charges))
-    ends = _nearest_end(problem, table, rows, held, 1)
+    table = nearest_touches(model, tuple(columns.tolist()), rotations_deg is not None)
+    ends = _nearest_end(problem, table, np.arange(len(charges)), held, 1)
     freedom = len(names) - len(sought)
     if (rows := _unexplained(ends, freedom, significance)).size:
-        _improve(ends, rows, _nearest_end(problem, table, rows, held, _MORE))
+        _improve(ends, rows, _nearest_end(problem, table, rows, held, retries))
     for row in _unexplained(ends, freedom, significance):
         _search_everywhere(problem, ends, int(row))
     return _touches(problem, ends, tuple(QUANTITIES[i] for i in sought))
@@ -156,54 +139,46 @@ def _require_rows(
 
 def _nearest_end(
     problem: Problem,
-    table: Nearest,
-    rows: NDArray[np.intp],
+    table: NearestTouches,
+    rows: Indices,
     held: Mapping[int, Array | None],
     count: int,
 ) -> Descent:
-    """The best end of searches from so many starts, for some rows of the charges."""
-    turns = held[ROTATION]
-    known = None if turns is None else turns[rows]
+    """The best end of searches from `count` starts each, for some rows of the charges."""
+    rotations = held[ROTATION]
+    known = None if rotations is None else rotations[rows]
     at = table.starts(problem.charges_pC[rows], known, count)
     for quantity, values in held.items():
         if values is not None:
             at[..., quantity] = values[rows, None]
     at = at.reshape(-1, 4)
-    # neighbours one after the other share what the model reads
+    # neighbouring touches in sequence share the coefficients that the model reads
     order = np.lexsort((at[:, Y], at[:, X]))
-    found = descend(problem, at[order], np.repeat(rows, count)[order], 0.0)
-    back = np.argsort(order)
-    ends = _taken(found, back)
-    values = np.where(ends.arrived, ends.chi_square, np.inf).reshape(-1, count)
-    best = count * np.arange(len(rows)) + values.argmin(axis=1)
-    return _taken(ends, best)
+    ends = descend(problem, at[order], np.repeat(rows, count)[order]).take(np.argsort(order))
+    best = ends.ranking.reshape(-1, count).argmin(axis=1)
+    return ends.take(count * np.arange(len(rows)) + best)
 
 
-def _taken(ends: Descent, rows: NDArray[np.intp]) -> Descent:
-    return Descent(ends.at[rows], ends.slopes[rows], ends.chi_square[rows], ends.arrived[rows])
-
-
-def _unexplained(ends: Descent, freedom: int, significance: float) -> NDArray[np.intp]:
-    """Rows whose search did not end, or not where their charges are explained."""
+def _unexplained(ends: Descent, freedom: int, significance: float) -> Indices:
+    """Rows whose search was given up, or ended where the charges are not explained."""
     return np.flatnonzero(~ends.arrived | (p_values(ends.chi_square, freedom) < significance))
 
 
-def _improve(ends: Descent, rows: NDArray[np.intp], found: Descent) -> None:
-    """Replace ends of some rows by others that are better."""
-    better = found.arrived & (~ends.arrived[rows] | (found.chi_square < ends.chi_square[rows]))
-    taken = rows[better]
-    ends.at[taken], ends.slopes[taken] = found.at[better], found.slopes[better]
-    ends.chi_square[taken], ends.arrived[taken] = found.chi_square[better], True
+def _improve(ends: Descent, rows: Indices, others: Descent) -> None:
+    better = others.ranking < ends.ranking[rows]
+    ends.put(rows[better], others.take(np.flatnonzero(better)))
 
 
 def _search_everywhere(problem: Problem, ends: Descent, row: int) -> None:
     """Replace the end of a row by the best that a search from everywhere finds."""
-    known = {} if ROTATION in problem.unknown else {ROTATION: float(ends.at[row, ROTATION])}
+    known = {}
+    if ROTATION not in problem.unknown:
+        known[ROTATION] = float(ends.at[row, ROTATION])
     if FORCE not in problem.unknown:
         known[FORCE] = float(np.exp(ends.at[row, FORCE]))
-    found = search(problem, row, known)
-    k = np.array([np.where(found.arrived, found.chi_square, np.inf).argmin()])
-    _improve(ends, np.array([row]), _taken(found, k))
+    charges, spread = problem.charges_pC[[row]], problem.deviations_pC[[row]]
+    others = search(replace(problem, charges_pC=charges, deviations_pC=spread), known, DEFAULTS)
+    _improve(ends, np.array([row]), others.take(np.array([others.ranking.argmin()])))
 
 
 def _touches(problem: Problem, ends: Descent, unknown: tuple[str, ...]) -> Touches:
@@ -217,16 +192,16 @@ def _touches(problem: Problem, ends: Descent, unknown: tuple[str, ...]) -> Touch
     covariances *= scale[:, :, None] * scale[:, None]
     values[~ends.arrived] = np.nan
     chi_square = np.where(ends.arrived, ends.chi_square, np.nan)
-    held = np.array([bool(limits) for limits in edges(problem, ends.at)], dtype=bool)
-    p = p_values(chi_square, len(problem.electrodes) - len(unknown))
-    return Touches(values, unknown, covariances, determined, chi_square, p, held)
+    at_edge = np.array([bool(limits) for limits in edges(problem, ends.at)], dtype=bool)
+    p_value = p_values(chi_square, len(problem.electrodes) - len(unknown))
+    return Touches(values, unknown, covariances, determined, chi_square, p_value, at_edge)
 
 
-def _covariances(slopes: Array, extent: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _covariances(slopes: Array, extent: Array) -> tuple[Array, Mask]:
     """Covariances (n, unknown, unknown) as a `Touch` has them, and which are determined."""
     J = slopes * extent
     values, vectors = np.linalg.eigh(J.swapaxes(1, 2) @ J)
     free = values < DETERMINED**2
-    found = (vectors / (np.maximum(values, 0.0) + free)[:, None]) @ vectors.swapaxes(1, 2)
-    determined: NDArray[np.bool_] = np.logical_not(free.any(axis=1))
-    return found * np.outer(extent, extent), determined
+    covariances = (vectors / (np.maximum(values, 0.0) + free)[:, None]) @ vectors.swapaxes(1, 2)
+    determined: Mask = np.logical_not(free.any(axis=1))
+    return covariances * np.outer(extent, extent), determined

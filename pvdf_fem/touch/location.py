@@ -6,14 +6,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from pvdf_fem.touch.descent import Problem
+from pvdf_fem.arrays import Array
+from pvdf_fem.response.model import QUANTITIES
 from pvdf_fem.touch.posterior import Posterior, posterior
-from pvdf_fem.touch.touch import QUANTITIES, Touch
-
-Array = NDArray[np.float64]
+from pvdf_fem.touch.problem import Problem
+from pvdf_fem.touch.touch import Touch
 
 #: A second touch with at least this share of the likelihood makes a location ambiguous.
 SHARE = 0.01

@@ -12,21 +12,21 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pvdf_fem.arrays import Array
+from pvdf_fem.response.model import FORCE, QUANTITIES, Domain, Model, scene_of_touch
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.solution import Solution, solve
-from pvdf_fem.solvers.newton import Status
-from pvdf_fem.touch.descent import Descent, Problem, descend, joined
+from pvdf_fem.solution.solution import Solution
+from pvdf_fem.solution.solve import solve
+from pvdf_fem.solvers.status import Status
+from pvdf_fem.touch.descent import Descent, descend, joined
 from pvdf_fem.touch.locate import deviations, location
 from pvdf_fem.touch.location import Location
-from pvdf_fem.touch.touch import FORCE, QUANTITIES, Domain, Model, Touch, touched
+from pvdf_fem.touch.problem import Problem
+from pvdf_fem.touch.touch import Touch
 
-Array = NDArray[np.float64]
-
-# Rounds end when a touch moves by less than this share of a standard deviation, squared.
-_SETTLED = 1e-4
-_MOST_ROUNDS = 5
+#: Rounds of polishing end when a touch moves by less than this share of a standard deviation.
+SETTLED = 1e-2
 
 
 class PolishError(RuntimeError):
@@ -71,6 +71,7 @@ def polish(
     tolerance: float = 1e-4,
     noise_pC: float = 0.0,
     solver: Callable[[Scene], Solution] = solve,
+    max_rounds: int = 5,
 ) -> Location:
     """The touches of a location with the finite-element model's charges.
 
@@ -85,6 +86,8 @@ def polish(
         Relative error of the finite-element charges, which takes the place of the model's bound.
     solver : callable
         From a scene to its solution.
+    max_rounds : int
+        Rounds after which a touch counts as unsettled.
 
     Raises
     ------
@@ -92,7 +95,8 @@ def polish(
         When a solve does not converge, or rounds do not settle.
     """
     ends = [
-        _polished(model, t, charges_pC, sigma, noise_pC, tolerance, solver) for t in found.touches
+        _polished(model, touch, charges_pC, sigma, noise_pC, tolerance, solver, max_rounds)
+        for touch in found.touches
     ]
     if not ends:
         return found
@@ -108,6 +112,7 @@ def _polished(
     noise_pC: float,
     tolerance: float,
     solver: Callable[[Scene], Solution],
+    max_rounds: int,
 ) -> tuple[Problem, Descent]:
     electrodes = np.array([model.names.index(name) for name in charges_pC])
     charges = np.array(list(charges_pC.values()))
@@ -116,28 +121,28 @@ def _polished(
     sought = np.array([QUANTITIES.index(name) for name in touch.unknown])
     problem = Problem(better, electrodes, charges[None], spread[None], sought)
     at = touch.values
-    for _ in range(_MOST_ROUNDS):
+    for _ in range(max_rounds):
         added = (
             _finite_element_charges(model, at, tolerance, solver) - model.evaluate(at[None])[0][0]
         )
         problem = replace(problem, model=replace(better, added_pC=added))
         start = at.copy()
         start[FORCE] = np.log(at[FORCE])
-        end = descend(problem, start[None], np.zeros(1, dtype=np.intp))
+        end = descend(problem, start[None])
         if not end.arrived[0]:
             raise PolishError(f"polish: the search from {_place(at)} did not end")
         moved = end.at[0] - start
         at = end.at[0].copy()
         at[FORCE] = np.exp(at[FORCE])
-        if np.square(end.slopes[0] @ moved).sum() < _SETTLED:
+        if np.square(end.slopes[0] @ moved).sum() < SETTLED**2:
             return problem, end
-    raise PolishError(f"polish: {_MOST_ROUNDS} rounds did not settle near {_place(at)}")
+    raise PolishError(f"polish: {max_rounds} rounds did not settle near {_place(at)}")
 
 
 def _finite_element_charges(
     model: Model, at: Array, tolerance: float, solver: Callable[[Scene], Solution]
 ) -> Array:
-    solution = solver(touched(model.scene, at, tolerance))
+    solution = solver(scene_of_touch(model.scene, at, tolerance))
     if solution.status is not Status.CONVERGED:
         raise PolishError(f"polish: the solve at {_place(at)} ended {solution.status}")
     return np.array([solution.charges_pC[name] for name in model.names])

@@ -17,18 +17,38 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pvdf_fem.touch.descent import Problem
-from pvdf_fem.touch.touch import FORCE, ROTATION, Touch, period_deg
-
-Array = NDArray[np.float64]
+from pvdf_fem.arrays import Array
+from pvdf_fem.response.model import FORCE, ROTATION, period_deg
+from pvdf_fem.touch.problem import Problem
+from pvdf_fem.touch.touch import Touch
 
 #: Share of a normal distribution within one standard deviation.
 ONE_SIGMA = 0.6827
-# Draws; Student's degrees of freedom; widths of the distributions over those of the maxima; the
-# least share of the draws about a maximum.
-_DRAWS, _FREEDOM, _WIDER, _LEAST = 1024, 3.0, 1.3, 0.02
+
+
+@dataclass(frozen=True)
+class PosteriorOptions:
+    """The distribution that draws are from.
+
+    Attributes
+    ----------
+    draws : int
+    freedom : float
+        Degrees of freedom of Student's distributions about the maxima of the likelihood.
+    widening : float
+        Their widths over those of the maxima.
+    least_share : float
+        Least share of the draws about a maximum, before all shares are scaled to a sum of 1.
+    """
+
+    draws: int = 1024
+    freedom: float = 3.0
+    widening: float = 1.3
+    least_share: float = 0.02
+
+
+DEFAULTS = PosteriorOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,33 +95,37 @@ class Posterior:
         return _nearest(self.values - about, self.periods)
 
 
-def posterior(problem: Problem, touches: Sequence[Touch]) -> Posterior:
-    """The posterior of the first touch of a problem, whose maxima are `touches`.
+def posterior(
+    problem: Problem, touches: Sequence[Touch], options: PosteriorOptions = DEFAULTS
+) -> Posterior:
+    """The posterior within the model's domain, for the first row of a problem's charges.
 
-    It is confined to the model's domain.
+    `touches` are the maxima of the likelihood.
     """
     unknown = problem.unknown
     coordinates = np.array([touch.values for touch in touches])
     scale = np.where(unknown == FORCE, coordinates[:, FORCE, None], 1.0)
     coordinates[:, FORCE] = np.log(coordinates[:, FORCE])
-    roots = _WIDER * np.array([touch.root for touch in touches]) / scale[:, :, None]
-    shares: Array = np.maximum([touch.weight for touch in touches], _LEAST)
+    roots = options.widening * np.array([touch.root for touch in touches]) / scale[:, :, None]
+    shares: Array = np.maximum([touch.weight for touch in touches], options.least_share)
     shares = shares / shares.sum()
 
-    normal, radius, level = _standard(len(unknown))
-    which = np.searchsorted(np.cumsum(shares)[:-1], level)
-    at = coordinates[which]
-    steps = radius[:, None] * np.matmul(roots[which], normal[:, :, None])[:, :, 0]
+    normal, radius, level = _standard(len(unknown), options)
+    maximum = np.searchsorted(np.cumsum(shares)[:-1], level)
+    at = coordinates[maximum]
+    steps = radius[:, None] * np.matmul(roots[maximum], normal[:, :, None])[:, :, 0]
     at[:, unknown] += steps
     periods = np.where(unknown == ROTATION, period_deg(problem.model), 0.0)
-    # about each maximum a rotation counts once
+    # draws more than half a period from their maximum would count a rotation twice
     once = (_nearest(steps, periods) == steps).all(axis=1)
     inside = once & (problem.inside(at) == at).all(axis=1)
-    # all may be beyond the domain, where the first maximum is
+    # if the first maximum is beyond the domain, all draws may be
     at = at[inside if inside.any() else once]
     residuals = problem.linearised(at)[:, :, 0]
     apart = _nearest(at[:, None, unknown] - coordinates[:, unknown], periods)
-    logs = -0.5 * np.square(residuals).sum(axis=1) - _log_density(apart, roots, shares)
+    logs = -0.5 * np.square(residuals).sum(axis=1) - _log_density(
+        apart, roots, shares, options.freedom
+    )
     weights = np.exp(logs - logs.max())
     values = at[:, unknown]
     values[:, unknown == FORCE] = np.exp(values[:, unknown == FORCE])
@@ -114,22 +138,18 @@ def _nearest(apart: Array, periods: Array) -> Array:
 
 
 @lru_cache(maxsize=4)
-def _standard(dimension: int) -> tuple[Array, Array, Array]:
+def _standard(dimension: int, options: PosteriorOptions) -> tuple[Array, Array, Array]:
     """Normal draws (n, dimension), the radii that make them Student's, and levels from 0 to 1."""
     draw = np.random.default_rng(0)
-    normal = draw.standard_normal((_DRAWS, dimension))
-    radius = np.sqrt(_FREEDOM / draw.chisquare(_FREEDOM, _DRAWS))
-    return normal, radius, (np.arange(_DRAWS) + 0.5) / _DRAWS
+    normal = draw.standard_normal((options.draws, dimension))
+    radius = np.sqrt(options.freedom / draw.chisquare(options.freedom, options.draws))
+    return normal, radius, (np.arange(options.draws) + 0.5) / options.draws
 
 
-def _log_density(apart: Array, roots: Array, shares: Array) -> Array:
-    """Logarithm of the density (n,) that draws have, up to a constant.
-
-    `apart` (n, maxima, unknown) are distances from the maxima, `roots` (maxima, unknown, unknown)
-    the square roots of the covariances.
-    """
+def _log_density(apart: Array, roots: Array, shares: Array, freedom: float) -> Array:
+    """Logarithm of the draws' density at distances `apart` (n, maxima, unknown) from maxima."""
     scaled = np.einsum("kij,nkj->nki", np.linalg.inv(roots), apart)
     _, volume = np.linalg.slogdet(roots)
-    tails = 0.5 * (_FREEDOM + roots.shape[1]) * np.log1p(np.square(scaled).sum(axis=2) / _FREEDOM)
-    found: Array = np.logaddexp.reduce(np.log(shares) - volume - tails, axis=1)
-    return found
+    tails = 0.5 * (freedom + roots.shape[1]) * np.log1p(np.square(scaled).sum(axis=2) / freedom)
+    density: Array = np.logaddexp.reduce(np.log(shares) - volume - tails, axis=1)
+    return density

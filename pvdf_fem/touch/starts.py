@@ -1,72 +1,92 @@
 """Where to start the search for a touch: a coarse table of the model's charges.
 
-Everywhere on the table's lattice of places and rotations the force that fits best is found on the
-chords between tabulated forces. At each rotation the places where what is left has a local minimum
-are taken, so that each valley wider than the lattice's pitch has one. A ring of places on the edge
-of the reach is looked at too: beyond the electrodes charges fall again, and a valley there may be
-narrower. A Gauss-Newton step with tabulated slopes leads from these to the starts; the best of
-them are kept.
+At every place and rotation of the table's lattice, the best force is found on the chords between
+the charges at tabulated forces. At each rotation the places where chi-square then has a local
+minimum are taken, so that each valley wider than the lattice's pitch has a start. The places also
+include a ring on the edge of the reach: beyond the electrodes charges fall again, and a valley
+there may be narrower. A Gauss-Newton step with tabulated slopes leads from these places to the
+starts, of which the best are kept.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache, reduce
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
+from pvdf_fem.arrays import Array, Indices, Mask
+from pvdf_fem.response.model import FORCE, ROTATION, Model, X, Y, period_deg, rotation_counts
 from pvdf_fem.touch.descent import damped_steps, repeated
-from pvdf_fem.touch.touch import FORCE, ROTATION, Model, X, Y, period_deg
 
-Array = NDArray[np.float64]
 Single = NDArray[np.float32]
-Indices = NDArray[np.intp]
-# Rotations of a table, one or an array of them, with their shares in an interpolation.
-Turned = tuple[tuple[int | Indices, float], ...]
+# Rotations of a table, one number or an array of them, with their weights in an interpolation.
+Interpolation = tuple[tuple[int | Indices, float], ...]
 
-# The lattice: places across the reach, rotations in the probe's period, forces in the domain's.
-_ACROSS, _ROTATIONS, _FORCES = 25, 24, 5
-_AROUND = 48
-# At each rotation the search starts from local minima with at most so many times the least
-# chi-square, and from so many places with the lowest: long valleys have several bottoms.
-_PROMISING, _LOWEST = 1e3, 8
-# The step that follows is damped by this share and not longer than so many mm and factors of the
-# force; of starts of one rotation that it brings as close as this only the best one is kept, and
-# no more than so many.
+# Coordinates of a table's slopes.
 _MOVING = np.array([X, Y, FORCE])
-_DAMPING = 1e-3
-_LONGEST = np.array([1.5, 1.5, 0.5])
-_CLOSE = np.array([0.3, 0.3, 1e-9, 0.1])
-_KEPT = 6
-# Starts are left out whose charges, so many standard deviations and this share of all charges
-# farther than those of the best one, are more than what is neglected: chi-square's second order.
-_WORSE, _CURVED = 5.0, 0.01
-# By how much more the touch with the nearest ratios may be off than the very nearest.
-_NEARLY = 0.5
-# Rows that the model is asked for at once.
-_CHUNK = 20_000
+
+
+@dataclass(frozen=True)
+class StartOptions:
+    """The lattice of the table, and which starts are kept.
+
+    Attributes
+    ----------
+    across, rotations, forces : int
+        Places across the reach, rotations in the probe's period, forces in the domain.
+    around : int
+        Places on the edge of the reach.
+    lowest : int
+        Number of places with the least chi-square that are taken at each rotation besides local
+        minima: long valleys have several bottoms.
+    damping : float
+        Damping of the Gauss-Newton step.
+    longest : tuple of float
+        Longest step along x and y in mm, and the logarithm of the force.
+    close : tuple of float
+        Of starts this close (mm, mm, degrees, logarithm of the force) only the best is kept.
+    worse, neglected : float
+        A start is left out whose charges are farther than those of the best start by more than
+        `worse` standard deviations and `neglected`, the second order, of the charges' size.
+    """
+
+    across: int = 25
+    rotations: int = 24
+    forces: int = 5
+    around: int = 48
+    lowest: int = 8
+    damping: float = 1e-3
+    longest: tuple[float, float, float] = (1.5, 1.5, 0.5)
+    close: tuple[float, float, float, float] = (0.3, 0.3, 1e-9, 0.1)
+    worse: float = 5.0
+    neglected: float = 0.01
+
+
+DEFAULTS = StartOptions()
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class TouchTable:
     """Charges on a lattice of touches, and their slopes by x, y and the logarithm of the force.
 
     Attributes
     ----------
     places_mm : ndarray, shape (places, 2)
-        Those of the lattice within the reach, and on its edge unless x or y is known.
+        Places of the lattice within the reach, and on its edge unless x or y is known.
     neighbours : ndarray of int, shape (most neighbours, places)
-        Of each place; the number of places where there are fewer.
+        Neighbours of each place; the number of places stands for a missing one.
     rotations_deg, log_forces : ndarray
         The other axes.
     charges_pC : ndarray, shape (rotations, electrodes, forces, places)
     nodes : ndarray, shape (rotations forces places, electrodes, 1 + 3)
         The charges and their slopes.
     period_deg : float
-        Of the rotation, when the axis is the whole period; else 0.
+        Period of the rotation, when the axis is the whole period; else 0.
+    options : StartOptions
     """
 
     places_mm: Array
@@ -76,11 +96,12 @@ class Table:
     charges_pC: Single
     nodes: Single
     period_deg: float
+    options: StartOptions
 
-    def of(self, electrodes: Indices) -> Table:
+    def of(self, electrodes: Indices) -> TouchTable:
         """The table of some electrodes."""
-        charges, nodes = (each.take(electrodes, axis=1) for each in (self.charges_pC, self.nodes))
-        return replace(self, charges_pC=charges, nodes=nodes)
+        charges = self.charges_pC.take(electrodes, axis=1)
+        return replace(self, charges_pC=charges, nodes=self.nodes.take(electrodes, axis=1))
 
     def starts(
         self,
@@ -91,46 +112,54 @@ class Table:
     ) -> Array:
         """Coordinates (n, 4) near the local minima of chi-square over places, at each rotation.
 
-        A Gauss-Newton step in what is `sought` of `_MOVING`, with the table's slopes, leads from
-        the places of the minima to the starts. With one of all rotations given the table is
-        interpolated linearly there.
+        Parameters
+        ----------
+        charges_pC, deviations_pC : ndarray, shape (electrodes,)
+        sought : ndarray of int
+            What the Gauss-Newton step changes of x, y and force, 0 to 2.
+        rotation_deg : float, optional
+            The rotation, at which the table is interpolated linearly; if not given, all of the
+            table's.
         """
         weights = 1.0 / deviations_pC
         target = charges_pC * weights
-        turned = self._turned(rotation_deg)
+        turned = self._interpolation(rotation_deg)
         chi_square, along = self._fitted(turned, weights.astype(np.float32), target)
         turn, place = np.nonzero(self._bottoms(chi_square.min(axis=1)))
-        f = chi_square[turn, :, place].argmin(axis=1)
-        t = along[turn, f, place].astype(np.float64)
-        lower, upper = self._ends(turned or ((turn, 1.0),), f, place)
+        chord = chi_square[turn, :, place].argmin(axis=1)
+        share = along[turn, chord, place].astype(np.float64)
+        lower, upper = self._ends(turned or ((turn, 1.0),), chord, place)
         at = np.empty((len(place), 4))
         at[:, :ROTATION] = self.places_mm[place]
         at[:, ROTATION] = self.rotations_deg[turn] if rotation_deg is None else rotation_deg
-        at[:, FORCE] = self.log_forces[f] + self._beyond(lower[:, :, 0], upper[:, :, 0], t)
+        at[:, FORCE] = self.log_forces[chord]
+        at[:, FORCE] += self._log_force_along(lower[:, :, 0], upper[:, :, 0], share)
         if not sought.size:
             return at
-        system = (lower + t[:, None, None] * (upper - lower)) * weights[:, None]
+        system = (lower + share[:, None, None] * (upper - lower)) * weights[:, None]
         system[:, :, 0] -= target
+        misfit = self._stepped(at, system, sought)
+        excess = self.options.worse + self.options.neglected * math.sqrt(target @ target)
+        by_rotation = [np.flatnonzero(turn == k) for k in range(len(chi_square))]
+        kept = [self._best(rows, at, misfit, excess) for rows in by_rotation]
+        return at.take(np.concatenate(kept), axis=0)
+
+    def _stepped(self, at: Array, system: Array, sought: Indices) -> Array:
+        """Move `at` (n, 4) by a Gauss-Newton step; return the roots of chi-square left, (n,)."""
         if len(sought) < len(_MOVING):
             system = system.take([0, *(1 + sought)], axis=2)
         normal = np.matmul(system.swapaxes(1, 2), system)
-        step, promised = damped_steps(normal, _DAMPING)
-        stretch = np.abs(step / _LONGEST.take(sought)).max(axis=1)
-        step /= np.maximum(stretch, 1.0)[:, None]
-        for k, i in enumerate(_MOVING.take(sought).tolist()):
-            at[:, i] += step[:, k]
-        misfit = np.sqrt(np.maximum(normal[:, 0, 0] - promised, 0.0))
-        more = _WORSE + _CURVED * math.sqrt(target @ target)
-        turns = sorted(set(turn.tolist()))
-        rows = [np.flatnonzero(turn == k) for k in turns]
-        return at.take(np.concatenate([_best(row, at, misfit, more) for row in rows]), axis=0)
+        step, promised = damped_steps(normal, self.options.damping)
+        stretch = np.abs(step / np.take(self.options.longest, sought)).max(axis=1)
+        at[:, _MOVING[sought]] += step / np.maximum(stretch, 1.0)[:, None]
+        return np.sqrt(np.maximum(normal[:, 0, 0] - promised, 0.0))
 
     @property
-    def _chords(self) -> int:
+    def _chord_count(self) -> int:
         return len(self.log_forces) - 1
 
-    def _turned(self, rotation_deg: float | None) -> Turned:
-        """The table's rotations about one, with their shares in an interpolation."""
+    def _interpolation(self, rotation_deg: float | None) -> Interpolation:
+        """The table's rotations next to one; none if it is not given and there are several."""
         count = len(self.rotations_deg)
         if rotation_deg is None or count == 1:
             return ((0, 1.0),) if count == 1 else ()
@@ -138,120 +167,121 @@ class Table:
         k, share = int(at) % count, at % 1.0
         return (k, 1.0 - share), ((k + 1) % count, share)
 
-    def _ends(self, turned: Turned, f: Indices, place: Indices) -> tuple[Array, Array]:
-        """Charges and slopes (n, electrodes, 1 + 3) at the ends of chords."""
+    def _ends(self, turned: Interpolation, chord: Indices, place: Indices) -> tuple[Array, Array]:
+        """Charges and slopes (n, electrodes, 1 + 3) at the lower and upper ends of chords."""
         places, forces = len(self.places_mm), len(self.log_forces)
-        k, shares = (np.array(each) for each in zip(*turned, strict=True))
-        lower = (k.reshape(len(turned), -1) * forces + f) * places + place
+        rotations, shares = (np.array(column) for column in zip(*turned, strict=True))
+        lower = (rotations.reshape(len(turned), -1) * forces + chord) * places + place
         # (2 ends, rotations, n)
-        rows = lower + places * np.arange(2 if self._chords else 1)[:, None, None]
-        found = self.nodes.take(rows, axis=0) * shares[:, None, None, None]
-        found = found.sum(axis=1)
-        return found[0], found[-1]
+        rows = lower + places * np.arange(2 if self._chord_count else 1)[:, None, None]
+        ends = (self.nodes.take(rows, axis=0) * shares[:, None, None, None]).sum(axis=1)
+        return ends[0], ends[-1]
 
-    def _beyond(self, lower: Array, upper: Array, t: Array) -> Array | float:
-        """How far a part of a chord is along it, by the logarithm of the force.
+    def _log_force_along(self, lower: Array, upper: Array, share: Array) -> Array | float:
+        """Increase of the logarithm of the force along a share of a chord.
 
-        Charges are a power of the force between tabulated ones.
+        Charges are taken as a power of the force between tabulated forces.
         """
-        if not self._chords:
+        if not self._chord_count:
             return 0.0
         growth = np.sqrt(np.square(upper).sum(axis=1) / np.square(lower).sum(axis=1))
-        length = (self.log_forces[-1] - self.log_forces[0]) / self._chords
-        return length * np.log1p(t * (growth - 1.0)) / np.log(growth)
+        length = (self.log_forces[-1] - self.log_forces[0]) / self._chord_count
+        return length * np.log1p(share * (growth - 1.0)) / np.log(growth)
 
-    def _fitted(self, turned: Turned, weights: Single, target: Array) -> tuple[Single, Single]:
-        """Least chi-square on each chord (rotations, chords, places), and where along it."""
+    def _fitted(
+        self, turned: Interpolation, weights: Single, target: Array
+    ) -> tuple[Single, Single]:
+        """Least chi-square on chords (rotations, chords, places), and where along them, 0 to 1."""
         charges = self.charges_pC
         if turned:
             charges = reduce(np.add, (share * charges[k] for k, share in turned))[None]
-        rest = charges * weights[:, None, None]
-        rest -= target.astype(np.float32)[:, None, None]
-        square = np.square(rest).sum(axis=1)
-        if not self._chords:
+        misfits = charges * weights[:, None, None]
+        misfits -= target.astype(np.float32)[:, None, None]
+        square = np.square(misfits).sum(axis=1)
+        if not self._chord_count:
             return square, np.zeros_like(square)
         lower, upper = square[:, :-1], square[:, 1:]
-        product = (rest[:, :, :-1] * rest[:, :, 1:]).sum(axis=1)
+        product = (misfits[:, :, :-1] * misfits[:, :, 1:]).sum(axis=1)
         reached, length = lower - product, lower + upper - 2.0 * product
         along = np.minimum(np.maximum(reached / length, 0.0), 1.0)
         return lower - along * (2.0 * reached - along * length), along
 
-    def _bottoms(self, chi_square: Single) -> NDArray[np.bool_]:
+    def _bottoms(self, chi_square: Single) -> Mask:
         """Places (rotations, places) without a better neighbour, and the best ones."""
         turns, places = chi_square.shape
-        none = np.full((turns, 1), np.inf, dtype=np.float32)
-        near = np.concatenate([chi_square, none], axis=1).take(self.neighbours, axis=1)
-        chosen = chi_square <= near.min(axis=1)
-        chosen &= chi_square <= _PROMISING * chi_square.min(axis=1, keepdims=True)
-        count = min(_LOWEST, places)
+        missing = np.full((turns, 1), np.inf, dtype=np.float32)
+        near = np.concatenate([chi_square, missing], axis=1).take(self.neighbours, axis=1)
+        count = min(self.options.lowest, places)
         lowest = np.partition(chi_square, count - 1, axis=1)[:, count - 1 : count]
-        return chosen | (chi_square <= lowest)
+        return (chi_square <= near.min(axis=1)) | (chi_square <= lowest)
 
-
-def _best(rows: Indices, at: Array, misfit: Array, more: float) -> Indices:
-    """The best of some starts, with at most so much `more` misfit than the very best.
-
-    Those close to a better one are left out.
-    """
-    values = misfit[rows]
-    good = values <= values.min() + more
-    rows, values = rows[good], values[good]
-    order = values.argsort()
-    if len(rows) > 1:
-        order = order[~repeated(at[rows], values, _CLOSE)[order]]
-    return rows[order[:_KEPT]]
+    def _best(self, rows: Indices, at: Array, misfit: Array, excess: float) -> Indices:
+        """Starts with at most an excess over the least misfit, none close to a better one."""
+        values = misfit[rows]
+        good = values <= values.min() + excess
+        rows, values = rows[good], values[good]
+        if len(rows) == 1:
+            return rows
+        return rows[~repeated(at[rows], values, np.array(self.options.close))]
 
 
 def tabulate(
-    model: Model, known: dict[int, float], across: int = _ACROSS, rotations: int = _ROTATIONS
-) -> Table:
+    model: Model, known: Mapping[int, float], options: StartOptions = DEFAULTS
+) -> TouchTable:
     """The table of a model over all that is not known.
 
     Parameters
     ----------
     model : Model
-    known : dict
+    known : mapping
         Values of x, y in mm, rotation in degrees and force in N by their index.
+    options : StartOptions
     """
     reach, (lowest, highest) = model.domain.reach_mm, model.domain.force_N
-    line = np.linspace(-reach, reach, across)
+    line = np.linspace(-reach, reach, options.across)
     x, y = (np.array([known[i]]) if i in known else line for i in (X, Y))
+    places, neighbours = _lattice(x, y, reach, 0 if {X, Y} & set(known) else options.around)
     period = 0.0 if ROTATION in known else period_deg(model)
-    void = model.scene.probe is not None and model.scene.probe.shape == "circle"
-    count = 1 if void or not period else rotations
-    turns = np.array([known[ROTATION]]) if not period else np.arange(count) * period / count
-    forces = np.geomspace(lowest, highest, _FORCES)
+    count = options.rotations if rotation_counts(model) else 1
+    rotations = np.arange(count) * period / count if period else np.array([known[ROTATION]])
+    forces = np.geomspace(lowest, highest, options.forces)
     if FORCE in known:
         forces = np.array([known[FORCE]])
-    places, neighbours = _lattice(x, y, reach, 0 if {X, Y} & set(known) else _AROUND)
-    at = np.empty((len(turns), len(forces), len(places), 4))
-    at[..., :ROTATION] = places
-    at[..., ROTATION], at[..., FORCE] = turns[:, None, None], forces[:, None]
-    rows = at.reshape(-1, 4)
-    chunks = [model.evaluate(rows[k : k + _CHUNK]) for k in range(0, len(rows), _CHUNK)]
-    charges, slopes = (
-        np.moveaxis(np.concatenate(parts).reshape(*at.shape[:3], *parts[0].shape[1:]), 3, 1)
-        for parts in zip(*chunks, strict=True)
+    by_rotation = [_at_rotation(model, places, rotation, forces) for rotation in rotations]
+    charges, nodes = zip(*by_rotation, strict=True)
+    charges_pC, all_nodes = np.stack(charges), np.concatenate(nodes)
+    log_forces = np.log(forces)
+    return TouchTable(
+        places, neighbours, rotations, log_forces, charges_pC, all_nodes, period, options
     )
+
+
+def _at_rotation(
+    model: Model, places_mm: Array, rotation_deg: float, forces_N: Array
+) -> tuple[Single, Single]:
+    """The rows of a table's `charges_pC` and `nodes` for one rotation."""
+    touches = np.empty((len(forces_N), len(places_mm), 4))
+    touches[..., :ROTATION], touches[..., ROTATION] = places_mm, rotation_deg
+    touches[..., FORCE] = forces_N[:, None]
+    rows = touches.reshape(-1, 4)
+    charges, slopes = model.evaluate(rows)
     slopes = slopes[..., _MOVING]
-    slopes[..., -1] *= forces[:, None]
-    # (rotations, forces, places, electrodes, 1 + 3)
-    nodes = np.concatenate([charges[..., None], slopes], axis=-1).transpose(0, 2, 3, 1, 4)
-    nodes = nodes.reshape(-1, *nodes.shape[3:])
-    charges, nodes = (np.ascontiguousarray(values, np.float32) for values in (charges, nodes))
-    return Table(places, neighbours, turns, np.log(forces), charges, nodes, period)
+    slopes[..., -1] *= rows[:, FORCE, None]
+    nodes = np.concatenate([charges[..., None], slopes], axis=-1).astype(np.float32)
+    by_electrode = np.moveaxis(charges.reshape(*touches.shape[:2], -1), 2, 0)
+    return np.ascontiguousarray(by_electrode, np.float32), nodes
 
 
 def _lattice(x: Array, y: Array, reach: float, around: int) -> tuple[Array, Indices]:
     """Places of the lattice within the reach, then `around` on its edge, and their neighbours."""
     inside = np.pad(np.hypot(x[:, None], y) <= reach * (1 + 1e-9), 1)
     i, j = np.nonzero(inside)
-    none = len(i) + around
-    number = np.full(inside.shape, none)
+    missing = len(i) + around
+    number = np.full(inside.shape, missing)
     number[inside] = np.arange(len(i))
-    near = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if a or b]
-    neighbours = np.full((len(near), none), none)
-    neighbours[:, : len(i)] = [number[i + a, j + b] for a, b in near]
+    shifts = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if a or b]
+    neighbours = np.full((len(shifts), missing), missing)
+    neighbours[:, : len(i)] = [number[i + a, j + b] for a, b in shifts]
     angles = 2.0 * np.pi * np.arange(around) / max(around, 1)
     ring = reach * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     for k, shift in enumerate((1, -1)):
@@ -261,13 +291,13 @@ def _lattice(x: Array, y: Array, reach: float, around: int) -> tuple[Array, Indi
 
 
 @lru_cache(maxsize=8)
-def table_of(model: Model) -> Table:
+def table_of(model: Model) -> TouchTable:
     """The table of a model over places, rotations and forces, made once."""
     return tabulate(model, {})
 
 
 @lru_cache(maxsize=32)
-def _table_of(model: Model, electrodes: tuple[int, ...]) -> Table:
+def _table_of_electrodes(model: Model, electrodes: tuple[int, ...]) -> TouchTable:
     return table_of(model).of(np.array(electrodes))
 
 
@@ -276,66 +306,25 @@ def starts(
     charges_pC: Array,
     deviations_pC: Array,
     electrodes: Indices,
-    known: dict[int, float],
+    known: Mapping[int, float],
 ) -> Array:
-    """Coordinates (n, 4) to start a search from.
+    """Coordinates (n, 4) to start searches from; a sought rotation starts from all of the table's.
 
-    A sought rotation starts from all values of the table's.
+    Parameters
+    ----------
+    model : Model
+    charges_pC, deviations_pC : ndarray, shape (electrodes,)
+    electrodes : ndarray of int
+        The model's electrodes that have charges.
+    known : mapping
+        Values of x, y in mm, rotation in degrees and force in N by their index.
     """
     if set(known) <= {ROTATION}:
-        table = _table_of(model, tuple(electrodes.tolist()))
+        table = _table_of_electrodes(model, tuple(electrodes.tolist()))
     else:
         table = tabulate(model, known).of(electrodes)
-    sought = np.array([k for k, i in enumerate((X, Y, FORCE)) if i not in known], dtype=np.intp)
+    sought = np.array([k for k, i in enumerate(_MOVING) if i not in known], dtype=np.int64)
     at = table.starts(charges_pC, deviations_pC, sought, known.get(ROTATION))
     for i, value in known.items():
         at[:, i] = math.log(value) if i == FORCE else value
     return at
-
-
-@dataclass(frozen=True, eq=False)
-class Nearest:
-    """The touches of a table by their charges' ratios, for many searches with one start each."""
-
-    tree: cKDTree
-    at: Array
-    sizes_pC: Array
-    exponents: Array
-    period_deg: float
-
-    def starts(self, charges_pC: Array, rotations_deg: Array | None, count: int) -> Array:
-        """Coordinates (n, count, 4) of touches with about the ratios of charges (n, electrodes)."""
-        sizes = np.linalg.norm(charges_pC, axis=1)
-        ratios = charges_pC / sizes[:, None]
-        if rotations_deg is not None:
-            ratios = np.concatenate([ratios, _circle(rotations_deg, self.period_deg)], axis=1)
-        _, row = self.tree.query(ratios, np.arange(1, count + 1), eps=_NEARLY)
-        at = self.at[row]
-        at[..., FORCE] += np.log(sizes[:, None] / self.sizes_pC[row]) / self.exponents[row]
-        return at
-
-
-@lru_cache(maxsize=8)
-def nearest_of(model: Model, electrodes: tuple[int, ...], with_rotation: bool) -> Nearest:
-    """A `Nearest` of a model's table; with the rotation known its distance counts too."""
-    table = table_of(model)
-    # (places, rotations, forces, electrodes)
-    Q = table.charges_pC[:, list(electrodes)].transpose(3, 0, 2, 1).astype(float)
-    sizes = np.linalg.norm(Q, axis=-1)
-    growth = np.diff(np.log(sizes), axis=-1) / np.diff(table.log_forces)
-    exponents = np.concatenate([growth, growth[..., -1:]], axis=-1)
-    at = np.empty((*sizes.shape, 4))
-    at[..., :ROTATION] = table.places_mm[:, None, None]
-    at[..., ROTATION] = table.rotations_deg[:, None]
-    at[..., FORCE] = table.log_forces
-    features = (Q / sizes[..., None]).reshape(-1, len(electrodes))
-    rows, period = at.reshape(-1, 4), table.period_deg
-    if with_rotation:
-        features = np.concatenate([features, _circle(rows[:, ROTATION], period)], axis=1)
-    return Nearest(cKDTree(features), rows, sizes.ravel(), exponents.ravel(), period)
-
-
-def _circle(rotations_deg: Array, period_deg: float) -> Array:
-    """Rotations as points (n, 2) of a circle, the probe's period about it once."""
-    angle = 2.0 * np.pi * rotations_deg / period_deg
-    return np.stack([np.cos(angle), np.sin(angle)], axis=1)

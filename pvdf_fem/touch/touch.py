@@ -1,76 +1,20 @@
-"""A touch recovered from charges, and the model it is recovered with."""
+"""A touch recovered from charges, with its uncertainty."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.shapes import PERIOD_DEG
+from pvdf_fem.arrays import Array
+from pvdf_fem.response.model import QUANTITIES
 
-Array = NDArray[np.float64]
-
-#: What a touch is made of, in the order of a model's argument.
-QUANTITIES = ("x_mm", "y_mm", "rotation_deg", "force_N")
-# The same in a scene.
-KEYS = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg", "load.force_N")
-X, Y, ROTATION, FORCE = range(4)
-
-_FEW = 32
-#: Charges that a right model would give less often than this are called unexplained.
+#: Charges count as unexplained if a right model gives such charges less often than this.
 SIGNIFICANCE = 1e-3
-#: A direction is determined if the domain is so many standard deviations wide along it.
+#: A direction is determined if the domain along it is wider than this many standard deviations.
 DETERMINED = 3.0
-
-
-class Domain(Protocol):
-    """Where a model holds: centroids up to a distance from the film's centre, and forces."""
-
-    @property
-    def reach_mm(self) -> float: ...
-    @property
-    def force_N(self) -> tuple[float, float]: ...
-
-
-class Model(Hashable, Protocol):
-    """Charges of the electrodes as a smooth function of a touch (`pvdf_fem.response.response`)."""
-
-    @property
-    def names(self) -> tuple[str, ...]: ...
-    @property
-    def scene(self) -> Scene: ...
-    @property
-    def domain(self) -> Domain: ...
-    @property
-    def error_bound(self) -> float: ...
-
-    def evaluate(self, touches: Array) -> tuple[Array, Array]:
-        """Charges (n, electrodes) in pC of touches (n, 4), and their slopes (..., 4)."""
-
-
-def period_deg(model: Model) -> float:
-    """Least rotation that brings the probe onto itself; 360 for a disc, whose rotation is void."""
-    probe = model.scene.probe
-    return PERIOD_DEG.get(probe.shape, 360.0) or 360.0 if probe else 360.0
-
-
-def all_within(touches: Array, reach_mm: float, lowest: float, highest: float) -> bool:
-    """Whether touches (n, 4) are within the reach and the range of the force, or its logarithm."""
-    square = reach_mm * reach_mm
-    if len(touches) <= _FEW:  # for which arrays take longer
-        return all(
-            x * x + y * y <= square and math.isfinite(rotation) and lowest <= force <= highest
-            for x, y, rotation, force in touches.tolist()
-        )
-    x, y, rotation, force = touches.T
-    inside = (x * x + y * y <= square) & (lowest <= force) & (force <= highest)
-    return bool((inside & np.isfinite(rotation)).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,9 +145,3 @@ class Touch:
 def finite(value: float) -> float | None:
     """The value, or None where JSON has no number for it."""
     return float(value) if np.isfinite(value) else None
-
-
-def touched(scene: Scene, touch: Array, tolerance: float) -> Scene:
-    """The scene of one touch."""
-    changes = dict(zip(KEYS, map(float, touch), strict=True))
-    return scene.with_(**changes, **{"numerics.tolerance": tolerance})

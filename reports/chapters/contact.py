@@ -1,7 +1,7 @@
-"""Part of the thesis report: the aluminium probe of the experiments instead of a pressure.
+"""Chapter of the thesis report: the aluminium probe of the experiments instead of a pressure.
 
-The simulations press with a uniform pressure, the experiments with a flat aluminium probe. A rigid
-punch, free to slide on the film or stuck to it, bounds what the difference does.
+The thesis's simulations press with a uniform pressure, its experiments with a flat aluminium probe.
+A rigid punch on which the film slides, and one that sticks to it, bound the effect on the charges.
 """
 
 from __future__ import annotations
@@ -13,16 +13,17 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem import Scene
-from pvdf_fem.output.figures import Series, charge_against_rotation, new_figure, save, style
+from pvdf_fem.output.figures import Series, charge_against_rotation
+from reports.common.chapter import Chapter, Content
+from reports.common.figures import drawing
 from reports.common.page import Cell, Column, Picture, Table
-from reports.common.part import Content, Part
 from reports.common.results import MATERIAL, THESIS_EDGE, Results
 from reports.common.thesis_data import Thesis
 from reports.common.thesis_scene import thesis_scene
 
-#: Rotation at which a corner of the rectangle points at electrode A.
+#: Rotation in degrees at which a corner of the rectangle points at electrode A.
 CORNER_DEG = math.degrees(math.atan2(7.0, 14.0))
-#: Ways to press, and the changes to a scene of the thesis that make them.
+#: Ways to press, each with the changes of a scene of the thesis.
 CONTACTS: dict[str, dict[str, Any]] = {
     "pressure": {},
     "sliding": {"load.kind": "rigid", "load.contact": "sliding"},
@@ -31,8 +32,13 @@ CONTACTS: dict[str, dict[str, Any]] = {
 
 
 def rotations_deg(thesis: Thesis) -> list[float]:
-    """Those of Table 4.1 up to 90°, with the corner's and its mirror image if there are others."""
-    printed = {c.rotation_deg for c in thesis.from_("Table 4.1") if c.rotation_deg <= 90.0}
+    """Rotations of Table 4.1 up to 90°, and the two at which a corner points at A or B.
+
+    The latter are left out of a quick report, which has no rotation between 0 and 90°.
+    """
+    printed = {
+        charge.rotation_deg for charge in thesis.from_("Table 4.1") if charge.rotation_deg <= 90.0
+    }
     between = any(0.0 < rotation < 90.0 for rotation in printed)
     return sorted(printed | ({CORNER_DEG, 90.0 - CORNER_DEG} if between else set()))
 
@@ -48,14 +54,14 @@ def triangle(contact: str) -> Scene:
 
 
 def pressed(scene: Scene, contact: str) -> Scene:
-    """A scene of the thesis, pressed in one of the `CONTACTS`."""
+    """A scene of the thesis with one of the `CONTACTS` instead of its pressure."""
     changes = CONTACTS[contact]
     return scene.with_(**changes, **{"numerics.observable": MATERIAL}) if changes else scene
 
 
 def _scenes(thesis: Thesis) -> list[Scene]:
     rotations = rotations_deg(thesis)
-    turned = [rectangle(r, contact) for contact in CONTACTS for r in rotations]
+    turned = [rectangle(rotation, contact) for contact in CONTACTS for rotation in rotations]
     return turned + [triangle(contact) for contact in CONTACTS if len(rotations) > 2]
 
 
@@ -79,50 +85,64 @@ def _compose(thesis: Thesis, results: Results, out: Path) -> Content:
 
 
 def _curve(rotations: list[float], contact: str, electrode: str, results: Results) -> Series:
-    charges = [results[rectangle(r, contact)].charge_pC(electrode, MATERIAL) for r in rotations]
+    charges = [
+        results[rectangle(rotation, contact)].charge_pC(electrode, MATERIAL)
+        for rotation in rotations
+    ]
     label = contact if contact == "pressure" else f"rigid, {contact}"
     return Series(label, np.array(rotations), np.array(charges))
 
 
 def _picture(thesis: Thesis, curves: dict[tuple[str, str], Series], path: Path) -> None:
-    with style():
-        figure = new_figure(160, 140)
+    with drawing(path, 160, 140) as figure:
         axes = figure.subplots(2, sharex=True)
         for ax, electrode in zip(axes, "AB", strict=True):
             ours = [curves[contact, electrode] for contact in CONTACTS]
-            rows = [c for c in thesis.from_("Table 4.1") if c.electrode == electrode]
-            rows = [c for c in rows if c.rotation_deg <= 90.0]
-            x, y = (np.array([getattr(c, k) for c in rows]) for k in ("rotation_deg", "charge_pC"))
+            rows = [charge for charge in thesis.from_("Table 4.1") if charge.electrode == electrode]
+            rows = [charge for charge in rows if charge.rotation_deg <= 90.0]
+            x, y = (
+                np.array([getattr(charge, key) for charge in rows])
+                for key in ("rotation_deg", "charge_pC")
+            )
             charge_against_rotation(ax, ours, [Series(ours[0].label, x, y)])
             ax.set_ylabel(f"charge of {electrode} (pC)")
         axes[0].set_xlabel("")
-        save(figure, path)
 
 
 def _table(thesis: Thesis, curves: dict[tuple[str, str], Series]) -> Table:
     columns = [Column("rotation_deg", "rotation (°)", 1)]
     for name in ("thesis", *CONTACTS):
         group = {"thesis": "thesis", "pressure": "pressure"}.get(name, f"rigid probe, {name}")
-        columns += [Column(f"{name}_{e}_pC", f"{e} (pC)", 1, group) for e in "AB"]
+        columns += [
+            Column(f"{name}_{electrode}_pC", f"{electrode} (pC)", 1, group) for electrode in "AB"
+        ]
         columns.append(Column(f"{name}_A_over_B", "A/B", 3, group))
-    printed = {(c.rotation_deg, c.electrode): c.charge_pC for c in thesis.from_("Table 4.1")}
+    printed = {
+        (charge.rotation_deg, charge.electrode): charge.charge_pC
+        for charge in thesis.from_("Table 4.1")
+    }
     rows: list[list[Cell]] = []
-    for i, rotation in enumerate(rotations_deg(thesis)):
-        pairs = [[printed.get((rotation, e), math.nan) for e in "AB"]]
-        pairs += [[float(curves[contact, e].y[i]) for e in "AB"] for contact in CONTACTS]
-        rows.append([rotation, *(cell for a, b in pairs for cell in (a, b, a / b))])
+    for index, rotation in enumerate(rotations_deg(thesis)):
+        pairs = [[printed.get((rotation, electrode), math.nan) for electrode in "AB"]]
+        pairs += [
+            [float(curves[contact, electrode].y[index]) for electrode in "AB"]
+            for contact in CONTACTS
+        ]
+        rows.append(
+            [rotation, *(cell for of_a, of_b in pairs for cell in (of_a, of_b, of_a / of_b))]
+        )
     caption = "Charges of A and B under the rectangle at the centre, 1 N, by the way to press."
     return Table("contact", caption, columns, rows)
 
 
 def _triangle_table(results: Results) -> Table:
     columns = [Column("contact", "way to press")]
-    columns += [Column(f"{e}_pC", f"{e} (pC)") for e in "ABCD"]
+    columns += [Column(f"{electrode}_pC", f"{electrode} (pC)") for electrode in "ABCD"]
     columns.append(Column("status", "status"))
     rows: list[list[Cell]] = []
     for contact in CONTACTS:
         record = results[triangle(contact)]
-        charges = [record.charge_pC(e, MATERIAL) for e in "ABCD"]
+        charges = [record.charge_pC(electrode, MATERIAL) for electrode in "ABCD"]
         rows.append([contact, *charges, record.status])
     caption = "The same for the triangle at (5.0714, 0.8757) mm (section 3.1.2)."
     return Table("contact_triangle", caption, columns, rows)
@@ -136,15 +156,17 @@ def _texts(thesis: Thesis, results: Results, curves: dict[tuple[str, str], Serie
         for contact in CONTACTS
     }
     upright = results[rectangle(0.0, "pressure")]
-    edges = _percent(*(upright.charge_pC(e, THESIS_EDGE) for e in "AB"))
-    printed = {c.electrode: c.charge_pC for c in thesis.charges if c.case == "t41_r0"}
+    edges = _percent(*(upright.charge_pC(electrode, THESIS_EDGE) for electrode in "AB"))
+    printed = {
+        charge.electrode: charge.charge_pC for charge in thesis.charges if charge.case == "t41_r0"
+    }
     texts = [
         "The probe of the experiments is of aluminium, and rigid beside a film. At 0°, A has "
         f"{ratios['pressure']:.1f} % more charge than B under a uniform pressure ({edges:.1f} % "
         f"with edge averages; the thesis: {_percent(printed['A'], printed['B']):.1f} %), "
         f"{ratios['sliding']:.0f} % more under a rigid probe on which the film slides, and "
         f"{ratios['stuck']:.0f} % more if it sticks. A calibration with a pressure is therefore "
-        "none for this probe. Orientation suffers most: it is read from this contrast."
+        "not valid for this probe. Orientation suffers most: it is read from this contrast."
     ]
     if len(curves["stuck", "A"].x) > 2:
         texts.append(_corner_text(thesis, curves))
@@ -152,27 +174,32 @@ def _texts(thesis: Thesis, results: Results, curves: dict[tuple[str, str], Serie
 
 
 def _corner_text(thesis: Thesis, curves: dict[tuple[str, str], Series]) -> str:
-    rows = [c for c in thesis.from_("Table 4.1") if c.electrode == "A" and c.rotation_deg <= 90.0]
-    highest = max(rows, key=lambda c: c.charge_pC).rotation_deg
+    rows = [
+        charge
+        for charge in thesis.from_("Table 4.1")
+        if charge.electrode == "A" and charge.rotation_deg <= 90.0
+    ]
+    highest = max(rows, key=lambda charge: charge.charge_pC).rotation_deg
     stuck, sliding = curves["stuck", "A"], curves["sliding", "A"]
     differences = stuck.y - curves["stuck", "B"].y
-    at = int(np.argmax(differences))
-    again = np.interp(-differences[0], -differences[at:], stuck.x[at:])
+    steepest = int(np.argmax(differences))
+    repeated = np.interp(-differences[0], -differences[steepest:], stuck.x[steepest:])
     return (
         "Section 4.1 says that the charge grows as a sharp corner gets closer to the electrode. A "
         f"corner points at A at {CORNER_DEG:.1f}°; Table 4.1, and a pressure, have the maximum at "
         f"{highest:g}°, where a short side faces A. Under the probe that sticks, A does grow by "
-        f"{_percent(np.max(stuck.y), stuck.y[0]):.1f} % towards the corner; under the sliding "
-        f"one by {_percent(np.max(sliding.y), sliding.y[0]):.1f} %. For the probe that sticks "
-        f"A − B is {differences[0]:.0f} pC at 0°, {differences[at]:.0f} pC at {stuck.x[at]:.3g}° "
-        f"and nothing at 45°: below {again:.0f}° even two charges leave two angles."
+        f"{_percent(np.max(stuck.y), stuck.y[0]):.1f} % towards the corner; under the sliding one "
+        f"by {_percent(np.max(sliding.y), sliding.y[0]):.1f} %. For the probe that sticks A − B is "
+        f"{differences[0]:.0f} pC at 0°, {differences[steepest]:.0f} pC at "
+        f"{stuck.x[steepest]:.3g}° and nothing at 45°: below {repeated:.0f}° even two charges "
+        "leave two angles."
     )
 
 
-def _percent(one: float, other: float) -> float:
-    return 100.0 * (one / other - 1.0)
+def _percent(charge: float, reference: float) -> float:
+    return 100.0 * (charge / reference - 1.0)
 
 
-CONTACT_PART = Part(
+CONTACT_CHAPTER = Chapter(
     "contact", "Chapter 5: a rigid probe instead of a pressure", (), _scenes, _compose
 )

@@ -1,4 +1,4 @@
-"""Parts of the thesis report: isocharge contours, Figs 3.9 and 3.16, and maps of the probes."""
+"""Chapters of the thesis report: isocharge contours of Figs 3.9 and 3.16, and of the probes."""
 
 from __future__ import annotations
 
@@ -13,34 +13,32 @@ from numpy.typing import NDArray
 from pvdf_fem import Scene
 from pvdf_fem.maps.charge_map import ChargeMap
 from pvdf_fem.maps.isocharge import contour
-from pvdf_fem.maps.mapping import direction
-from pvdf_fem.output.figures import COLOURS, GREY, new_figure, save, style
+from pvdf_fem.output.figures import COLOURS, GREY
+from pvdf_fem.sweeps.lines import direction
 from reports.chapters.calibration import (
     Setting,
-    Turned,
+    TurnedMap,
     calibration_scenes,
     charge_functions,
 )
-from reports.chapters.mapping_curves import REACH_MM, Family
-from reports.chapters.positions.figures import frame, scene_outlines
-from reports.common.page import Cell, Column, Picture, Table
-from reports.common.part import Content, Part
+from reports.chapters.mapping import FIGURES
+from reports.chapters.mapping_curves import REACH_MM
+from reports.chapters.positions.figures import scene_outlines
+from reports.common.chapter import Chapter, Content
+from reports.common.figures import drawing, frame
+from reports.common.page import Cell, Column, Picture, Table, signed
 from reports.common.results import MATERIAL, THESIS_EDGE, Results
 from reports.common.thesis_data import ContourPoint, Thesis
 from reports.common.thesis_scene import thesis_scene
 
 Array = NDArray[np.float64]
 
-#: The scenes of Figs 3.5 and 3.7, on whose lines the thesis's contours of Fig. 3.9 lie.
-FAMILIES = (
-    Family("3.5", "3", "tri7", "A", "biaxial"),
-    Family("3.7", "3", "tri7", "B", "biaxial"),
-)
-# Other electrode of the mirror image at the y axis.
+#: Electrode at the place of another one after a reflection at the y axis.
 _MIRRORED = {"A": "A", "B": "C", "C": "B"}
-#: Half the width of a map, and distance of the places that its contours are drawn from.
-MAP_MM, RASTER_MM = 15.0, 0.5
-#: Distances in mm from the electrode's centre, towards the film's, whose charges are drawn.
+#: Half the width of a drawn map in mm.
+MAP_MM = 15.0
+#: Distances in mm from an electrode's centre towards the film's centre. A map has contours of the
+#: charges there, rounded.
 LEVELS_MM = (2.5, 3.2, 4.0, 5.0, 6.5, 8.0, 10.0, 12.0, 15.0, 18.0, 22.0)
 
 
@@ -48,67 +46,75 @@ LEVELS_MM = (2.5, 3.2, 4.0, 5.0, 6.5, 8.0, 10.0, 12.0, 15.0, 18.0, 22.0)
 
 
 def _first_scenes(thesis: Thesis) -> list[Scene]:
-    return [scene for family in FAMILIES for scene in family.scenes(thesis)]
+    """The scenes of Figs 3.5 and 3.7, on whose lines the contours of Fig. 3.9 lie."""
+    return [scene for family in FIGURES[:2] for scene in family.scenes(thesis)]
 
 
 _NOT_DRAWN = "Not drawn, since most of its solves failed."
 
 
 def _enough(results: Results, scenes: Sequence[Scene]) -> bool:
-    """Whether maps can be made: most scenes are solved."""
+    """Whether enough scenes are solved for maps: more than half."""
     return 2 * sum(results[scene].converged for scene in scenes) > len(scenes)
 
 
 def first_maps(thesis: Thesis, results: Results, observable: str) -> dict[str, ChargeMap]:
-    """Charges of the three electrodes through all solved places of the mappings.
+    """Charge maps of the three electrodes through all solved places of the mappings.
 
-    The mirror image at the y axis of each place counts as solved too.
+    The mirror image at the y axis of each solved place counts as solved, too.
     """
     scenes = [scene for scene in dict.fromkeys(_first_scenes(thesis)) if results[scene].converged]
-    known: dict[str, dict[tuple[float, float], float]] = {name: {} for name in _MIRRORED}
+    charges: dict[str, dict[tuple[float, float], float]] = {name: {} for name in _MIRRORED}
     for scene in scenes:
         assert scene.probe is not None
         x, y = scene.probe.x_mm, scene.probe.y_mm
         for name, charge in results[scene].charges_pC(8.0, 8.0, observable).items():
-            known[name][x, y] = charge
-            known[_MIRRORED[name]].setdefault((-x + 0.0, y), charge)
+            charges[name][x, y] = charge
+            charges[_MIRRORED[name]].setdefault((-x + 0.0, y), charge)
     field = results.field(scenes[0])
     maps = {}
     for electrode in scenes[0].electrode_list:
-        charges = known[electrode.name]
+        at_places = charges[electrode.name]
         leading = field.charge(electrode.outline, 8.0, 8.0, observable).value_and_gradient
-        places, values = np.array(list(charges)), np.array(list(charges.values()))
+        places, values = np.array(list(at_places)), np.array(list(at_places.values()))
         maps[electrode.name] = ChargeMap(places, values, REACH_MM, leading)
     return maps
 
 
 def radius(
-    one: ChargeMap, start_mm: Array, angle_deg: float, charge_pC: float, near: float
+    charge_map: ChargeMap, start_mm: Array, angle_deg: float, charge_pC: float, near_mm: float
 ) -> float:
-    """Distance in mm from `start_mm` along a line at which a map has a charge; NaN without."""
-    r = near
+    """Distance in mm from `start_mm`, along a line, at which a map has a charge.
+
+    Newton's method starts at the distance `near_mm`. The result is NaN if the method does not
+    converge within 5 mm of it.
+    """
+    radius_mm = near_mm
     for _ in range(20):
-        value, slope = one.value_and_gradient((start_mm + r * direction(angle_deg))[None])
+        value, slope = charge_map.value_and_gradient(
+            (start_mm + radius_mm * direction(angle_deg))[None]
+        )
         step = (charge_pC - value[0]) / float(slope[0] @ direction(angle_deg))
-        r += step
-        if not abs(r - near) < 5.0:
+        radius_mm += step
+        if not abs(radius_mm - near_mm) < 5.0:
             return np.nan
         if abs(step) < 1e-7:
-            return float(r)
+            return float(radius_mm)
     return np.nan
 
 
 @dataclass(frozen=True)
-class Cut:
-    """A point of the thesis's contours with ours on the same line.
+class ComparedPoint:
+    """A point of the thesis's contours beside our contour on the same line.
 
     Attributes
     ----------
     point : ContourPoint
     charge_pC : float
-        Ours at the point.
+        Our charge at the point.
     radius_mm, material_mm : float
-        Where ours has the point's charge: by the electrode's edges, and by its material.
+        Distances from the electrode at which our charge is that of the point: the charge from the
+        electrode's edges, and that of its material.
     """
 
     point: ContourPoint
@@ -118,26 +124,28 @@ class Cut:
 
     @property
     def difference_mm(self) -> float:
-        """Our radius less the thesis's."""
+        """Our radius minus the thesis's."""
         return self.radius_mm - self.point.radius_mm
 
 
-def cuts(thesis: Thesis, results: Results) -> list[Cut]:
-    """The thesis's points with ours."""
-    edge, material = (first_maps(thesis, results, o) for o in (THESIS_EDGE, MATERIAL))
+def cuts(thesis: Thesis, results: Results) -> list[ComparedPoint]:
+    """The points of the thesis's contours beside our contours."""
+    edge, material = (
+        first_maps(thesis, results, observable) for observable in (THESIS_EDGE, MATERIAL)
+    )
     centres = {e.name: 1e3 * e.outline.centroid for e in _first_scenes(thesis)[0].electrode_list}
-    found = []
+    compared = []
     for point in thesis.contours:
         name, place = point.electrode, np.array([point.x_mm, point.y_mm])
-        apart = place - centres[name]
-        angle = float(np.degrees(np.arctan2(apart[1], apart[0])))
-        there = float(edge[name](place[None])[0])
+        offset = place - centres[name]
+        angle = float(np.degrees(np.arctan2(offset[1], offset[0])))
+        charge_pC = float(edge[name](place[None])[0])
         radii = (
-            radius(one[name], centres[name], angle, point.charge_pC, point.radius_mm)
-            for one in (edge, material)
+            radius(charge_map[name], centres[name], angle, point.charge_pC, point.radius_mm)
+            for charge_map in (edge, material)
         )
-        found.append(Cut(point, there, *radii))
-    return found
+        compared.append(ComparedPoint(point, charge_pC, *radii))
+    return compared
 
 
 def _compose_first(thesis: Thesis, results: Results, out: Path) -> Content:
@@ -145,11 +153,11 @@ def _compose_first(thesis: Thesis, results: Results, out: Path) -> Content:
         return Content(["None of its points is among the chosen ones."], [])
     if not _enough(results, _first_scenes(thesis)):
         return Content([_NOT_DRAWN], [])
-    found = cuts(thesis, results)
+    points = cuts(thesis, results)
     maps = first_maps(thesis, results, THESIS_EDGE)
-    _first_picture(thesis, found, maps, out / "figure_3_9.svg")
+    _first_picture(thesis, points, maps, out / "figure_3_9.svg")
     return Content(
-        [_first_text(found, maps)],
+        [_first_text(points, maps)],
         [
             Picture(
                 "figure_3_9.svg",
@@ -157,20 +165,22 @@ def _compose_first(thesis: Thesis, results: Results, out: Path) -> Content:
                 "Rings: the thesis's points; curves: ours at the same charges. Right: our radius "
                 "less the thesis's; dots: with the charges of the material.",
             ),
-            _cut_table(found),
+            _cut_table(points),
         ],
     )
 
 
-def _first_text(found: Sequence[Cut], maps: dict[str, ChargeMap]) -> str:
-    apart = np.array([cut.difference_mm for cut in found])
-    percent = np.array([100.0 * (cut.charge_pC / cut.point.charge_pC - 1.0) for cut in found])
-    errors = ", ".join(f"{name} {one.error_pC:.1f}" for name, one in maps.items())
+def _first_text(points: Sequence[ComparedPoint], maps: dict[str, ChargeMap]) -> str:
+    differences = np.array([point.difference_mm for point in points])
+    percent = np.array(
+        [100.0 * (point.charge_pC / point.point.charge_pC - 1.0) for point in points]
+    )
+    errors = ", ".join(f"{name} {charge_map.error_pC:.1f}" for name, charge_map in maps.items())
     return (
-        f"Our charges (thesis-edge) at the thesis's {len(found)} points differ from those that it "
-        f"names by {_range(percent, 2)} %, our radii from its own by {_range(apart, 3)} mm, "
-        f"{np.sqrt(np.nanmean(apart**2)):.3f} mm rms. Our contours are those of maps through the "
-        "solved places of Figs 3.5 and 3.7 and their mirror images. Such a place left out is "
+        f"Our charges (thesis-edge) at the thesis's {len(points)} points differ from those that it "
+        f"names by {_range(percent, 2)} %, our radii from its own by {_range(differences, 3)} mm, "
+        f"{np.sqrt(np.nanmean(differences**2)):.3f} mm rms. Our contours are those of maps through "
+        "the solved places of Figs 3.5 and 3.7 and their mirror images. Such a place left out is "
         f"missed by the map through the others with an rms error in pC of {errors}, more than the "
         "error between places. The thesis's contour of C is that of B for the charge of C, "
         "mirrored; here each is the electrode's own."
@@ -178,41 +188,42 @@ def _first_text(found: Sequence[Cut], maps: dict[str, ChargeMap]) -> str:
 
 
 def _range(values: Array, digits: int) -> str:
-    low, high = np.nanmin(values), np.nanmax(values)
-    return f"{low:+.{digits}f} to {high:+.{digits}f}".replace("-", "\N{MINUS SIGN}")
+    return f"{signed(np.nanmin(values), digits)} to {signed(np.nanmax(values), digits)}"
 
 
 def _first_picture(
-    thesis: Thesis, found: Sequence[Cut], maps: dict[str, ChargeMap], path: Path
+    thesis: Thesis, points: Sequence[ComparedPoint], maps: dict[str, ChargeMap], path: Path
 ) -> None:
-    charges = {cut.point.electrode: cut.point.charge_pC for cut in found}
-    case = found[0].point.case
-    places = [(one.x_mm, one.y_mm) for one in thesis.charges if one.case == case]
+    levels = {point.point.electrode: point.point.charge_pC for point in points}
+    case = points[0].point.case
+    places = [(charge.x_mm, charge.y_mm) for charge in thesis.charges if charge.case == case]
     scene = thesis_scene("3", "tri7", x_mm=places[0][0], y_mm=places[0][1])
-    with style():
-        figure = new_figure(170, 100)
+    with drawing(path, 170, 100) as figure:
         left, right = figure.subplots(1, 2, width_ratios=(3, 2))
         scene_outlines(left, scene)
-        for name, charge in charges.items():
+        for name, level in levels.items():
             ink = COLOURS["ABC".index(name)]
-            for curve in contour(name, maps[name], charge).curves:
+            for curve in contour(name, maps[name], level).curves:
                 left.plot(*curve.polyline_mm.T, color=ink, lw=1.2)
-            mine = [cut for cut in found if cut.point.electrode == name]
-            x, y = ([getattr(cut.point, of) for cut in mine] for of in ("x_mm", "y_mm"))
+            of_electrode = [point for point in points if point.point.electrode == name]
+            x, y = (
+                [getattr(point.point, key) for point in of_electrode] for key in ("x_mm", "y_mm")
+            )
             left.plot(x, y, "o", mfc="none", mec=ink, mew=1.0, ms=5.0)
-            angles = [cut.point.angle_deg for cut in mine]
-            label = f"{name}, {charge:g} pC"
-            right.plot(angles, [c.difference_mm for c in mine], "-", color=ink, label=label)
-            material = [c.material_mm - c.point.radius_mm for c in mine]
+            angles = [point.point.angle_deg for point in of_electrode]
+            label = f"{name}, {level:g} pC"
+            right.plot(
+                angles, [point.difference_mm for point in of_electrode], "-", color=ink, label=label
+            )
+            material = [point.material_mm - point.point.radius_mm for point in of_electrode]
             right.plot(angles, material, ".", color=ink)
         frame(left, "", 14.0)
         right.axhline(0.0, color=GREY, lw=0.8)
         right.set(xlabel="angle of the line (°)", ylabel="our radius − thesis's (mm)")
         right.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
-        save(figure, path)
 
 
-def _cut_table(found: Sequence[Cut]) -> Table:
+def _cut_table(points: Sequence[ComparedPoint]) -> Table:
     columns = [
         Column("contour", "contour"),
         Column("angle_deg", "line (°)", 0),
@@ -229,12 +240,16 @@ def _cut_table(found: Sequence[Cut]) -> Table:
         Column("material_mm", "ours, material (mm)", 3, "radius"),
     ]
     rows: list[list[Cell]] = []
-    for cut in found:
-        point = cut.point
+    for compared in points:
+        point = compared.point
         row: list[Cell] = [point.contour, point.angle_deg, point.case, point.electrode]
-        row += [point.charge_pC, point.x_mm, point.y_mm, cut.charge_pC]
-        row += [100.0 * (cut.charge_pC / point.charge_pC - 1.0), point.radius_mm, cut.radius_mm]
-        rows.append([*row, cut.difference_mm, cut.material_mm])
+        row += [point.charge_pC, point.x_mm, point.y_mm, compared.charge_pC]
+        row += [
+            100.0 * (compared.charge_pC / point.charge_pC - 1.0),
+            point.radius_mm,
+            compared.radius_mm,
+        ]
+        rows.append([*row, compared.difference_mm, compared.material_mm])
     return Table("figure_3_9", "Fig. 3.9: the thesis's contour points.", columns, rows)
 
 
@@ -242,8 +257,8 @@ def _cut_table(found: Sequence[Cut]) -> Table:
 
 
 @dataclass(frozen=True)
-class MapOf:
-    """An isocharge map of four electrodes."""
+class IsochargeMap:
+    """A chapter with the isocharge contours of four electrodes; `what` begins its caption."""
 
     file: str
     title: str
@@ -253,21 +268,21 @@ class MapOf:
 
 
 MAPS = (
-    MapOf(
+    IsochargeMap(
         "figure_3_16",
         "Fig. 3.16: isocharge contours of a small disc",
         ("Fig. 3.16",),
         Setting("circle1", 0.0, 1.0),
         "Fig. 3.16: isocharge contours of all electrodes under a disc of 1 mm radius, 1 N",
     ),
-    MapOf(
+    IsochargeMap(
         "isocharge_triangle",
         "Isocharge contours of the triangle",
         (),
         Setting("tri7", 0.0, 1.0),
         "Isocharge contours of all electrodes under the triangle, one corner to +y, 1 N",
     ),
-    MapOf(
+    IsochargeMap(
         "isocharge_rectangle",
         "Isocharge contours of the rectangle",
         (),
@@ -277,83 +292,90 @@ MAPS = (
 )
 
 
-def _chosen(of: MapOf, thesis: Thesis) -> bool:
-    """Whether it has a figure in the thesis, or its probe is among the chosen positions."""
-    return bool(of.shows) or any(row.probe == of.setting.probe for row in thesis.positions)
+def _chosen(isocharge_map: IsochargeMap, thesis: Thesis) -> bool:
+    """Whether the thesis has a figure of the map, or the chosen positions one of its probe."""
+    return bool(isocharge_map.shows) or any(
+        row.probe == isocharge_map.setting.probe for row in thesis.positions
+    )
 
 
-def _map_scenes(of: MapOf) -> Callable[[Thesis], list[Scene]]:
-    return lambda thesis: calibration_scenes(thesis, [of.setting] if _chosen(of, thesis) else [])
+def _map_scenes(isocharge_map: IsochargeMap) -> Callable[[Thesis], list[Scene]]:
+    return lambda thesis: calibration_scenes(
+        thesis, [isocharge_map.setting] if _chosen(isocharge_map, thesis) else []
+    )
 
 
-def _compose_map(of: MapOf) -> Callable[[Thesis, Results, Path], Content]:
+def _compose_map(isocharge_map: IsochargeMap) -> Callable[[Thesis, Results, Path], Content]:
     def compose(thesis: Thesis, results: Results, out: Path) -> Content:
-        if not _chosen(of, thesis):
+        if not _chosen(isocharge_map, thesis):
             return Content(["None of its positions is among the chosen ones."], [])
-        if not _enough(results, calibration_scenes(thesis, [of.setting])):
+        if not _enough(results, calibration_scenes(thesis, [isocharge_map.setting])):
             return Content([_NOT_DRAWN], [])
-        maps = charge_functions(thesis, results, of.setting, "4")
-        _map_picture(of, maps, out / f"{of.file}.svg")
+        maps = charge_functions(thesis, results, isocharge_map.setting, "4")
+        _map_picture(isocharge_map, maps, out / f"{isocharge_map.file}.svg")
         caption = (
-            f"{of.what}; labels in pC. Below: what a map without a solved place would miss there, "
-            "for electrodes A and B, area of the dots in proportion."
+            f"{isocharge_map.what}; labels in pC. Below: what a map without a solved place would "
+            "miss there, for electrodes A and B, area of the dots in proportion."
         )
-        return Content([_map_text(of, maps)], [Picture(f"{of.file}.svg", caption)])
+        return Content(
+            [_map_text(isocharge_map, maps)], [Picture(f"{isocharge_map.file}.svg", caption)]
+        )
 
     return compose
 
 
-def _map_text(of: MapOf, maps: dict[str, Turned]) -> str:
-    one = maps["A"].function
+def _map_text(isocharge_map: IsochargeMap, maps: dict[str, TurnedMap]) -> str:
+    charge_map = maps["A"].function
     errors = ", ".join(f"{name} {maps[name].error_pC:.2f}" for name in maps)
-    largest = float(one.charges_pC.max())
+    largest = float(charge_map.charges_pC.max())
     return (
-        f"Charges of the material, {len(one.charges_pC)} places on a square lattice (symmetry "
-        f"leaves fewer to solve). They reach {largest:.0f} pC with the probe on an electrode. A "
-        "place left out is missed by the map through the others with an rms error in pC of "
-        f"{errors}, more than the error between places, since the hole is twice as wide."
+        f"Charges of the material, {len(charge_map.charges_pC)} places on a square lattice "
+        f"(symmetry leaves fewer to solve). They reach {largest:.0f} pC with the probe on an "
+        "electrode. A place left out is missed by the map through the others with an rms error in "
+        f"pC of {errors}, more than the error between places, since the hole is twice as wide."
     )
 
 
-def _map_picture(of: MapOf, maps: dict[str, Turned], path: Path) -> None:
-    with style():
-        figure = new_figure(165, 230)
+def _map_picture(isocharge_map: IsochargeMap, maps: dict[str, TurnedMap], path: Path) -> None:
+    with drawing(path, 165, 230) as figure:
         grid = figure.add_gridspec(2, 2, height_ratios=(5, 2))
-        _draw_map(figure.add_subplot(grid[0, :]), of, maps)
+        _draw_map(figure.add_subplot(grid[0, :]), isocharge_map, maps)
         for column, name in enumerate("AB"):
             _draw_errors(figure.add_subplot(grid[1, column]), name, maps[name].function)
-        save(figure, path)
 
 
-def _draw_map(ax: Axes, of: MapOf, maps: dict[str, Turned]) -> None:
-    at = np.arange(-MAP_MM, MAP_MM + 1e-9, RASTER_MM)
-    places = np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
+def _draw_map(
+    ax: Axes, isocharge_map: IsochargeMap, maps: dict[str, TurnedMap], pitch_mm: float = 0.5
+) -> None:
+    """Contours of all electrodes, from charges on a raster with this pitch."""
+    raster = np.arange(-MAP_MM, MAP_MM + 1e-9, pitch_mm)
+    places = np.stack(np.meshgrid(raster, raster), axis=-1).reshape(-1, 2)
     outside = np.linalg.norm(places, axis=1) > maps["A"].reach_mm
-    scene = thesis_scene("4", of.setting.probe)
+    scene = thesis_scene("4", isocharge_map.setting.probe)
     scene_outlines(ax, scene)
     ax.grid(False)
     for electrode, ink in zip(scene.electrode_list, COLOURS, strict=False):
-        one = maps[electrode.name]
-        charges = np.where(outside, np.nan, one.value_and_gradient(places)[0])
-        levels = _levels(one, 1e3 * electrode.outline.centroid)
-        drawn = ax.contour(
-            at, at, charges.reshape(len(at), -1), levels, colors=[ink], linewidths=0.8
+        charge_map = maps[electrode.name]
+        charges = np.where(outside, np.nan, charge_map.value_and_gradient(places)[0])
+        levels = _levels(charge_map, 1e3 * electrode.outline.centroid)
+        lines = ax.contour(
+            raster, raster, charges.reshape(len(raster), -1), levels, colors=[ink], linewidths=0.8
         )
-        ax.clabel(drawn, fmt="%g", fontsize=6)
+        ax.clabel(lines, fmt="%g", fontsize=6)
     frame(ax, "", MAP_MM)
 
 
-def _levels(one: Turned, centre_mm: Array) -> list[float]:
-    """Round charges met at some distances from an electrode towards the film's centre."""
+def _levels(charge_map: TurnedMap, centre_mm: Array) -> list[float]:
+    """Charges in pC at `LEVELS_MM` from an electrode, rounded, each once."""
     inwards = -centre_mm / np.linalg.norm(centre_mm)
-    charges = one.value_and_gradient(centre_mm + np.outer(LEVELS_MM, inwards))[0]
+    charges = charge_map.value_and_gradient(centre_mm + np.outer(LEVELS_MM, inwards))[0]
     steps = np.where(charges > 1500.0, 100.0, np.where(charges > 500.0, 20.0, 10.0))
     return sorted(set((steps * np.round(charges / steps)).tolist()))
 
 
-def _draw_errors(ax: Axes, name: str, one: ChargeMap) -> None:
-    sizes, places = np.abs(one.left_out_pC), one.positions_mm
-    inside = np.linalg.norm(places, axis=1) <= one.reach_mm
+def _draw_errors(ax: Axes, name: str, charge_map: ChargeMap) -> None:
+    sizes, places = np.abs(charge_map.left_out_pC), charge_map.positions_mm
+    inside = np.linalg.norm(places, axis=1) <= charge_map.reach_mm
     places, sizes = places[inside], sizes[inside]
     largest = float(sizes.max())
     area = 1.0 + 60.0 * sizes / largest
@@ -361,14 +383,14 @@ def _draw_errors(ax: Axes, name: str, one: ChargeMap) -> None:
     frame(ax, f"left out: {name}, largest {largest:.1f} pC", MAP_MM + 2.0)
 
 
-FIGURE_3_9_PART = Part(
+FIGURE_3_9_CHAPTER = Chapter(
     "figure-3-9",
     "Fig. 3.9: contours of the first scene",
     ("Fig. 3.9",),
     _first_scenes,
     _compose_first,
 )
-FIGURE_3_16_PART, TRIANGLE_MAP_PART, RECTANGLE_MAP_PART = (
-    Part(of.file.replace("_", "-"), of.title, of.shows, _map_scenes(of), _compose_map(of))
+FIGURE_3_16_CHAPTER, TRIANGLE_MAP_CHAPTER, RECTANGLE_MAP_CHAPTER = (
+    Chapter(of.file.replace("_", "-"), of.title, of.shows, _map_scenes(of), _compose_map(of))
     for of in MAPS
 )

@@ -1,4 +1,4 @@
-"""Part of the thesis report: its drawings and meshes of chapters 2 to 4, from our scenes."""
+"""Chapter of the thesis report: drawings and meshes of the thesis's chapters 2 to 4."""
 
 from __future__ import annotations
 
@@ -6,29 +6,30 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import shapely
 from matplotlib.axes import Axes
 from matplotlib.patches import Arc, Circle, Polygon
 from numpy.typing import NDArray
 from skfem import MeshTri2
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.maps.mapping import direction
-from pvdf_fem.mesh.gmsh_mesh import Sizes, electrode_patch, mesh_scene, outlines
-from pvdf_fem.output.figures import COLOURS, GREY, LABEL_SIZE, new_figure, save, style
-from pvdf_fem.scene.outline import Outline
-from pvdf_fem.solvers.newton import Status
+from pvdf_fem.mesh.gmsh_mesh import electrode_patch, mesh_scene, outlines
+from pvdf_fem.mesh.size_field import Sizes
+from pvdf_fem.output.figures import COLOURS, GREY, LABEL_SIZE
+from pvdf_fem.scene.outlines.outline import Outline
+from pvdf_fem.solvers.status import Status
+from pvdf_fem.sweeps.lines import direction
 from reports.chapters.linear_mesh import FILM_SIZE, GROWTH, PATCH_SIZE
 from reports.chapters.mapping import FIGURES
+from reports.common.chapter import Chapter, Content
+from reports.common.figures import LEVEL_DASHES, draw_outline, drawing, frame
 from reports.common.page import Cell, Column, Picture, Table
-from reports.common.part import Content, Part
 from reports.common.results import MATERIAL, Results
 from reports.common.thesis_data import Thesis
 from reports.common.thesis_scene import thesis_scene
 
 Array = NDArray[np.float64]
 
-#: Where each drawing is, or why it is not here.
+#: File that shows each drawing of the thesis, or the reason why none does.
 DRAWINGS = {
     "2.1": "drawings_sensor.svg",
     "2.2": "drawings_sensor.svg",
@@ -43,7 +44,9 @@ DRAWINGS = {
     "3.6": "drawings_mapping.svg",
     "4.1": "drawings_sensor.svg",
 }
+#: Distance of the electrodes' centres from the film's centre in mm.
 RING_MM = 10.0
+#: Width of thin lines in points.
 THIN = 0.7
 
 
@@ -86,7 +89,9 @@ def _compose(thesis: Thesis, results: Results, out: Path) -> Content:
 def _list(thesis: Thesis) -> Table:
     shows = {figure.number: figure.shows for figure in thesis.figures}
     columns = [Column("figure", "figure"), Column("shows", "shows"), Column("here", "here")]
-    rows: list[list[Cell]] = [[f"Fig. {n}", shows[n], here] for n, here in DRAWINGS.items()]
+    rows: list[list[Cell]] = [
+        [f"Fig. {n}", shows[n], file_or_reason] for n, file_or_reason in DRAWINGS.items()
+    ]
     return Table("drawings", "The drawings of the thesis's chapters 2 to 4.", columns, rows)
 
 
@@ -96,31 +101,30 @@ def _list(thesis: Thesis) -> Table:
 def _sheet(
     path: Path, thesis: Thesis, drawings: tuple[Callable[[Axes, Thesis], None], ...]
 ) -> None:
-    with style():
-        figure = new_figure(165, 165)
+    with drawing(path, 165, 165) as figure:
         for ax, draw in zip(figure.subplots(2, 2).flat, drawings, strict=True):
             ax.grid(False)
             draw(ax, thesis)
-            ax.set_aspect("equal")
-        save(figure, path)
 
 
 def _plate(ax: Axes, thesis: Thesis) -> None:
-    half = 0.5 * thesis.parameters["geometry"]["plate_side"]["value"]
+    half_side = 0.5 * thesis.parameters["geometry"]["plate_side"]["value"]
     radius = thesis.parameters["geometry"]["membrane_radius"]["value"]
-    corners = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    corners = half_side * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     ax.add_patch(Polygon(corners, fc="0.93", ec="black", lw=1.0))
     ax.add_patch(Circle((0.0, 0.0), radius, fc="white", ec="black", lw=1.0))
     _electrodes(ax, thesis_scene("4", "tri7"), outwards=7.0)
-    _measure(ax, (-half, -half - 8.0), (half, -half - 8.0), f"{2 * half:g}")
+    _measure(
+        ax, (-half_side, -half_side - 8.0), (half_side, -half_side - 8.0), f"{2 * half_side:g}"
+    )
     _measure(ax, (-radius, -30.0), (radius, -30.0), f"Ø {2 * radius:g}")
     _measure(ax, (-RING_MM, 24.0), (RING_MM, 24.0), f"{2 * RING_MM:g}")
     _note(ax, (0.0, 0.0), "O")
-    _frame(ax, "Fig. 2.1: sensor", half + 14.0)
+    frame(ax, "Fig. 2.1: sensor", half_side + 14.0)
 
 
 def _film_axes(ax: Axes, thesis: Thesis) -> None:
-    """A piece of film in oblique view, its thickness exaggerated."""
+    """A piece of film in oblique view, with an exaggerated thickness."""
     across, up = np.array([26.0, 13.0]), np.array([0.0, 5.0])
     base = np.array([[0.0, 0.0], [44.0, 0.0]])
     top = np.array([base[0], base[1], base[1] + across, base[0] + across]) + up
@@ -140,7 +144,9 @@ def _film_axes(ax: Axes, thesis: Thesis) -> None:
         tip = origin + vector
         ax.annotate("", tip, origin, arrowprops={"arrowstyle": "->", "lw": 1.1})
         _note(ax, (tip[0] + 1.5, tip[1] + 1.0), label, ha="left")
-    ax.set(xlim=(-4.0, 112.0), ylim=(-44.0, 72.0), title="Fig. 2.2: axes of the film")
+    ax.set(
+        xlim=(-4.0, 112.0), ylim=(-44.0, 72.0), title="Fig. 2.2: axes of the film", aspect="equal"
+    )
     ax.axis("off")
 
 
@@ -153,23 +159,23 @@ def _three_electrodes(ax: Axes, thesis: Thesis) -> None:
         ax.plot(*zip((0.0, 0.0), centres[name], strict=True), color=GREY, lw=THIN)
         size = 8.0 if name == "B" else 5.0
         ax.add_patch(Arc((0.0, 0.0), size, size, theta1=0.0, theta2=angle, lw=THIN, ec=GREY))
-    ax.plot((0.0, 13.0), (0.0, 0.0), color=GREY, lw=THIN, ls=(0, (4, 3)))
+    ax.plot((0.0, 13.0), (0.0, 0.0), color=GREY, lw=THIN, ls=LEVEL_DASHES)
     _note(ax, (6.4, 1.4), "30°")
     _note(ax, (-0.6, 3.7), "150°")
-    _frame(ax, "Fig. 3.3: three electrodes", 18.0)
+    frame(ax, "Fig. 3.3: three electrodes", 18.0)
 
 
 def _turned(ax: Axes, thesis: Thesis) -> None:
     _electrodes(ax, thesis_scene("4", "rect14x7"), outwards=3.5)
-    for angle, look in ((0.0, (0, (4, 3))), (30.0, "-")):
+    for angle, look in ((0.0, LEVEL_DASHES), (30.0, "-")):
         outline = _probe(thesis_scene("4", "rect14x7", rotation_deg=angle))
-        _outline(ax, outline, fill=False, ec=COLOURS[1], lw=1.3, ls=look)
+        draw_outline(ax, outline, fill=False, ec=COLOURS[1], lw=1.3, ls=look)
     ax.plot(*zip((0.0, 0.0), 13.0 * direction(30.0), strict=True), color=GREY, lw=THIN)
     ax.plot((0.0, 8.4), (0.0, 0.0), color=GREY, lw=THIN)
     ax.add_patch(Arc((0.0, 0.0), 16.2, 16.2, theta1=0.0, theta2=30.0, lw=THIN, ec=GREY))
     _note(ax, 9.2 * direction(18.0), "θ")
     _note(ax, (-1.2, -1.2), "O")
-    _frame(ax, "Fig. 4.1: rectangle turned at O", 18.0)
+    frame(ax, "Fig. 4.1: rectangle turned at O", 18.0)
 
 
 def _circles(ax: Axes, thesis: Thesis) -> None:
@@ -182,7 +188,7 @@ def _circles(ax: Axes, thesis: Thesis) -> None:
         ax.plot(*centre, ".", color=ink)
         _note(ax, (centre[0], centre[1] + 1.6), electrode.name.lower(), color=ink)
     ax.plot(*point, "o", color="black", ms=4)
-    _frame(ax, "Fig. 3.1: triangulation", 24.0)
+    frame(ax, "Fig. 3.1: triangulation", 24.0)
 
 
 def _scheme(ax: Axes, thesis: Thesis) -> None:
@@ -192,11 +198,13 @@ def _scheme(ax: Axes, thesis: Thesis) -> None:
     for degrees in np.arange(40.0, 140.0 + 1e-9, angle):
         ends = centre + np.outer((0.0, radii[-1]), direction(degrees))
         ax.plot(*ends.T, color=GREY, lw=0.5)
-    for r in radii:
-        ax.add_patch(Arc(tuple(centre), 2 * r, 2 * r, theta1=40, theta2=140, ec=COLOURS[0], lw=0.8))
+    for radius in radii:
+        ax.add_patch(
+            Arc(tuple(centre), 2 * radius, 2 * radius, theta1=40, theta2=140, ec=COLOURS[0], lw=0.8)
+        )
     _electrodes(ax, thesis_scene("3", "tri7"), outwards=0.0)
     _note(ax, centre + 30.0 * direction(85.0), f"steps {step:g} mm, {angle:g}°")
-    _frame(ax, "Fig. 3.2: mapping scheme", 24.0)
+    frame(ax, "Fig. 3.2: mapping scheme", 24.0)
 
 
 def _lines_of_a(ax: Axes, thesis: Thesis) -> None:
@@ -216,17 +224,20 @@ def _lines(ax: Axes, thesis: Thesis, figure: int, title: str) -> None:
         _note(ax, places[-1] + 1.4 * along, f"{degrees:g}°", size=LABEL_SIZE - 1.5, ha=side)
     place = scheme.positions_mm[len(scheme.positions_mm) // 2][2]
     probe = thesis_scene("3", "tri7", x_mm=place[0], y_mm=place[1])
-    _outline(ax, _probe(probe), fill=False, ec=COLOURS[1], lw=1.3)
+    draw_outline(ax, _probe(probe), fill=False, ec=COLOURS[1], lw=1.3)
     _electrodes(ax, probe, outwards=0.0)
-    _frame(ax, title, 27.0)
+    frame(ax, title, 27.0)
 
 
 def _electrodes(ax: Axes, scene: Scene, outwards: float) -> dict[str, Array]:
-    """Draw the electrodes, their names `outwards` mm farther out; returns their centres in mm."""
+    """Draw the electrodes and return their centres in mm.
+
+    Their names stand `outwards` mm farther from the film's centre.
+    """
     centres = {}
     for electrode in scene.electrode_list:
         centre = centres[electrode.name] = 1e3 * electrode.outline.centroid
-        _outline(ax, electrode.outline, fc="0.75", ec="black", lw=0.8, zorder=3)
+        draw_outline(ax, electrode.outline, fc="0.75", ec="black", lw=0.8, zorder=3)
         place = centre * (1.0 + outwards / np.linalg.norm(centre))
         _note(ax, place, electrode.name)
     return centres
@@ -237,13 +248,8 @@ def _probe(scene: Scene) -> Outline:
     return scene.probe.outline
 
 
-def _outline(ax: Axes, outline: Outline, **look: object) -> None:
-    shape: shapely.Polygon = outline.shape
-    ax.add_patch(Polygon(1e3 * np.array(shape.exterior.coords), **look))  # type: ignore[arg-type]
-
-
 def _ring(ax: Axes) -> None:
-    ax.add_patch(Circle((0.0, 0.0), RING_MM, fill=False, ec=GREY, lw=THIN, ls=(0, (4, 3))))
+    ax.add_patch(Circle((0.0, 0.0), RING_MM, fill=False, ec=GREY, lw=THIN, ls=LEVEL_DASHES))
 
 
 def _note(ax: Axes, place: Array | tuple[float, float], text: str, **look: object) -> None:
@@ -258,17 +264,12 @@ def _note(ax: Axes, place: Array | tuple[float, float], text: str, **look: objec
 
 
 def _measure(ax: Axes, start: tuple[float, float], end: tuple[float, float], text: str) -> None:
-    """A level dimension line."""
+    """A horizontal dimension line with its length as `text`."""
     arrow = {"arrowstyle": "<->", "lw": THIN, "color": GREY, "shrinkA": 0, "shrinkB": 0}
     ax.annotate("", end, start, arrowprops=arrow)
     middle = 0.5 * (start[0] + end[0])
     box = {"fc": "white", "ec": "none", "pad": 0.8}
     _note(ax, (middle, start[1]), text, bbox=box)
-
-
-def _frame(ax: Axes, title: str, reach_mm: float) -> None:
-    ax.set(title=title, xlabel="x (mm)", ylabel="y (mm)")
-    ax.set(xlim=(-reach_mm, reach_mm), ylim=(-reach_mm, reach_mm))
 
 
 # ------------------------------------------------------------------------------------- meshes
@@ -279,11 +280,14 @@ def _scene() -> Scene:
 
 
 def _meshes() -> dict[str, MeshTri2]:
-    """Our mesh, if it has a solution, and one of the thesis's sizes."""
+    """Our mesh of the rectangle at the centre, and one with the thesis's element sizes.
+
+    The former is the mesh of our solution; it is missing if there is none.
+    """
     scene, solution = _scene(), solve(_scene())
-    found = {"this work": solution.mesh} if solution.status is Status.CONVERGED else {}
+    meshes = {"this work": solution.mesh} if solution.status is Status.CONVERGED else {}
     sizes = Sizes(dict.fromkeys(outlines(scene), PATCH_SIZE), GROWTH, FILM_SIZE)
-    return {**found, "sizes of the thesis": mesh_scene(scene, sizes)}
+    return {**meshes, "sizes of the thesis": mesh_scene(scene, sizes)}
 
 
 def edge_vertices(mesh: MeshTri2, patch: str) -> NDArray[np.int64]:
@@ -293,15 +297,14 @@ def edge_vertices(mesh: MeshTri2, patch: str) -> NDArray[np.int64]:
 
 
 def _mesh_sheet(meshes: dict[str, MeshTri2], path: Path) -> None:
-    with style():
-        figure = new_figure(165, 165)
+    with drawing(path, 165, 165) as figure:
         axes = figure.subplots(2, 2, squeeze=False)
         for (above, below), (name, mesh) in zip(axes.T, meshes.items(), strict=False):
             x, y = 1e3 * mesh.p
-            # thousands of lines take far less as dots than as paths
+            # A file with pixels of thousands of lines is far smaller than one with their paths.
             above.triplot(x, y, mesh.t.T, color=COLOURS[0], lw=0.25, rasterized=True)
-            near = (np.hypot(x - RING_MM, y)[mesh.t] < 8.0).any(axis=0)
-            below.triplot(x, y, mesh.t.T[near], color=COLOURS[0], lw=0.7)
+            beside_electrode = (np.hypot(x - RING_MM, y)[mesh.t] < 8.0).any(axis=0)
+            below.triplot(x, y, mesh.t.T[beside_electrode], color=COLOURS[0], lw=0.7)
             for ax, centre, reach in ((above, 0.0, 46.0), (below, RING_MM, 3.5)):
                 ax.set(xlim=(centre - reach, centre + reach), ylim=(-reach, reach))
                 ax.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
@@ -310,7 +313,6 @@ def _mesh_sheet(meshes: dict[str, MeshTri2], path: Path) -> None:
             below.plot(x[nodes], y[nodes], "o", color=COLOURS[1], ms=4)
             above.set_title(f"Fig. 2.5, {name}:\n{mesh.nelements} triangles")
             below.set_title(f"Fig. 2.6, {name}:\n{len(nodes)} corner nodes on the edge of A")
-        save(figure, path)
 
 
 def _mesh_table(thesis: Thesis, meshes: dict[str, MeshTri2]) -> Table:
@@ -344,13 +346,13 @@ def _mesh_text(thesis: Thesis, meshes: dict[str, MeshTri2]) -> str:
     if ours is None:
         return text
     return text + (
-        f"Here {ours.nelements} quadratic triangles do: fine where the stress varies, along the "
-        "outlines, and coarse towards the rim. The estimated error of every charge is 0.1 % or "
-        "less."
+        f"Here {ours.nelements} quadratic triangles are enough: they are small where the stress "
+        "varies, along the outlines, and large towards the rim. The estimated error of every "
+        "charge is 0.1 % or less."
     )
 
 
-DRAWINGS_PART = Part(
+DRAWINGS_CHAPTER = Chapter(
     "drawings",
     "Chapters 2 to 4: drawings and meshes",
     tuple(f"Fig. {number}" for number in DRAWINGS),

@@ -1,7 +1,7 @@
-"""Parts of the thesis report: chapter 5, section 6.1 and appendix 5, the experiments.
+"""Chapters of the thesis report: chapter 5, section 6.1 and appendix 5, the experiments.
 
-What the printed measurements say by themselves, the measuring circuit, the film's resonance, and
-those parts of a charge that a simulation has and a measurement has not, or the other way round.
+The chapters show what the printed measurements say by themselves, the measuring circuit, the
+film's resonance, and the parts of a charge that only a simulation or only a measurement contains.
 """
 
 from __future__ import annotations
@@ -21,19 +21,17 @@ from pvdf_fem.output.figures import (
     LABEL_SIZE,
     Series,
     label_curves,
-    new_figure,
-    save,
-    style,
 )
 from pvdf_fem.solution.modes import modes
-from pvdf_fem.solvers.newton import Status
+from pvdf_fem.solvers.status import Status
+from reports.common.chapter import Chapter, Content
+from reports.common.figures import LEVEL_DASHES, drawing
 from reports.common.page import Cell, Column, Picture, Table
-from reports.common.part import Content, Part
 from reports.common.results import MATERIAL, Results
 from reports.common.thesis_data import Position, Thesis
 from reports.common.thesis_scene import thesis_scene
 
-#: Both readings of App. 5's divider, named by where the load resistance is.
+#: Both readings of the voltage divider of App. 5, named by the place of the load resistance.
 READINGS: dict[str, Callable[[Circuit, float], complex]] = {
     "load in parallel": Circuit.parallel_load,
     "load in series": Circuit.series_load,
@@ -44,9 +42,11 @@ READINGS: dict[str, Callable[[Circuit, float], complex]] = {
 
 
 def _measured_positions(thesis: Thesis, results: Results, out: Path) -> Content:
-    measured = [p for p in thesis.positions if p.kind == "experimental"]
-    simulated = [p for p in thesis.positions if p.kind == "simulated"]
-    rows: list[list[Cell]] = [_position_row(p, _same_place(p, simulated)) for p in measured]
+    measured = [position for position in thesis.positions if position.kind == "experimental"]
+    simulated = [position for position in thesis.positions if position.kind == "simulated"]
+    rows: list[list[Cell]] = [
+        _position_row(position, _same_place(position, simulated)) for position in measured
+    ]
     columns = [
         Column("case", "measured case"),
         Column("place", "place"),
@@ -61,48 +61,53 @@ def _measured_positions(thesis: Thesis, results: Results, out: Path) -> Content:
 
 
 def _same_place(measured: Position, simulated: list[Position]) -> Position | None:
-    """The simulated row of the same probe at the same place, the biaxial film at 1 N."""
+    """The simulation of the same probe and place with three electrodes on the biaxial film."""
     key = (measured.probe, measured.x_mm, measured.y_mm, measured.rotation_deg)
-    for p in simulated:
-        same = (p.probe, p.x_mm, p.y_mm, p.rotation_deg) == key
-        if same and p.film == "biaxial" and p.force_N == measured.force_N and p.layout == "3":
-            return p
+    for position in simulated:
+        same = (position.probe, position.x_mm, position.y_mm, position.rotation_deg) == key
+        if (
+            same
+            and position.film == "biaxial"
+            and position.force_N == measured.force_N
+            and position.layout == "3"
+        ):
+            return position
     return None
 
 
 def _position_row(measured: Position, simulated: Position | None) -> list[Cell]:
-    head: list[Cell] = [measured.case, f"{measured.probe}, {measured.position}", measured.error_mm]
+    cells: list[Cell] = [measured.case, f"{measured.probe}, {measured.position}", measured.error_mm]
     if simulated is None:
-        return [*head, None, None, None]
+        return [*cells, None, None, None]
     error = simulated.error_mm
-    return [*head, simulated.case, error, measured.error_mm / error]
+    return [*cells, simulated.case, error, measured.error_mm / error]
 
 
 def _error_texts(thesis: Thesis, measured: list[Position], simulated: list[Position]) -> list[str]:
-    errors = np.array([p.error_mm for p in measured])
-    known = errors[np.isfinite(errors)]
-    large = [p for p in simulated if p.error_mm > 1.0]
-    lost = [p for p in simulated if math.isnan(p.error_mm)]
-    films = ", ".join(sorted({p.film for p in large}))
+    errors = np.array([position.error_mm for position in measured])
+    finite = errors[np.isfinite(errors)]
+    large = [position for position in simulated if position.error_mm > 1.0]
+    failed = [position for position in simulated if math.isnan(position.error_mm)]
+    films = ", ".join(sorted({position.film for position in large}))
     texts = []
-    if large or lost:
+    if large or failed:
         texts.append(
             "Sections 5.3.1 and 5.3.2 call all theoretical errors smaller than 1 mm. Of "
             f"{len(simulated)} simulated positions {len(large)} are larger (film: {films}; up to "
-            f"{max((p.error_mm for p in large), default=math.nan):g} mm), and {len(lost)} are "
-            "printed as not intersecting."
+            f"{max((position.error_mm for position in large), default=math.nan):g} mm), and "
+            f"{len(failed)} are printed as not intersecting."
         )
-    if known.size:
+    if finite.size:
         placement = thesis.parameters["experiment"]["probe_placement_error"]["value"]
         stated = thesis.parameters["experiment"]["theory_experiment_discrepancy"]["value"]
         texts.append(
             f"Section 5.4 gives a mean discrepancy of {stated:g} % between theory and experiment, "
             "without a rule; the last column shows no such number. The mean of the "
-            f"{known.size} measured errors is {known.mean():.3f} mm."
+            f"{finite.size} measured errors is {finite.mean():.3f} mm."
         )
         texts.append(
             f"Section 6.1 admits that the probe is placed with an error of {placement:g} mm or "
-            f"more. {int((known < placement).sum())} of the {known.size} measured errors are "
+            f"more. {int((finite < placement).sum())} of the {finite.size} measured errors are "
             "smaller than that, and so cannot be told from zero."
         )
     return texts
@@ -120,7 +125,7 @@ def _header_text() -> str:
 
 
 def thesis_circuit(thesis: Thesis) -> Circuit:
-    """An electrode of the thesis with its load."""
+    """The circuit of an electrode of the thesis with its load."""
     geometry, film = thesis.parameters["geometry"], thesis.parameters["film"]["biaxial"]
     capacitance = film_capacitance(
         1e-6 * geometry["electrode_area"]["value"],
@@ -150,28 +155,29 @@ def _circuit(thesis: Thesis, results: Results, out: Path) -> Content:
 
 def _circuit_texts(thesis: Thesis) -> list[str]:
     circuit, printed = thesis_circuit(thesis), thesis.parameters["circuit"]
-    f = thesis.parameters["experiment"]["excitation_frequency"]["value"]
-    X = printed["reactance_printed"]["value"]
-    at = frequency_of(circuit, 1e6 * X)
-    C = 1e12 * circuit.capacitance * at / f
-    low = (thesis.parameters["experiment"]["noise_limit_frequency"]["value"], 5.0, 2.0)
+    excitation_Hz = thesis.parameters["experiment"]["excitation_frequency"]["value"]
+    reactance = printed["reactance_printed"]["value"]
+    printed_at_Hz = frequency_of(circuit, 1e6 * reactance)
+    capacitance_pF = 1e12 * circuit.capacitance * printed_at_Hz / excitation_Hz
+    frequencies = (thesis.parameters["experiment"]["noise_limit_frequency"]["value"], 5.0, 2.0)
     series, parallel = (
-        ", ".join(f"{abs(reading(circuit, each)):.2f}" for each in low)
+        ", ".join(f"{abs(reading(circuit, frequency)):.2f}" for frequency in frequencies)
         for reading in (Circuit.series_load, Circuit.parallel_load)
     )
-    frequencies = ", ".join(f"{each:g}" for each in low)
+    listed = ", ".join(f"{frequency:g}" for frequency in frequencies)
     return [
-        f"The reactance printed for {f:g} Hz, {X} MΩ, is not that of "
-        f"{1e12 * circuit.capacitance:.3f} pF, which has {1e-6 * circuit.reactance(f):.2f} MΩ. It "
-        f"belongs to {at:.2f} Hz, or to {C:.2f} pF. The factor {printed['attenuation']['value']} "
-        "follows from the printed reactance; with the right one the same formula gives "
-        f"{abs(circuit.series_load(f)):.3f}.",
+        f"The reactance printed for {excitation_Hz:g} Hz, {reactance} MΩ, is not that of "
+        f"{1e12 * circuit.capacitance:.3f} pF, which has "
+        f"{1e-6 * circuit.reactance(excitation_Hz):.2f} MΩ. It belongs to {printed_at_Hz:.2f} Hz, "
+        f"or to {capacitance_pF:.2f} pF. The factor {printed['attenuation']['value']} follows from "
+        "the printed reactance; with the right one the same formula gives "
+        f"{abs(circuit.series_load(excitation_Hz)):.3f}.",
         "The formula is that of a load in series with the source, the voltage taken across the "
         "film's capacitance: a low pass. An amplifier's input resistance loads the source in "
-        f"parallel, which is a high pass: {abs(circuit.parallel_load(f)):.3f} at {f:g} Hz. What "
-        f"the thesis observes speaks for the latter: at {frequencies} Hz the parallel load passes "
-        f"{parallel}, the series load {series}, so that only the former loses the signal at low "
-        "frequencies.",
+        f"parallel, which is a high pass: {abs(circuit.parallel_load(excitation_Hz)):.3f} at "
+        f"{excitation_Hz:g} Hz. The observations of the thesis agree with the latter: at {listed} "
+        f"Hz the parallel load passes {parallel}, the series load {series}, so that only the "
+        "former loses the signal at low frequencies.",
         "That the resistance should be as low as possible (6.1, item 13) follows from the series "
         "formula. For a parallel load the opposite is true: the voltage tends to zero with it. "
         f"The time constant, {1e3 * circuit.time_constant:.1f} ms, is also the fraction of a "
@@ -181,11 +187,14 @@ def _circuit_texts(thesis: Thesis) -> list[str]:
 
 def _capacitance_texts(thesis: Thesis) -> list[str]:
     circuit, printed = thesis_circuit(thesis), thesis.parameters["circuit"]
-    f = thesis.parameters["experiment"]["excitation_frequency"]["value"]
+    excitation_Hz = thesis.parameters["experiment"]["excitation_frequency"]["value"]
     measured = printed["capacitance_measured_two_electrodes"]["value"]
-    small = Circuit(1e-12 * measured, circuit.load_resistance)
-    low = 100.0 * (1.0 - small.capacitance / circuit.capacitance)
-    open_, loaded = voltage_ratio(small, circuit), voltage_ratio(small, circuit, f)
+    measured_circuit = Circuit(1e-12 * measured, circuit.load_resistance)
+    deficit_percent = 100.0 * (1.0 - measured_circuit.capacitance / circuit.capacitance)
+    open_, loaded = (
+        voltage_ratio(measured_circuit, circuit),
+        voltage_ratio(measured_circuit, circuit, excitation_Hz),
+    )
     ratio = _contrast_of_thesis(thesis)
     against = (
         f", against {100 * (ratio - 1):.1f} % between A and B in Table 4.1 at 0°"
@@ -193,40 +202,46 @@ def _capacitance_texts(thesis: Thesis) -> list[str]:
         else ""
     )
     return [
-        f"Two electrodes have {measured:g} pF, {low:.1f} % less than theory (6.1 says "
+        f"Two electrodes have {measured:g} pF, {deficit_percent:.1f} % less than theory (6.1 says "
         f"{printed['capacitance_deficit_stated']['value']:g} %, App. 5 calls all four close to "
         f"it). For equal charges their voltages are {100 * (open_ - 1):.0f} % higher on an open "
-        f"circuit, and {100 * (loaded - 1):.0f} % at {f:g} Hz with the load in parallel{against}. "
-        "That charge or voltage makes no difference (5.3.1) holds only with a calibration of "
-        "each electrode."
+        f"circuit, and {100 * (loaded - 1):.0f} % at {excitation_Hz:g} Hz with the load in "
+        f"parallel{against}. The statement that charge or voltage makes no difference (5.3.1) "
+        "holds only if each electrode is calibrated."
     ]
 
 
 def _contrast_of_thesis(thesis: Thesis) -> float:
-    """A over B of the centred rectangle at 0°; NaN when the rows are not there."""
-    rows = {c.electrode: c.charge_pC for c in thesis.charges if c.case == "t41_r0"}
+    """Charge of A over that of B for the centred rectangle at 0°; NaN without these rows."""
+    rows = {
+        charge.electrode: charge.charge_pC for charge in thesis.charges if charge.case == "t41_r0"
+    }
     return rows["A"] / rows["B"] if {"A", "B"} <= rows.keys() else math.nan
 
 
 def _circuit_table(thesis: Thesis) -> Table:
     circuit, printed = thesis_circuit(thesis), thesis.parameters["circuit"]
-    f = thesis.parameters["experiment"]["excitation_frequency"]["value"]
-    X = printed["reactance_printed"]["value"]
-    at = frequency_of(circuit, 1e6 * X)
-    series, parallel = circuit.series_load(f), circuit.parallel_load(f)
+    excitation_Hz = thesis.parameters["experiment"]["excitation_frequency"]["value"]
+    reactance = printed["reactance_printed"]["value"]
+    printed_at_Hz = frequency_of(circuit, 1e6 * reactance)
     equal = 100.0 * (1.0 - abs(circuit.series_load(circuit.corner_frequency)))
-    C, factor = printed["capacitance_theory"]["value"], printed["attenuation"]["value"]
+    capacitance = printed["capacitance_theory"]["value"]
+    printed_factor, at_f = printed["attenuation"]["value"], f"{excitation_Hz:g} Hz"
     loss = printed["drop_if_RL_equals_XC"]["value"]
     rows: list[list[Cell]] = [
-        ["capacitance of an electrode (pF)", C, 1e12 * circuit.capacitance],
-        [f"reactance at {f:g} Hz (MΩ)", X, 1e-6 * circuit.reactance(f)],
-        ["frequency of the printed reactance (Hz)", f, at],
-        ["load in series: factor, printed reactance", factor, abs(circuit.series_load(at))],
-        [f"load in series: factor at {f:g} Hz", None, abs(series)],
-        [f"load in series: phase at {f:g} Hz (°)", None, math.degrees(phase(series))],
-        ["load in parallel: factor, printed reactance", None, abs(circuit.parallel_load(at))],
-        [f"load in parallel: factor at {f:g} Hz", None, abs(parallel)],
-        [f"load in parallel: phase at {f:g} Hz (°)", None, math.degrees(phase(parallel))],
+        ["capacitance of an electrode (pF)", capacitance, 1e12 * circuit.capacitance],
+        [f"reactance at {at_f} (MΩ)", reactance, 1e-6 * circuit.reactance(excitation_Hz)],
+        ["frequency of the printed reactance (Hz)", excitation_Hz, printed_at_Hz],
+    ]
+    for reading, factor in (("load in series", printed_factor), ("load in parallel", None)):
+        ratio = READINGS[reading]
+        exact = ratio(circuit, excitation_Hz)
+        rows += [
+            [f"{reading}: factor, printed reactance", factor, abs(ratio(circuit, printed_at_Hz))],
+            [f"{reading}: factor at {at_f}", None, abs(exact)],
+            [f"{reading}: phase at {at_f} (°)", None, math.degrees(phase(exact))],
+        ]
+    rows += [
         ["loss if load and reactance are equal (%)", loss, equal],
         ["corner frequency (Hz)", None, circuit.corner_frequency],
         ["time constant (ms)", None, 1e3 * circuit.time_constant],
@@ -241,32 +256,36 @@ def _circuit_table(thesis: Thesis) -> Table:
 
 def _circuit_picture(thesis: Thesis, path: Path) -> None:
     circuit, experiment = thesis_circuit(thesis), thesis.parameters["experiment"]
-    f = np.geomspace(1.0, 200.0, 200)
+    frequencies = np.geomspace(1.0, 200.0, 200)
     inks, ticks = COLOURS[: len(READINGS)], (1, 2, 5, 10, 20, 50, 100, 200)
-    with style():
-        figure = new_figure(160, 120)
+    with drawing(path, 160, 120) as figure:
         above, below = figure.subplots(2, sharex=True)
         for ax in (above, below):
             for key in ("excitation_frequency", "noise_limit_frequency"):
-                ax.axvline(experiment[key]["value"], color=GREY, lw=0.8, ls=(0, (4, 3)))
-        for ax, part in ((above, np.abs), (below, lambda z: np.degrees(np.angle(z)))):
+                ax.axvline(experiment[key]["value"], color=GREY, lw=0.8, ls=LEVEL_DASHES)
+        for ax, quantity in ((above, np.abs), (below, lambda z: np.degrees(np.angle(z)))):
             lines = [
-                Series(name, f, part(np.array([reading(circuit, each) for each in f])))
+                Series(
+                    name,
+                    frequencies,
+                    quantity(np.array([reading(circuit, frequency) for frequency in frequencies])),
+                )
                 for name, reading in READINGS.items()
             ]
-            for one, ink in zip(lines, inks, strict=True):
-                ax.plot(one.x, one.y, color=ink)
+            for line, ink in zip(lines, inks, strict=True):
+                ax.plot(line.x, line.y, color=ink)
             ax.set_xscale("log")
             ax.set_xticks(ticks, [str(tick) for tick in ticks])
             ax.set_xlim(1.0, 200.0)
             label_curves(ax, lines, inks)
-        at = experiment["excitation_frequency"]["value"]
+        excitation_Hz = experiment["excitation_frequency"]["value"]
         printed = thesis.parameters["circuit"]["attenuation"]["value"]
-        above.plot(at, printed, "o", mfc="none", mec=inks[1], mew=1.1)
-        above.annotate("thesis", (at, printed), (5, 3), textcoords="offset points", size=LABEL_SIZE)
+        above.plot(excitation_Hz, printed, "o", mfc="none", mec=inks[1], mew=1.1)
+        above.annotate(
+            "thesis", (excitation_Hz, printed), (5, 3), textcoords="offset points", size=LABEL_SIZE
+        )
         above.set(ylabel="voltage over source voltage", ylim=(0.0, 1.05))
         below.set(ylabel="phase (°)", xlabel="frequency (Hz)", yticks=(-90, -45, 0, 45, 90))
-        save(figure, path)
 
 
 # ----------------------------------------------------------------------- dynamics and statics
@@ -289,7 +308,7 @@ def _charge_parts(thesis: Thesis, results: Results, out: Path) -> Content:
 
 
 def _mode_table(thesis: Thesis) -> Table:
-    f = thesis.parameters["experiment"]["excitation_frequency"]["value"]
+    excitation_Hz = thesis.parameters["experiment"]["excitation_frequency"]["value"]
     printed = thesis.parameters["experiment"]["first_natural_frequency"]["value"]
     scene = _rectangle()
     states = (
@@ -298,17 +317,17 @@ def _mode_table(thesis: Thesis) -> Table:
         ("about 1 N, no cooling", scene.with_(**{"film.temperature_change_K": 0.0}), True, None),
     )
     rows: list[list[Cell]] = []
-    for name, state, loaded, thesis_Hz in states:
-        found = modes(state, count=1, loaded=loaded)
-        done = found.status is Status.CONVERGED
-        first = float(found.frequencies_Hz[0]) if done else math.nan
-        factor = dynamic_factor(f, first) if done else math.nan
-        rows.append([name, thesis_Hz, first, factor, str(found.status)])
+    for name, scene_of_state, loaded, thesis_Hz in states:
+        result = modes(scene_of_state, count=1, loaded=loaded)
+        converged = result.status is Status.CONVERGED
+        first_mode_Hz = float(result.frequencies_Hz[0]) if converged else math.nan
+        factor = dynamic_factor(excitation_Hz, first_mode_Hz) if converged else math.nan
+        rows.append([name, thesis_Hz, first_mode_Hz, factor, str(result.status)])
     columns = [
         Column("state", "state of the film"),
         Column("thesis_Hz", "thesis (Hz)", None),
         Column("first_mode_Hz", "first mode (Hz)", 1),
-        Column("dynamic_factor", f"dynamic factor at {f:g} Hz", 4),
+        Column("dynamic_factor", f"dynamic factor at {excitation_Hz:g} Hz", 4),
         Column("status", "status"),
     ]
     caption = "First mode of vibration, the rectangle at the centre, and what it does to a charge."
@@ -331,13 +350,13 @@ def _mode_texts(thesis: Thesis, table: Table) -> list[str]:
 
 
 def _static_charges(thesis: Thesis, results: Results) -> dict[str, float]:
-    """Charges in pC of A: at 1 N, at rest, and per kelvin by the pyroelectric effect."""
-    pressed, rest = (results[scene].charge_pC("A") for scene in _charge_scenes(thesis))
+    """Charges of A in pC: at 1 N, at rest, and by the pyroelectric effect of 1 K."""
+    pressed, at_rest = (results[scene].charge_pC("A") for scene in _charge_scenes(thesis))
     film, geometry = thesis.parameters["film"]["biaxial"], thesis.parameters["geometry"]
     pyro = film["pyro_p3"]["value"] * geometry["electrode_area"]["value"]  # µC/(m² K) · mm² = pC/K
     return {
         "charge of A, rectangle at the centre, 1 N": pressed,
-        "of it at rest, from the pretension": rest,
+        "of it at rest, from the pretension": at_rest,
         "pyroelectric charge of 1 K": pyro,
     }
 
@@ -345,19 +364,21 @@ def _static_charges(thesis: Thesis, results: Results) -> dict[str, float]:
 def _static_table(thesis: Thesis, results: Results) -> Table:
     charges = _static_charges(thesis, results)
     whole = next(iter(charges.values()))
-    rows: list[list[Cell]] = [[k, v, 100.0 * v / whole] for k, v in charges.items()]
+    rows: list[list[Cell]] = [
+        [name, charge, 100.0 * charge / whole] for name, charge in charges.items()
+    ]
     columns = [Column("part", "part"), Column("charge_pC", "charge (pC)")]
     columns.append(Column("share_percent", "share of the charge at 1 N (%)"))
     return Table("static_charges", "Parts of a charge that a measurement lacks.", columns, rows)
 
 
 def _static_texts(thesis: Thesis, results: Results) -> list[str]:
-    whole, rest, pyro = _static_charges(thesis, results).values()
+    whole, at_rest, pyro = _static_charges(thesis, results).values()
     limit = thesis.parameters["loading"]["material_linearity_limit"]["value"]
     area = thesis.parameters["geometry"]["electrode_area"]["value"]
     d31 = thesis.parameters["film"]["biaxial"]["d31"]["value"]
-    texts = [] if math.isnan(rest / whole) else _lacking_texts(whole, rest, pyro)
-    largest = max(thesis.from_("Table 4.5"), key=lambda c: c.charge_pC, default=None)
+    texts = [] if math.isnan(at_rest / whole) else _lacking_texts(whole, at_rest, pyro)
+    largest = max(thesis.from_("Table 4.5"), key=lambda charge: charge.charge_pC, default=None)
     if largest is not None:
         stress = largest.charge_pC / d31 / area  # pC / (pC/N · mm²) = MPa
         texts.append(
@@ -368,34 +389,34 @@ def _static_texts(thesis: Thesis, results: Results) -> list[str]:
     return texts
 
 
-def _lacking_texts(whole: float, rest: float, pyro: float) -> list[str]:
+def _lacking_texts(whole: float, at_rest: float, pyro: float) -> list[str]:
     return [
-        f"The simulated charges contain {rest:.1f} pC of the pretension, {100 * rest / whole:.0f} "
-        "% at 1 N, which no measurement at 20 Hz sees. The film can only be pushed, but the "
-        "preload of the sine of 1 N is not given, nor whether 1 N is its peak or its whole swing; "
-        "and as charges grow with a power of the force of about 2/3, a sine of force is not a "
-        "sine of charge.",
+        f"The simulated charges contain {at_rest:.1f} pC of the pretension, "
+        f"{100 * at_rest / whole:.0f} % at 1 N, which no measurement at 20 Hz sees. The film can "
+        "only be pushed, but the preload of the sine of 1 N is not given, nor whether 1 N is its "
+        "peak or its whole swing; and as charges grow with a power of the force of about 2/3, a "
+        "sine of force is not a sine of charge.",
         "The pyroelectric effect is ignored in all simulations (6.1, item 15). With the "
         f"coefficient of App. 1 it is {pyro:.0f} pC per kelvin, {100 * pyro / whole:.0f} % of the "
         "charge at 1 N. The cooling by 1 K that makes the pretension would itself give this.",
     ]
 
 
-MEASURED_POSITIONS_PART = Part(
+MEASURED_POSITIONS_CHAPTER = Chapter(
     "measured-positions",
     "Tables 5.1 and 5.2: measured positions",
     ("Table 5.1", "Table 5.2"),
     lambda thesis: [],
     _measured_positions,
 )
-CIRCUIT_PART = Part(
+CIRCUIT_CHAPTER = Chapter(
     "circuit",
     "Appendix 5: the measuring circuit",
     ("Fig. App5-1", "Fig. App5-2", "Fig. App5-3"),
     lambda thesis: [],
     _circuit,
 )
-CHARGE_PARTS_PART = Part(
+CHARGE_PARTS_CHAPTER = Chapter(
     "charge-parts",
     "Section 6.1: resonance, and what a measurement lacks",
     (),

@@ -1,7 +1,7 @@
-"""Part of the thesis report: what the thesis states that its own numbers or the model contradict.
+"""Chapter of the thesis report: statements that its own numbers or the model contradict.
 
 Each finding computes its numbers from the printed data or from the records of scenes that other
-sections show. One whose rows are not at hand, as with ``--quick``, is left out.
+sections show. A finding whose rows are missing, as in a quick report, is left out.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ import numpy as np
 
 from pvdf_fem import Scene
 from pvdf_fem.maps.force_law import local_exponents
-from pvdf_fem.scene.outline import turn
-from reports.chapters.contact import CONTACT_PART, CONTACTS, pressed
-from reports.chapters.experiments import CIRCUIT_PART, MEASURED_POSITIONS_PART, thesis_circuit
+from pvdf_fem.scene.outlines.outline import turn
+from reports.chapters.contact import CONTACT_CHAPTER, CONTACTS, pressed
+from reports.chapters.experiments import CIRCUIT_CHAPTER, MEASURED_POSITIONS_CHAPTER, thesis_circuit
 from reports.chapters.force_and_angle.force_law import rest_charge_pC
-from reports.chapters.thickness import PLACE_MM, THICKNESS_PART
+from reports.chapters.thickness import PLACE_MM, THICKNESS_CHAPTER
+from reports.common.chapter import Chapter, Content
 from reports.common.page import Cell, Column, Table
-from reports.common.part import Content, Part
 from reports.common.results import MATERIAL, THESIS_EDGE, Results
 from reports.common.thesis_data import Thesis
 from reports.common.thesis_scene import thesis_scene
@@ -29,7 +29,7 @@ from reports.common.thesis_scene import thesis_scene
 
 @dataclass(frozen=True)
 class Evidence:
-    """The printed numbers and our records, by short names."""
+    """The printed numbers and our records, with short ways to read them."""
 
     thesis: Thesis
     results: Results
@@ -37,11 +37,14 @@ class Evidence:
     def printed(self, source: str, electrode: str, rotation_deg: float, force_N: float) -> float:
         """A printed charge in pC; raises `KeyError` if the data at hand lack it."""
         key = (electrode, rotation_deg, force_N)
-        rows = {(c.electrode, c.rotation_deg, c.force_N): c for c in self.thesis.from_(source)}
+        rows = {
+            (charge.electrode, charge.rotation_deg, charge.force_N): charge
+            for charge in self.thesis.from_(source)
+        }
         return rows[key].charge_pC
 
     def polynomial(self, name: str, x: float) -> float:
-        """A printed equation at radians or newtons."""
+        """Value of a printed equation at `x` radians or newtons."""
         return float(self.thesis.polynomials[name](x))
 
     def ours(self, scene: Scene, electrode: str, observable: str = THESIS_EDGE) -> float:
@@ -51,7 +54,7 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Finding:
-    """What the thesis states, where, what is so, and the section that shows it."""
+    """A statement of the thesis and its place, what is true instead, and where that is shown."""
 
     place: str
     states: str
@@ -62,24 +65,31 @@ class Finding:
 # --------------------------------------------------------------------- chapter 3, positions
 
 
-def _layout(e: Evidence) -> Finding:
-    radii = {f: max(p.radius_mm for p in e.thesis.contours if p.electrode == f) for f in "AB"}
+def _layout(evidence: Evidence) -> Finding:
+    radii = {
+        name: max(point.radius_mm for point in evidence.thesis.contours if point.electrode == name)
+        for name in "AB"
+    }
     A, B = np.array([0.0, -10.0]), turn([10.0, 0.0], 60.0)
-    apart = float(np.linalg.norm(A - B))
-    if len(e.thesis.contours) < 20:
+    distance = float(np.linalg.norm(A - B))
+    if len(evidence.thesis.contours) < 20:
         raise KeyError("contours")
     return Finding(
         "3.1.1",
         "Electrodes B and C lie at 60° and 120°, and the three form an equilateral triangle.",
-        f"Both cannot be. With 60° the centres of A and B are {apart:.2f} mm apart, more than the "
-        f"largest radii of their contours in Fig. 3.9 together ({radii['A']:.2f} and "
+        f"Both cannot be. With 60° the centres of A and B are {distance:.2f} mm apart, more than "
+        f"the largest radii of their contours in Fig. 3.9 together ({radii['A']:.2f} and "
         f"{radii['B']:.2f} mm): these could not meet. 30° and 150° give the triangle and the data.",
         "Figs. 3.9 and 3.10",
     )
 
 
-def _curve_order(e: Evidence) -> Finding:
-    radius = {p.angle_deg: p.radius_mm for p in e.thesis.contours if p.electrode == "A"}
+def _curve_order(evidence: Evidence) -> Finding:
+    radius = {
+        point.angle_deg: point.radius_mm
+        for point in evidence.thesis.contours
+        if point.electrode == "A"
+    }
     return Finding(
         "3.1.1",
         "In Fig. 3.5 the curve of 35° is uppermost and that of 90° lowermost.",
@@ -89,11 +99,11 @@ def _curve_order(e: Evidence) -> Finding:
     )
 
 
-def _equal_by_symmetry(e: Evidence) -> Finding:
-    printed = [e.printed("Table 3.4", name, -90.0, 1.0) for name in "ABC"]
+def _equal_by_symmetry(evidence: Evidence) -> Finding:
+    printed = [evidence.printed("Table 3.4", name, -90.0, 1.0) for name in "ABC"]
     scene = thesis_scene("3", "tri7", rotation_deg=-90.0)
     ours, edges = (
-        [e.ours(scene, name, observable) for name in "ABC"]
+        [evidence.ours(scene, name, observable) for name in "ABC"]
         for observable in (MATERIAL, THESIS_EDGE)
     )
     return Finding(
@@ -106,14 +116,14 @@ def _equal_by_symmetry(e: Evidence) -> Finding:
     )
 
 
-def _not_intersecting(e: Evidence) -> Finding:
-    simulated = [p for p in e.thesis.positions if p.kind == "simulated"]
-    lost = [p for p in simulated if np.isnan(p.error_mm)]
-    if not lost:
+def _not_intersecting(evidence: Evidence) -> Finding:
+    simulated = [position for position in evidence.thesis.positions if position.kind == "simulated"]
+    failed = [position for position in simulated if np.isnan(position.error_mm)]
+    if not failed:
         raise KeyError("positions")
     return Finding(
         "3.1 to 3.4",
-        f"{len(lost)} of {len(simulated)} simulated scenes have no intersecting contours.",
+        f"{len(failed)} of {len(simulated)} simulated scenes have no intersecting contours.",
         "Contours of a calibration with the probe's own shape and orientation meet in all of "
         "them; what fails is the calibration with the unrotated probe, and the rule that asks for "
         "crossings where least squares has an answer.",
@@ -121,8 +131,12 @@ def _not_intersecting(e: Evidence) -> Finding:
     )
 
 
-def _two_newtons(e: Evidence) -> Finding:
-    failed = [p.item for p in e.thesis.triangulation if p.case == "s342_2" and "no_" in p.status]
+def _two_newtons(evidence: Evidence) -> Finding:
+    failed = [
+        point.item
+        for point in evidence.thesis.triangulation
+        if point.case == "s342_2" and "no_" in point.status
+    ]
     if not failed:
         raise KeyError("s342_2")
     return Finding(
@@ -137,74 +151,80 @@ def _two_newtons(e: Evidence) -> Finding:
 # ------------------------------------------------------------------------- chapter 3, force
 
 
-def _linear(e: Evidence) -> Finding:
+def _linear(evidence: Evidence) -> Finding:
     ratios = [
-        e.printed("Table 3.4", name, -90.0, 0.5) / e.printed("Table 3.4", name, -90.0, 0.25)
+        evidence.printed("Table 3.4", name, -90.0, 0.5)
+        / evidence.printed("Table 3.4", name, -90.0, 0.25)
         for name in "ABC"
     ]
     forces = np.array([0.25, 0.5, 1.0, 2.0])
-    charges = np.array([e.printed("Table 3.4", "A", -90.0, F) for F in forces])
+    charges = np.array([evidence.printed("Table 3.4", "A", -90.0, F) for F in forces])
     _, exponents = local_exponents(forces, charges)
     return Finding(
         "3.4.3, 3.5, 6.2",
         "The charge is linear in the force up to 0.5 N.",
-        f"From 0.25 to 0.5 N the printed charges grow {np.mean(ratios):.2f} "
-        f"times, not twice; the local exponents of A are {min(exponents):.2f} to "
-        f"{max(exponents):.2f}, near a membrane's 2/3. The claim rests on two points, which any "
-        "line joins.",
+        f"From 0.25 to 0.5 N the printed charges grow {np.mean(ratios):.2f} times, not twice; the "
+        f"local exponents of A are {min(exponents):.2f} to {max(exponents):.2f}, near a membrane's "
+        "2/3. The claim rests on two points, and a line goes through any two points.",
         "Force laws",
     )
 
 
-def _cubics(e: Evidence) -> Finding:
-    rest = rest_charge_pC(thesis_scene("3", "tri7"))
-    constant = e.polynomial("3.4.1_A", 0.0)
+def _cubics(evidence: Evidence) -> Finding:
+    at_rest = rest_charge_pC(thesis_scene("3", "tri7"))
+    constant = evidence.polynomial("3.4.1_A", 0.0)
     return Finding(
         "3.4.1, 3.5",
         "Cubic polynomials give the charge between 0.5 and 2 N.",
-        f"Each has four coefficients for four points, so that nothing is left to test it. That of "
-        f"A gives {constant:.1f} pC without force, where the pretension alone makes {rest:.1f} pC, "
-        f"and {e.polynomial('3.4.1_A', 5.0):.0f} pC at 5 N.",
+        "Each has four coefficients for four points, so that nothing is left to test it. That of A "
+        f"gives {constant:.1f} pC without force, where the pretension alone makes {at_rest:.1f} "
+        f"pC, and {evidence.polynomial('3.4.1_A', 5.0):.0f} pC at 5 N.",
         "Force laws",
     )
 
 
-def _millimetre(e: Evidence) -> Finding:
+def _millimetre(evidence: Evidence) -> Finding:
     x, y = PLACE_MM
     scene = thesis_scene("3", "tri7", x_mm=x, y_mm=y)
-    thin, thick = (scene.with_(**{"film.thickness_um": h}) for h in (25.0, 1000.0))
-    printed = [e.polynomial(f"3.4.3_{name}", 1.0) for name in "ABC"]
-    ours = [[e.ours(film, name) for name in "ABC"] for film in (thin, thick)]
+    thin, thick = (scene.with_(**{"film.thickness_um": thickness}) for thickness in (25.0, 1000.0))
+    printed = [evidence.polynomial(f"3.4.3_{name}", 1.0) for name in "ABC"]
+    ours = [[evidence.ours(film, name) for name in "ABC"] for film in (thin, thick)]
     return Finding(
         "3.4.3",
         "The printed equations are those of the 1 mm film (Fig. 3.25).",
         f"At 1 N they give {_listed(printed)} pC for A, B, C. Our 25 µm film has "
         f"{_listed(ours[0])} pC, the 1 mm film {_listed(ours[1])} pC. They are equations of "
         "Fig. 3.23; with them the statement falls that thickness makes the charge more linear.",
-        THICKNESS_PART.title,
+        THICKNESS_CHAPTER.title,
     )
 
 
 # ---------------------------------------------------------------------- chapter 4, orientation
 
 
-def _corner(e: Evidence) -> Finding:
-    charges = {r: e.printed("Table 4.1", "A", r, 1.0) for r in (0.0, 10.0, 20.0, 30.0)}
+def _corner(evidence: Evidence) -> Finding:
+    charges = {
+        rotation: evidence.printed("Table 4.1", "A", rotation, 1.0)
+        for rotation in (0.0, 10.0, 20.0, 30.0)
+    }
     return Finding(
         "4.1",
         "The charge grows as a sharp corner gets closer to the electrode.",
         "A corner points at A at 26.6°. Table 4.1 falls from 0° on: "
-        + ", ".join(f"{q:.1f} pC at {r:g}°" for r, q in charges.items())
+        + ", ".join(f"{charge:.1f} pC at {rotation:g}°" for rotation, charge in charges.items())
         + ". Only a rigid probe that sticks has its largest charge near the corner.",
-        CONTACT_PART.title,
+        CONTACT_CHAPTER.title,
     )
 
 
-def _pairs(e: Evidence) -> Finding:
+def _pairs(evidence: Evidence) -> Finding:
     angles = [10.0 * i for i in range(10)]
     gap = max(
-        abs(e.printed("Table 4.1", "B", t, 1.0) - e.printed("Table 4.1", "A", 90.0 - t, 1.0))
-        for t in angles
+        abs(
+            evidence.printed("Table 4.1", "B", angle, 1.0)
+            - evidence.printed("Table 4.1", "A", 90.0 - angle, 1.0)
+        )
+        for angle in angles
     )
     return Finding(
         "4.1.1",
@@ -216,15 +236,19 @@ def _pairs(e: Evidence) -> Finding:
     )
 
 
-def _angle_errors(e: Evidence) -> Finding:
-    curve = e.thesis.polynomials["4.1"]
-    estimates = [a for a in e.thesis.angle_estimates if a.source == "Table 4.2"]
+def _angle_errors(evidence: Evidence) -> Finding:
+    curve = evidence.thesis.polynomials["4.1"]
+    estimates = [
+        candidate
+        for candidate in evidence.thesis.angle_estimates
+        if candidate.source == "Table 4.2"
+    ]
     degrees = []
-    for one in estimates:
-        angle = np.radians(one.angle_text_deg)
+    for estimate in estimates:
+        angle = np.radians(estimate.angle_text_deg)
         slope = float(curve(angle + 1e-4) - curve(angle - 1e-4)) / np.degrees(2e-4)
-        degrees.append(abs((one.check_charge_pC - one.charge_pC) / slope))
-    stated = [one.error_stated_percent for one in estimates]
+        degrees.append(abs((estimate.check_charge_pC - estimate.charge_pC) / slope))
+    stated = [estimate.error_stated_percent for estimate in estimates]
     return Finding(
         "Tables 4.2, 4.3",
         f"The error of the angle is {min(stated):g} to {max(stated):g} %.",
@@ -234,53 +258,61 @@ def _angle_errors(e: Evidence) -> Finding:
     )
 
 
-def _misprinted_angle(e: Evidence) -> Finding:
-    one = next(a for a in e.thesis.angle_estimates if a.charge_pC == 810.0)
-    at_table = e.polynomial("4.1", np.radians(one.angle_table_deg))
+def _misprinted_angle(evidence: Evidence) -> Finding:
+    estimate = next(
+        candidate for candidate in evidence.thesis.angle_estimates if candidate.charge_pC == 810.0
+    )
+    at_table = evidence.polynomial("4.1", np.radians(estimate.angle_table_deg))
     return Finding(
         "Table 4.2",
-        f"810 pC belong to {one.angle_table_deg:g}°.",
-        f"Eq. 4.1 gives {at_table:.2f} pC there; the text's {one.angle_text_deg:g}° solves it.",
+        f"810 pC belong to {estimate.angle_table_deg:g}°.",
+        f"Eq. 4.1 gives {at_table:.2f} pC there; the text's {estimate.angle_text_deg:g}° solves "
+        "it.",
         "Tables 4.2 and 4.3",
     )
 
 
-def _rounded(e: Evidence) -> Finding:
-    printed, refit = e.thesis.polynomials["4.1"], e.thesis.polynomials["4.1 refit"]
-    angles = [np.degrees(p.solutions(775.0, 0.0, np.pi / 2)[0]) for p in (printed, refit)]
-    at_180 = e.polynomial("4.1", np.pi)
+def _rounded(evidence: Evidence) -> Finding:
+    printed, refit = evidence.thesis.polynomials["4.1"], evidence.thesis.polynomials["4.1 refit"]
+    angles = [
+        np.degrees(polynomial.solutions(775.0, 0.0, np.pi / 2)[0])
+        for polynomial in (printed, refit)
+    ]
+    at_180 = evidence.polynomial("4.1", np.pi)
     return Finding(
         "4.1, Eq. 4.1",
         "The equation gives the angle to five digits.",
         f"Its rounded coefficients move the angle of 775 pC from {angles[1]:.2f}° to "
         f"{angles[0]:.2f}°, and give {at_180:.0f} pC at 180°, where the table has "
-        f"{e.printed('Table 4.1', 'A', 180.0, 1.0):.1f} pC.",
+        f"{evidence.printed('Table 4.1', 'A', 180.0, 1.0):.1f} pC.",
         "Table 4.1",
     )
 
 
-def _high_degree(e: Evidence) -> Finding:
-    B = e.printed("Table 4.6", "B", 0.0, 7.5)
+def _high_degree(evidence: Evidence) -> Finding:
+    B = evidence.printed("Table 4.6", "B", 0.0, 7.5)
     return Finding(
         "4.2, Eq. 4.10, 4.11",
         "Polynomials of degree six hold up to 7.5 N.",
         f"They pass through their seven points and swing between them; as printed, Eq. 4.11 is "
-        f"{e.polynomial('4.11', 7.5) - B:+.1f} pC off at 7.5 N, and Eq. 4.10 gives "
-        f"{e.polynomial('4.10', 10.0):.0f} pC at 10 N.",
+        f"{evidence.polynomial('4.11', 7.5) - B:+.1f} pC off at 7.5 N, and Eq. 4.10 gives "
+        f"{evidence.polynomial('4.10', 10.0):.0f} pC at 10 N.",
         "Figs. 4.5 and 4.6",
     )
 
 
-def _products(e: Evidence) -> Finding:
+def _products(evidence: Evidence) -> Finding:
     worst: list[float] = []
     for name, source, electrode in (("4.12", "Table 4.5", "A"), ("4.13", "Table 4.6", "B")):
-        for c in e.thesis.from_(source):
-            if c.rotation_deg <= 75.0 and not c.defect and c.electrode == electrode:
-                value = e.thesis.products[name].charge_pC(c.rotation_deg, c.force_N)
-                worst.append(100.0 * (float(value) / c.charge_pC - 1.0))
+        for charge in evidence.thesis.from_(source):
+            if charge.rotation_deg <= 75.0 and not charge.defect and charge.electrode == electrode:
+                value = evidence.thesis.products[name].charge_pC(
+                    charge.rotation_deg, charge.force_N
+                )
+                worst.append(100.0 * (float(value) / charge.charge_pC - 1.0))
     if len(worst) < 50:
         raise KeyError("Tables 4.5, 4.6")
-    swing = _spread([e.printed("Table 4.1", "A", angle, 1.0) for angle in (0.0, 90.0)])
+    swing = _spread([evidence.printed("Table 4.1", "A", angle, 1.0) for angle in (0.0, 90.0)])
     return Finding(
         "4.2, Eq. 4.12, 4.13",
         "The products of an angle's and a force's polynomial agree excellently.",
@@ -290,9 +322,9 @@ def _products(e: Evidence) -> Finding:
     )
 
 
-def _normalised(e: Evidence) -> Finding:
+def _normalised(evidence: Evidence) -> Finding:
     ratios = [
-        e.printed("Table 4.6", "B", 0.0, F) / e.printed("Table 4.5", "A", 0.0, F)
+        evidence.printed("Table 4.6", "B", 0.0, F) / evidence.printed("Table 4.5", "A", 0.0, F)
         for F in (0.25, 1.0, 5.0)
     ]
     return Finding(
@@ -306,22 +338,22 @@ def _normalised(e: Evidence) -> Finding:
     )
 
 
-def _copied(e: Evidence) -> Finding:
-    copies = [c for c in e.thesis.charges if "copied" in c.defect]
+def _copied(evidence: Evidence) -> Finding:
+    copies = [charge for charge in evidence.thesis.charges if "copied" in charge.defect]
     if not copies:
         raise KeyError("copies")
     return Finding(
         "Tables 4.5, 4.6",
         "Charges at 90° for seven forces.",
         f"{len(copies)} values are the other table's 0° row digit for digit; Table 4.1 has its own "
-        f"({e.printed('Table 4.1', 'A', 90.0, 1.0):.4f} pC against "
-        f"{e.printed('Table 4.5', 'A', 90.0, 1.0):.4f}).",
+        f"({evidence.printed('Table 4.1', 'A', 90.0, 1.0):.4f} pC against "
+        f"{evidence.printed('Table 4.5', 'A', 90.0, 1.0):.4f}).",
         "Figs. 4.11 and 4.12",
     )
 
 
-def _outliers(e: Evidence) -> Finding:
-    A = {r: e.printed("Table 4.5", "A", r, 5.0) for r in (60.0, 75.0)}
+def _outliers(evidence: Evidence) -> Finding:
+    A = {rotation: evidence.printed("Table 4.5", "A", rotation, 5.0) for rotation in (60.0, 75.0)}
     return Finding(
         "Table 4.5",
         "A at 75° and 5 N.",
@@ -334,46 +366,53 @@ def _outliers(e: Evidence) -> Finding:
 # -------------------------------------------------------------------- experiments and the rest
 
 
-def _reactance(e: Evidence) -> Finding:
-    printed = e.thesis.parameters["circuit"]
-    X = 1e-6 * thesis_circuit(e.thesis).reactance(20.0)
+def _reactance(evidence: Evidence) -> Finding:
+    printed = evidence.thesis.parameters["circuit"]
+    X = 1e-6 * thesis_circuit(evidence.thesis).reactance(20.0)
     return Finding(
         "App. 5",
         f"The reactance at 20 Hz is {printed['reactance_printed']['value']:g} MΩ.",
         f"It is {X:.2f} MΩ. The divider is that of a load in series; a load in parallel fits what "
         "was observed.",
-        CIRCUIT_PART.title,
+        CIRCUIT_CHAPTER.title,
     )
 
 
-def _theory(e: Evidence) -> Finding:
-    large = [p for p in e.thesis.positions if p.kind == "simulated" and p.error_mm > 1.0]
+def _theory(evidence: Evidence) -> Finding:
+    large = [
+        position
+        for position in evidence.thesis.positions
+        if position.kind == "simulated" and position.error_mm > 1.0
+    ]
     if not large:
         raise KeyError("positions")
     return Finding(
         "5.3.1, 5.3.2",
         "All theoretical errors are smaller than 1 mm.",
-        f"Table 3.3 has {' and '.join(f'{p.error_mm:g}' for p in large)} mm (uniaxial film).",
-        MEASURED_POSITIONS_PART.title,
+        f"Table 3.3 has {' and '.join(f'{position.error_mm:g}' for position in large)} mm "
+        "(uniaxial film).",
+        MEASURED_POSITIONS_CHAPTER.title,
     )
 
 
-def _rigid(e: Evidence) -> Finding:
+def _rigid(evidence: Evidence) -> Finding:
     contrasts = []
     for contact in CONTACTS:
         scene = pressed(thesis_scene("4", "rect14x7"), contact)
-        contrasts.append(100.0 * (e.ours(scene, "A", MATERIAL) / e.ours(scene, "B", MATERIAL) - 1))
+        contrasts.append(
+            100.0 * (evidence.ours(scene, "A", MATERIAL) / evidence.ours(scene, "B", MATERIAL) - 1)
+        )
     return Finding(
         "2.1.4, 5",
         "The aluminium probe is simulated as a uniform pressure.",
         f"The contrast A/B of the centred rectangle is {contrasts[0]:.1f} % under a pressure, "
         f"{contrasts[1]:.0f} % under a rigid probe that slides and {contrasts[2]:.0f} % under one "
-        "that sticks. A calibration for one is none for the other.",
-        CONTACT_PART.title,
+        "that sticks. A calibration for one is not valid for the other.",
+        CONTACT_CHAPTER.title,
     )
 
 
-def _labels(e: Evidence) -> Finding:
+def _labels(evidence: Evidence) -> Finding:
     return Finding(
         "captions",
         "Fig. 3.7 and Table 3.3 name the rectangle; Tables 3.5, 5.1, 5.2 three electrodes; 3.2.2 "
@@ -411,7 +450,7 @@ FINDINGS: tuple[Callable[[Evidence], Finding], ...] = (
 
 
 def findings(thesis: Thesis, results: Results) -> Iterator[Finding]:
-    """Those whose numbers are at hand."""
+    """The findings whose numbers are in the data."""
     evidence = Evidence(thesis, results)
     for finding in FINDINGS:
         with suppress(LookupError, StopIteration):
@@ -424,7 +463,7 @@ def _scenes(thesis: Thesis) -> list[Scene]:
     rectangle = thesis_scene("4", "rect14x7")
     return [
         thesis_scene("3", "tri7", rotation_deg=-90.0),
-        *(place.with_(**{"film.thickness_um": h}) for h in (25.0, 1000.0)),
+        *(place.with_(**{"film.thickness_um": thickness}) for thickness in (25.0, 1000.0)),
         *(pressed(rectangle, contact) for contact in CONTACTS),
     ]
 
@@ -437,7 +476,8 @@ def _compose(thesis: Thesis, results: Results, out: Path) -> Content:
         Column("shown", "shown in"),
     ]
     rows: list[list[Cell]] = [
-        [one.place, one.states, one.gives, one.shown] for one in findings(thesis, results)
+        [finding.place, finding.states, finding.gives, finding.shown]
+        for finding in findings(thesis, results)
     ]
     return Content(
         [
@@ -451,7 +491,7 @@ def _compose(thesis: Thesis, results: Results, out: Path) -> Content:
 
 
 def _spread(values: list[float]) -> float:
-    """Largest over smallest, less one, in percent."""
+    """Excess of the largest value over the smallest, in percent."""
     return 100.0 * (max(values) / min(values) - 1.0)
 
 
@@ -459,4 +499,4 @@ def _listed(values: list[float]) -> str:
     return ", ".join(f"{value:.0f}" for value in values)
 
 
-FINDINGS_PART = Part("findings", "Findings", (), _scenes, _compose)
+FINDINGS_CHAPTER = Chapter("findings", "Findings", (), _scenes, _compose)

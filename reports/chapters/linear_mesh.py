@@ -1,9 +1,9 @@
-"""The thesis's discretisation: its mesh, its linear triangles and its way to the charge.
+"""Charges with the thesis's discretisation: its mesh, its linear triangles and its edge averages.
 
-Linear triangles of at most 1 mm, 0.75 mm in the patches (section 2.1.3), stresses averaged at the
-nodes over the elements around, and electrode edges integrated through the nodal values
-(section 2.1.6, App. 3). Together with `pvdf_fem`'s own meshes, which converge, this tells how much
-of a difference from the thesis is the thesis's mesh.
+The triangles have at most 1 mm, and 0.75 mm in the patches (section 2.1.3). Stresses are averaged
+at each node over the elements around it, and integrated along the electrodes' edges through the
+nodal values (section 2.1.6, App. 3). The difference from charges on adapted meshes is the part of
+the thesis's deviation that its mesh explains.
 """
 
 from __future__ import annotations
@@ -17,16 +17,21 @@ import numpy as np
 from numpy.typing import NDArray
 from skfem import MeshTri2
 
-from pvdf_fem.charges.forces import cauchy_stress
-from pvdf_fem.mesh.gmsh_mesh import Sizes, electrode_patch, mesh_scene, outlines
+from pvdf_fem.charges.observables import ThesisEdge
+from pvdf_fem.mesh.gmsh_mesh import electrode_patch, mesh_scene, outlines
+from pvdf_fem.mesh.size_field import Sizes
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.solution import Solution, solve
+from pvdf_fem.solution.solution import Solution
+from pvdf_fem.solution.solve import solve
 from pvdf_fem.sweeps.records import record_of
 from pvdf_fem.sweeps.store import Record, Store
 
+#: Size in m of the elements in electrodes and probe.
 PATCH_SIZE = 0.75e-3
+#: Largest size of an element in m.
 FILM_SIZE = 1.0e-3
-# Elements grow so slowly that the middle of the 7 mm wide probe still has 0.9 mm.
+#: Growth of the element size per distance from a patch's outline. At this value elements in the
+#: middle of the 7 mm wide probe still have 0.9 mm.
 GROWTH = 0.05
 
 
@@ -37,11 +42,11 @@ def solve_on_thesis_mesh(scene: Scene) -> Solution:
 
 
 def charges_on_thesis_mesh(scenes: Iterable[Scene], path: Path) -> dict[Scene, dict[str, float]]:
-    """Charges in pC by electrode, of scenes solved here or found in the store at `path`.
+    """Charges in pC by electrode, for each scene; empty for a scene without a solution.
 
-    A scene without a solution has no charges.
+    Scenes that are not in the store at `path` are solved and stored there.
     """
-    found: dict[Scene, dict[str, float]] = {}
+    charges: dict[Scene, dict[str, float]] = {}
     with Store(path, code=hashlib.sha256(Path(__file__).read_bytes()).hexdigest()) as store:
         for scene in dict.fromkeys(scenes):
             record = store.get(scene)
@@ -49,12 +54,12 @@ def charges_on_thesis_mesh(scenes: Iterable[Scene], path: Path) -> dict[Scene, d
                 record = _record(solve_on_thesis_mesh(scene))
                 store.put([(scene, record)])
             film, observable = scene.film, scene.numerics.observable
-            found[scene] = (
+            charges[scene] = (
                 record.charges_pC(film.d31_pC_N, film.d32_pC_N, observable)
                 if record.converged
                 else {}
             )
-    return found
+    return charges
 
 
 def _record(solution: Solution) -> Record:
@@ -68,7 +73,7 @@ def _record(solution: Solution) -> Record:
 
 
 def edge_forces(solution: Solution) -> NDArray[np.float64]:
-    """Forces X, Y in N of each electrode, (electrodes, 2), from nodal stresses on its edges."""
+    """Forces X and Y in N of each electrode, (electrodes, 2), from nodal stresses on its edges."""
     stress = nodal_stress(solution)
     patches = [
         solution.mesh.subdomains[electrode_patch(electrode.name)]
@@ -80,10 +85,10 @@ def edge_forces(solution: Solution) -> NDArray[np.float64]:
 
 
 def nodal_stress(solution: Solution) -> NDArray[np.float64]:
-    """Cauchy stress xx, yy in Pa at the vertices, (vertices, 2): mean over the elements around."""
+    """Cauchy stress xx and yy in Pa, (vertices, 2): means over the elements around each vertex."""
     membrane = solution.fields.equilibrium.membrane
-    gradient = membrane.gradient(solution.fields.displacement)
-    of_element = cauchy_stress(membrane, gradient)[..., :2].mean(axis=1)
+    gradient = membrane.space.gradient(solution.fields.displacement)
+    of_element = ThesisEdge().stress(membrane, gradient)[..., :2].mean(axis=1)
     vertices = solution.mesh.t
     total = np.zeros((vertices.max() + 1, 2))
     for corner in vertices:
@@ -94,7 +99,9 @@ def nodal_stress(solution: Solution) -> NDArray[np.float64]:
 def edge_means(
     mesh: MeshTri2, patch: NDArray[np.int64], nodal: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Mean of nodal xx over the left and right edges of a square patch, of yy over the others.
+    """Means of a nodal stress over the edges of a square patch, (2,).
+
+    The first is that of xx over the left and right edges, the second that of yy over the others.
 
     Parameters
     ----------

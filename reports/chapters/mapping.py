@@ -1,8 +1,8 @@
-"""Parts of the thesis report: charge against distance on lines from an electrode.
+"""Chapters of the thesis report: charge against distance on lines from an electrode.
 
-Figs 3.5 and 3.7 (biaxial film) and Figs 3.17 and 3.18 (uniaxial film): the same scenes twice, since
-one solve serves every pair of piezoelectric coefficients. A further part has what the thesis does
-not picture: the rectangle, and the sensor with four electrodes.
+Figs 3.5 and 3.7 show the biaxial film, Figs 3.17 and 3.18 the uniaxial film. Both come from the
+same scenes, since one solve serves every pair of piezoelectric coefficients. A further chapter
+shows what the thesis does not picture: the rectangle, and the sensor with four electrodes.
 """
 
 from __future__ import annotations
@@ -18,17 +18,15 @@ from pvdf_fem.output.figures import (
     Series,
     charge_against_distance,
     colours,
-    new_figure,
-    save,
-    style,
 )
-from reports.chapters.mapping_curves import FARTHEST_MM, REACH_MM, Curve, Family, plain
+from reports.chapters.mapping_curves import FARTHEST_MM, REACH_MM, Family, LineCurve, plain
+from reports.common.chapter import Chapter, Content
+from reports.common.figures import drawing
 from reports.common.page import Cell, Column, Picture, Table
-from reports.common.part import Content, Part
 from reports.common.results import MATERIAL, THESIS_EDGE, Results
 from reports.common.thesis_data import ContourPoint, Thesis
 
-#: The curves that section 3.1.1 calls uppermost and lowermost, by electrode.
+#: Angles in degrees of the lines whose curves section 3.1.1 calls uppermost and lowermost.
 EXTREMES_DEG = {"A": (35.0, 90.0), "B": (140.0, 240.0)}
 CASES = {
     "A": "Electrode A lies at (0, −10) mm.",
@@ -61,22 +59,22 @@ def _scenes(family: Family) -> Callable[[Thesis], list[Scene]]:
 def _compose(family: Family) -> Callable[[Thesis, Results, Path], Content]:
     def compose(thesis: Thesis, results: Results, out: Path) -> Content:
         field, cuts = family.field(thesis, results), family.cuts(thesis)
-        found = family.curves(thesis, results, THESIS_EDGE, field)
-        _picture(family, found, cuts, out / f"{family.file}.svg")
-        order = _order_table(family, found)
+        line_curves = family.curves(thesis, results, THESIS_EDGE, field)
+        _picture(family, line_curves, cuts, out / f"{family.file}.svg")
+        order = _order_table(family, line_curves)
         blocks: list[Table | Picture] = [Picture(f"{family.file}.svg", _caption(family, cuts))]
-        blocks += [_cut_table(family, cuts, found)] if family.film == "biaxial" else []
+        blocks += [_cut_table(family, cuts, line_curves)] if family.film == "biaxial" else []
         blocks += [order, _point_table(family, thesis, results)]
         texts = [_scene_text(family, thesis), _order_text(family, thesis, order)]
         if family.film == "biaxial":
-            texts += [*_cut_texts(cuts), _step_text(found, thesis.step_mm)]
+            texts += [*_cut_texts(cuts), _step_text(line_curves, thesis.step_mm)]
         return Content([text for text in texts if text], blocks)
 
     return compose
 
 
 def _caption(family: Family, cuts: Sequence[ContourPoint]) -> str:
-    charges = sorted({(c.contour[-1], c.charge_pC) for c in cuts})
+    charges = sorted({(cut.contour[-1], cut.charge_pC) for cut in cuts})
     rings = " and ".join(f"{charge} pC (contour of {name})" for name, charge in charges)
     text = f"Fig. {family.figure}: charge of {family.electrode} against distance, {family.film} "
     text += "film, triangular probe, 1 N; dots: solved places."
@@ -93,16 +91,16 @@ def _scene_text(family: Family, thesis: Thesis) -> str:
             f"d32 = {d32:g} pC/N."
         )
     return (
-        f"{CASES[family.electrode]} The triangular probe (1 N, one corner to +y) moves in steps "
-        f"of {thesis.step_mm:g} mm from there, as far as its centre stays within {REACH_MM:g} mm "
-        "of the film's centre. Between the solved places we interpolate the charge over its "
-        "leading part (the stress of the centred probe, carried along), which is far smoother "
+        f"{CASES[family.electrode]} The triangular probe (1 N, one corner to +y) moves in steps of "
+        f"{thesis.step_mm:g} mm from there, as far as its centre stays within {REACH_MM:g} mm of "
+        "the film's centre. Between the solved places we interpolate the charge divided by its "
+        "leading part (the stress of the centred probe, carried along). This ratio is far smoother "
         "than the charge itself."
     )
 
 
 def _order_text(family: Family, thesis: Thesis, order: Table) -> str:
-    """Where the curves that the thesis calls uppermost and lowermost are that."""
+    """A text: at which distances the extreme curves are those that the thesis names."""
     angles = family.angles_deg(thesis)
     rows = [row for row in order.rows if row[1] in angles]
     upper, lower = EXTREMES_DEG[family.electrode]
@@ -112,92 +110,103 @@ def _order_text(family: Family, thesis: Thesis, order: Table) -> str:
         _listed([float(str(row[0])) for row in rows if row[column] == angle])
         for column, angle in ((1, upper), (3, lower), (3, upper))
     )
-    of = "" if family.film == "biaxial" else " of the biaxial film"
+    film = "" if family.film == "biaxial" else " of the biaxial film"
     return (
-        f"The thesis calls the curve of {upper:g}°{of} the uppermost and that of {lower:g}° the "
+        f"The thesis calls the curve of {upper:g}°{film} the uppermost and that of {lower:g}° the "
         f"lowermost. Here, of {len(rows)} distances compared, that of {upper:g}° is the highest "
         f"at {highest} and the lowest at {wrong}; that of {lower:g}° is the lowest at {lowest}."
     )
 
 
 def _cut_texts(cuts: Sequence[ContourPoint]) -> list[str]:
-    """What the thesis's own points say of the order of the curves, which fall with distance."""
+    """Texts: what the thesis's own points say of the order of the falling curves."""
     texts = []
-    for contour in sorted({cut.contour for cut in cuts}):
-        some = sorted((c for c in cuts if c.contour == contour), key=lambda c: c.radius_mm)
-        near, far = some[0], some[-1]
-        if near is far:
+    for contour in sorted({point.contour for point in cuts}):
+        points = sorted(
+            (point for point in cuts if point.contour == contour), key=lambda point: point.radius_mm
+        )
+        nearest, farthest = points[0], points[-1]
+        if nearest is farthest:
             continue
         texts.append(
-            f"Of the thesis's own points at {near.charge_pC} pC the nearest is that of "
-            f"{near.angle_deg:g}° ({near.radius_mm:g} mm), the farthest that of "
-            f"{far.angle_deg:g}° ({far.radius_mm:g} mm). As charges fall with the distance, the "
-            "latter curve is the higher one there."
+            f"Of the thesis's own points at {nearest.charge_pC} pC the nearest is that of "
+            f"{nearest.angle_deg:g}° ({nearest.radius_mm:g} mm), the farthest that of "
+            f"{farthest.angle_deg:g}° ({farthest.radius_mm:g} mm). As charges fall with the "
+            "distance, the latter curve is the higher one there."
         )
     return texts
 
 
-def _step_text(found: Sequence[Curve], step_mm: float) -> str:
-    """What interpolating the charge itself between the steps does."""
-    apart = [
-        (abs(wrong / right - 1.0), r)
-        for curve in found
-        for r, right, wrong in zip(
+def _step_text(line_curves: Sequence[LineCurve], step_mm: float) -> str:
+    """A text: how far a spline through the charges themselves misses the curves."""
+    misses = [
+        (abs(wrong / right - 1.0), distance)
+        for curve in line_curves
+        for distance, right, wrong in zip(
             curve.series.x, curve.series.y, plain(curve.line).series.y, strict=True
         )
         if np.isfinite(right)
     ]
-    if not apart:
+    if not misses:
         return ""
-    worst, at = max(apart)
-    beyond = max(size for size, r in apart if r >= 6.0)
+    worst, worst_mm = max(misses)
+    beyond = max(size for size, distance in misses if distance >= 6.0)
     return (
         "A spline through the charges at the steps themselves misses these curves by up to "
-        f"{100 * worst:.1f} % (at {at:.1f} mm), and by up to {100 * beyond:.1f} % from 6 mm on: "
-        f"near the electrode, steps of {step_mm:g} mm are too long for it."
+        f"{100 * worst:.1f} % (at {worst_mm:.1f} mm), and by up to {100 * beyond:.1f} % from 6 mm "
+        f"on: near the electrode, steps of {step_mm:g} mm are too long for it."
     )
 
 
 def _listed(distances: Sequence[float]) -> str:
-    """Distances in words, a run of them by its ends."""
+    """Distances in words; equally spaced ones are given by the first and the last."""
     if not distances:
         return "none of them"
     if len(distances) > 2 and len(set(np.diff(distances))) == 1:
         return f"{distances[0]:g} to {distances[-1]:g} mm"
-    return f"{', '.join(f'{r:g}' for r in distances)} mm"
+    return f"{', '.join(f'{distance:g}' for distance in distances)} mm"
 
 
 def _picture(
-    family: Family, found: Sequence[Curve], cuts: Sequence[ContourPoint], path: Path
+    family: Family, line_curves: Sequence[LineCurve], cuts: Sequence[ContourPoint], path: Path
 ) -> None:
-    points, smooth = [one.points for one in found], [one.series for one in found]
+    points, smooth = (
+        [curve.points for curve in line_curves],
+        [curve.series for curve in line_curves],
+    )
     rings = [
-        Series(f"{c.angle_deg:g}°", np.array([c.radius_mm]), np.array([c.charge_pC])) for c in cuts
+        Series(f"{cut.angle_deg:g}°", np.array([cut.radius_mm]), np.array([cut.charge_pC]))
+        for cut in cuts
     ]
-    with style():
-        figure = new_figure(160, 165)
+    with drawing(path, 160, 165) as figure:
         above, below = figure.subplots(2)
         reference = f"electrode {family.electrode}"
         charge_against_distance(above, points, rings, reference, labelled=False, between=smooth)
-        less = [[_less(one, found) for one in some] for some in (points, rings, smooth)]
-        charge_against_distance(below, less[0], less[1], reference, between=less[2])
+        above_mean = [
+            [_above_mean(curve, line_curves) for curve in group]
+            for group in (points, rings, smooth)
+        ]
+        charge_against_distance(
+            below, above_mean[0], above_mean[1], reference, between=above_mean[2]
+        )
         below.set_ylabel("charge − mean of the lines (pC)")
-        save(figure, path)
 
 
-def _less(one: Series, found: Sequence[Curve]) -> Series:
-    """A series less the mean of all curves, as far as all of them reach."""
-    inside = one.x <= _common_mm(found)
-    r = one.x[inside]
-    mean = np.mean([curve(r) for curve in found], axis=0)
-    return Series(one.label, r, one.y[inside] - mean)
+def _above_mean(curve: Series, line_curves: Sequence[LineCurve]) -> Series:
+    """A series minus the mean of all curves, up to the distance that all of them reach."""
+    inside = curve.x <= _common_mm(line_curves)
+    distances = curve.x[inside]
+    mean = np.mean([line_curve(distances) for line_curve in line_curves], axis=0)
+    return Series(curve.label, distances, curve.y[inside] - mean)
 
 
-def _common_mm(found: Sequence[Curve]) -> float:
-    return float(min(curve.line.distances_mm[-1] for curve in found))
+def _common_mm(line_curves: Sequence[LineCurve]) -> float:
+    return float(min(curve.line.distances_mm[-1] for curve in line_curves))
 
 
-def _cut_table(family: Family, cuts: Sequence[ContourPoint], found: Sequence[Curve]) -> Table:
+def _cut_table(
+    family: Family, cuts: Sequence[ContourPoint], line_curves: Sequence[LineCurve]
+) -> Table:
     columns = [
         Column("case", "contour"),
         Column("angle_deg", "line (°)", 0),
@@ -209,17 +218,18 @@ def _cut_table(family: Family, cuts: Sequence[ContourPoint], found: Sequence[Cur
         Column("ours_pC", "ours (pC)", 1, "charge at the thesis's distance"),
         Column("difference_percent", "diff. (%)", 2, "charge at the thesis's distance", True),
     ]
-    by_angle = {curve.line.angle_deg: curve for curve in found}
+    by_angle = {curve.line.angle_deg: curve for curve in line_curves}
     rows: list[list[Cell]] = []
     for cut in cuts:
         curve = by_angle[cut.angle_deg]
         ours, simple = (
-            one.distance(cut.charge_pC, cut.radius_mm) for one in (curve, plain(curve.line))
+            candidate.distance(cut.charge_pC, cut.radius_mm)
+            for candidate in (curve, plain(curve.line))
         )
-        there = float(curve(np.array(cut.radius_mm)))
+        charge_there = float(curve(np.array(cut.radius_mm)))
         row: list[Cell] = [cut.contour, cut.angle_deg, cut.charge_pC, cut.radius_mm]
         row += [ours, ours - cut.radius_mm, simple]
-        rows.append([*row, there, 100.0 * (there / cut.charge_pC - 1.0)])
+        rows.append([*row, charge_there, 100.0 * (charge_there / cut.charge_pC - 1.0)])
     return Table(
         f"{family.file}_cuts",
         f"The thesis's contour points on the lines from {family.electrode} (Fig. 3.9), and the "
@@ -230,8 +240,8 @@ def _cut_table(family: Family, cuts: Sequence[ContourPoint], found: Sequence[Cur
     )
 
 
-def _order_table(family: Family, found: Sequence[Curve]) -> Table:
-    """Highest and lowest curve every 2 mm."""
+def _order_table(family: Family, line_curves: Sequence[LineCurve]) -> Table:
+    """The highest and the lowest curve at distances of 2, 4, 6 mm, ..."""
     columns = [
         Column("distance_mm", "distance (mm)", 0),
         Column("highest_deg", "highest curve (°)", 0),
@@ -241,14 +251,14 @@ def _order_table(family: Family, found: Sequence[Curve]) -> Table:
         Column("between_percent", "between them (%)"),
     ]
     rows: list[list[Cell]] = []
-    angles = [curve.line.angle_deg for curve in found]
-    for r in np.arange(2.0, _common_mm(found) + 1e-9, 2.0).tolist():
-        charges = np.array([float(curve(np.array(r))) for curve in found])
+    angles = [curve.line.angle_deg for curve in line_curves]
+    for distance in np.arange(2.0, _common_mm(line_curves) + 1e-9, 2.0).tolist():
+        charges = np.array([float(curve(np.array(distance))) for curve in line_curves])
         if not np.isfinite(charges).all():
-            rows.append([r, *[np.nan] * 5])
+            rows.append([distance, *[np.nan] * 5])
             continue
         high, low = int(charges.argmax()), int(charges.argmin())
-        row: list[Cell] = [r, angles[high], charges[high], angles[low], charges[low]]
+        row: list[Cell] = [distance, angles[high], charges[high], angles[low], charges[low]]
         rows.append([*row, 100.0 * (charges[high] / charges[low] - 1.0)])
     return Table(
         f"{family.file}_order",
@@ -280,9 +290,12 @@ def _point_rows(family: Family, thesis: Thesis, results: Results) -> list[list[C
     for angle, places in zip(scheme.angles_deg, scheme.positions_mm, strict=True):
         for distance, place in zip(scheme.distances_mm, places.tolist(), strict=False):
             record = next(records)
-            both = [record.charge_pC(family.electrode, o, *d) for o in (THESIS_EDGE, MATERIAL)]
-            head: list[Cell] = [family.layout, family.probe, family.electrode, family.film]
-            rows.append([*head, angle, distance, *place, *both, record.status])
+            charges = [
+                record.charge_pC(family.electrode, observable, *d)
+                for observable in (THESIS_EDGE, MATERIAL)
+            ]
+            cells: list[Cell] = [family.layout, family.probe, family.electrode, family.film]
+            rows.append([*cells, angle, distance, *place, *charges, record.status])
     return rows
 
 
@@ -323,15 +336,14 @@ def _compose_others(thesis: Thesis, results: Results, out: Path) -> Content:
 
 def _other_picture(thesis: Thesis, results: Results, path: Path) -> None:
     fields = {family.probe: family.field(thesis, results) for family in OTHERS[::4]}
-    with style():
-        figure = new_figure(170, 200)
+    with drawing(path, 170, 200) as figure:
         axes = figure.subplots(3, 2)
         for ax, biaxial, uniaxial in zip(axes.flat, OTHERS[::2], OTHERS[1::2], strict=True):
             probe = {"tri7": "triangle", "rect14x7": "rectangle"}[biaxial.probe]
             ax.set_title(f"{biaxial.layout} electrodes, {probe}, electrode {biaxial.electrode}")
             for family, dashes in ((biaxial, "-"), (uniaxial, (0, (4, 2)))):
-                found = family.curves(thesis, results, MATERIAL, fields[family.probe])
-                for curve, ink in zip(found, colours(len(found)), strict=True):
+                line_curves = family.curves(thesis, results, MATERIAL, fields[family.probe])
+                for curve, ink in zip(line_curves, colours(len(line_curves)), strict=True):
                     smooth, points = curve.series, curve.points
                     label = smooth.label if family is biaxial else None
                     ax.plot(smooth.x, smooth.y, ls=dashes, color=ink, lw=1.1, label=label)
@@ -339,11 +351,10 @@ def _other_picture(thesis: Thesis, results: Results, path: Path) -> None:
             ax.set(xlabel="distance (mm)", ylabel="charge (pC)", xlim=(0.0, FARTHEST_MM))
             ax.set_ylim(bottom=0.0)
             ax.legend()  # at the upper right, where the charges have fallen
-        save(figure, path)
 
 
-def _part(family: Family) -> Part:
-    return Part(
+def _chapter(family: Family) -> Chapter:
+    return Chapter(
         family.file.replace("_", "-"),
         f"Fig. {family.figure}: charge of {family.electrode} against distance, {family.film} film",
         (f"Fig. {family.figure}",),
@@ -352,8 +363,10 @@ def _part(family: Family) -> Part:
     )
 
 
-FIGURE_3_5_PART, FIGURE_3_7_PART, FIGURE_3_17_PART, FIGURE_3_18_PART = map(_part, FIGURES)
-OTHER_MAPPINGS_PART = Part(
+FIGURE_3_5_CHAPTER, FIGURE_3_7_CHAPTER, FIGURE_3_17_CHAPTER, FIGURE_3_18_CHAPTER = map(
+    _chapter, FIGURES
+)
+OTHER_MAPPINGS_CHAPTER = Chapter(
     "other-mappings",
     "Charge against distance: rectangle, and four electrodes",
     (),

@@ -1,4 +1,4 @@
-"""Parts of the thesis report: all differences together, and the share of the thesis's mesh."""
+"""Chapters of the thesis report: all differences together, and the share of the thesis's mesh."""
 
 from __future__ import annotations
 
@@ -6,33 +6,39 @@ from pathlib import Path
 
 import numpy as np
 
-from pvdf_fem.output.figures import COLOURS, GREY, new_figure, save, style
+from pvdf_fem.output.figures import COLOURS, GREY
 from pvdf_fem.scene.scene import Scene
 from reports.chapters.linear_mesh import charges_on_thesis_mesh
-from reports.common.comparison import LIMIT, Comparison, compare, long_table, verdict
+from reports.common.chapter import Chapter, Content, comparing
+from reports.common.comparison import LIMIT, Comparison, compare, verdict
+from reports.common.figures import LEVEL_DASHES, drawing
 from reports.common.page import Cell, Column, Picture, Table
-from reports.common.part import Content, Part, comparing
 from reports.common.results import Results
+from reports.common.tables import long_table
 from reports.common.thesis_data import DEFECTS, Charge, Thesis
 from reports.common.thesis_scene import scene_of
 
-#: Cases solved on the thesis's mesh too.
+#: Cases that are also solved on a mesh with the thesis's sizes.
 MESH_CASES = ("t41_r0", "t41_r45", "t41_r90", "s312_1", "s322_1")
 
 
-def _summary(found: list[Comparison], out: Path) -> Content:
-    counted = sorted((one for one in found if one.counts), key=lambda one: -abs(one.difference))
-    skipped = [one for one in found if one.charge.defect]
+def _summary(comparisons: list[Comparison], out: Path) -> Content:
+    counted = sorted(
+        (comparison for comparison in comparisons if comparison.counts),
+        key=lambda comparison: -abs(comparison.difference),
+    )
+    skipped = [comparison for comparison in comparisons if comparison.charge.defect]
     if not counted:
-        return Content([verdict(found)], [])
+        return Content([verdict(comparisons)], [])
     _picture(_by_place(counted), out / "summary.svg")
-    every = np.abs([one.difference for one in found])
+    all_differences = np.abs([comparison.difference for comparison in comparisons])
     return Content(
         [
-            verdict(found),
+            verdict(comparisons),
             f"{len(skipped)} printed charges are shown but do not count, because of what the "
             f"thesis's own tables show: {'; '.join(DEFECTS.values())}. With them, the median is "
-            f"{np.nanmedian(every):.2f} % and the largest difference {np.nanmax(every):.2f} %.",
+            f"{np.nanmedian(all_differences):.2f} % and the largest difference "
+            f"{np.nanmax(all_differences):.2f} %.",
         ],
         [
             Picture(
@@ -46,11 +52,11 @@ def _summary(found: list[Comparison], out: Path) -> Content:
     )
 
 
-def _by_place(found: list[Comparison]) -> dict[str, list[Comparison]]:
-    """Comparisons by table or section, in the thesis's order of both."""
+def _by_place(comparisons: list[Comparison]) -> dict[str, list[Comparison]]:
+    """Comparisons by section or table, in the order of the thesis."""
     places: dict[str, list[Comparison]] = {}
-    for one in found:
-        places.setdefault(" ".join(one.charge.source.split()[:2]), []).append(one)
+    for comparison in comparisons:
+        places.setdefault(" ".join(comparison.charge.source.split()[:2]), []).append(comparison)
     return dict(sorted(places.items()))
 
 
@@ -63,37 +69,35 @@ def _places(places: dict[str, list[Comparison]]) -> Table:
         Column("largest_percent", "to (%)", 2, signed=True),
     ]
     rows: list[list[Cell]] = []
-    for place, some in places.items():
-        values = np.array([one.difference for one in some])
+    for place, comparisons in places.items():
+        values = np.array([comparison.difference for comparison in comparisons])
         median = float(np.median(np.abs(values)))
-        rows.append([place, len(some), median, float(values.min()), float(values.max())])
+        rows.append([place, len(comparisons), median, float(values.min()), float(values.max())])
     return Table("summary", "Differences by place in the thesis.", columns, rows)
 
 
 def _picture(places: dict[str, list[Comparison]], path: Path) -> None:
-    with style():
-        figure = new_figure(160, 15 + 9 * max(len(places), 3))
+    with drawing(path, 160, 15 + 9 * max(len(places), 3)) as figure:
         ax = figure.subplots()
         for level in (-LIMIT, LIMIT):
-            ax.axvline(level, color=GREY, linewidth=0.8, linestyle=(0, (4, 3)))
+            ax.axvline(level, color=GREY, linewidth=0.8, linestyle=LEVEL_DASHES)
         ax.axvline(0.0, color=GREY, linewidth=0.8)
-        for height, some in enumerate(places.values()):
-            values = np.array([one.difference for one in some])
+        for height, comparisons in enumerate(places.values()):
+            values = np.array([comparison.difference for comparison in comparisons])
             ax.plot(values, np.full(len(values), height), "|", color=COLOURS[0], markersize=9)
         ax.set_yticks(range(len(places)), list(places))
         ax.set_ylim(len(places) - 0.5, -0.5)
         ax.set_xlabel("ours − thesis (%)")
         ax.grid(axis="y", visible=False)
-        save(figure, path)
 
 
-def _all(found: list[Comparison], out: Path) -> Content:
+def _all(comparisons: list[Comparison], out: Path) -> Content:
     text = (
         "Every charge that the thesis prints, with both observables. thesis-edge is what its "
         "post-processor computes, on which the differences rest; material is the charge of the "
         "electrode's area, the physical one. Both come from one solve."
     )
-    return Content([text], [long_table("charges", "All printed charges.", found)])
+    return Content([text], [long_table("charges", "All printed charges.", comparisons)])
 
 
 def _mesh_charges(thesis: Thesis) -> list[Charge]:
@@ -115,11 +119,14 @@ def _mesh(thesis: Thesis, results: Results, out: Path) -> Content:
         Column("difference_on_thesis_mesh_percent", "on its mesh (%)", 2, signed=True),
         Column("effect_of_mesh_percent", "effect of the mesh (%)", 2, signed=True),
     ]
-    found = compare(_mesh_charges(thesis), results)
+    comparisons = compare(_mesh_charges(thesis), results)
     coarse = charges_on_thesis_mesh(
-        [scene_of(one.charge) for one in found], results.folder / "thesis_mesh.db"
+        [scene_of(comparison.charge) for comparison in comparisons],
+        results.folder / "thesis_mesh.db",
     )
-    rows = [_mesh_row(one, coarse[scene_of(one.charge)]) for one in found]
+    rows = [
+        _mesh_row(comparison, coarse[scene_of(comparison.charge)]) for comparison in comparisons
+    ]
     numbers = np.array([row[5:7] for row in rows], dtype=float)
     ours, on_its_mesh = np.median(np.abs(numbers), axis=0) if rows else (np.nan, np.nan)
     return Content(
@@ -136,16 +143,16 @@ def _mesh(thesis: Thesis, results: Results, out: Path) -> Content:
     )
 
 
-def _mesh_row(one: Comparison, on_its_mesh: dict[str, float]) -> list[Cell]:
-    printed, ours = one.charge.charge_pC, one.ours_pC
-    coarse = on_its_mesh.get(one.charge.electrode, np.nan)
-    row: list[Cell] = [one.charge.case, one.charge.electrode, printed, ours, coarse]
+def _mesh_row(comparison: Comparison, on_its_mesh: dict[str, float]) -> list[Cell]:
+    printed, ours = comparison.thesis_pC, comparison.ours_pC
+    coarse = on_its_mesh.get(comparison.charge.electrode, np.nan)
+    row: list[Cell] = [comparison.charge.case, comparison.charge.electrode, printed, ours, coarse]
     differences = [ours - printed, coarse - printed, coarse - ours]
     return [*row, *(100.0 * difference / printed for difference in differences)]
 
 
-SUMMARY_PART = comparing(
+SUMMARY_CHAPTER = comparing(
     "summary", "Summary of all charges", (), lambda t: list(t.charges), _summary
 )
-MESH_PART = Part("thesis-mesh", "The share of the thesis's mesh", (), _mesh_scenes, _mesh)
-ALL_PART = comparing("charges", "All printed charges", (), lambda t: list(t.charges), _all)
+MESH_CHAPTER = Chapter("thesis-mesh", "The share of the thesis's mesh", (), _mesh_scenes, _mesh)
+ALL_CHAPTER = comparing("charges", "All printed charges", (), lambda t: list(t.charges), _all)

@@ -1,4 +1,4 @@
-"""Part of the thesis report: charge against force for films of three thicknesses (3.4.3)."""
+"""Chapter of the thesis report: charge against force for films of three thicknesses (3.4.3)."""
 
 from __future__ import annotations
 
@@ -16,26 +16,25 @@ from pvdf_fem.output.figures import (
     GREY,
     Series,
     charge_against_force,
-    new_figure,
-    save,
-    style,
 )
 from reports.chapters.force_and_angle.force_law import finite, law_through
-from reports.common.page import Cell, Column, Picture, Table
-from reports.common.part import Content, Part
+from reports.common.chapter import Chapter, Content
+from reports.common.figures import drawing
+from reports.common.page import Cell, Column, Picture, Table, joined
 from reports.common.results import THESIS_EDGE, Results
 from reports.common.thesis_data import Thesis
 from reports.common.thesis_scene import thesis_scene
 
 Array = NDArray[np.float64]
 
-#: Films of Figs. 3.23 to 3.25 in µm, and where the triangle is: 4 mm from A at 60°.
+#: Thickness in µm of the film of each of Figs. 3.23 to 3.25.
 THICKNESSES_UM = {"3.23": 25.0, "3.24": 110.0, "3.25": 1000.0}
+#: Place of the triangle in mm: 4 mm from A at 60°.
 PLACE_MM = (4.0 * math.cos(math.pi / 3), 4.0 * math.sin(math.pi / 3) - 10.0)
 
 
 def _thickness_forces(thesis: Thesis) -> list[float]:
-    """The forces of Table 3.4; those of the three figures are not printed."""
+    """The forces of Table 3.4, since those of the three figures are not printed."""
     return sorted({charge.force_N for charge in thesis.from_("Table 3.4")})
 
 
@@ -47,7 +46,9 @@ def _film(thickness_um: float, force_N: float) -> Scene:
 
 def _thickness_scenes(thesis: Thesis) -> list[Scene]:
     forces = _thickness_forces(thesis)
-    films = [_film(h, F) for h in THICKNESSES_UM.values() for F in forces]
+    films = [
+        _film(thickness, force_N) for thickness in THICKNESSES_UM.values() for force_N in forces
+    ]
     return films + [_bending(film) for film in films]
 
 
@@ -58,15 +59,24 @@ def _bending(scene: Scene) -> Scene:
 def _thickness(thesis: Thesis, results: Results, out: Path) -> Content:
     forces = np.array(_thickness_forces(thesis))
     ours = {
-        h: [Series(e, forces, _charges(results, h, forces, e)) for e in "ABC"]
-        for h in THICKNESSES_UM.values()
+        thickness: [
+            Series(electrode, forces, _charges(results, thickness, forces, electrode))
+            for electrode in "ABC"
+        ]
+        for thickness in THICKNESSES_UM.values()
     }
-    printed = [Series(e, forces, thesis.polynomials[f"3.4.3_{e}"](forces)) for e in "ABC"]
+    printed = [
+        Series(electrode, forces, thesis.polynomials[f"3.4.3_{electrode}"](forces))
+        for electrode in "ABC"
+    ]
     _thickness_picture(ours, printed, out / "figure_3_23.svg")
     table = _thickness_table(ours, printed)
     bent = {
-        h: [Series(e, forces, _charges(results, h, forces, e, bending=True)) for e in "ABC"]
-        for h in THICKNESSES_UM.values()
+        thickness: [
+            Series(electrode, forces, _charges(results, thickness, forces, electrode, bending=True))
+            for electrode in "ABC"
+        ]
+        for thickness in THICKNESSES_UM.values()
     }
     return Content(
         [*_thickness_text(ours, printed), *_bending_text(ours, bent)],
@@ -88,35 +98,35 @@ def _thickness(thesis: Thesis, results: Results, out: Path) -> Content:
 def _charges(
     results: Results, thickness_um: float, forces: Array, electrode: str, *, bending: bool = False
 ) -> Array:
-    scenes = [_film(thickness_um, float(F)) for F in forces]
+    scenes = [_film(thickness_um, float(force_N)) for force_N in forces]
     records = [results[_bending(scene) if bending else scene] for scene in scenes]
     return np.array([record.charge_pC(electrode, THESIS_EDGE) for record in records])
 
 
 def _thickness_picture(ours: dict[float, list[Series]], printed: list[Series], path: Path) -> None:
-    with style():
-        figure = new_figure(180, 150)
+    with drawing(path, 180, 150) as figure:
         axes = figure.subplots(2, 2).flat
-        for ax, (number, h) in zip(axes, THICKNESSES_UM.items(), strict=False):
+        for ax, (number, thickness) in zip(axes, THICKNESSES_UM.items(), strict=False):
             shown = [] if number == "3.24" else printed
-            charge_against_force(ax, ours[h], shown, others="thesis's “1 mm” equation")
-            ax.set_title(f"Fig. {number}: {h:g} µm", pad=17 if shown else None)
+            charge_against_force(ax, ours[thickness], shown, others="thesis's “1 mm” equation")
+            ax.set_title(f"Fig. {number}: {thickness:g} µm", pad=17 if shown else None)
         _scaled_by_thickness(axes[3], ours)
-        save(figure, path)
 
 
 def _scaled_by_thickness(ax: Axes, ours: dict[float, list[Series]]) -> None:
-    """Charges of A over F/h, double logarithmic, with one law through all of them."""
+    """Charges of A over F/h in logarithmic scales, with one law through those of all films."""
     ax.set(xlabel="force / thickness (N/mm)", ylabel="charge of A (pC)")
     ax.set_title("A, all three films")
-    loads = np.concatenate([1e3 * some[0].x / h for h, some in ours.items()])
-    law = law_through(loads, np.concatenate([some[0].y for some in ours.values()]))
+    loads = np.concatenate([1e3 * curves[0].x / thickness for thickness, curves in ours.items()])
+    law = law_through(loads, np.concatenate([curves[0].y for curves in ours.values()]))
     if law is None:
         return
     x = np.geomspace(loads.min() / 2, 1.5 * loads.max(), 100)
     ax.loglog(x, law.charge_pC(x), color=GREY, linewidth=1.0, label="membrane law")
-    for (h, some), marker, ink in zip(ours.items(), "so^", COLOURS, strict=False):
-        ax.plot(1e3 * some[0].x / h, some[0].y, marker, color=ink, label=f"{h:g} µm")
+    for (thickness, curves), marker, ink in zip(ours.items(), "so^", COLOURS, strict=False):
+        ax.plot(
+            1e3 * curves[0].x / thickness, curves[0].y, marker, color=ink, label=f"{thickness:g} µm"
+        )
     ax.legend(loc="upper left")
 
 
@@ -134,10 +144,15 @@ def _thickness_table(ours: dict[float, list[Series]], printed: list[Series]) -> 
         Column("deviation_percent", "off a line (%)", 1),
     ]
     rows: list[list[Cell]] = []
-    for h, some in ours.items():
-        for one, equation in zip(some, printed, strict=True):
-            row: list[Cell] = [h, one.label, *one.y.tolist(), *(equation.y / one.y).tolist()]
-            rows.append([*row, *_straightness(one)])
+    for thickness, curves in ours.items():
+        for curve, equation in zip(curves, printed, strict=True):
+            row: list[Cell] = [
+                thickness,
+                curve.label,
+                *curve.y.tolist(),
+                *(equation.y / curve.y).tolist(),
+            ]
+            rows.append([*row, *_straightness(curve)])
     return Table(
         "figures_3_23_to_3_25",
         "Figs. 3.23 to 3.25: charges, the equations printed for 1 mm over ours, first and last "
@@ -156,9 +171,9 @@ def _bending_table(ours: dict[float, list[Series]], bent: dict[float, list[Serie
         Column(f"change_{F:g}_N_percent", f"{F:g} N", 2, "change by bending (%)") for F in forces
     ]
     rows: list[list[Cell]] = [
-        [h, one.label, *stiff.y.tolist(), *(100.0 * (stiff.y / one.y - 1.0)).tolist()]
-        for h in ours
-        for one, stiff in zip(ours[h], bent[h], strict=True)
+        [thickness, curve.label, *stiff.y.tolist(), *(100.0 * (stiff.y / curve.y - 1.0)).tolist()]
+        for thickness in ours
+        for curve, stiff in zip(ours[thickness], bent[thickness], strict=True)
     ]
     return Table(
         "bending_by_thickness",
@@ -170,25 +185,30 @@ def _bending_table(ours: dict[float, list[Series]], bent: dict[float, list[Serie
 
 def _bending_text(ours: dict[float, list[Series]], bent: dict[float, list[Series]]) -> list[str]:
     changes = {
-        h: np.concatenate([b.y / o.y - 1.0 for b, o in zip(bent[h], ours[h], strict=True)])
-        for h in ours
+        thickness: np.concatenate(
+            [
+                with_bending.y / without.y - 1.0
+                for with_bending, without in zip(bent[thickness], ours[thickness], strict=True)
+            ]
+        )
+        for thickness in ours
     }
     if not all(np.isfinite(change).all() and change.size for change in changes.values()):
         return []
     ranges = [
-        f"between {100.0 * change.min():.2g} and {100.0 * change.max():.2g} % for {h:g} µm"
-        for h, change in changes.items()
+        f"between {100.0 * change.min():.2g} and {100.0 * change.max():.2g} % for {thickness:g} µm"
+        for thickness, change in changes.items()
     ]
     return [
         "With bending in the model (the last table), the charges change by "
-        f"{', '.join(ranges[:-1])} and {ranges[-1]}: the 25 µm film is a membrane, the "
+        f"{joined(ranges)}: the 25 µm film is a membrane, the "
         "110 µm film nearly, and the 1 mm film a plate, whose charges hardly leave those of its "
         "pretension."
     ]
 
 
-def _straightness(one: Series) -> list[Cell]:
-    F, Q = finite(one)
+def _straightness(curve: Series) -> list[Cell]:
+    F, Q = finite(curve)
     if len(F) < 3:
         return [None] * 3
     _, exponents = local_exponents(F, Q)
@@ -201,12 +221,16 @@ def _straightness(one: Series) -> list[Cell]:
 
 def _thickness_text(ours: dict[float, list[Series]], printed: list[Series]) -> list[str]:
     thin, thick = (
-        np.concatenate([p.y / o.y for p, o in zip(printed, ours[h], strict=True)])
-        for h in (25.0, 1000.0)
+        np.concatenate(
+            [equation.y / curve.y for equation, curve in zip(printed, ours[thickness], strict=True)]
+        )
+        for thickness in (25.0, 1000.0)
     )
     if not np.isfinite([*thin, *thick]).all() or not thin.size:
         return ["Not all charges could be computed."]
-    signal = [float(np.max([one.y[-1] for one in ours[h]])) for h in (25.0, 1000.0)]
+    signal = [
+        float(np.max([curve.y[-1] for curve in ours[thickness]])) for thickness in (25.0, 1000.0)
+    ]
     return [
         "Section 3.4.3 prints three cubics for the 1 mm film and takes them as evidence that "
         "thickness makes the sensor more linear. They are those of the 25 µm film: they give "
@@ -221,7 +245,7 @@ def _thickness_text(ours: dict[float, list[Series]], printed: list[Series]) -> l
     ]
 
 
-THICKNESS_PART = Part(
+THICKNESS_CHAPTER = Chapter(
     "force-thickness",
     "Section 3.4.3: charge against force for three thicknesses",
     ("Fig. 3.23", "Fig. 3.24", "Fig. 3.25"),

@@ -1,4 +1,4 @@
-"""Measured charges in a CSV file: its columns, its mistakes, and the scenes that belong to it."""
+"""Measured charges in a CSV file: columns, mistakes, and scenes of such a file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pvdf_fem.scene.mistakes import MOST_MISTAKES
 from pvdf_fem.scene.scene import Scene, SceneError
 from reports.common.thesis_scene import LAYOUTS, PROBES, scene_of
 
-#: The columns of a file, in any order, with what they hold.
+#: Columns of a file with their meaning. Their order in the file is free.
 COLUMNS = {
     "case": "name of the scene, any text; rows of one case differ in the electrode and its charge",
     "layout": f"number of electrodes: {' or '.join(LAYOUTS)}, named as in the thesis "
@@ -31,17 +31,18 @@ COLUMNS = {
     "electrode": "name of the electrode",
     "charge_pC": "its charge, pC",
 }
+#: Columns with numbers.
 NUMBERS = ("x_mm", "y_mm", "rotation_deg", "force_N", "charge_pC")
-#: Largest file in bytes.
+#: Largest size of a file in bytes.
 MOST_BYTES = 1_000_000
-# float() also takes 1_000, infinity, and digits of other scripts
+# The function float() also accepts 1_000, infinity, and digits of other scripts.
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 #: Columns that must agree in the rows of a case.
 OF_A_CASE = ("layout", "probe", "x_mm", "y_mm", "rotation_deg", "force_N")
 
 
 class MeasurementError(ValueError):
-    """A file that cannot be used; `problems` has a line for each mistake."""
+    """A file with mistakes; `problems` has a line for each of them."""
 
     def __init__(self, problems: Sequence[str]) -> None:
         self.problems = tuple(problems)
@@ -50,7 +51,7 @@ class MeasurementError(ValueError):
 
 @dataclass(frozen=True)
 class Measurement:
-    """A row of a file."""
+    """A measured charge: a row of a file."""
 
     case: str
     layout: str
@@ -64,17 +65,17 @@ class Measurement:
 
     @property
     def scene(self) -> Scene:
-        """The scene under the thesis's uniform pressure."""
+        """The scene of the measurement, with the thesis's uniform pressure."""
         return scene_of(self)
 
 
 def read_measurements(path: Path) -> list[Measurement]:
-    """Rows of a CSV file with the `COLUMNS`, at least one.
+    """Rows of a CSV file with the `COLUMNS`. There is at least one.
 
     Raises
     ------
     MeasurementError
-        With all mistakes: file, line, column, value, and what to change.
+        If the file has mistakes. Each is told with file, line, column, value and correction.
     """
     try:
         text = read_text(path, MOST_BYTES, "a CSV file")
@@ -92,26 +93,26 @@ def _measurements(path: Path, reader: Any) -> list[Measurement]:
     header = [name.strip() for name in next(reader, [])]
     if problems := [f"{path}: line 1: {problem}" for problem in _of_header(header)]:
         raise MeasurementError(problems[:MOST_MISTAKES])
-    found: list[Measurement] = []
-    first: dict[str, tuple[int, Measurement]] = {}
+    measurements: list[Measurement] = []
+    first_of_case: dict[str, tuple[int, Measurement]] = {}
     for cells in reader:
         if not any(cell.strip() for cell in cells):
             continue
         line = reader.line_num
         row, mistakes = _row(header, cells)
         if row is not None:
-            begin, other = first.setdefault(row.case, (line, row))
+            begin, other = first_of_case.setdefault(row.case, (line, row))
             mistakes += list(_against(row, other, begin))
-            found.append(row)
+            measurements.append(row)
         problems += [f"{path}: line {line}: {mistake}" for mistake in mistakes]
         if len(problems) > MOST_MISTAKES:
             problems[MOST_MISTAKES:] = ["there are more mistakes; correct these first"]
             break
-    if not found and not problems:
+    if not measurements and not problems:
         problems = [f"{path}: has no rows below its header; add one for each charge"]
     if problems:
         raise MeasurementError(problems)
-    return found
+    return measurements
 
 
 def _of_header(header: Sequence[str]) -> Iterator[str]:
@@ -132,7 +133,7 @@ def _of_header(header: Sequence[str]) -> Iterator[str]:
 
 
 def _row(header: Sequence[str], cells: Sequence[str]) -> tuple[Measurement | None, list[str]]:
-    """A row, or None, and its mistakes."""
+    """The measurement of a row, None if it has mistakes, and these mistakes."""
     if len(cells) != len(header):
         return None, [
             f"has {len(cells)} cells for {len(header)} columns; write decimals with a point, and "
@@ -155,27 +156,27 @@ def _row(header: Sequence[str], cells: Sequence[str]) -> tuple[Measurement | Non
     except SceneError as error:
         return None, [p.removeprefix("probe.").removeprefix("load.") for p in error.problems]
     if row.electrode not in names:
-        told = f"electrode = {row.electrode[:60]!r}: layout {row.layout} has {', '.join(names)}"
-        return None, [f"{told}; name one of them"]
+        problem = f"electrode = {row.electrode[:60]!r}: layout {row.layout} has {', '.join(names)}"
+        return None, [f"{problem}; name one of them"]
     return row, []
 
 
 def _mistakes(texts: Mapping[str, str]) -> Iterator[str]:
     if not texts["case"]:
         yield "case = '': is empty; name the scene"
-    for name, known in (("layout", LAYOUTS), ("probe", PROBES)):
-        if texts[name] not in known:
-            yield f"{name} = {texts[name][:60]!r}: is not known; use {' or '.join(known)}"
+    for name, names in (("layout", LAYOUTS), ("probe", PROBES)):
+        if texts[name] not in names:
+            yield f"{name} = {texts[name][:60]!r}: is not known; use {' or '.join(names)}"
     for name in NUMBERS:
         if not _NUMBER.fullmatch(texts[name]) or not math.isfinite(float(texts[name])):
             yield f"{name} = {texts[name][:60]!r}: is not a finite number; write digits, as in 1.25"
 
 
-def _against(row: Measurement, other: Measurement, begin: int) -> Iterator[str]:
+def _against(row: Measurement, first: Measurement, first_line: int) -> Iterator[str]:
     for name in OF_A_CASE:
-        if getattr(row, name) != getattr(other, name):
-            ours, theirs = getattr(row, name), getattr(other, name)
+        if getattr(row, name) != getattr(first, name):
+            value, first_value = getattr(row, name), getattr(first, name)
             yield (
-                f"{name} = {ours!r}: case {row.case[:60]!r} has {theirs!r} in line {begin}; "
-                "correct one of them or name another case"
+                f"{name} = {value!r}: case {row.case[:60]!r} has {first_value!r} in line "
+                f"{first_line}; correct one of them or name another case"
             )

@@ -1,4 +1,4 @@
-"""Command-line options that several reports have."""
+"""Command-line options that several reports share."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ OUT = Path(__file__).resolve().parents[1] / "out"
 
 
 def number_of(what: str, most: int = 1000) -> Callable[[str], int]:
-    """A type for `argparse`: a whole number from 1 to `most`."""
+    """A type for `argparse`: a whole number of `what`, from 1 to `most`."""
 
     def parse(text: str) -> int:
         digits = text.isascii() and text.isdigit() and len(text) < 20
         if not digits or not 1 <= int(text) <= most:
-            wrong = f"{text[:60]!r} is not a number of {what}; give 1 to {most}"
-            raise argparse.ArgumentTypeError(wrong)
+            problem = f"{text[:60]!r} is not a number of {what}; give 1 to {most}"
+            raise argparse.ArgumentTypeError(problem)
         return int(text)
 
     return parse
 
 
 def add_out(parser: argparse.ArgumentParser, folder: str = "") -> None:
-    """``--out``, by default a folder of `OUT`."""
+    """Add ``--out``; its default is `folder` within ``reports/out``."""
     parser.add_argument(
         "--out", type=Path, default=OUT / folder, metavar="DIR", help="output directory"
     )
 
 
 def add_processes(parser: argparse.ArgumentParser) -> None:
-    """``--processes``, by default as many as there are cores."""
+    """Add ``--processes``; its default is the number of cores."""
     parser.add_argument(
         "--processes",
         type=number_of("processes"),

@@ -8,28 +8,41 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from html import unescape
 from itertools import groupby
 from pathlib import Path
 from typing import TypeAlias
+from urllib.parse import quote
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from pvdf_fem.files import replacing
 
-# Texts longer than this are broken into lines.
-PROSE = 60
+#: Cells with more characters than this are broken into lines.
+PROSE_CHARACTERS = 60
 
-Cell: TypeAlias = str | float | int | None
+Cell: TypeAlias = str | int | float | None
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column: `key` heads it in the CSV, `label` on the page, under `group` if it has one.
+    """A column of a table.
 
-    `digits` are the decimals of numbers on the page, None for as many as a number needs; the CSV
-    keeps all. A column with `on_page` false is in the CSV only.
+    Attributes
+    ----------
+    key, label : str
+        Head of the column in the CSV file, and on the page.
+    digits : int or None
+        Decimals of numbers on the page, None for as many as a number needs; the CSV file has all.
+    group : str
+        Head on the page that neighbouring columns of the same group share.
+    signed : bool
+        Whether positive numbers have a sign on the page.
+    on_page : bool
+        Whether the column is on the page; it is always in the CSV file.
     """
 
     key: str
@@ -40,18 +53,18 @@ class Column:
     on_page: bool = True
 
     def show(self, cell: Cell) -> str:
-        """A cell as the page shows it: an en dash for what there is not."""
+        """The text of a cell on the page; a missing value is an en dash."""
         if cell is None or (isinstance(cell, float) and math.isnan(cell)):
             return "–"
         if isinstance(cell, str):
             return cell
         form = "g" if self.digits is None else f".{self.digits}f"
-        return format(cell, f"+{form}" if self.signed else form).replace("-", "−")
+        return with_minus(format(cell, f"+{form}" if self.signed else form))
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table with its CSV file, `name`.csv."""
+    """A table on the page, with a CSV file `name`.csv."""
 
     name: str
     caption: str
@@ -70,21 +83,28 @@ class Table:
 
     @property
     def groups(self) -> list[tuple[str, int]]:
-        """Heads that span several columns, with the number of columns; none if all are empty."""
-        spans = [(name, len(list(run))) for name, run in groupby(c.group for c in self.shown)]
+        """Heads above several columns, each with the number of columns; none if all are empty."""
+        heads = (column.group for column in self.shown)
+        spans = [(name, len(list(run))) for name, run in groupby(heads)]
         return spans if any(name for name, _ in spans) else []
 
     @property
     def shown_rows(self) -> list[list[tuple[str, str]]]:
         """The cells on the page, each with its class: ``number``, ``text`` or ``prose``."""
-        pairs = [list(zip(self.columns, row, strict=True)) for row in self.rows]
-        return [[(c.show(cell), _kind(cell)) for c, cell in row if c.on_page] for row in pairs]
+        return [
+            [
+                (column.show(cell), _kind(cell))
+                for column, cell in zip(self.columns, row, strict=True)
+                if column.on_page
+            ]
+            for row in self.rows
+        ]
 
     def write_csv(self, directory: Path) -> None:
-        """Write all columns, numbers in full; empty cells for what there is not."""
+        """Write all columns with all digits; cells of missing values are empty."""
         with (
-            replacing(directory / self.file) as part,
-            part.open("w", encoding="utf-8", newline="") as stream,
+            replacing(directory / self.file) as unfinished,
+            unfinished.open("w", encoding="utf-8", newline="") as stream,
         ):
             writer = csv.writer(stream, lineterminator="\n")
             writer.writerow([column.key for column in self.columns])
@@ -103,7 +123,8 @@ class Picture:
 class Section:
     """A section of a page: paragraphs, then pictures and tables in their order.
 
-    `error` is the message of a section that could not be made, `note` what keeps it incomplete.
+    `error` is the message of a section that could not be made; `note` says why a section is not
+    complete.
     """
 
     name: str
@@ -115,11 +136,11 @@ class Section:
 
     @property
     def state(self) -> str:
-        """What the contents list says behind the title: nothing if all is well."""
+        """What the list of contents says behind the title; empty for a complete section."""
         return "failed" if self.error else self.note
 
     def write_tables(self, directory: Path) -> None:
-        """Write the CSV files of its tables."""
+        """Write the CSV files of the section's tables."""
         for block in self.blocks:
             if isinstance(block, Table):
                 block.write_csv(directory)
@@ -127,12 +148,22 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """A report: title, introduction, sections, and how it was made."""
+    """A report.
+
+    Attributes
+    ----------
+    title, introduction, sections
+    provenance : dict
+        How the page was made: name and value of each line of the footer.
+    links : dict
+        Title by relative link, of other pages that the page leads to.
+    """
 
     title: str
     introduction: Sequence[str]
     sections: Sequence[Section]
     provenance: dict[str, str] = field(default_factory=dict)
+    links: dict[str, str] = field(default_factory=dict)
 
     def html(self) -> str:
         """The page as HTML text."""
@@ -149,9 +180,34 @@ class Page:
     def write(self, directory: Path) -> Path:
         """Write ``index.html`` and return its path; a reader never meets a half-written page."""
         path = directory / "index.html"
-        with replacing(path) as part:
-            part.write_text(self.html(), encoding="utf-8")
+        with replacing(path) as unfinished:
+            unfinished.write_text(self.html(), encoding="utf-8")
         return path
+
+
+def pages_below(directory: Path) -> dict[str, str]:
+    """Titles of the pages in the folders of a directory, by their relative links."""
+    links = {}
+    for path in sorted(directory.glob("*/index.html")):
+        title = re.search(r"<title>(.*?)</title>", path.read_text(encoding="utf-8"), re.DOTALL)
+        folder = path.parent.name
+        links[f"{quote(folder)}/index.html"] = unescape(title[1]).strip() if title else folder
+    return links
+
+
+def with_minus(number: str) -> str:
+    """A formatted number with minus signs instead of hyphens."""
+    return number.replace("-", "−")
+
+
+def signed(value: float, digits: int = 1) -> str:
+    """A number with its sign, for text."""
+    return with_minus(f"{value:+.{digits}f}")
+
+
+def joined(words: Sequence[str]) -> str:
+    """Words as a list in a sentence: ``a, b and c``."""
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
 def _plain(cell: Cell) -> Cell:
@@ -161,4 +217,4 @@ def _plain(cell: Cell) -> Cell:
 def _kind(cell: Cell) -> str:
     if not isinstance(cell, str):
         return "number"
-    return "prose" if len(cell) > PROSE else "text"
+    return "prose" if len(cell) > PROSE_CHARACTERS else "text"

@@ -1,7 +1,4 @@
-"""The records that a report rests on, solved once and kept between runs.
-
-What is solved stays in a store, so that an interrupted report goes on where it was.
-"""
+"""The records that a report rests on. They are solved once and stay in a store between runs."""
 
 from __future__ import annotations
 
@@ -13,8 +10,9 @@ from pvdf_fem.maps.carried import CarriedField, carried_field
 from pvdf_fem.sweeps.store import Record, Store
 from pvdf_fem.sweeps.sweep import Progress, planned, silent, solve_all
 
-#: The charges that the thesis's post-processor computes, and those of the electrode's material.
+#: The observable that the thesis's post-processor computes: stresses averaged along the edges.
 THESIS_EDGE = "thesis-edge"
+#: The observable that a charge amplifier sees: the stress over the electrode's material area.
 MATERIAL = "material"
 
 
@@ -24,7 +22,7 @@ class Results:
     Parameters
     ----------
     folder : Path
-        Where records and fields are kept; made if it does not exist.
+        Where records and fields are stored; made if it does not exist.
     processes : int
         Number of processes that solve.
     """
@@ -39,22 +37,22 @@ class Results:
         return self._records[scene]
 
     def solve(self, scenes: Iterable[Scene], progress: Progress = silent) -> None:
-        """Solve those of the scenes that are neither here nor in the store."""
-        wanted = [one for one in dict.fromkeys(scenes) if one not in self._records]
+        """Solve the scenes that are neither here nor in the store."""
+        missing = [scene for scene in dict.fromkeys(scenes) if scene not in self._records]
         with self._store() as store:
-            found = solve_all(wanted, store, processes=self.processes, progress=progress)
-        self._records.update(zip(wanted, found, strict=True))
+            records = solve_all(missing, store, processes=self.processes, progress=progress)
+        self._records.update(zip(missing, records, strict=True))
 
     def missing(self, scenes: Iterable[Scene]) -> int:
-        """How many solves these scenes still need."""
+        """The number of solves that these scenes still need."""
         with self._store() as store:
             return len(planned(list(scenes), store).blocks)
 
     def of(self, scenes: Iterable[Scene]) -> Results:
-        """The records of some solved scenes only, for another process."""
-        some = Results(self.folder, 1)
-        some._records = {scene: self._records[scene] for scene in scenes}
-        return some
+        """The records of these solved scenes alone, for another process."""
+        selection = Results(self.folder, 1)
+        selection._records = {scene: self._records[scene] for scene in scenes}
+        return selection
 
     def field(self, scene: Scene) -> CarriedField:
         """The stress about the probe of a scene, from `pvdf_fem.maps.carried`."""
@@ -62,7 +60,7 @@ class Results:
 
     @property
     def records(self) -> list[Record]:
-        """All that were needed so far."""
+        """All records that were needed so far."""
         return list(self._records.values())
 
     def _store(self) -> Store:

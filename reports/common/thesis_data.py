@@ -8,18 +8,20 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import nan
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from pvdf_fem.maps.polynomial import Polynomial, Product, read_polynomials
+from reports.common.polynomial import PrintedPolynomial, PrintedProduct, read_polynomials
 
 DATA = Path(__file__).parents[1] / "data"
 
-#: Flags of `charges.csv` under which a printed number is wrong or is not the number of its row:
-#: such rows are shown, but not counted. The other flags mark a guessed orientation of the probe, a
-#: value repeated at an equivalent angle, and an angle 0.005° off; their numbers stand.
+#: Flags of `charges.csv` under which a printed number is wrong or belongs to another row, with the
+#: remark that the report shows. Such rows are shown, but do not count. Rows with other flags count:
+#: these mark a guessed orientation of the probe, a value repeated at an equivalent angle, and an
+#: angle that is 0.005° off.
 DEFECTS = {
     "row_identical_to_table_4.6_0deg": "row copied from Table 4.6",
     "row_identical_to_table_4.5_0deg": "row copied from Table 4.5",
@@ -29,11 +31,32 @@ DEFECTS = {
 }
 
 
-@dataclass(frozen=True)
-class Charge:
+#: A number, NaN where the file has none.
+OptionalNumber = Annotated[
+    float, BeforeValidator(lambda text: nan if text in ("", "not_intersecting") else text)
+]
+#: Several flags, which the file separates by semicolons.
+Flags = Annotated[
+    tuple[str, ...], BeforeValidator(lambda text: tuple(flag for flag in text.split(";") if flag))
+]
+
+
+class CsvRow(BaseModel):
+    """A row of a file; columns of the file that have no attribute are ignored."""
+
+    model_config = ConfigDict(frozen=True)
+
+    @classmethod
+    def read(cls, path: Path) -> tuple[Self, ...]:
+        """All rows of a CSV file with a header."""
+        with path.open(encoding="utf-8", newline="") as stream:
+            return tuple(cls.model_validate(row) for row in csv.DictReader(stream))
+
+
+class Charge(CsvRow):
     """A printed charge: a row of `charges.csv`."""
 
-    case: str
+    case: str = Field(alias="case_id")
     source: str
     layout: str
     probe: str
@@ -43,36 +66,34 @@ class Charge:
     force_N: float
     electrode: str
     charge_pC: float
-    flags: tuple[str, ...]
+    flags: Flags = Field(alias="flag")
 
     @property
     def defect(self) -> str:
-        """Why the number does not count, or nothing."""
+        """Why the number does not count; empty if it does."""
         return "; ".join(DEFECTS[flag] for flag in self.flags if flag in DEFECTS)
 
 
-@dataclass(frozen=True)
-class ContourPoint:
-    """Where the thesis found a charge on a line from an electrode: `isocharge_points.csv`.
+class ContourPoint(CsvRow):
+    """The place of a charge on a line from an electrode: a row of `isocharge_points.csv`.
 
-    `frame` is the electrode that the line starts from; the contour of C is that of B at the charge
-    of C, mirrored at the y axis.
+    `frame` is the electrode that the line starts from. The thesis takes the contour of B at the
+    charge of C, mirrored at the y axis, for the contour of C.
     """
 
-    contour: str
-    case: str
+    contour: str = Field(alias="contour_id")
+    case: str = Field(alias="case_id")
     electrode: str
     charge_pC: float
-    frame: str
+    frame: Annotated[str, BeforeValidator(lambda text: text[0])] = Field(alias="angle_frame")
     angle_deg: float
     radius_mm: float
     x_mm: float
     y_mm: float
 
 
-@dataclass(frozen=True)
-class Position:
-    """A recovered position of a probe, simulated or measured: `positioning_errors.csv`.
+class Position(CsvRow):
+    """A recovered position of a probe, simulated or measured: a row of `positioning_errors.csv`.
 
     `error_mm` is NaN where the contours did not intersect.
     """
@@ -88,11 +109,11 @@ class Position:
     y_mm: float
     rotation_deg: float
     force_N: float
-    error_mm: float
+    error_mm: OptionalNumber
 
     @property
     def case(self) -> str:
-        """Name: table, row and number of electrodes."""
+        """Name of the case: table, row and number of electrodes."""
         return f"{self.source} row {self.row}, {self.layout} electrodes"
 
     @property
@@ -101,59 +122,54 @@ class Position:
         return np.array([self.x_mm, self.y_mm, self.rotation_deg, self.force_N])
 
 
-@dataclass(frozen=True)
-class TriangulationPoint:
-    """A point of a triangulation, NaN where none is printed: `triangulation.csv`.
+class TriangulationPoint(CsvRow):
+    """A point of a triangulation: a row of `triangulation.csv`. Unprinted numbers are NaN.
 
     `item` names three electrodes, or is ``average`` or ``target``.
     """
 
-    case: str
+    case: str = Field(alias="case_id")
     source: str
     probe: str
     rotation_deg: float
     force_N: float
     item: str
-    x_mm: float
-    y_mm: float
-    error_mm: float
+    x_mm: OptionalNumber
+    y_mm: OptionalNumber
+    error_mm: OptionalNumber
     status: str
 
 
-@dataclass(frozen=True)
-class AngleEstimate:
-    """An angle recovered from a charge of A, and its check run: `angle_estimates.csv`."""
+class AngleEstimate(CsvRow):
+    """An angle recovered from a charge of A, and its check run: a row of `angle_estimates.csv`."""
 
     source: str
     force_N: float
     equation: str
-    charge_pC: float
-    angle_table_deg: float
-    angle_text_deg: float
-    check_charge_pC: float
-    error_stated_percent: float
-    flags: tuple[str, ...]
+    charge_pC: float = Field(alias="assumed_charge_pC")
+    angle_table_deg: OptionalNumber
+    angle_text_deg: OptionalNumber
+    check_charge_pC: OptionalNumber = Field(alias="check_charge_table_pC")
+    error_stated_percent: OptionalNumber = Field(alias="charge_error_stated_percent")
 
     @property
     def case(self) -> str:
-        """Name: table and charge."""
+        """Name of the estimate: table and charge."""
         return f"{self.source}, {self.charge_pC:g} pC"
 
 
-@dataclass(frozen=True)
-class ChargeRange:
-    """Charges of A that the thesis takes for one force: `lookup.csv` (Table 4.4)."""
+class ChargeRange(CsvRow):
+    """Charges of A that the thesis takes for one force: a row of `lookup.csv` (Table 4.4)."""
 
-    least_pC: float
-    largest_pC: float
+    least_pC: float = Field(alias="charge_min_pC")
+    largest_pC: float = Field(alias="charge_max_pC")
     force_N: float
 
 
-@dataclass(frozen=True)
-class ThesisFigure:
-    """A figure of the thesis: `figures.csv`."""
+class ThesisFigure(CsvRow):
+    """A figure of the thesis: a row of `figures.csv`."""
 
-    number: str
+    number: str = Field(alias="figure")
     section: str
     kind: str
     shows: str
@@ -165,15 +181,17 @@ class Thesis:
 
     Attributes
     ----------
+    charges, contours, positions, triangulation, angle_estimates, charge_ranges, figures : tuple
+        Rows of the CSV files.
     parameters : dict
         Tables of `parameters.toml`; a number is ``parameters["circuit"]["load_resistance"]
         ["value"]``.
     polynomials, products : dict
-        By the number of the equation.
+        Printed polynomials, and products of two, by the number of the equation.
     angles_deg : dict
         Directions of the lines of the mapping scheme from electrodes A and B of three.
     step_mm : float
-        Step on those lines.
+        Distance of neighbouring places on those lines.
     """
 
     charges: tuple[Charge, ...]
@@ -184,25 +202,25 @@ class Thesis:
     charge_ranges: tuple[ChargeRange, ...]
     figures: tuple[ThesisFigure, ...]
     parameters: dict[str, Any]
-    polynomials: dict[str, Polynomial]
-    products: dict[str, Product]
+    polynomials: dict[str, PrintedPolynomial]
+    products: dict[str, PrintedProduct]
     angles_deg: dict[str, tuple[float, ...]]
     step_mm: float
 
     @classmethod
     def read(cls, directory: Path = DATA) -> Thesis:
-        """All numbers."""
+        """Read all numbers from the files of a directory."""
         parameters = tomllib.loads((directory / "parameters.toml").read_text(encoding="utf-8"))
         mapping = parameters["mapping"]
         polynomials, products = read_polynomials(directory / "polynomials.toml")
         return cls(
-            tuple(map(_charge, _rows(directory / "charges.csv"))),
-            tuple(map(_contour_point, _rows(directory / "isocharge_points.csv"))),
-            tuple(map(_position, _rows(directory / "positioning_errors.csv"))),
-            tuple(map(_triangulation_point, _rows(directory / "triangulation.csv"))),
-            tuple(map(_angle_estimate, _rows(directory / "angle_estimates.csv"))),
-            tuple(map(_charge_range, _rows(directory / "lookup.csv"))),
-            tuple(map(_figure, _rows(directory / "figures.csv"))),
+            Charge.read(directory / "charges.csv"),
+            ContourPoint.read(directory / "isocharge_points.csv"),
+            Position.read(directory / "positioning_errors.csv"),
+            TriangulationPoint.read(directory / "triangulation.csv"),
+            AngleEstimate.read(directory / "angle_estimates.csv"),
+            ChargeRange.read(directory / "lookup.csv"),
+            ThesisFigure.read(directory / "figures.csv"),
             parameters,
             polynomials,
             products,
@@ -211,126 +229,33 @@ class Thesis:
         )
 
     def from_(self, *sources: str) -> list[Charge]:
-        """Charges of a table or section; the beginning of its name will do."""
+        """Charges of tables or sections, given the beginnings of their names."""
         return [charge for charge in self.charges if charge.source.startswith(sources)]
 
     def quick(self) -> Thesis:
-        """A few of the numbers, for trying things out."""
+        """A few of the numbers, for a report that takes a minute."""
         return replace(
             self,
-            charges=tuple(charge for charge in self.charges if charge.case in _QUICK),
-            contours=tuple(p for p in self.contours if p.angle_deg in _QUICK_ANGLES_DEG),
-            positions=tuple(p for p in self.positions if p.case in _QUICK),
-            triangulation=tuple(p for p in self.triangulation if p.case in _QUICK),
+            charges=tuple(charge for charge in self.charges if charge.case in _QUICK_CASES),
+            contours=tuple(row for row in self.contours if row.angle_deg in _QUICK_ANGLES_DEG),
+            positions=tuple(row for row in self.positions if row.case in _QUICK_CASES),
+            triangulation=tuple(row for row in self.triangulation if row.case in _QUICK_CASES),
             angles_deg={"A": (85.0,), "B": (150.0,)},
             step_mm=8.0,
         )
 
     @cached_property
     def counted(self) -> list[Charge]:
-        """The charges that count in a comparison."""
+        """The charges that count in a comparison, since they have no defect."""
         return [charge for charge in self.charges if not charge.defect]
 
 
-_QUICK = {
+#: Cases of charges, positions and triangulations in a quick report.
+_QUICK_CASES = {
     *("Table 3.1 row 1, 3 electrodes", "Table 5.1 row 2, 4 electrodes", "s312_1"),
     *("s311_1", "t34_f1.0", "t41_r0", "t41_r90", "t41_r180", "t42_11.176"),
     *("t45_r0_f0.5", "t45_r0_f1", "t45_r90_f1", "t46_r0_f0.5", "t46_r0_f1", "t46_r90_f1"),
 }
 
+#: Lines of the contour points in a quick report, in degrees.
 _QUICK_ANGLES_DEG = (65.0, 85.0, 150.0)
-
-
-def _rows(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8", newline="") as stream:
-        return list(csv.DictReader(stream))
-
-
-def _charge(row: dict[str, str]) -> Charge:
-    return Charge(
-        row["case_id"],
-        row["source"],
-        row["layout"],
-        row["probe"],
-        float(row["x_mm"]),
-        float(row["y_mm"]),
-        float(row["rotation_deg"]),
-        float(row["force_N"]),
-        row["electrode"],
-        float(row["charge_pC"]),
-        tuple(flag for flag in row["flag"].split(";") if flag),
-    )
-
-
-def _contour_point(row: dict[str, str]) -> ContourPoint:
-    return ContourPoint(
-        row["contour_id"],
-        row["case_id"],
-        row["electrode"],
-        float(row["charge_pC"]),
-        row["angle_frame"][0],
-        float(row["angle_deg"]),
-        float(row["radius_mm"]),
-        float(row["x_mm"]),
-        float(row["y_mm"]),
-    )
-
-
-def _position(row: dict[str, str]) -> Position:
-    return Position(
-        row["source"],
-        int(row["row"]),
-        row["kind"],
-        row["film"],
-        row["layout"],
-        row["probe"],
-        row["position"],
-        float(row["x_mm"]),
-        float(row["y_mm"]),
-        float(row["rotation_deg"]),
-        float(row["force_N"]),
-        nan if row["error_mm"] == "not_intersecting" else float(row["error_mm"]),
-    )
-
-
-def _triangulation_point(row: dict[str, str]) -> TriangulationPoint:
-    return TriangulationPoint(
-        row["case_id"],
-        row["source"],
-        row["probe"],
-        float(row["rotation_deg"]),
-        float(row["force_N"]),
-        row["item"],
-        _number(row["x_mm"]),
-        _number(row["y_mm"]),
-        _number(row["error_mm"]),
-        row["status"],
-    )
-
-
-def _angle_estimate(row: dict[str, str]) -> AngleEstimate:
-    return AngleEstimate(
-        row["source"],
-        float(row["force_N"]),
-        row["equation"],
-        float(row["assumed_charge_pC"]),
-        _number(row["angle_table_deg"]),
-        _number(row["angle_text_deg"]),
-        _number(row["check_charge_table_pC"]),
-        _number(row["charge_error_stated_percent"]),
-        tuple(flag for flag in row["flag"].split(";") if flag),
-    )
-
-
-def _charge_range(row: dict[str, str]) -> ChargeRange:
-    return ChargeRange(
-        float(row["charge_min_pC"]), float(row["charge_max_pC"]), float(row["force_N"])
-    )
-
-
-def _figure(row: dict[str, str]) -> ThesisFigure:
-    return ThesisFigure(row["figure"], row["section"], row["kind"], row["shows"])
-
-
-def _number(text: str) -> float:
-    return float(text) if text else nan

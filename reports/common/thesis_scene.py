@@ -1,4 +1,4 @@
-"""The thesis's scenes: follower pressure, charges along the electrodes' edges, its own defaults."""
+"""The thesis's scenes: a pressure that follows the film, charges along the electrodes' edges."""
 
 from __future__ import annotations
 
@@ -8,9 +8,12 @@ from typing import Any, Protocol
 from pvdf_fem import Scene
 from reports.common.results import THESIS_EDGE
 
-#: Of every charge, relative: turning the rectangle moves a charge by 5 % only.
+#: Relative tolerance of every charge. It is small, since turning the rectangle changes a charge by
+#: only 5 %.
 TOLERANCE = 3e-4
+#: Layout of the electrodes in a scene file, by their number.
 LAYOUTS = {"3": "three", "4": "four"}
+#: Probe in a scene file, by its name in the data.
 PROBES: dict[str, dict[str, Any]] = {
     "tri7": {"shape": "triangle", "side_mm": 7.0},
     "rect14x7": {"shape": "rectangle", "width_mm": 14.0, "height_mm": 7.0},
@@ -28,7 +31,7 @@ def thesis_scene(
     rotation_deg: float = 0.0,
     force_N: float = 1.0,
 ) -> Scene:
-    """A scene by the thesis's names: layout ``3`` or ``4``, probe ``tri7``, ``rect14x7``, ..."""
+    """A scene from its layout, ``3`` or ``4``, and its probe, one of `PROBES`."""
     place = {"x_mm": x_mm, "y_mm": y_mm, "rotation_deg": rotation_deg}
     return Scene().with_(
         **{
@@ -42,8 +45,8 @@ def thesis_scene(
     )
 
 
-class Pressed(Protocol):
-    """Where a probe presses, by the thesis's names: a printed charge, or a measured one."""
+class PressedProbe(Protocol):
+    """A probe on a sensor, by the names of `LAYOUTS` and `PROBES`."""
 
     @property
     def layout(self) -> str: ...
@@ -59,13 +62,13 @@ class Pressed(Protocol):
     def force_N(self) -> float: ...
 
 
-def scene_of(charge: Pressed) -> Scene:
-    """The scene that gives a charge, under the thesis's uniform pressure."""
+def scene_of(pressed: PressedProbe) -> Scene:
+    """The scene of a probe that presses with the thesis's uniform pressure."""
     return thesis_scene(
-        charge.layout,
-        charge.probe,
-        x_mm=charge.x_mm,
-        y_mm=charge.y_mm,
-        rotation_deg=charge.rotation_deg,
-        force_N=charge.force_N,
+        pressed.layout,
+        pressed.probe,
+        x_mm=pressed.x_mm,
+        y_mm=pressed.y_mm,
+        rotation_deg=pressed.rotation_deg,
+        force_N=pressed.force_N,
     )

@@ -12,25 +12,25 @@ from reports.design_study.sensor import Sensor
 from reports.design_study.study import LIGHT_N, THESIS, Study, light
 
 
-def checks(study: Study, found: Recommendation, *, quick: bool) -> Section:
-    """Position errors again, with smaller steps and a smaller tolerance, and with bending."""
+def checks(study: Study, recommended: Recommendation, *, quick: bool) -> Section:
+    """Compute position errors again, with smaller steps and tolerance, and with bending."""
     lattice = study.lattice
     finer = Study(study.results, lattice.finer(), study.axes, study.noise)
-    # bending takes fine meshes, so every other circle has to do, for both films
+    # Bending needs fine meshes. To save time both films are compared on every other circle only.
     coarse = replace(lattice, pitch_mm=2.0 * lattice.pitch_mm)
     coarser = Study(study.results, coarse, study.axes, study.noise)
     thick = replace(THESIS, thickness_um=max(study.axes.thicknesses_um))
-    soft, bent = light(found.sensor), replace(thick, bending=True)
+    soft, bent = light(recommended.sensor), replace(thick, bending=True)
     cases = [
         ("thesis's, 1 N", (study, THESIS), (finer, THESIS)),
         (f"recommended, {LIGHT_N:g} N", (study, soft), (finer, soft)),
         (f"{thick.thickness_um:g} µm, 1 N, with bending", (coarser, thick), (coarser, bent)),
     ]
     rows: list[list[Cell]] = []
-    for label, first, again in cases[: 1 if quick else None]:
-        for by, sensor in (first, again):
-            by.solve([sensor])
-        rows.append([label, *_compared(first, again)])
+    for label, studied, recomputed in cases[: 1 if quick else None]:
+        for case_study, sensor in (studied, recomputed):
+            case_study.solve([sensor])
+        rows.append([label, *_compared(studied, recomputed)])
     columns = [
         Column("case", "sensor"),
         Column("position_mm", "in the study (mm)", 3),
@@ -54,11 +54,14 @@ def checks(study: Study, found: Recommendation, *, quick: bool) -> Section:
     return Section("checks", "How exact these numbers are", text[: 1 if quick else 2], [table])
 
 
-def _compared(first: tuple[Study, Sensor], second: tuple[Study, Sensor]) -> list[Cell]:
-    both = first, second
-    ours, again = (
-        by.response(sensor, by.axes.places_mm).position_errors_mm(by.noise) for by, sensor in both
+def _compared(studied: tuple[Study, Sensor], recomputed: tuple[Study, Sensor]) -> list[Cell]:
+    cases = studied, recomputed
+    study_errors, recomputed_errors = (
+        case_study.linearisation(sensor, case_study.axes.places_mm).position_errors_mm(
+            case_study.noise
+        )
+        for case_study, sensor in cases
     )
-    apart = 100.0 * np.abs(again / ours - 1.0)
-    errors = [by.performance(sensor).position_mm for by, sensor in both]
+    apart = 100.0 * np.abs(recomputed_errors / study_errors - 1.0)
+    errors = [case_study.performance(sensor).position_mm for case_study, sensor in cases]
     return [*errors, float(np.median(apart)), float(np.quantile(apart, 0.95))]

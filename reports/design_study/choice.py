@@ -1,8 +1,8 @@
-"""Which sensor the study recommends, decided by its numbers one parameter after the other."""
+"""Choice of the recommended sensor, one parameter after the other, by the study's numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,24 +20,26 @@ from reports.design_study.study import (
     thicknesses,
 )
 
-#: Designs whose errors differ by less are equally good.
+#: Ratio of two errors below which the designs are equally good.
 INDIFFERENCE = 1.1
-#: The lowest tensile strength of Goodfellow's PVDF film (the thesis's appendix 1), in MPa, which
-#: the stress is to stay below under this many times the force of 1 N.
-STRENGTH_MPA, OVERLOAD = 25.0, 2.0
+#: Lowest tensile strength of Goodfellow's PVDF film in MPa (appendix 1 of the thesis).
+STRENGTH_MPA = 25.0
+#: Force in N under which the film's stress must stay below its strength.
+OVERLOAD_N = 2.0
 
 
 @dataclass(frozen=True)
-class Candidate:
-    """A sensor that may be taken.
+class Alternative:
+    """A sensor that a decision may take.
 
     Attributes
     ----------
     label : str
     sensor : Sensor
     merit : float
-        What it is judged by: less is better, NaN for a failed solve.
+        Error by which the sensor is judged: less is better, NaN for a failed solve.
     admissible : bool
+        Whether the film stands the overload.
     """
 
     label: str
@@ -47,45 +49,60 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Choice:
-    """The candidates for a parameter, and which one was taken."""
+class Decision:
+    """The alternatives for a parameter, and the one that was taken."""
 
-    candidates: tuple[Candidate, ...]
-    taken: Candidate
+    alternatives: tuple[Alternative, ...]
+    taken: Alternative
 
 
 def choose(
-    candidates: Sequence[Candidate], preference: Callable[[Sensor], float] | None = None
-) -> Choice:
-    """The best admissible candidate; with a preference the most preferred of those nearly as good.
+    alternatives: Sequence[Alternative], preference: Callable[[Sensor], float] | None = None
+) -> Decision:
+    """Take the best admissible alternative, or the preferred one among those nearly as good.
+
+    Parameters
+    ----------
+    alternatives : sequence of Alternative
+    preference : callable, optional
+        The sensor with the largest value is taken among those whose merits are within
+        `INDIFFERENCE` of the best one.
 
     Raises
     ------
     ValueError
-        When no admissible candidate has a finite merit.
+        When no admissible alternative has a finite merit.
     """
-    good = [one for one in candidates if one.admissible and np.isfinite(one.merit)]
-    if not good:
-        labels = ", ".join(one.label for one in candidates)
+    eligible = [
+        alternative
+        for alternative in alternatives
+        if alternative.admissible and np.isfinite(alternative.merit)
+    ]
+    if not eligible:
+        labels = ", ".join(alternative.label for alternative in alternatives)
         raise ValueError(f"none of {labels} is admissible with a finite error; widen the axes")
-    best = min(good, key=lambda one: one.merit)
+    best = min(eligible, key=lambda alternative: alternative.merit)
     if preference is not None:
-        near = [one for one in good if one.merit <= INDIFFERENCE * best.merit]
-        best = max(near, key=lambda one: preference(one.sensor))
-    return Choice(tuple(candidates), best)
+        nearly_best = [
+            alternative
+            for alternative in eligible
+            if alternative.merit <= INDIFFERENCE * best.merit
+        ]
+        best = max(nearly_best, key=lambda alternative: preference(alternative.sensor))
+    return Decision(tuple(alternatives), best)
 
 
 @dataclass(frozen=True)
 class Step:
-    """A way back from the recommended sensor: one parameter as the thesis has it.
+    """The recommended sensor with one parameter set back to the thesis's value.
 
     Attributes
     ----------
     label : str
     firm, soft : Performance
-        Under 1 N and under the light touch.
+        Performance under 1 N, and under the light touch.
     stress_MPa : float
-        Under `OVERLOAD` times 1 N.
+        Stress of the film under `OVERLOAD_N`.
     """
 
     label: str
@@ -96,62 +113,78 @@ class Step:
 
 @dataclass(frozen=True)
 class Recommendation:
-    """The choices in their order, and the recommended sensor with each of them undone."""
+    """The decisions in their order, and the recommended sensor with each of them undone."""
 
-    count: Choice
-    ring: Choice
-    poling: Choice
-    thickness: Choice
-    temperature: Choice
+    count: Decision
+    ring: Decision
+    poling: Decision
+    thickness: Decision
+    temperature: Decision
     steps: tuple[Step, ...]
 
     @property
     def sensor(self) -> Sensor:
-        """The recommended one."""
+        """The recommended sensor."""
         return self.steps[0].firm.sensor
 
 
 def recommend(study: Study, solve: Callable[[Sequence[Sensor]], None]) -> Recommendation:
-    """Decide; `solve` solves more sensors for the study.
+    """Decide on one parameter after the other.
 
     Number, place and size of the electrodes and the poling are chosen on the thesis's film under
-    1 N, thickness and then pretension with the thesis's electrodes under both forces.
+    1 N. Thickness and then pretension are chosen with the thesis's electrodes under both forces.
+
+    Parameters
+    ----------
+    study : Study
+        All sensors of its axes are solved already.
+    solve : callable
+        Solves further sensors for the study.
     """
     count = choose([_best_of(study, n) for n in study.axes.counts])
-    sized = [
-        Candidate(ring_label(one), one, study.performance(one).position_mm)
-        for one in rings(study, count.taken.sensor.count)
-    ]
-    ring = choose(sized, lambda one: study.performance(one).sensitivity_pC_N)
-    biaxial = ring.taken.sensor
-    uniaxial = drawn(biaxial)
-    solve([uniaxial])
-    poled = {"biaxial": biaxial, "uniaxial": uniaxial}
-    poling = choose(
-        [Candidate(name, one, study.performance(one).position_mm) for name, one in poled.items()],
-        lambda one: float(one.is_biaxial),
+    by_ring = {ring_label(sensor): sensor for sensor in rings(study, count.taken.sensor.count)}
+    ring = choose(
+        _alternatives(study, by_ring),
+        lambda sensor: study.performance(sensor).sensitivity_pC_N,
     )
-    thickness = choose([_film(study, one) for one in thicknesses(study.axes)])
-    h = thickness.taken.sensor.thickness_um
-    tight = pretensions(study.axes, h)
-    solve([one for some in tight for one in (some, light(some))])
+    by_poling = {"biaxial": ring.taken.sensor, "uniaxial": drawn(ring.taken.sensor)}
+    solve([by_poling["uniaxial"]])
+    poling = choose(_alternatives(study, by_poling), lambda sensor: float(sensor.is_biaxial))
+    thickness = choose([_film(study, sensor) for sensor in thicknesses(study.axes)])
+    thickness_um = thickness.taken.sensor.thickness_um
+    tight = pretensions(study.axes, thickness_um)
+    solve(_under_both_forces(tight))
     temperature = choose(
-        [_film(study, one) for one in tight], lambda one: -one.temperature_change_K
+        [_film(study, sensor) for sensor in tight], lambda sensor: -sensor.temperature_change_K
     )
     sensor = replace(
         poling.taken.sensor,
-        thickness_um=h,
+        thickness_um=thickness_um,
         temperature_change_K=temperature.taken.sensor.temperature_change_K,
     )
-    wanted = {"recommended": sensor, **_undone(study, sensor), "the thesis's": THESIS}
-    solve([one for some in wanted.values() for one in (some, light(some))])
-    steps = tuple(_step(study, label, one) for label, one in wanted.items())
+    variants = {"recommended": sensor, **_undone(study, sensor), "the thesis's": THESIS}
+    solve(_under_both_forces(variants.values()))
+    steps = tuple(_step(study, label, sensor) for label, sensor in variants.items())
     return Recommendation(count, ring, poling, thickness, temperature, steps)
+
+
+def _alternatives(study: Study, sensors: Mapping[str, Sensor]) -> list[Alternative]:
+    """Alternatives that are judged by their position errors."""
+    return [
+        Alternative(label, sensor, study.performance(sensor).position_mm)
+        for label, sensor in sensors.items()
+    ]
+
+
+def _under_both_forces(sensors: Iterable[Sensor]) -> list[Sensor]:
+    return [loaded for sensor in sensors for loaded in (sensor, light(sensor))]
 
 
 def worst_mm(study: Study, sensor: Sensor) -> float:
     """The larger position error of the two forces."""
-    return float(np.max([study.performance(one).position_mm for one in (sensor, light(sensor))]))
+    return float(
+        np.max([study.performance(loaded).position_mm for loaded in (sensor, light(sensor))])
+    )
 
 
 def ring_label(sensor: Sensor) -> str:
@@ -159,27 +192,30 @@ def ring_label(sensor: Sensor) -> str:
     return f"{sensor.spacing_mm:g} mm, side {sensor.width_mm:g} mm"
 
 
-def _best_of(study: Study, count: int) -> Candidate:
-    """The best place for so many of the thesis's electrodes.
+def _best_of(study: Study, count: int) -> Alternative:
+    """The best ring for `count` of the thesis's electrodes.
 
-    More electrodes average more noise, which alone lowers the error by the root of their number;
-    what is judged is what they gain beyond that.
+    More electrodes average more noise, which alone divides the error by the root of their number.
+    The merit is multiplied by that root, so that it shows what they gain beyond averaging.
     """
-    some = [one for one in rings(study, count) if one.width_mm == THESIS.width_mm]
-    best = study.best(some)
-    return Candidate(str(count), best.sensor, best.position_mm * np.sqrt(count))
+    same_size = [ring for ring in rings(study, count) if ring.width_mm == THESIS.width_mm]
+    best = study.best(same_size)
+    return Alternative(str(count), best.sensor, best.position_mm * np.sqrt(count))
 
 
-def _film(study: Study, sensor: Sensor) -> Candidate:
-    merit, stress = worst_mm(study, sensor), study.stress_MPa(sensor, OVERLOAD)
+def _film(study: Study, sensor: Sensor) -> Alternative:
+    merit, stress = worst_mm(study, sensor), study.stress_MPa(sensor, OVERLOAD_N)
     label = f"{sensor.thickness_um:g} µm, {sensor.temperature_change_K:g} K"
-    return Candidate(label, sensor, merit, stress <= STRENGTH_MPA)
+    return Alternative(label, sensor, merit, stress <= STRENGTH_MPA)
 
 
 def _undone(study: Study, sensor: Sensor) -> dict[str, Sensor]:
-    """The sensor with one choice as the thesis has it, where that is another and has room."""
+    """The sensor with one parameter set back to the thesis's value, for each that differs.
+
+    Sensors whose electrodes have no room are left out.
+    """
     n = THESIS.count
-    found = {
+    variants = {
         f"{n} electrodes": replace(sensor, count=n, turn_deg=TURNS_DEG[n]),
         f"spacing {THESIS.spacing_mm:g} mm": replace(sensor, ring_mm=THESIS.ring_mm),
         f"side {THESIS.width_mm:g} mm": replace(
@@ -191,9 +227,13 @@ def _undone(study: Study, sensor: Sensor) -> dict[str, Sensor]:
             sensor, temperature_change_K=THESIS.temperature_change_K
         ),
     }
-    return {label: one for label, one in found.items() if one != sensor and study.is_possible(one)}
+    return {
+        label: variant
+        for label, variant in variants.items()
+        if variant != sensor and study.is_possible(variant)
+    }
 
 
 def _step(study: Study, label: str, sensor: Sensor) -> Step:
     firm, soft = study.performance(sensor), study.performance(light(sensor))
-    return Step(label, firm, soft, study.stress_MPa(sensor, OVERLOAD))
+    return Step(label, firm, soft, study.stress_MPa(sensor, OVERLOAD_N))

@@ -16,33 +16,30 @@ from matplotlib.patches import Polygon as Patch
 from numpy.typing import NDArray
 
 from pvdf_fem.output.figures import COLOURS, GREY, Series, label_curves, new_figure, save, style
-from pvdf_fem.scene.outline import Circle
-from reports.design_study.choice import OVERLOAD, STRENGTH_MPA
+from pvdf_fem.scene.outlines.circle import Circle
+from reports.design_study.choice import OVERLOAD_N, STRENGTH_MPA
 from reports.design_study.sensor import Sensor
 from reports.design_study.study import LIGHT_N, QUANTILE, THESIS, Study, light, rings
 
 Array = NDArray[np.float64]
 
-#: Of the maps, mm.
+#: Levels of position error in mm that the maps distinguish.
 LEVELS_MM = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0)
 ERROR_LABEL = f"position error kept on {100 * QUANTILE:.0f} % of the area (mm)"
-# Places on a radius and on a circle of a map.
-RADII, ANGLES = 41, 181
-COLUMNS = 3
 
 
-def maps_picture(study: Study, sensors: Mapping[str, Sensor], path: Path) -> None:
-    """Position error over the working area, a panel for each sensor."""
-    radius = np.linspace(0.0, study.axes.working_mm, RADII)
-    angle = np.linspace(0.0, 2.0 * np.pi, ANGLES)
+def maps_picture(study: Study, sensors: Mapping[str, Sensor], path: Path, columns: int = 3) -> None:
+    """Draw position errors over the working area, a panel for each sensor."""
+    radius = np.linspace(0.0, study.axes.working_mm, 41)
+    angle = np.linspace(0.0, 2.0 * np.pi, 181)
     grid = np.stack([np.outer(radius, np.cos(angle)), np.outer(radius, np.sin(angle))], axis=-1)
-    rows = -(-len(sensors) // COLUMNS)
+    rows = -(-len(sensors) // columns)
     with style():
         figure = new_figure(180.0, 66.0 * rows + 6.0)
-        axes = figure.subplots(rows, COLUMNS, squeeze=False, sharex=True, sharey=True)
+        axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
         shades = None
         for ax, (title, sensor) in zip(axes.flat, sensors.items(), strict=False):
-            response = study.response(sensor, grid.reshape(-1, 2))
+            response = study.linearisation(sensor, grid.reshape(-1, 2))
             errors = response.position_errors_mm(study.noise).reshape(grid.shape[:2])
             shades = _map(ax, grid, errors)
             _electrodes(ax, sensor)
@@ -59,9 +56,9 @@ def maps_picture(study: Study, sensors: Mapping[str, Sensor], path: Path) -> Non
 
 def _map(ax: Axes, grid: Array, errors: Array) -> Any:
     x, y = np.moveaxis(grid, -1, 0)
-    shown = np.log(np.clip(errors, LEVELS_MM[0], 2.0 * LEVELS_MM[-1]))
+    log_errors = np.log(np.clip(errors, LEVELS_MM[0], 2.0 * LEVELS_MM[-1]))
     inks = list(matplotlib.colormaps["Blues"](np.linspace(0.0, 0.9, len(LEVELS_MM))))
-    shades = ax.contourf(x, y, np.exp(shown), levels=LEVELS_MM, colors=inks, extend="max")
+    shades = ax.contourf(x, y, np.exp(log_errors), levels=LEVELS_MM, colors=inks, extend="max")
     return shades
 
 
@@ -84,79 +81,87 @@ def _electrodes(ax: Axes, sensor: Sensor) -> None:
         if isinstance(outline, Circle):
             ax.add_patch(Disc(tuple(1e3 * outline.centre), 1e3 * outline.radius, **look))
         else:
-            ax.add_patch(Patch(1e3 * outline.vertices, **look))
+            ax.add_patch(Patch(1e3 * outline.corners, **look))
 
 
 def spacing_picture(study: Study, path: Path) -> None:
-    """Position error over spacing for each number of electrodes, and over the size of each."""
+    """Draw position errors over the spacing, by number of electrodes and by their size."""
     counts = study.axes.counts
     with style():
         figure = new_figure(180.0, 80.0)
         left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1, 1))
-        same = {n: [s for s in rings(study, n) if s.width_mm == THESIS.width_mm] for n in counts}
-        curves = [_curve(study, f"{n} electrodes", some) for n, some in same.items()]
+        same_size = {
+            n: [s for s in rings(study, n) if s.width_mm == THESIS.width_mm] for n in counts
+        }
+        curves = [_curve(study, f"{n} electrodes", sensors) for n, sensors in same_size.items()]
         _lines(left, curves, "spacing of opposite electrodes (mm)")
-        small = min(study.axes.sides_mm)
+        smallest_side = min(study.axes.sides_mm)
         for n, ink in zip(counts, COLOURS, strict=False):
-            some = [s for s in rings(study, n) if s.width_mm == small]
-            thin = _curve(study, "", some)
-            left.plot(thin.x, thin.y, color=ink, linewidth=0.9, linestyle=(0, (4, 2)))
-        left.set_title(f"electrodes of {THESIS.width_mm:g} mm; dashed: {small:g} mm")
-        most = max(counts)
-        every = rings(study, most)
-        sides = sorted({sensor.width_mm for sensor in every})
+            sensors = [s for s in rings(study, n) if s.width_mm == smallest_side]
+            small_curve = _curve(study, "", sensors)
+            left.plot(small_curve.x, small_curve.y, color=ink, linewidth=0.9, linestyle=(0, (4, 2)))
+        left.set_title(f"electrodes of {THESIS.width_mm:g} mm; dashed: {smallest_side:g} mm")
+        largest_count = max(counts)
+        sensors_of_largest = rings(study, largest_count)
+        sides = sorted({sensor.width_mm for sensor in sensors_of_largest})
         sized = [
-            _curve(study, f"side {side:g} mm", [s for s in every if s.width_mm == side])
+            _curve(
+                study, f"side {side:g} mm", [s for s in sensors_of_largest if s.width_mm == side]
+            )
             for side in sides
         ]
         _lines(right, sized, "spacing of opposite electrodes (mm)", first=3)
-        right.set_title(f"{most} electrodes")
+        right.set_title(f"{largest_count} electrodes")
         left.set_ylabel(ERROR_LABEL)
         save(figure, path)
 
 
 def _curve(study: Study, label: str, sensors: Sequence[Sensor]) -> Series:
     x = np.array([sensor.spacing_mm for sensor in sensors])
-    return Series(label, x, np.array([study.performance(one).position_mm for one in sensors]))
+    return Series(label, x, np.array([study.performance(sensor).position_mm for sensor in sensors]))
 
 
 @dataclass(frozen=True)
-class Film:
-    """A film's place on the axis of its figure, and the sensor on it."""
+class FilmOnAxis:
+    """A sensor and the abscissa of its film in a figure."""
 
     x: float
     sensor: Sensor
 
 
 def film_picture(
-    study: Study, films: Sequence[Film], x_label: str, taken: Sensor, path: Path
+    study: Study, films: Sequence[FilmOnAxis], x_label: str, recommended: Sensor, path: Path
 ) -> None:
-    """Error, charge sensitivity and stress of the thesis's electrodes over a film's parameter."""
+    """Draw error, charge sensitivity and stress of sensors over a parameter of the film."""
     x = np.array([film.x for film in films])
     sensors = [film.sensor for film in films]
     with style():
         figure = new_figure(180.0, 70.0)
         axes = figure.subplots(1, 3)
-        pairs = {"1 N": sensors, f"{LIGHT_N:g} N": [light(one) for one in sensors]}
+        pairs = {"1 N": sensors, f"{LIGHT_N:g} N": [light(sensor) for sensor in sensors]}
         errors, gains = (
             [
-                Series(name, x, np.array([getattr(study.performance(one), key) for one in some]))
-                for name, some in pairs.items()
+                Series(
+                    name,
+                    x,
+                    np.array([getattr(study.performance(sensor), key) for sensor in loaded]),
+                )
+                for name, loaded in pairs.items()
             ]
             for key in ("position_mm", "sensitivity_pC_N")
         )
         stresses = [
-            Series(f"{F:g} N", x, np.array([study.stress_MPa(one, F) for one in sensors]))
-            for F in (1.0, OVERLOAD)
+            Series(f"{F:g} N", x, np.array([study.stress_MPa(sensor, F) for sensor in sensors]))
+            for F in (1.0, OVERLOAD_N)
         ]
         axes[2].axhline(STRENGTH_MPA, color=GREY, linestyle=(0, (4, 3)), linewidth=0.9)
-        for ax, curves, first in zip(axes, (errors, gains, stresses), (0, 0, 2), strict=True):
+        for ax, curves, first_ink in zip(axes, (errors, gains, stresses), (0, 0, 2), strict=True):
             ax.set_xscale("log")
-            _lines(ax, curves, x_label, first=first)
+            _lines(ax, curves, x_label, first=first_ink)
             ax.set_xticks(x, [f"{value:g}" for value in x])
             ax.minorticks_off()
-            at = films[sensors.index(taken)].x
-            ax.axvline(at, color=GREY, linewidth=0.8, linestyle=":")
+            recommended_x = films[sensors.index(recommended)].x
+            ax.axvline(recommended_x, color=GREY, linewidth=0.8, linestyle=":")
         axes[0].set_title(f"position error (mm)\non {100 * QUANTILE:.0f} % of the area")
         axes[1].set_title("charge per force (pC/N),\nroot mean square")
         axes[2].set_title("stress under the probe (MPa);\ndashed: lowest strength")
@@ -165,15 +170,15 @@ def film_picture(
 
 def _lines(ax: Axes, curves: Sequence[Series], x_label: str, *, first: int = 0) -> None:
     inks = [COLOURS[(first + i) % len(COLOURS)] for i in range(len(curves))]
-    for one, ink in zip(curves, inks, strict=True):
-        ax.plot(one.x, one.y, "o-", color=ink)
+    for curve, ink in zip(curves, inks, strict=True):
+        ax.plot(curve.x, curve.y, "o-", color=ink)
     ax.set_xlabel(x_label)
     ax.set_ylim(bottom=0.0)
     label_curves(ax, curves, inks)
 
 
 def steps_picture(labels: Sequence[str], firm: Array, soft: Array, path: Path) -> None:
-    """Position errors of the recommended sensor, and of it with one choice undone, as bars."""
+    """Draw position errors of the recommended sensor, and with one decision undone, as bars."""
     with style():
         figure: Figure = new_figure(160.0, 12.0 * len(labels) + 20.0)
         ax = figure.subplots()

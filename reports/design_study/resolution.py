@@ -5,10 +5,10 @@ Charges q_e(x, y, F) have independent normal errors of standard deviation
     σ_e = sqrt((0.01 q_e)² + (1 pC)²):
 
 1 % of the charge that the touch adds to that of the film at rest, as a charge amplifier sees it,
-and the noise of the amplifier, without which an electrode that gives no charge would be an exact
-one. The information about (x, y, F) is Σ_e J_eᵀ J_e/σ_e² with J_e = ∂q_e/∂(x, y, F), its inverse
-the covariance of the best unbiased estimate (Cramér and Rao). That σ_e depends on the touch as
-well adds information of the relative order 2·0.01², which is left out.
+and the noise of the amplifier, without which an electrode that gives no charge would be exact.
+The information about (x, y, F) is Σ_e J_eᵀ J_e/σ_e² with J_e = ∂q_e/∂(x, y, F). Its inverse is
+the covariance of the best unbiased estimate (Cramér and Rao). The dependence of σ_e on the touch
+adds information of the relative order 2·0.01², which is left out.
 """
 
 from __future__ import annotations
@@ -27,21 +27,24 @@ from reports.design_study.sensor import Lattice, Sensor, is_even
 
 Array = NDArray[np.float64]
 
-# A place at which the smallest eigenvalue of the scaled information is below this has none.
-SINGULAR = 1e-12
-# In place of a radius of zero, at which polar directions are not defined, mm.
-TINY = 1e-6
-
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviation of a charge's error: a part of the charge, and a constant in pC."""
+    """Standard deviation of a charge's error, from two independent parts.
+
+    Attributes
+    ----------
+    relative : float
+        Part that is proportional to the charge.
+    floor_pC : float
+        Part of the amplifier, the same for all charges.
+    """
 
     relative: float = 0.01
     floor_pC: float = 1.0
 
     def deviations_pC(self, charges_pC: Array) -> Array:
-        """Of each charge, in its shape."""
+        """Standard deviation of each charge, in the shape of `charges_pC`."""
         return np.hypot(self.relative * charges_pC, self.floor_pC)
 
 
@@ -49,15 +52,15 @@ class Noise:
 class PolarMap:
     """Charges by the probe's place: Fourier series in the direction, cubic splines in the radius.
 
-    A series coefficient c_k goes on beyond the centre as (-1)^k c_k, so that the map is smooth
+    A series coefficient c_k continues beyond the centre as (-1)^k c_k, so that the map is smooth
     there.
 
     Attributes
     ----------
     radii_mm : (n,)
-        From 0 with equal steps.
+        Radii from 0 with equal steps.
     samples : (n, angles, values)
-        On whole circles with equal steps; the number of angles is even.
+        Values on whole circles at equal steps of the angle; the number of angles is even.
     """
 
     radii_mm: Array
@@ -67,21 +70,24 @@ class PolarMap:
     def _coefficients(self) -> CubicSpline:
         count = self.samples.shape[1]
         c = np.fft.rfft(self.samples, axis=1) / count
-        c[:, 1:-1] *= 2.0  # of the conjugate ones too
+        c[:, 1:-1] *= 2.0  # each coefficient stands for its conjugate too
         sign = (-1.0) ** np.arange(c.shape[1])[:, None]
         radii = np.concatenate([-self.radii_mm[:0:-1], self.radii_mm])
         return CubicSpline(radii, np.concatenate([sign * c[:0:-1], c]))
 
-    def value_and_gradient(self, positions_mm: Array) -> tuple[Array, Array]:
+    def value_and_gradient(
+        self, positions_mm: Array, least_radius_mm: float = 1e-6
+    ) -> tuple[Array, Array]:
         """Values (points, values) and gradients (points, values, 2) per mm at (points, 2).
 
-        A map that has a gap, where a solve failed, is NaN everywhere.
+        A map with a gap, where a solve failed, is NaN everywhere. Smaller radii are raised to
+        `least_radius_mm`, since polar directions are not defined at the centre.
         """
         if not np.isfinite(self.samples).all():
             shape = len(positions_mm), self.samples.shape[2]
             return np.full(shape, np.nan), np.full((*shape, 2), np.nan)
         x, y = positions_mm.T
-        r = np.maximum(np.hypot(x, y), TINY)
+        r = np.maximum(np.hypot(x, y), least_radius_mm)
         phi = np.arctan2(y, x)
         c, slope = self._coefficients(r), self._coefficients(r, 1)
         k = np.arange(c.shape[1])
@@ -93,38 +99,45 @@ class PolarMap:
         return value, np.stack([cos * along - sin * across, sin * along + cos * across], axis=-1)
 
 
-def polar_map(lattice: Lattice, alone: Scene, rest: Record, records: Sequence[Record]) -> PolarMap:
+def polar_map(
+    lattice: Lattice, sensor_scene: Scene, resting: Record, records: Sequence[Record]
+) -> PolarMap:
     """The map of an electrode's charge less that at rest, in pC, for the two forces.
 
     Parameters
     ----------
     lattice : Lattice
-    alone : Scene
-        See `Sensor.alone`.
-    rest : Record
-        That of `alone`.
+    sensor_scene : Scene
+        The electrode on the film without a probe, from `Sensor.alone`.
+    resting : Record
+        The record of `sensor_scene`.
     records : sequence of Record
-        Those of `Lattice.scenes`; a failed one gives NaN.
+        The records of `Lattice.scenes`; a failed one gives NaN.
     """
-    d = alone.film.d31_pC_N, alone.film.d32_pC_N
-    charges = np.array([one.charge_pC("A", "material", *d) for one in records])
-    q = charges.reshape(len(lattice.radii_mm), -1, 2) - rest.charge_pC("A", "material", *d)
-    if is_even(alone):
-        q = np.concatenate([q, q[:, -2:0:-1]], axis=1)
-    return PolarMap(lattice.radii_mm, q)
+    d = sensor_scene.film.d31_pC_N, sensor_scene.film.d32_pC_N
+    charges = np.array([record.charge_pC("A", "material", *d) for record in records])
+    charges_less_rest = charges.reshape(len(lattice.radii_mm), -1, 2) - resting.charge_pC(
+        "A", "material", *d
+    )
+    if is_even(sensor_scene):
+        charges_less_rest = np.concatenate(
+            [charges_less_rest, charges_less_rest[:, -2:0:-1]], axis=1
+        )
+    return PolarMap(lattice.radii_mm, charges_less_rest)
 
 
 @dataclass(frozen=True, eq=False)
-class Response:
-    """Charges of a sensor at places of the probe.
+class Linearisation:
+    """Charges of a sensor and their Jacobian at places of the probe.
 
     Attributes
     ----------
     charges_pC : (points, electrodes)
-        Less those at rest.
+        Charges less those of the film at rest.
     jacobian : (points, electrodes, 3)
-        By x and y in pC/mm, and by the force in pC/N.
+        Derivatives by x and y in pC/mm, and by the force in pC/N.
     force_N : float
+        Force of the probe.
     """
 
     charges_pC: Array
@@ -132,24 +145,25 @@ class Response:
     force_N: float
 
     def information(self, noise: Noise) -> Array:
-        """About x and y in mm and the force in units of itself, (points, 3, 3)."""
+        """Information about x and y in mm and the force over `force_N`, (points, 3, 3)."""
         scaled = self.jacobian * np.array([1.0, 1.0, self.force_N])
         weighted = scaled / noise.deviations_pC(self.charges_pC)[..., None]
         return weighted.swapaxes(1, 2) @ weighted
 
-    def covariance(self, noise: Noise) -> Array:
-        """Of x and y in mm and the force in units of itself; infinite where singular.
+    def covariance(self, noise: Noise, singular: float = 1e-12) -> Array:
+        """Covariance of x and y in mm and the force over `force_N`, (points, 3, 3).
 
-        NaN where a charge is unknown.
+        It is infinite where the smallest eigenvalue of the information is below `singular` times
+        the largest one, and NaN where a charge is unknown.
         """
         information = self.information(noise)
-        known = np.asarray(np.isfinite(information).all(axis=(1, 2)))
-        eigenvalues = np.linalg.eigvalsh(information[known])
-        sound = np.zeros_like(known)
-        sound[known] = eigenvalues[:, 0] > SINGULAR * eigenvalues[:, -1]
-        found = np.where(known[:, None, None], np.full_like(information, np.inf), np.nan)
-        found[sound] = np.linalg.inv(information[sound])
-        return found
+        finite = np.asarray(np.isfinite(information).all(axis=(1, 2)))
+        eigenvalues = np.linalg.eigvalsh(information[finite])
+        regular = np.zeros_like(finite)
+        regular[finite] = eigenvalues[:, 0] > singular * eigenvalues[:, -1]
+        covariance = np.where(finite[:, None, None], np.full_like(information, np.inf), np.nan)
+        covariance[regular] = np.linalg.inv(information[regular])
+        return covariance
 
     def position_errors_mm(self, noise: Noise) -> Array:
         """Root mean square distance of the estimated place from the true one, (points,)."""
@@ -161,18 +175,21 @@ class Response:
         return np.sqrt(self.covariance(noise)[:, 2, 2])
 
 
-def response(
+def linearisation(
     sensor: Sensor, lattice: Lattice, maps: Mapping[tuple[Scene, float], PolarMap], places_mm: Array
-) -> Response:
-    """The response of a sensor at places (n, 2), from maps by `Sensor.alone` and force."""
-    charges, rows = [], []
+) -> Linearisation:
+    """Charges of a sensor and their Jacobian at places (n, 2).
+
+    `maps` holds the map of each electrode by its scene (`Sensor.alone`) and the force.
+    """
+    charges, jacobians = [], []
     low, high = lattice.forces_N(sensor.force_N)
     for angle in sensor.angles_deg:
-        a = np.radians(angle)
-        turn = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]])
-        one = maps[sensor.alone(angle, lattice.tolerance), sensor.force_N]
-        q, gradient = one.value_and_gradient(places_mm @ turn.T)
+        radians = np.radians(angle)
+        turn = np.array([[np.cos(radians), np.sin(radians)], [-np.sin(radians), np.cos(radians)]])
+        polar = maps[sensor.alone(angle, lattice.tolerance), sensor.force_N]
+        q, gradient = polar.value_and_gradient(places_mm @ turn.T)
         charges.append(q.mean(axis=1))
         by_force = (q[:, 1] - q[:, 0]) / (high - low)
-        rows.append(np.column_stack([gradient.mean(axis=1) @ turn, by_force]))
-    return Response(np.stack(charges, axis=1), np.stack(rows, axis=1), sensor.force_N)
+        jacobians.append(np.column_stack([gradient.mean(axis=1) @ turn, by_force]))
+    return Linearisation(np.stack(charges, axis=1), np.stack(jacobians, axis=1), sensor.force_N)

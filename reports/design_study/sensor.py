@@ -1,8 +1,8 @@
 """The sensors of the design study, and the scenes that give their charges.
 
-All electrodes of a sensor are alike and stand on a ring, so that the charge of one of them, as a
-function of the probe's place, is that of all others turned. The probe is round: turning it with
-the electrode about the film's centre leaves only its distance from the centre to the solver.
+All electrodes of a sensor are alike and stand on a ring. The charge of one of them as a function of
+the probe's place is therefore that of any other one, turned about the film's centre. The probe is
+round, so that its own rotation plays no part.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvdf_fem import Scene
+from pvdf_fem.scene.outlines.polygon import RectangleShape
 
 Array = NDArray[np.float64]
 
-#: Of the probe: the area of the triangle of 7 mm.
+#: Radius of the probe in mm, which gives it the area of the triangle of 7 mm.
 PROBE_RADIUS_MM = 2.6
 
 
@@ -35,17 +36,18 @@ class Sensor:
     shape : str
         ``rectangle`` or ``circle``.
     width_mm, height_mm : float
-        Of a rectangle along the radius and across it; a circle has the area of that rectangle.
+        Sides of a rectangle along the radius and across it; a circle has the area of that
+        rectangle.
     turn_deg : float
-        Where the first electrode stands, from the film's axis 1 (drawn, if the film is).
+        Direction of the first electrode from the film's axis 1 (the drawn axis of a drawn film).
     twist_deg : float
-        How far each electrode is turned about its own centre.
+        Rotation of each electrode about its own centre.
     thickness_um, temperature_change_K, d31_pC_N, d32_pC_N : float
-        Of the film.
+        Properties of the film.
     bending : bool
         Whether the film is a plate as well.
     force_N : float
-        Of the probe.
+        Force of the probe.
     """
 
     count: int = 4
@@ -64,12 +66,12 @@ class Sensor:
 
     @property
     def angles_deg(self) -> list[float]:
-        """Where the electrodes stand."""
+        """Directions of the electrodes from the film's centre."""
         return [self.turn_deg + 360.0 * i / self.count for i in range(self.count)]
 
     @property
     def spacing_mm(self) -> float:
-        """Twice the ring's radius: between the centres of opposite electrodes."""
+        """Distance between the centres of opposite electrodes, twice the ring's radius."""
         return 2.0 * self.ring_mm
 
     @property
@@ -92,9 +94,10 @@ class Sensor:
         return self._film(tolerance, electrodes)
 
     def alone(self, angle_deg: float, tolerance: float) -> Scene:
-        """The sensor with one electrode, without a probe, to stand for the one at an angle.
+        """The sensor with only the electrode at an angle, without a probe.
 
-        A biaxial film may be turned until the electrode is on axis 1, a uniaxial one by 180°.
+        A biaxial film may be turned until the electrode is on axis 1, a uniaxial one by 180°, so
+        that several electrodes share a scene.
         """
         angle = 0.0 if self.is_biaxial else round(angle_deg % 180.0, 6)
         return self._film(tolerance, [self._electrode("A", angle)])
@@ -122,18 +125,18 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Lattice:
-    """Places of the probe about an electrode, and forces.
+    """Places of the probe about the film's centre, and forces.
 
     Attributes
     ----------
     pitch_mm, reach_mm : float
-        Distance of neighbouring radii, and the largest one.
+        Distance of neighbouring radii, and the largest radius.
     angle_count : int
-        Of places on a whole circle, even.
+        Number of places on a whole circle, even.
     force_step : float
         Relative change of the force, up and down, by which charges are differentiated.
     tolerance : float
-        Of the charges, relative.
+        Relative error wanted in the charges.
     """
 
     pitch_mm: float = 1.5
@@ -144,11 +147,11 @@ class Lattice:
 
     @classmethod
     def quick(cls) -> Lattice:
-        """A coarse one."""
+        """A coarse lattice."""
         return cls(pitch_mm=5.0, reach_mm=15.0, angle_count=12, tolerance=2e-2)
 
     def finer(self) -> Lattice:
-        """With smaller steps and a smaller tolerance, for a check."""
+        """The lattice with smaller steps and a smaller tolerance, for a check."""
         return replace(
             self,
             pitch_mm=self.pitch_mm / 1.5,
@@ -164,55 +167,57 @@ class Lattice:
 
     @property
     def angles_deg(self) -> Array:
-        """Half a circle from the direction of the electrode, which has a mirror image."""
+        """Directions of half a circle, beginning at the electrode; the others are mirror images."""
         return np.arange(self.angle_count // 2 + 1) * 360.0 / self.angle_count
 
     @property
     def whole_angles_deg(self) -> Array:
-        """The whole circle."""
+        """Directions of the whole circle, beginning at the electrode."""
         return np.arange(self.angle_count) * 360.0 / self.angle_count
 
-    def scenes(self, sensor: Sensor, alone: Scene) -> list[Scene]:
-        """The scenes for the map of an electrode of a sensor, see `Sensor.alone`.
+    def scenes(self, sensor: Sensor, sensor_scene: Scene) -> list[Scene]:
+        """The scenes for the map of the electrode in `sensor_scene`, from `Sensor.alone`.
 
         Radii vary slowest, then the directions `directions_deg`, then the two forces.
         """
-        start = math.degrees(math.atan2(alone.electrode_list[0].y_mm, alone.electrode_list[0].x_mm))
+        start = math.degrees(
+            math.atan2(sensor_scene.electrode_list[0].y_mm, sensor_scene.electrode_list[0].x_mm)
+        )
         probe = {"shape": "circle", "radius_mm": PROBE_RADIUS_MM}
-        found = []
+        scenes = []
         for radius in self.radii_mm.tolist():
-            for angle in self.directions_deg(alone).tolist():
+            for angle in self.directions_deg(sensor_scene).tolist():
                 x, y = _polar(radius, start + angle)
                 for force in self.forces_N(sensor.force_N):
                     changes = {"probe": {**probe, "x_mm": x, "y_mm": y}, "load.force_N": force}
-                    found.append(alone.with_(**changes))
-        return found
+                    scenes.append(sensor_scene.with_(**changes))
+        return scenes
 
-    def directions_deg(self, alone: Scene) -> Array:
-        """Directions of the probe from that of the electrode: half of them if a mirror can tell."""
-        return self.angles_deg if is_even(alone) else self.whole_angles_deg
+    def directions_deg(self, sensor_scene: Scene) -> Array:
+        """Directions of the probe from that of the electrode; half a circle if it is symmetric."""
+        return self.angles_deg if is_even(sensor_scene) else self.whole_angles_deg
 
     def forces_N(self, force_N: float) -> tuple[float, float]:
-        """The two forces about one."""
+        """The forces below and above a force, between which charges are differentiated."""
         return force_N * (1.0 - self.force_step), force_N * (1.0 + self.force_step)
 
 
-def is_even(alone: Scene) -> bool:
+def is_even(sensor_scene: Scene) -> bool:
     """Whether mirroring a film with one electrode about the electrode's radius changes nothing."""
-    electrode, film = alone.electrode_list[0], alone.film
+    electrode, film = sensor_scene.electrode_list[0], sensor_scene.film
     angle = math.degrees(math.atan2(electrode.y_mm, electrode.x_mm))
     if film.d31_pC_N != film.d32_pC_N and abs(angle - 90.0 * round(angle / 90.0)) > 1e-6:
         return False
     if electrode.shape == "circle":
         return True
-    assert electrode.shape == "rectangle"
+    assert isinstance(electrode, RectangleShape)
     twist = electrode.rotation_deg - angle
     step = 45.0 if electrode.width_mm == electrode.height_mm else 90.0
     return abs(twist - step * round(twist / step)) < 1e-6
 
 
 def _polar(radius: float, angle_deg: float) -> tuple[float, float]:
-    """Coordinates, rounded, so that places that are equal but for rounding are equal."""
+    """Coordinates of a place, rounded so that those that differ by rounding errors are equal."""
     angle = math.radians(angle_deg)
     x, y = radius * math.cos(angle), radius * math.sin(angle)
     return round(x, 9) + 0.0, round(y, 9) + 0.0

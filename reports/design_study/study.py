@@ -11,26 +11,35 @@ from numpy.typing import NDArray
 from pvdf_fem import Scene, SceneError
 from pvdf_fem.sweeps.sweep import Progress, silent
 from reports.common.results import Results
-from reports.design_study.resolution import Noise, PolarMap, Response, polar_map, response
+from reports.design_study.resolution import Linearisation, Noise, PolarMap, linearisation, polar_map
 from reports.design_study.sensor import PROBE_RADIUS_MM, Lattice, Sensor
 
 Array = NDArray[np.float64]
 
 THESIS = Sensor()
+#: Force of the light touch in N.
 LIGHT_N = 0.1
-#: Where the first electrode stands; three as the thesis has them.
+#: Direction of the first electrode by number of electrodes; three stand as in the thesis.
 TURNS_DEG = {3: -90.0, 4: 0.0, 6: 0.0}
-#: A sensor is judged by the error that it keeps on this part of the working area.
+#: Part of the working area on which a sensor keeps the error that it is judged by.
 QUANTILE = 0.95
-# Electrodes whose charges are solved together; more of them take much memory.
-BATCH = 8
-# Of the electrode that reads the stress under the probe, mm.
-GAUGE_RADIUS_MM = 0.5
 
 
 @dataclass(frozen=True)
 class Axes:
-    """Values that the study runs through; the defaults are those of the full study."""
+    """Values of the parameters that the study compares; the defaults are the full study's.
+
+    Attributes
+    ----------
+    spacings_mm, sides_mm : tuple of float
+        Distance of opposite electrodes, and side of each.
+    counts : tuple of int
+        Numbers of electrodes.
+    thicknesses_um, temperatures_K : tuple of float
+        Thickness of the film, and change of its temperature.
+    working_mm, step_mm : float
+        Radius of the working area, and the step of the places on it.
+    """
 
     spacings_mm: tuple[float, ...] = (4.0, 8.0, 12.0, 16.0, 20.0, 25.0, 30.0)
     sides_mm: tuple[float, ...] = (1.5, 3.0, 6.0)
@@ -42,7 +51,7 @@ class Axes:
 
     @classmethod
     def quick(cls) -> Axes:
-        """A few of them."""
+        """A few values of each parameter."""
         return cls((12.0, 20.0), (3.0,), (3, 4), (25.0, 110.0), (-1.0, -3.0), 15.0, 3.0)
 
     @property
@@ -62,9 +71,9 @@ class Performance:
     ----------
     sensor : Sensor
     position_mm, position_median_mm, position_centre_mm : float
-        Position error kept on `QUANTILE` and on half of the area, and that at the centre.
+        Position error kept on `QUANTILE` and on half of the area, and the error at the centre.
     force_percent : float
-        Error of the force kept on `QUANTILE` of the area, in percent of it.
+        Error of the force, in percent of it, kept on `QUANTILE` of the area.
     sensitivity_pC_N, slope_pC_mm : float
         Root mean squares, over electrodes and places, of the derivatives of the charge by the
         force and by the place.
@@ -79,10 +88,12 @@ class Performance:
     slope_pC_mm: float
 
     @classmethod
-    def of(cls, sensor: Sensor, found: Response, noise: Noise, places_mm: Array) -> Performance:
-        """From the response at places."""
-        errors, forces = found.position_errors_mm(noise), found.force_errors(noise)
-        slopes = (found.jacobian[..., :2] ** 2).sum(axis=-1)
+    def of(
+        cls, sensor: Sensor, linearised: Linearisation, noise: Noise, places_mm: Array
+    ) -> Performance:
+        """The performance from charges and their Jacobian at places (n, 2)."""
+        errors, forces = linearised.position_errors_mm(noise), linearised.force_errors(noise)
+        slopes = (linearised.jacobian[..., :2] ** 2).sum(axis=-1)
         centre = int(np.argmin(np.hypot(*places_mm.T)))
         return cls(
             sensor,
@@ -90,13 +101,13 @@ class Performance:
             quantile(errors, 0.5),
             float(errors[centre]),
             100.0 * quantile(forces, QUANTILE),
-            float(np.sqrt(np.mean(found.jacobian[..., 2] ** 2))),
+            float(np.sqrt(np.mean(linearised.jacobian[..., 2] ** 2))),
             float(np.sqrt(np.mean(slopes))),
         )
 
 
 def quantile(values: Array, part: float) -> float:
-    """The smallest of the values that is not exceeded by this part of them; NaN if one is."""
+    """The smallest value that this part of the values does not exceed; NaN if any is NaN."""
     if np.isnan(values).any():
         return float("nan")
     return float(np.sort(values)[int(np.ceil(part * len(values))) - 1])
@@ -112,17 +123,20 @@ class Study:
     lattice : Lattice
     axes : Axes
     noise : Noise
+    batch : int
+        Electrodes whose charges are solved together; more of them take much memory.
     """
 
     results: Results
     lattice: Lattice = field(default_factory=Lattice)
     axes: Axes = field(default_factory=Axes)
     noise: Noise = field(default_factory=Noise)
+    batch: int = 8
     _maps: dict[tuple[Scene, float], PolarMap] = field(default_factory=dict)
     _performances: dict[Sensor, Performance] = field(default_factory=dict)
 
     def is_possible(self, sensor: Sensor) -> bool:
-        """Whether the electrodes have room."""
+        """Whether the electrodes have room on the film."""
         try:
             sensor.scene(self.lattice.tolerance)
         except SceneError:
@@ -132,43 +146,48 @@ class Study:
     def solve(self, sensors: Iterable[Sensor], progress: Progress = silent) -> None:
         """Solve what the maps of these sensors still need."""
         needed = list(self._needed(sensors).items())
-        for start in range(0, len(needed), BATCH):
-            self._solve(dict(needed[start : start + BATCH]), progress)
+        for start in range(0, len(needed), self.batch):
+            self._solve(dict(needed[start : start + self.batch]), progress)
 
     def _solve(self, needed: dict[tuple[Scene, float], list[Scene]], progress: Progress) -> None:
-        every = [alone for alone, _ in needed]
-        every += [scene for scenes in needed.values() for scene in scenes]
-        self.results.solve(every, progress)
-        for (alone, force_N), scenes in needed.items():
+        scenes_to_solve = [sensor_scene for sensor_scene, _ in needed]
+        scenes_to_solve += [scene for scenes in needed.values() for scene in scenes]
+        self.results.solve(scenes_to_solve, progress)
+        for (sensor_scene, force_N), scenes in needed.items():
             records = [self.results[scene] for scene in scenes]
-            rest = self.results[alone]
-            self._maps[alone, force_N] = polar_map(self.lattice, alone, rest, records)
+            resting = self.results[sensor_scene]
+            self._maps[sensor_scene, force_N] = polar_map(
+                self.lattice, sensor_scene, resting, records
+            )
 
     def _needed(self, sensors: Iterable[Sensor]) -> dict[tuple[Scene, float], list[Scene]]:
-        found: dict[tuple[Scene, float], list[Scene]] = {}
+        needed: dict[tuple[Scene, float], list[Scene]] = {}
         for sensor in sensors:
             for angle in sensor.angles_deg:
                 key = sensor.alone(angle, self.lattice.tolerance), sensor.force_N
-                if key not in self._maps and key not in found:
-                    found[key] = self.lattice.scenes(sensor, key[0])
-        return found
+                if key not in self._maps and key not in needed:
+                    needed[key] = self.lattice.scenes(sensor, key[0])
+        return needed
 
-    def response(self, sensor: Sensor, places_mm: Array) -> Response:
-        """Of a sensor that was solved."""
-        return response(sensor, self.lattice, self._maps, places_mm)
+    def linearisation(self, sensor: Sensor, places_mm: Array) -> Linearisation:
+        """Charges and their Jacobian at places (n, 2), for a sensor that was solved."""
+        return linearisation(sensor, self.lattice, self._maps, places_mm)
 
     def performance(self, sensor: Sensor) -> Performance:
-        """Of a sensor that was solved."""
+        """Performance of a sensor that was solved."""
         places = self.axes.places_mm
         if sensor not in self._performances:
-            found = self.response(sensor, places)
-            self._performances[sensor] = Performance.of(sensor, found, self.noise, places)
+            linearised = self.linearisation(sensor, places)
+            self._performances[sensor] = Performance.of(sensor, linearised, self.noise, places)
         return self._performances[sensor]
 
     def best(self, sensors: Iterable[Sensor]) -> Performance:
-        """That of the smallest position error; one that is NaN comes last."""
-        found = map(self.performance, sensors)
-        return min(found, key=lambda one: (np.isnan(one.position_mm), one.position_mm))
+        """The performance with the smallest position error; NaN comes last."""
+        performances = map(self.performance, sensors)
+        return min(
+            performances,
+            key=lambda performance: (np.isnan(performance.position_mm), performance.position_mm),
+        )
 
     def stress_MPa(self, sensor: Sensor, force_N: float) -> float:
         """Stress of the film under a probe at its centre, where it is largest."""
@@ -179,11 +198,12 @@ class Study:
             return float("nan")
         return 0.5e-6 * sum(record.forces["material"][0]) / gauge.electrode_list[0].outline.area
 
-    def _gauge(self, sensor: Sensor, force_N: float) -> Scene:
+    def _gauge(self, sensor: Sensor, force_N: float, radius_mm: float = 0.5) -> Scene:
+        """A probe on the film's centre over a small electrode that reads the stress there."""
         place = {"shape": "circle", "x_mm": 0.0, "y_mm": 0.0}
         return sensor.alone(0.0, self.lattice.tolerance).with_(
             **{
-                "electrodes": [{**place, "name": "A", "radius_mm": GAUGE_RADIUS_MM}],
+                "electrodes": [{**place, "name": "A", "radius_mm": radius_mm}],
                 "probe": {**place, "radius_mm": PROBE_RADIUS_MM},
                 "load.force_N": force_N,
             }
@@ -195,7 +215,7 @@ class Study:
 
 def rings(study: Study, count: int) -> list[Sensor]:
     """Sensors of all spacings and electrode sizes that are possible."""
-    found = [
+    sensors = [
         replace(
             THESIS,
             count=count,
@@ -207,7 +227,7 @@ def rings(study: Study, count: int) -> list[Sensor]:
         for spacing in study.axes.spacings_mm
         for side in study.axes.sides_mm
     ]
-    return [sensor for sensor in found if study.is_possible(sensor)]
+    return [sensor for sensor in sensors if study.is_possible(sensor)]
 
 
 def thicknesses(axes: Axes) -> list[Sensor]:
@@ -246,11 +266,11 @@ def shapes() -> dict[str, Sensor]:
 
 def poled() -> dict[str, Sensor]:
     """Electrodes on a film that was drawn along axis 1."""
-    three = replace(THESIS, count=3, turn_deg=TURNS_DEG[3])
+    three_electrodes = replace(THESIS, count=3, turn_deg=TURNS_DEG[3])
     return {
         "four, biaxial": THESIS,
         "four on the drawn and the transverse direction": drawn(THESIS),
         "four at 45° to them": replace(drawn(THESIS), turn_deg=45.0),
-        "three, biaxial": three,
-        "three, one on the transverse direction": drawn(three),
+        "three, biaxial": three_electrodes,
+        "three, one on the transverse direction": drawn(three_electrodes),
     }

@@ -11,27 +11,25 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from skfem import MeshTri2
 
 from pvdf_fem import Scene
 from pvdf_fem.charges.forces import electrode_forces
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.membrane import Membrane, MembraneState
+from pvdf_fem.film.membrane import Membrane
+from pvdf_fem.film.space import Space
+from pvdf_fem.film.term import State
 from pvdf_fem.mesh.gmsh_mesh import electrode_patch, mesh_scene
 from pvdf_fem.scene.film import Film
 from pvdf_fem.solution.first_sizes import ORDER, first_sizes
-from pvdf_fem.solvers.newton import Status, newton, seed
+from pvdf_fem.solvers.budget import Budget
+from pvdf_fem.solvers.newton import DeferredNewton, NewtonOptions, newton
+from pvdf_fem.solvers.seed import seed
+from pvdf_fem.solvers.status import Status
 
 Array = NDArray[np.float64]
 
-# Film without bending wrinkles at the corners of stiff tapes, where fine meshes find no stable
-# equilibrium. Linear displacements on a coarser one do; their charges with tapes over those without
-# agree to 1.5 % with those of quadratic ones where these converge.
-TAPED_ORDER, TAPED_TOLERANCE = 1, 1e-3
+#: First word of the names of electrodes that are tapes.
 TAPE = "tape"
-#: A tape as wide as this begins so far outside of its electrode's edge and ends so far from the
-#: rim, all in mm.
-WIDTH_MM, GAP_MM, RIM_MM = 5.0, 0.2, 0.5
 
 
 class UnevenMembrane(Membrane):
@@ -39,49 +37,62 @@ class UnevenMembrane(Membrane):
 
     Parameters
     ----------
-    mesh, film, order
+    space, film
         As for `Membrane`.
     free_strain : ndarray, shape (3,)
-        The strain without stress, Voigt: α ΔT (1, 1, 0) for an evenly cooled film.
+        Strain at which there is no stress, Voigt: α ΔT (1, 1, 0) for an evenly cooled film.
     factors : mapping
-        By electrode's name, stiffness over the film's on that patch.
+        Stiffness over the film's on the patch of an electrode, by the electrode's name.
     """
 
     def __init__(
         self,
-        mesh: MeshTri2,
+        space: Space,
         film: Film,
-        order: int,
         free_strain: Array,
         factors: Mapping[str, float],
     ) -> None:
-        super().__init__(mesh, film, order)
+        super().__init__(space, film)
         self.free_strain = free_strain
-        # thickness and stiffness enter the energy as a product with the weights
-        self.weights = self.weights.copy()
+        # Thickness and stiffness enter the energy only as a product with the volumes.
         for name, factor in factors.items():
-            self.weights[self.mesh.subdomains[electrode_patch(name)]] *= factor
+            self.volumes[space.mesh.subdomains[electrode_patch(name)]] *= factor
 
     def elastic(self, strain: Array) -> Array:
-        """Strain without the free one."""
+        """The strain less the free strain."""
         return strain - self.free_strain
 
-    def added_residual(self, state: MembraneState) -> Array:
-        """The whole residual: where the stiffness steps, the flat film is not in balance."""
-        return self.residual(state)
+    def residual(self, state: State) -> Array:
+        """The whole residual, since the flat film is not in balance where the stiffness steps."""
+        return self.internal_forces(state)
 
 
-def taped(scene: Scene) -> Scene:
-    """The scene with the outline of a tape outside of each of the thesis's four electrodes.
+def taped(
+    scene: Scene,
+    width_mm: float = 5.0,
+    gap_mm: float = 0.2,
+    rim_mm: float = 0.5,
+    tolerance: float = 1e-3,
+) -> Scene:
+    """The scene with a tape outside of each electrode, a strip along the radius to the rim.
 
-    A strip from the electrode to the rim, along the radius.
+    Parameters
+    ----------
+    scene : Scene
+        A scene whose electrodes are squares of 3 mm along the radius, as the thesis's four.
+    width_mm : float
+        Width of a tape.
+    gap_mm, rim_mm : float
+        Distances of a tape's ends from the electrode's edge and from the rim.
+    tolerance : float
+        Tolerance that sets the mesh, see `uneven_charges`.
     """
-    found = [electrode.model_dump(mode="json") for electrode in scene.electrode_list]
+    electrodes = [electrode.model_dump(mode="json") for electrode in scene.electrode_list]
     for electrode in scene.electrode_list:
         away = np.array([electrode.x_mm, electrode.y_mm])
         along = away / np.linalg.norm(away)
-        begin = float(along @ away) + 1.5 + GAP_MM
-        length = scene.film.radius_mm - RIM_MM - begin
+        begin = float(along @ away) + 1.5 + gap_mm
+        length = scene.film.radius_mm - rim_mm - begin
         middle = (begin + 0.5 * length) * along
         tape = {
             "name": f"{TAPE} {electrode.name}",
@@ -89,27 +100,37 @@ def taped(scene: Scene) -> Scene:
             "x_mm": round(float(middle[0]), 9),
             "y_mm": round(float(middle[1]), 9),
             "width_mm": length,
-            "height_mm": WIDTH_MM,
+            "height_mm": width_mm,
             "rotation_deg": round(float(np.degrees(np.arctan2(along[1], along[0]))), 9),
         }
-        found.append(tape)
-    return scene.with_(electrodes=found, **{"numerics.tolerance": TAPED_TOLERANCE})
+        electrodes.append(tape)
+    return scene.with_(electrodes=electrodes, **{"numerics.tolerance": tolerance})
 
 
 def uneven_charges(
-    scene: Scene, free_strain: Array | None = None, factors: Sequence[float] = (1.0,)
+    scene: Scene,
+    free_strain: Array | None = None,
+    factors: Sequence[float] = (1.0,),
+    taped_order: int = 1,
 ) -> Array:
     """Charges in pC of a scene's electrodes that are no tapes, (factors, electrodes).
+
+    A film without bending wrinkles at the corners of stiff tapes, where fine meshes find no stable
+    equilibrium. Linear displacements on a coarser mesh find one; the ratios of their charges with
+    tapes to those without agree to 1.5 % with those of quadratic displacements, where these
+    converge.
 
     Parameters
     ----------
     scene : Scene
-        Tapes in it are those electrodes whose name begins with ``tape``.
+        Electrodes whose name begins with ``tape`` are tapes.
     free_strain : ndarray, shape (3,), optional
-        By default that of the film.
+        Strain at which there is no stress; by default the film's thermal strain.
     factors : sequence of float
         Stiffness of film and tape over that of the film. Each solve starts from the one before,
         so they should grow.
+    taped_order : int
+        Order of the displacements on a film with tapes.
 
     Raises
     ------
@@ -118,19 +139,20 @@ def uneven_charges(
     """
     electrodes = scene.electrode_list
     tapes = [e.name for e in electrodes if e.name.startswith(TAPE)]
-    order = TAPED_ORDER if tapes else ORDER
+    order = taped_order if tapes else ORDER
     equilibrium = Equilibrium(scene, mesh_scene(scene, first_sizes(scene, order)), order)
     if free_strain is None:
         free_strain = scene.film.thermal_strain * np.array([1.0, 1.0, 0.0])
-    mine = [i for i, e in enumerate(electrodes) if e.name not in tapes]
-    mesh, q, found = equilibrium.membrane.mesh, seed(equilibrium), []
+    read = [i for i, e in enumerate(electrodes) if e.name not in tapes]
+    q, charges, budget = seed(equilibrium), [], Budget.of(scene)
     for factor in factors:
         stiffer = dict.fromkeys(tapes, factor)
-        equilibrium.membrane = UnevenMembrane(mesh, scene.film, order, free_strain, stiffer)
-        result = newton(equilibrium, q)
+        uneven = UnevenMembrane(equilibrium.space, scene.film, free_strain, stiffer)
+        equilibrium = equilibrium.replacing(equilibrium.membrane, uneven)
+        result = newton(DeferredNewton(equilibrium, NewtonOptions(), budget, near=False), q)
         if result.status is not Status.CONVERGED:
             raise RuntimeError(f"tapes {factor:g} times as stiff: {result.status}")
         q = result.q
         forces = electrode_forces(scene, equilibrium.membrane, equilibrium.unknowns.expand(q))
-        found.append(1e12 * (forces @ [scene.film.d31, scene.film.d32])[mine])
-    return np.array(found)
+        charges.append(1e12 * (forces @ [scene.film.d31, scene.film.d32])[read])
+    return np.array(charges)

@@ -1,8 +1,9 @@
-"""Maps over the film: how well charges tell the place, and where they do not tell it at all."""
+"""Maps over the film: how well charges determine the place, and where they do not."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -11,27 +12,25 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm
 from matplotlib.contour import ContourSet
+from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
 from pvdf_fem.output.figures import new_figure, save, style
+from pvdf_fem.response.model import QUANTITIES, Model
 from pvdf_fem.touch.locate import locate
-from pvdf_fem.touch.touch import QUANTITIES, Model
 from reports.locating.models import distance_mm, rows_of
 
 Array = NDArray[np.float64]
 Extend: TypeAlias = Literal["both", "max"]
 
+#: Force of the touches in N.
 FORCE_N = 1.0
-# Levels of the maps, mm; what lies beyond has the end's colour.
-_RESOLUTIONS_MM = (0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 1.0, 2.0, 5.0)
-_DISTANCES_MM = (0.0, 0.2, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
-_CONDITIONS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
-    """What charges with some noise say of a touch.
+class PlaceQuality:
+    """How well charges with some noise determine a touch.
 
     Attributes
     ----------
@@ -40,11 +39,11 @@ class Place:
     determined : bool
         Whether the charges determine everything sought.
     condition : float
-        Of the Jacobian with columns of length 1.
+        Condition number of the Jacobian whose columns are scaled to length 1.
     likely : int
-        Touches with at least a hundredth of the likelihood.
+        Number of touches with at least a hundredth of the likelihood.
     farthest_mm : float
-        Distance of the farthest of them from the true place.
+        Distance of the farthest likely touch from the true place.
     """
 
     deviation_mm: float
@@ -70,58 +69,71 @@ def lattice(reach_mm: float, across: int) -> Array:
 
 def judged(
     model: Model, electrodes: Mapping[str, str], at_mm: Array, rotation_deg: float, noise: float
-) -> dict[bool, Place]:
-    """What the charges of a touch at 1 N say, the rotation known (False) or sought (True)."""
+) -> dict[bool, PlaceQuality]:
+    """How well charges determine a touch at `FORCE_N`, rotation known (False) or sought (True)."""
     touch = np.array([*at_mm, rotation_deg, FORCE_N])
     charges = model.evaluate(touch[None])[0][0][rows_of(model, electrodes)]
-    given = dict(zip(electrodes.values(), charges.tolist(), strict=True))
-    found = {}
+    measured = dict(zip(electrodes.values(), charges.tolist(), strict=True))
+    qualities = {}
     for sought in (False, True):
         unknown = [name for name in QUANTITIES if sought or name != "rotation_deg"]
-        known = {} if sought else {"rotation_deg": rotation_deg}
-        result = locate(model, given, noise, unknown=unknown, known=known)
-        likely = [one for one in result.touches if one.weight > 0.01]
-        true = min(result.touches, key=lambda one: distance_mm(one.values, touch))
-        apart = [distance_mm(one.values, touch) for one in likely]
-        worst = float(np.sqrt(np.linalg.eigvalsh(true.covariance[:2, :2])[-1]))
-        found[sought] = Place(worst, true.determined, true.condition, len(likely), max(apart))
-    return found
+        known_values = {} if sought else {"rotation_deg": rotation_deg}
+        location = locate(model, measured, noise, unknown=unknown, known=known_values)
+        likely = [candidate for candidate in location.touches if candidate.weight > 0.01]
+        nearest = min(location.touches, key=lambda candidate: distance_mm(candidate.values, touch))
+        distances = [distance_mm(candidate.values, touch) for candidate in likely]
+        worst = float(np.sqrt(np.linalg.eigvalsh(nearest.covariance[:2, :2])[-1]))
+        qualities[sought] = PlaceQuality(
+            worst, nearest.determined, nearest.condition, len(likely), max(distances)
+        )
+    return qualities
 
 
 def resolution_picture(
-    places: Array, found: Mapping[str, list[dict[bool, Place]]], path: Path
+    places: Array, qualities: Mapping[str, list[dict[bool, PlaceQuality]]], path: Path
 ) -> None:
-    """Standard deviation of the place, rotation known above and sought below, a probe a column."""
-    with style():
-        figure = new_figure(85.0 * len(found), 160)
-        axes = figure.subplots(2, len(found), squeeze=False, sharex=True, sharey=True)
-        for column, (probe, each) in enumerate(found.items()):
+    """Draw the standard deviation of the place, a column for each probe.
+
+    The rotation is known in the upper row and sought in the lower one.
+    """
+    levels_mm = (0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 1.0, 2.0, 5.0)
+    with _two_rows(len(qualities), path) as (figure, axes):
+        for column, (probe, at_places) in enumerate(qualities.items()):
             for row, sought in enumerate((False, True)):
-                values = np.array([one[sought].deviation_mm for one in each])
+                values = np.array([quality[sought].deviation_mm for quality in at_places])
                 ax = axes[row, column]
-                drawn = _filled(ax, places, values, _RESOLUTIONS_MM, "both")
+                shades = _filled(ax, places, values, levels_mm, "both")
                 ax.set_title(f"{probe}, rotation {'sought' if sought else 'known'}")
         label = "standard deviation in the worst direction (mm)"
-        figure.colorbar(drawn, ax=axes, label=label, format="%g")
-        _label(axes)
-        save(figure, path)
+        figure.colorbar(shades, ax=axes, label=label, format="%g")
 
 
 def ambiguity_picture(
-    places: Array, found: Mapping[str, list[dict[bool, Place]]], path: Path
+    places: Array, qualities: Mapping[str, list[dict[bool, PlaceQuality]]], path: Path
 ) -> None:
-    """With the rotation sought: distance of the farthest likely touch, and the condition."""
-    with style():
-        figure = new_figure(85.0 * len(found), 160)
-        axes = figure.subplots(2, len(found), squeeze=False, sharex=True, sharey=True)
-        for column, (probe, each) in enumerate(found.items()):
-            far = np.array([one[True].farthest_mm for one in each])
-            drawn = _filled(axes[0, column], places, far, _DISTANCES_MM, "max")
-            condition = np.array([one[True].condition for one in each])
-            below = _filled(axes[1, column], places, condition, _CONDITIONS, "max")
+    """Draw the distance of the farthest likely touch and the condition, rotation sought."""
+    levels_mm = (0.0, 0.2, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+    levels = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
+    with _two_rows(len(qualities), path) as (figure, axes):
+        for column, (probe, at_places) in enumerate(qualities.items()):
+            distances = np.array([quality[True].farthest_mm for quality in at_places])
+            distance_shades = _filled(axes[0, column], places, distances, levels_mm, "max")
+            conditions = np.array([quality[True].condition for quality in at_places])
+            condition_shades = _filled(axes[1, column], places, conditions, levels, "max")
             axes[0, column].set_title(f"{probe}, rotation sought")
-        figure.colorbar(drawn, ax=axes[0], label="farthest likely touch (mm)", format="%g")
-        figure.colorbar(below, ax=axes[1], label="condition number", format="%g")
+        figure.colorbar(
+            distance_shades, ax=axes[0], label="farthest likely touch (mm)", format="%g"
+        )
+        figure.colorbar(condition_shades, ax=axes[1], label="condition number", format="%g")
+
+
+@contextmanager
+def _two_rows(columns: int, path: Path) -> Iterator[tuple[Figure, NDArray[np.object_]]]:
+    """A figure with two rows of maps of the film, labelled and saved in the end."""
+    with style():
+        figure = new_figure(85.0 * columns, 160.0)
+        axes = figure.subplots(2, columns, squeeze=False, sharex=True, sharey=True)
+        yield figure, axes
         _label(axes)
         save(figure, path)
 
@@ -133,11 +145,11 @@ def _filled(
     finite = np.where(np.isfinite(values), np.minimum(values, top), top)
     x, y = places.T
     norm = BoundaryNorm(levels, 256, extend=extend)
-    drawn = ax.tricontourf(
+    shades = ax.tricontourf(
         Triangulation(x, y), finite, levels=levels, cmap="viridis", norm=norm, extend=extend
     )
     ax.set_aspect("equal")
-    return drawn
+    return shades
 
 
 def _label(axes: NDArray[np.object_]) -> None:

@@ -17,9 +17,9 @@ from pvdf_fem import Scene
 from pvdf_fem.maps.isocharge import contour
 from pvdf_fem.maps.triangulation import triangulate
 from pvdf_fem.response.build import build_response
+from pvdf_fem.response.cache import response_key
+from pvdf_fem.response.model import Domain, Model
 from pvdf_fem.response.response import Response
-from pvdf_fem.sweeps.store import key
-from pvdf_fem.touch.touch import Model
 from reports.chapters.calibration import DIRECTIONS_DEG
 from reports.common.results import MATERIAL, Results
 from reports.common.thesis_data import Thesis
@@ -87,8 +87,7 @@ def response_of(
     forces_N: tuple[float, float] = FORCES_N,
 ) -> Response:
     """The model of a scene, from its file in the folder or built and written there."""
-    domain = "-".join(f"{value:g}" for value in (reach_mm, *forces_N))
-    path = folder / f"{key(scene)[:24]}-{domain}.response"
+    path = folder / f"{response_key(scene, Domain(reach_mm, forces_N))[:24]}.response"
     if path.exists():
         return Response.load(path)
     model = build_response(scene, reach_mm=reach_mm, force_N=forces_N, processes=processes)

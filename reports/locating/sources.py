@@ -1,8 +1,8 @@
-"""What the thesis names as causes of its experiments' errors, and what each does to the charges.
+"""The causes that the thesis names for its experiments' errors, and their effects on the charges.
 
 Every source is a random relative change of each electrode's charge. Where the geometry or the film
-changes, the change comes from the finite-element model; the thesis gives few sizes, so what is
-assumed is written with each source.
+changes, the change comes from the finite-element model. The thesis gives few sizes; those that are
+assumed instead stand in `Assumptions` and with each source.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.maps.circuit import Circuit
-from pvdf_fem.solvers.newton import Status
-from pvdf_fem.touch.touch import Model
+from pvdf_fem.response.model import Model
+from pvdf_fem.solvers.status import Status
 from reports.chapters.contact import pressed
 from reports.common.thesis_data import Position
 from reports.locating.errors import over_disc
@@ -27,13 +27,36 @@ from reports.locating.models import rows_of
 
 Array = NDArray[np.float64]
 Job = Callable[[], Array]
-Draw = Callable[["Pressed", np.random.Generator, int], Array]
+Draw = Callable[["MeasuredScene", np.random.Generator, int], Array]
 
-PROBE_MM, FILM_MM = 1.0, 2.0
-FORCE_SHARE = 0.02
-LOAD_MOHM = (250.0, 1000.0)
-TAPE_FACTORS = (4.0, 30.0, 100.0)
-FREQUENCY_HZ = 20.0
+
+@dataclass(frozen=True)
+class Assumptions:
+    """Sizes of the sources of error.
+
+    Attributes
+    ----------
+    probe_mm, film_mm : float
+        Largest distances of the probe, and of the film with its electrodes, from the places meant.
+    force_share : float
+        Relative standard deviation of the force.
+    load_MOhm : (float, float)
+        Smallest and largest load resistance.
+    tape_factors : tuple of float
+        Stiffness of the tapes over the film's: adhesive, a value between, copper of 50 µm.
+    frequency_Hz : float
+        Frequency at which charges are read.
+    """
+
+    probe_mm: float = 1.0
+    film_mm: float = 2.0
+    force_share: float = 0.02
+    load_MOhm: tuple[float, float] = (250.0, 1000.0)
+    tape_factors: tuple[float, ...] = (4.0, 30.0, 100.0)
+    frequency_Hz: float = 20.0
+
+
+ASSUMED = Assumptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,15 +66,16 @@ class Changed:
     Attributes
     ----------
     rest : ndarray, shape (electrodes,)
-        Charges under the probe less those of the film at rest.
+        Logarithms for the charges less those of the film at rest.
     film : ndarray, shape (5, electrodes)
-        Coefficients of dx, dy, dx², dx dy, dy² in mm of a film displaced with its electrodes.
+        Coefficients of dx, dy, dx², dx dy, dy² in mm, by which the film and its electrodes are
+        displaced.
     stretched : ndarray, shape (3, electrodes)
-        Slopes by the free strains xx, yy, xy over the even film's.
+        Slopes by the free strains xx, yy, xy, in units of the even film's strain.
     taped : ndarray, shape (1 + factors, electrodes)
-        At stiffness 1 and the `TAPE_FACTORS`.
+        Logarithms for tapes of stiffness 1 and of the `Assumptions.tape_factors`.
     rigid : ndarray, shape (2, electrodes)
-        Under a rigid probe, sliding and stuck.
+        Logarithms for a rigid probe, sliding and stuck.
     """
 
     rest: Array
@@ -62,7 +86,7 @@ class Changed:
 
 
 @dataclass(frozen=True, eq=False)
-class Pressed:
+class MeasuredScene:
     """A measured scene of the thesis.
 
     Attributes
@@ -70,11 +94,11 @@ class Pressed:
     row : Position
     model : Model
     electrodes : dict
-        The model's name of each electrode by the thesis's.
+        The model's name of each electrode by the thesis's name.
     circuit : Circuit
-        An electrode and its load, in theory.
+        An electrode with the capacitance of theory, and its load.
     capacitance_pF : float
-        What two electrodes have instead.
+        Measured capacitance of two of the electrodes.
     changed : Changed
     """
 
@@ -92,7 +116,19 @@ class Pressed:
 
 @dataclass(frozen=True)
 class Source:
-    """A source of errors: its name, where the thesis names it, what is assumed, its draws."""
+    """A source of errors.
+
+    Attributes
+    ----------
+    name : str
+    place : str
+        Where the thesis names it.
+    assumed : str
+        Size that is assumed, in words.
+    draw : callable
+        From a scene, a random generator and a count to factors of the charges,
+        (count, electrodes).
+    """
 
     name: str
     place: str
@@ -101,27 +137,35 @@ class Source:
 
 
 def changes(scene: Scene, workers: Callable[[Sequence[Job]], list[Array]]) -> Changed:
-    """The changes of a scene's charges, by finite elements.
+    """Compute the changes of a scene's charges by finite elements.
 
-    `workers` runs functions and gives their results, in several processes if it likes.
+    Parameters
+    ----------
+    scene : Scene
+    workers : callable
+        Runs functions and gives their results in order, perhaps in several processes.
     """
     turns = np.radians(np.arange(0, 360, 45))
-    offsets = FILM_MM * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    offsets = ASSUMED.film_mm * np.stack([np.cos(turns), np.sin(turns)], axis=1)
     steps = 0.5 * np.concatenate([np.eye(3), -np.eye(3)])
     displaced = [_displaced(scene, at) for at in offsets]
     rigid = [pressed(scene, contact) for contact in ("sliding", "stuck")]
     resting = scene.with_(probe=None)
-    jobs = [partial(_solved, one) for one in (scene, resting, *displaced, *rigid)]
+    jobs = [
+        partial(_solved, changed_scene) for changed_scene in (scene, resting, *displaced, *rigid)
+    ]
     jobs += [partial(_stretched, scene, step) for step in steps]
-    jobs.append(partial(uneven_charges, taped(scene), factors=(1.0, *TAPE_FACTORS)))
-    base, rest, *others, tape = workers(jobs)
-    moved, punched, stretched = np.split(np.log(np.array(others)), [len(offsets), len(offsets) + 2])
+    jobs.append(partial(uneven_charges, taped(scene), factors=(1.0, *ASSUMED.tape_factors)))
+    simulated, at_rest, *changed, with_tapes = workers(jobs)
+    moved, punched, stretched = np.split(
+        np.log(np.array(changed)), [len(offsets), len(offsets) + 2]
+    )
     return Changed(
-        np.log1p(-rest / base),
-        np.linalg.lstsq(_powers(offsets), moved - np.log(base))[0],
+        np.log1p(-at_rest / simulated),
+        np.linalg.lstsq(_powers(offsets), moved - np.log(simulated))[0],
         stretched[:3] - stretched[3:],
-        np.log(tape / tape[0]),
-        punched - np.log(base),
+        np.log(with_tapes / with_tapes[0]),
+        punched - np.log(simulated),
     )
 
 
@@ -133,7 +177,7 @@ def _solved(scene: Scene) -> Array:
 
 
 def _powers(offsets_mm: Array) -> Array:
-    """Of displacements (n, 2), as in `Changed.film`, (n, 5)."""
+    """The powers of displacements (n, 2) that `Changed.film` has coefficients of, (n, 5)."""
     x, y = offsets_mm.T
     return np.stack([x, y, x * x, x * y, y * y], axis=1)
 
@@ -148,7 +192,7 @@ def _displaced(scene: Scene, offset_mm: Array) -> Scene:
 
 
 def _stretched(scene: Scene, step: Array) -> Array:
-    """Charges with the free strain changed by a step (3,) of the even film's."""
+    """Charges after a change of the free strain by `step` (3,), in units of the even strain."""
     even = scene.film.thermal_strain
     return uneven_charges(scene, even * (np.array([1.0, 1.0, 0.0]) + step))[0]
 
@@ -156,81 +200,85 @@ def _stretched(scene: Scene, step: Array) -> Array:
 # -------------------------------------------------------------------------------------- draws
 
 
-def _probe(scene: Pressed, random: np.random.Generator, count: int) -> Array:
+def _probe(scene: MeasuredScene, random: np.random.Generator, count: int) -> Array:
     touches = np.tile(scene.row.touch, (count, 1))
-    touches[:, :2] += over_disc(random, count, PROBE_MM)
+    touches[:, :2] += over_disc(random, count, ASSUMED.probe_mm)
     return scene.charges_pC(touches) / scene.charges_pC(scene.row.touch[None])
 
 
-def _film(scene: Pressed, random: np.random.Generator, count: int) -> Array:
-    return np.exp(_powers(over_disc(random, count, FILM_MM)) @ scene.changed.film)
+def _film(scene: MeasuredScene, random: np.random.Generator, count: int) -> Array:
+    return np.exp(_powers(over_disc(random, count, ASSUMED.film_mm)) @ scene.changed.film)
 
 
-def _capacitance(scene: Pressed, random: np.random.Generator, count: int) -> Array:
-    """Two electrodes, no one knows which, read with the capacitance of theory."""
+def _capacitance(scene: MeasuredScene, random: np.random.Generator, count: int) -> Array:
+    """Read two random electrodes with the capacitance of theory instead of the measured one."""
     small = Circuit(1e-12 * scene.capacitance_pF, scene.circuit.load_resistance)
-    higher = abs(small.voltage(1.0, FREQUENCY_HZ)) / abs(scene.circuit.voltage(1.0, FREQUENCY_HZ))
+    small_voltage, voltage = (
+        abs(circuit.voltage(1.0, ASSUMED.frequency_Hz)) for circuit in (small, scene.circuit)
+    )
     number = len(scene.electrodes)
     pairs = np.ones((number * (number - 1) // 2, number))
     for row, pair in zip(pairs, combinations(range(number), 2), strict=True):
-        row[list(pair)] = higher
+        row[list(pair)] = small_voltage / voltage
     return pairs[random.integers(len(pairs), size=count)]
 
 
-def _load(scene: Pressed, random: np.random.Generator, count: int) -> Array:
-    """All electrodes alike: the true resistance is not the one used."""
-    lowest, highest = LOAD_MOHM
-    used = abs(scene.circuit.parallel_load(FREQUENCY_HZ))
-    true = [
-        abs(Circuit(scene.circuit.capacitance, 1e6 * R).parallel_load(FREQUENCY_HZ)) / used
+def _load(scene: MeasuredScene, random: np.random.Generator, count: int) -> Array:
+    """Read all electrodes with a load resistance that is not the true one."""
+    lowest, highest = ASSUMED.load_MOhm
+    assumed = abs(scene.circuit.parallel_load(ASSUMED.frequency_Hz))
+    ratios = [
+        abs(Circuit(scene.circuit.capacitance, 1e6 * R).parallel_load(ASSUMED.frequency_Hz))
+        / assumed
         for R in lowest * (highest / lowest) ** random.random(count)
     ]
-    return np.tile(np.array(true)[:, None], (1, len(scene.electrodes)))
+    return np.tile(np.array(ratios)[:, None], (1, len(scene.electrodes)))
 
 
-def _force(scene: Pressed, random: np.random.Generator, count: int) -> Array:
+def _force(scene: MeasuredScene, random: np.random.Generator, count: int) -> Array:
     touches = np.tile(scene.row.touch, (count, 1))
-    touches[:, 3] *= 1.0 + FORCE_SHARE * random.standard_normal(count)
+    touches[:, 3] *= 1.0 + ASSUMED.force_share * random.standard_normal(count)
     return scene.charges_pC(touches) / scene.charges_pC(scene.row.touch[None])
 
 
-def _tapes(scene: Pressed, random: np.random.Generator, count: int) -> Array:
-    known = np.log([1.0, *TAPE_FACTORS])
-    at = known[1] + (known[-1] - known[1]) * random.random(count)
-    logs = [np.interp(at, known, column) for column in scene.changed.taped.T]
+def _tapes(scene: MeasuredScene, random: np.random.Generator, count: int) -> Array:
+    log_factors = np.log([1.0, *ASSUMED.tape_factors])
+    log_factor = log_factors[1] + (log_factors[-1] - log_factors[1]) * random.random(count)
+    logs = [np.interp(log_factor, log_factors, column) for column in scene.changed.taped.T]
     return np.exp(np.stack(logs, axis=1))
 
 
-def _pretension(scene: Pressed, random: np.random.Generator, count: int) -> Array:
-    first, second = 2.0 * random.random((2, count))
-    mean, half = 0.5 * (first + second), 0.5 * (first - second)
+def _pretension(scene: MeasuredScene, random: np.random.Generator, count: int) -> Array:
+    first_principal, second_principal = 2.0 * random.random((2, count))
+    mean = 0.5 * (first_principal + second_principal)
+    half = 0.5 * (first_principal - second_principal)
     turn = 2.0 * np.pi * random.random(count)
     steps = [mean + half * np.cos(turn) - 1.0, mean - half * np.cos(turn) - 1.0]
     steps.append(2.0 * half * np.sin(turn))  # engineering shear
     return np.exp(np.stack(steps, axis=1) @ scene.changed.stretched)
 
 
-def _rigid(scene: Pressed, random: np.random.Generator, count: int) -> Array:
+def _rigid(scene: MeasuredScene, random: np.random.Generator, count: int) -> Array:
     t = random.random((count, 1))
     return np.exp((1.0 - t) * scene.changed.rigid[0] + t * scene.changed.rigid[1])
 
 
-def _rest(scene: Pressed, random: np.random.Generator, count: int) -> Array:
+def _rest(scene: MeasuredScene, random: np.random.Generator, count: int) -> Array:
     return np.tile(np.exp(scene.changed.rest), (count, 1))
 
 
-#: In the thesis's words, then ours.
+#: Sources that the thesis names, and last one that it does not name.
 SOURCES = (
     Source(
         "probe placed",
         "6.1, item 11",
-        f"anywhere within {PROBE_MM:g} mm of the place meant",
+        f"anywhere within {ASSUMED.probe_mm:g} mm of the place meant",
         _probe,
     ),
     Source(
         "film placed",
         "6.1, item 11",
-        f"electrodes anywhere within {FILM_MM:g} mm; the thesis says more than the probe",
+        f"electrodes anywhere within {ASSUMED.film_mm:g} mm; the thesis says more than the probe",
         _film,
     ),
     Source(
@@ -242,20 +290,21 @@ SOURCES = (
     Source(
         "load resistance",
         "6.1, item 13; App. 5",
-        f"{LOAD_MOHM[0]:g} to {LOAD_MOHM[1]:g} MΩ, logarithmically even, read as 500 MΩ",
+        f"{ASSUMED.load_MOhm[0]:g} to {ASSUMED.load_MOhm[1]:g} MΩ, logarithmically even, read as "
+        "500 MΩ",
         _load,
     ),
     Source(
         "force fluctuates",
         "6.1, item 12",
-        f"normal, {100 * FORCE_SHARE:g} %; the thesis says small",
+        f"normal, {100 * ASSUMED.force_share:g} %; the thesis says small",
         _force,
     ),
     Source(
         "tapes stiffen",
         "6.1, item 9",
-        f"a strip of 5 mm from each electrode to the rim, {TAPE_FACTORS[0]:g} (adhesive) to "
-        f"{TAPE_FACTORS[-1]:g} (copper of 50 µm) times as stiff as the film",
+        f"a strip of 5 mm from each electrode to the rim, {ASSUMED.tape_factors[0]:g} (adhesive) "
+        f"to {ASSUMED.tape_factors[-1]:g} (copper of 50 µm) times as stiff as the film",
         _tapes,
     ),
     Source(

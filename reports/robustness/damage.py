@@ -1,4 +1,4 @@
-"""Accidents that happen to files: bytes lost, repeated, shuffled, flipped, or nasty ones put in."""
+"""Accidents to files: bytes are lost, repeated, shuffled or flipped, or nasty ones inserted."""
 
 from __future__ import annotations
 

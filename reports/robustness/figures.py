@@ -1,4 +1,4 @@
-"""Pictures of the scenes of `reports.extremes`: where they lie, and what they cost."""
+"""Pictures of `reports.extremes`: load and pretension of the scenes, and the time they take."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from numpy.typing import NDArray
 from pvdf_fem import Scene
 from pvdf_fem.output.figures import colours, new_figure, save, style
 from pvdf_fem.solvers.wrinkling import load_strain
-from reports.robustness.runs import Row
+from reports.robustness.runs import Ending
 
 MARKS = "osD^vP*X"
 
 
-def draw_scenes(given: list[Scene], found: list[Row], path: Path) -> None:
-    """Endings in the plane of load number and thermal strain."""
-    load = np.array([load_strain(scene) for scene in given])
-    strain = np.array([scene.film.thermal_strain for scene in given])
+def draw_scenes(scenes: list[Scene], endings: list[Ending], path: Path) -> None:
+    """Draw each scene's ending in the plane of load number and thermal strain."""
+    load = np.array([load_strain(scene) for scene in scenes])
+    strain = np.array([scene.film.thermal_strain for scene in scenes])
     with style():
         figure = new_figure(160.0, 95.0)
         ax = figure.subplots()
-        _by_status(ax, load, np.where(np.abs(strain) < 1e-9, 0.0, strain), found)
+        _by_status(ax, load, np.where(np.abs(strain) < 1e-9, 0.0, strain), endings)
         ax.set_xscale("log")
         ax.set_yscale("symlog", linthresh=1e-8)
         ax.set_ylim(-0.05, 0.05)
@@ -32,14 +32,16 @@ def draw_scenes(given: list[Scene], found: list[Row], path: Path) -> None:
         save(figure, path)
 
 
-def draw_times(found: list[Row], path: Path) -> None:
-    """Seconds against unknowns, of those that came to an end."""
-    found = [row for row in found if row.unknowns]
+def draw_times(endings: list[Ending], path: Path) -> None:
+    """Draw seconds against unknowns, for every solve that reached a mesh."""
+    endings = [ending for ending in endings if ending.unknowns]
     with style():
         figure = new_figure(160.0, 95.0)
         ax = figure.subplots()
-        unknowns = np.array([row.unknowns for row in found])
-        _by_status(ax, unknowns, np.array([max(row.seconds, 1e-3) for row in found]), found)
+        unknowns = np.array([ending.unknowns for ending in endings])
+        _by_status(
+            ax, unknowns, np.array([max(ending.seconds, 1e-3) for ending in endings]), endings
+        )
         ax.set_xscale("log")
         ax.set_yscale("log")
         ax.set_xlabel("unknowns on the last mesh")
@@ -47,10 +49,12 @@ def draw_times(found: list[Row], path: Path) -> None:
         save(figure, path)
 
 
-def _by_status(ax: Axes, x: NDArray[np.float64], y: NDArray[np.float64], found: list[Row]) -> None:
-    kinds = sorted({row.status for row in found}, key=lambda kind: kind != "converged")
+def _by_status(
+    ax: Axes, x: NDArray[np.float64], y: NDArray[np.float64], endings: list[Ending]
+) -> None:
+    kinds = sorted({ending.status for ending in endings}, key=lambda kind: kind != "converged")
     for kind, mark, ink in zip(kinds, MARKS, colours(len(kinds)), strict=False):
-        these = np.array([row.status == kind for row in found])
-        label = f"{kind.replace('_', ' ')} ({these.sum()})"
-        ax.plot(x[these], y[these], mark, color=ink, label=label, alpha=0.7)
+        chosen = np.array([ending.status == kind for ending in endings])
+        label = f"{kind.replace('_', ' ')} ({chosen.sum()})"
+        ax.plot(x[chosen], y[chosen], mark, color=ink, label=label, alpha=0.7)
     ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=8)

@@ -21,26 +21,26 @@ from reports.robustness.oracle import SIGNED, WORDS
 
 ROOT = Path(__file__).resolve().parents[2]
 MEASUREMENTS = ROOT / "reports" / "data" / "example_measurements.csv"
-#: Stands for the path of the input's file in its arguments.
+#: Placeholder for the path of the input's file in its arguments.
 FILE = "{file}"
 
 
 @dataclass(frozen=True)
 class Input:
-    """What a program is given.
+    """An input of a program.
 
     Attributes
     ----------
     program : str
         Name of the program.
     arguments : tuple of str
-        With `FILE` for the file.
+        Command line, with `FILE` for the path of the file.
     data : bytes
-        Of the file.
+        Content of the file.
     invalid : bool
-        Whether it must be refused.
+        Whether the input must be refused.
     named : str
-        What a line of complaint must begin with, or hold when it begins with a path.
+        Text that a line of the complaint must begin with, or hold after a path.
     """
 
     program: str
@@ -53,7 +53,7 @@ class Input:
 Random = random.Random
 Corpus = Callable[[Random], Input]
 
-# TOML of values that no number can have, with how a complaint shows them
+# TOML of values that no number can have, with the way that a complaint shows them.
 _NO_NUMBERS = {
     "nan": "nan",
     "-nan": "nan",
@@ -101,25 +101,25 @@ def scenes() -> tuple[str, ...]:
         {"load.kind": "rigid", "load.contact": "stuck", "probe.shape": "circle"},
         {"film.youngs_modulus_GPa": [2.0, 3.0], "film.shear_modulus_GPa": 1.0, "probe": {}},
     )
-    made = [Scene().with_(**change).to_toml() for change in changes]
-    return tuple(files + made)
+    changed = [Scene().with_(**change).to_toml() for change in changes]
+    return tuple(files + changed)
 
 
 def _leaves(tables: Mapping[str, Any]) -> list[tuple[dict[str, Any], str, str]]:
     """Table, key and full name of every number and word of a scene."""
-    found = []
+    leaves = []
     for name, section in tables.items():
         rows = [(name, section)]
         if isinstance(section, list):
             rows = [(f"{name}[{i}]", row) for i, row in enumerate(section)]
         for prefix, row in rows:
-            leaves = [key for key, value in row.items() if not isinstance(value, list)]
-            found += [(row, key, f"{prefix}.{key}") for key in leaves if key != "name"]
-    return found
+            keys = [key for key, value in row.items() if not isinstance(value, list)]
+            leaves += [(row, key, f"{prefix}.{key}") for key in keys if key != "name"]
+    return leaves
 
 
 def _wrong_value(rng: Random, key: str) -> tuple[str, str]:
-    """TOML of a value that a key cannot have, and how it is shown."""
+    """TOML of a value that a key cannot have, and the way that a complaint shows it."""
     choices = dict(_NO_WORDS if key in WORDS or key == "shape" else _NO_NUMBERS)
     if key == "bending":
         del choices["true"]
@@ -134,23 +134,23 @@ def wrong_value(rng: Random) -> Input:
     """A scene file with one value that its key cannot have."""
     tables = tomllib.loads(rng.choice(scenes()))
     table, key, name = rng.choice(_leaves(tables))
-    toml, shown = _wrong_value(rng, key)
+    toml, quoted = _wrong_value(rng, key)
     table[key] = "@wrong@"
     text = write_toml(tables).replace('"@wrong@"', toml)
     if rng.random() < 0.2:
         text = "\ufeff" + text.replace("\n", "\r\n")
-    return Input("solve", (FILE, *_json(rng)), text.encode(), True, f"{name} = {shown}: ")
+    return Input("solve", (FILE, *_json(rng)), text.encode(), True, f"{name} = {quoted}: ")
 
 
 def wrong_change(rng: Random) -> Input:
     """A valid scene, and a value given by ``--set`` that its key cannot have."""
     tables = _full()
     _, key, name = rng.choice(_leaves(tables))
-    toml, shown = _wrong_value(rng, key)
-    # a bare word is text, and 2020-01-01 is a date; what begins with a minus needs no blank
+    toml, quoted = _wrong_value(rng, key)
+    # A bare word is text, 2020-01-01 is a date, and no blank is needed before a minus.
     arguments = (FILE, "--set", f"{name}={toml}", *_json(rng))
     program = rng.choice(["solve", "modes"])
-    return Input(program, arguments, write_toml(tables).encode(), True, f"{name} = {shown}: ")
+    return Input(program, arguments, write_toml(tables).encode(), True, f"{name} = {quoted}: ")
 
 
 def _full() -> dict[str, Any]:
@@ -184,8 +184,8 @@ def damaged_scene(rng: Random) -> Input:
     if rng.random() < 0.1:
         data += damaged(rng, rng.choice(scenes()).encode())
     program = rng.choice(["solve", "solve", "mesh", "modes"])
-    rest = ("{folder}/film.msh",) if program == "mesh" else ()
-    return Input(program, (FILE, *rest), data)
+    output = ("{folder}/film.msh",) if program == "mesh" else ()
+    return Input(program, (FILE, *output), data)
 
 
 def damaged_change(rng: Random) -> Input:
@@ -193,9 +193,9 @@ def damaged_change(rng: Random) -> Input:
     texts = []
     for _ in range(rng.choice((1, 1, 2, 5))):
         _, key, name = rng.choice(_leaves(_full()))
-        whole = f"{name}={_wrong_value(rng, key)[0]}".encode()
+        assignment = f"{name}={_wrong_value(rng, key)[0]}".encode()
         # a command line holds no null characters
-        text = damaged(rng, whole)[:100_000].replace(b"\0", b"")
+        text = damaged(rng, assignment)[:100_000].replace(b"\0", b"")
         texts += ["--set", text.decode("utf-8", "surrogateescape")]
     return Input("solve", (FILE, *texts), rng.choice(scenes()).encode())
 
@@ -211,7 +211,7 @@ _AXES = (
     'film.bending = [true, false, "auto"]',
     "[axes.numerics]\ntolerance = [1e-2, 1e-3]",
 )
-# a wrong axis, and what its complaint begins with; {} is its number
+# Wrong axes with the beginning of their complaints, in which {} is the axis's number.
 _NO_AXES = {
     "": "axes[{}] = (nothing): ",
     'name = ""\nfilm.d31_pC_N = [8]': "axes[{}].name = ",
@@ -242,7 +242,7 @@ _NO_AXES = {
 
 
 def wrong_sweep(rng: Random) -> Input:
-    """A sweep file with one axis that is none, or with one value that its key cannot have."""
+    """A sweep file with one axis that is wrong, or with one value that its key cannot have."""
     axes, number = _axes(rng), rng.randrange(3)
     number = min(number, len(axes))
     if rng.random() < 0.5:
@@ -252,8 +252,8 @@ def wrong_sweep(rng: Random) -> Input:
         _, key, name = rng.choice(_leaves({"film": _full()["film"], "load": _full()["load"]}))
         toml, shown = _wrong_value(rng, key)
         axis, named = f'name = "wrong"\n{name} = [{toml}]', f"{name} = {shown}: "
-        # an axis before has the key, or a table as an item is a change of keys below
-        axes = [each for each in axes if name not in each]
+        # A complaint would name another axis if an earlier one had the same key.
+        axes = [axis_before for axis_before in axes if name not in axis_before]
         number = min(number, len(axes))
     axes.insert(number, axis)
     return Input("sweep", _planned(), _swept(axes), True, named)
@@ -313,7 +313,7 @@ def _compared() -> tuple[str, ...]:
 
 
 def damaged_store(rng: Random) -> Input:
-    """A store after accidents; its bytes are put in by who runs it."""
+    """A store after accidents, whose bytes `reports.fuzz` makes from the seed."""
     return Input("store", (FILE, str(rng.randrange(2**32))), b"")
 
 
@@ -353,7 +353,7 @@ def damaged_medians(rng: Random) -> Input:
     return Input("benchmark", ("--against", FILE), data)
 
 
-#: The corpora, each with its share of the inputs.
+#: Corpora with the relative numbers of their inputs.
 CORPORA: dict[Corpus, float] = {
     wrong_value: 4.0,
     wrong_change: 2.0,

@@ -1,7 +1,8 @@
 """Whether a scene or a row of measurements is valid, judged without the package's own checks.
 
-The keys are those that ``geometry/four_electrodes.toml`` explains; what a key may hold follows from
-its unit. Shapes are compared as polygons. What this finds wrong must never have been accepted.
+The keys are those that ``geometry/four_electrodes.toml`` explains; the values that a key may have
+follow from its unit. Shapes are compared as polygons. A program must not accept anything that is
+wrong by this judgement.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ import shapely
 from shapely import affinity
 
 ROOT = Path(__file__).resolve().parents[2]
-MOST = 1e6
+#: Largest number of any key but the number of unknowns.
+LARGEST = 1e6
 #: Keys of numbers that may be zero or negative.
 SIGNED = {"x_mm", "y_mm", "rotation_deg", "poisson_ratio", "thermal_expansion_per_K"}
 SIGNED |= {"temperature_change_K", "d31_pC_N", "d32_pC_N"}
@@ -35,15 +37,14 @@ SIZES = {
     "square": {"side_mm"},
     "rectangle": {"width_mm", "height_mm"},
     "circle": {"radius_mm"},
+    "ellipse": {"semi_axes_mm"},
     "polygon": {"vertices_mm"},
 }
 PLACE = {"name", "shape", "x_mm", "y_mm", "rotation_deg"}
-#: Relative to a shape's size: corners of circles, and contacts that are no overlap.
-SLACK = 1e-3
 
 
 def wrong_scene(tables: Mapping[str, Any]) -> str:
-    """What is certainly wrong with the tables of a scene file; empty if nothing is."""
+    """The first certain mistake in the tables of a scene file; empty if there is none."""
     return next(_of_scene(tables), "")
 
 
@@ -69,35 +70,36 @@ def _is_layout(section: Any) -> bool:
 
 @cache
 def documented() -> dict[str, frozenset[str]]:
-    """Keys by section that the example scene explains."""
-    found: dict[str, set[str]] = {}
+    """The keys that the example scene explains, by section."""
+    sections: dict[str, set[str]] = {}
     section: set[str] = set()
     for line in (ROOT / "geometry" / "four_electrodes.toml").read_text("utf-8").splitlines():
         if heading := re.match(r"(?:# )?\[+(\w+)\]", line):
-            section = found.setdefault(heading[1], set())
+            section = sections.setdefault(heading[1], set())
         elif key := re.match(r"(?:# )?(\w+) = ", line):
             section.add(key[1])
-    return {name: frozenset(keys) for name, keys in found.items()}
+    return {name: frozenset(keys) for name, keys in sections.items()}
 
 
-def _of_keys(section: Mapping[str, Any], known: frozenset[str]) -> Iterator[str]:
+def _of_keys(section: Mapping[str, Any], documented_keys: frozenset[str]) -> Iterator[str]:
     for key, value in section.items():
-        if key not in known:
+        if key not in documented_keys:
             yield f"key {key}"
         elif key in WORDS:
             if not isinstance(value, bool | str) or value not in WORDS[key]:
                 yield f"{key} = {value!r}"
         elif key == "youngs_modulus_GPa" and isinstance(value, list):
-            if len(value) != 2 or any(_number(key, one) for one in value):
+            if len(value) != 2 or any(_number(key, modulus) for modulus in value):
                 yield f"{key} = {value!r}"
         else:
             yield from _number(key, value)
 
 
 def _number(key: str, value: Any) -> list[str]:
+    largest = 1e7 if key == "max_unknowns" else LARGEST
     plain = isinstance(value, int | float) and not isinstance(value, bool)
-    if plain and math.isfinite(value) and abs(value) <= MOST:
-        least = -MOST if key in SIGNED else 0.0
+    if plain and math.isfinite(value) and abs(value) <= largest:
+        least = -largest if key in SIGNED else 0.0
         if value > least or (value == least and key == "force_N"):
             return []
     return [f"{key} = {str(value)[:80]}"]
@@ -116,11 +118,19 @@ def _of_shape(shape: Any) -> Iterator[str]:
         if key == "vertices_mm":
             if len(value) < 3 or any(_number("x_mm", x) for corner in value for x in corner):
                 yield "vertices_mm"
+        elif key == "semi_axes_mm":
+            if len(value) != 2 or any(_number(key, semi_axis) for semi_axis in value):
+                yield "semi_axes_mm"
         elif key not in ("name", "shape"):
             yield from _number(key, value)
 
 
-def _of_places(tables: Mapping[str, Any]) -> Iterator[str]:
+def _of_places(tables: Mapping[str, Any], slack: float = 1e-3) -> Iterator[str]:
+    """Mistakes in the places of shapes.
+
+    Overlaps and distances below `slack` times the size are passed over, since circles are compared
+    as polygons and contact is no overlap.
+    """
     radius = tables.get("film", {}).get("radius_mm", 45.0)
     electrodes = tables.get("electrodes", {})
     placed = [] if isinstance(electrodes, Mapping) else [(_shape(e), e["name"]) for e in electrodes]
@@ -131,22 +141,26 @@ def _of_places(tables: Mapping[str, Any]) -> Iterator[str]:
     for shape, name in placed + probe:
         if not shape.is_valid or shape.area == 0:
             yield f"{name} is no polygon"
-        elif max(math.hypot(*corner) for corner in shape.exterior.coords) > radius * (1 + SLACK):
+        elif max(math.hypot(*corner) for corner in shape.exterior.coords) > radius * (1 + slack):
             yield f"{name} is over the rim"
-    for (a, first), (b, second) in combinations(placed, 2):
-        if a.intersection(b).area > SLACK * min(a.area, b.area):
-            yield f"{first} overlaps {second}"
+    for (a, first_name), (b, second_name) in combinations(placed, 2):
+        if a.intersection(b).area > slack * min(a.area, b.area):
+            yield f"{first_name} overlaps {second_name}"
 
 
 def _shape(table: Mapping[str, Any]) -> shapely.Polygon:
-    """A shape as a polygon; a circle as one inside it."""
+    """A shape as a polygon; circles and ellipses as polygons inside them."""
     kind = table.get("shape", "square" if "name" in table else "triangle")
     place = table.get("x_mm", 0.0), table.get("y_mm", 0.0)
     if kind == "circle":
         return shapely.Point(place).buffer(table.get("radius_mm", 1.0), quad_segs=32)
-    turned = affinity.rotate(
-        shapely.Polygon(_corners(kind, table)), table.get("rotation_deg", 0.0), origin=(0, 0)
-    )
+    if kind == "ellipse":
+        shape = affinity.scale(
+            shapely.Point(0, 0).buffer(1.0, quad_segs=32), *table["semi_axes_mm"]
+        )
+    else:
+        shape = shapely.Polygon(_corners(kind, table))
+    turned = affinity.rotate(shape, table.get("rotation_deg", 0.0), origin=(0, 0))
     return affinity.translate(turned, *place)
 
 
@@ -162,59 +176,67 @@ def _corners(kind: str, table: Mapping[str, Any]) -> Sequence[Sequence[float]]:
     return [(-w / 2, -h / 2), (w / 2, -h / 2), (w / 2, h / 2), (-w / 2, h / 2)]
 
 
-def lost_values(given: Any, kept: Any, key: str = "") -> str:
-    """The first value of a file that the accepted scene does not have; empty if it has all."""
-    if isinstance(given, Mapping):
-        pairs = [(given[k], kept.get(k), f"{key}.{k}") for k in given]
-    elif isinstance(given, list):
-        pairs = [(g, k, key) for g, k in zip(given, kept or [None] * len(given), strict=False)]
+def lost_values(written: Any, accepted: Any, key: str = "") -> str:
+    """The first value of a file that the accepted scene lacks; empty if it has all."""
+    if isinstance(written, Mapping):
+        pairs = [
+            (written[accepted_value], accepted.get(accepted_value), f"{key}.{accepted_value}")
+            for accepted_value in written
+        ]
+    elif isinstance(written, list):
+        pairs = [
+            (value, accepted_value, key)
+            for value, accepted_value in zip(
+                written, accepted or [None] * len(written), strict=False
+            )
+        ]
     else:
-        return "" if given == kept else f"{key} = {given!r} became {kept!r}"
+        return "" if written == accepted else f"{key} = {written!r} became {accepted!r}"
     return next((lost for pair in pairs if (lost := lost_values(*pair))), "")
 
 
 def spread(scenes: Sequence[Any], most: int = 12) -> list[Any]:
-    """The first, the last and some scenes between them."""
+    """At most about `most` scenes: the first, the last and some between them."""
     step = max(1, (len(scenes) - 1) // (most - 1))
     return [*scenes[:-1:step], scenes[-1]]
 
 
-def wrong_grid(given: Mapping[str, Any], scenes: Sequence[Mapping[str, Any]], count: int) -> str:
-    """What a sweep file's scenes lack; empty if nothing.
+def wrong_grid(tables: Mapping[str, Any], scenes: Sequence[Mapping[str, Any]], count: int) -> str:
+    """The first value of a sweep file that its scenes lack; empty if they have all.
 
     Parameters
     ----------
-    given : mapping
-        The file's tables.
+    tables : mapping
+        Tables of the file.
     scenes : sequence of mapping
         Tables of scenes, the first and the last among them.
     count : int
         Number of all scenes.
     """
-    if given.keys() - {"scene", "axes"} or not isinstance(given.get("scene"), str | Mapping):
-        return f"a sweep file with {sorted(given)}"
-    expected, known = 1, True
-    for axis in given["axes"]:
+    if tables.keys() - {"scene", "axes"} or not isinstance(tables.get("scene"), str | Mapping):
+        return f"a sweep file with {sorted(tables)}"
+    expected, counted = 1, True
+    for axis in tables["axes"]:
         table = {key: value for key, value in axis.items() if key != "name"}
         if "mapping" in table:
-            known = False  # its places depend on the film's reach
+            counted = False  # the number of places depends on the film's radius
             continue
-        values = list(_varied(table))
-        lengths = {len(along) for _, along in values}
+        varied = list(_varied(table))
+        lengths = {len(values) for _, values in varied}
         if len(lengths) != 1:
             return f"an axis of lengths {sorted(lengths)}"
         expected *= lengths.pop()
-        for keys, along in values:
-            for scene, value in ((scenes[0], along[0]), (scenes[-1], along[-1])):
+        for keys, values in varied:
+            for scene, value in ((scenes[0], values[0]), (scenes[-1], values[-1])):
                 if lost := lost_values(_nested(keys, value), scene):
                     return lost
-    return "" if not known or expected == count else f"{count} scenes, not {expected}"
+    return "" if not counted or expected == count else f"{count} scenes, not {expected}"
 
 
 def _varied(
     table: Mapping[str, Any], keys: tuple[str, ...] = ()
 ) -> Iterator[tuple[tuple[str, ...], Sequence[Any]]]:
-    """Keys of an axis, with a sequence of the right length and ends."""
+    """The keys of an axis, each with a sequence that has the length and the ends of its values."""
     for key, value in table.items():
         if isinstance(value, list):
             yield (*keys, *key.split(".")), value
@@ -232,14 +254,14 @@ def _nested(keys: Sequence[str], value: Any) -> Any:
 
 
 def wrong_measurement(row: Any) -> str:
-    """What is certainly wrong with an accepted row of measurements; empty if nothing is."""
+    """An accepted row of measurements if it is certainly wrong, otherwise an empty text."""
     numbers = (row.x_mm, row.y_mm, row.rotation_deg, row.force_N, row.charge_pC)
     names = {"3": "ABC", "4": "ABCD"}.get(row.layout, "")
-    good = (
+    valid = (
         all(isinstance(value, float) and math.isfinite(value) for value in numbers)
         and row.electrode in set(names)
         and row.probe in ("tri7", "rect14x7", "circle1")
-        and 0.0 <= row.force_N <= MOST
+        and 0.0 <= row.force_N <= LARGEST
         and math.hypot(row.x_mm, row.y_mm) <= 45.0
     )
-    return "" if good else f"{row!r:.200}"
+    return "" if valid else f"{row!r:.200}"

@@ -1,4 +1,4 @@
-"""Each scene solved once in a process that may be ended: whatever happens is a row."""
+"""Each scene is solved once in a process that may be ended; whatever happens is an `Ending`."""
 
 from __future__ import annotations
 
@@ -16,25 +16,33 @@ import numpy as np
 
 from pvdf_fem import Scene, solve
 
-#: A solve that takes longer is ended.
+#: Processor time in s after which a solve is ended.
 TIME_LIMIT = 120.0
-HUNG, DIED, CRASHED = "hung", "died", "crashed"
+HUNG = "hung"
+DIED = "died"
+CRASHED = "crashed"
 
 
 @dataclass(frozen=True)
-class Row:
+class Ending:
     """What became of one scene.
 
     Attributes
     ----------
     status, reason : str
-        Of the solution, or ``hung``, ``died``, ``crashed`` with the traceback.
+        Status and reason of the solution, or ``hung``, ``died``, or ``crashed`` with the traceback.
     iterations, unknowns : int
+        Newton iterations and unknowns of the last mesh.
     seconds : float
-        Of this process's own time.
+        Processor time of the solve.
     charges_pC, errors_pC : tuple of float
-    deflection_mm, force_balance, residual : float
+        Charges and their estimated errors, in the order of the electrodes.
+    deflection_mm, force_balance : float
+        Largest deflection, and relative difference of the rim's force from the load.
+    residual : float
+        Norm of the residual over the load.
     warnings : tuple of str
+        Warnings of the solution.
     """
 
     status: str
@@ -51,17 +59,17 @@ class Row:
 
     @property
     def converged(self) -> bool:
-        """Whether there are charges."""
+        """Whether the solve gave charges."""
         return self.status == "converged"
 
 
-def row_of(scene: Scene) -> Row:
-    """Solve; an exception is a row too."""
+def ending_of(scene: Scene) -> Ending:
+    """Solve a scene in this process; an exception is an ending too."""
     start = time.process_time()
     try:
         solution = solve(scene)
         seconds = time.process_time() - start
-        row: dict[str, Any] = {
+        values: dict[str, Any] = {
             "status": str(solution.status),
             "reason": solution.reason,
             "iterations": solution.newton_iterations,
@@ -69,12 +77,12 @@ def row_of(scene: Scene) -> Row:
             "seconds": seconds,
             "warnings": solution.warnings,
         }
-        if row["status"] != "converged":
-            return Row(**row)
+        if values["status"] != "converged":
+            return Ending(**values)
         fields = solution.fields
         residual = fields.equilibrium.residual(fields.state)
-        return Row(
-            **row,
+        return Ending(
+            **values,
             charges_pC=tuple(solution.charges_pC.values()),
             errors_pC=tuple(solution.charge_errors_pC.values()),
             deflection_mm=solution.deflection_max_mm,
@@ -82,34 +90,50 @@ def row_of(scene: Scene) -> Row:
             residual=float(np.linalg.norm(residual)) / scene.load.force,
         )
     except Exception:
-        return Row(CRASHED, traceback.format_exc(), seconds=time.process_time() - start)
+        return Ending(CRASHED, traceback.format_exc(), seconds=time.process_time() - start)
 
 
-def rows(
+def endings_of(
     scenes: Sequence[Scene],
-    progress: Callable[[int, Row], None] = lambda number, row: None,
+    progress: Callable[[int, Ending], None] = lambda number, ending: None,
     time_limit: float = TIME_LIMIT,
     processes: int = 1,
-) -> list[Row]:
-    """Rows of scenes, in their order; `progress` is told of each as it ends."""
+) -> list[Ending]:
+    """Solve scenes in processes of their own.
+
+    Parameters
+    ----------
+    scenes : sequence of Scene
+    progress : callable
+        Called with the number of a scene and its ending, as soon as it has ended.
+    time_limit : float
+        Processor time in s after which a solve is ended.
+    processes : int
+        Number of scenes that are solved at the same time.
+
+    Returns
+    -------
+    list of Ending
+        In the order of the scenes.
+    """
     waiting = iter(enumerate(scenes))
     idle: list[_Worker] = []
     busy: dict[Connection, tuple[_Worker, int]] = {}
-    found: dict[int, Row] = {}
-    while len(found) < len(scenes):
+    endings: dict[int, Ending] = {}
+    while len(endings) < len(scenes):
         for number, scene in islice(waiting, processes - len(busy)):
             worker = idle.pop() if idle else _Worker()
             worker.begin(scene, time_limit)
             busy[worker.connection] = worker, number
         for ended in wait(list(busy)):
             worker, number = busy.pop(cast(Connection, ended))
-            row = found[number] = worker.row(time_limit)
-            if row.status not in (HUNG, DIED):
+            ending = endings[number] = worker.ending(time_limit)
+            if ending.status not in (HUNG, DIED):
                 idle.append(worker)
-            progress(number, row)
+            progress(number, ending)
     for worker in idle:
         worker.end()
-    return [found[number] for number in range(len(scenes))]
+    return [endings[number] for number in range(len(scenes))]
 
 
 class _Worker:
@@ -117,23 +141,23 @@ class _Worker:
 
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")
-        self.connection, there = context.Pipe()
-        self._process = context.Process(target=_serve, args=(there,), daemon=True)
+        self.connection, far_end = context.Pipe()
+        self._process = context.Process(target=_serve, args=(far_end,), daemon=True)
         self._process.start()
-        there.close()
+        far_end.close()
 
     def begin(self, scene: Scene, time_limit: float) -> None:
         self.connection.send((scene, time_limit))
 
-    def row(self, time_limit: float) -> Row:
+    def ending(self, time_limit: float) -> Ending:
         try:
-            row: Row = self.connection.recv()
+            ending: Ending = self.connection.recv()
         except EOFError:
             self._process.join()
             if self._process.exitcode == -signal.SIGPROF:
-                return Row(HUNG, f"longer than {time_limit:g} s", seconds=time_limit)
-            return Row(DIED, f"exit code {self._process.exitcode}")
-        return row
+                return Ending(HUNG, f"longer than {time_limit:g} s", seconds=time_limit)
+            return Ending(DIED, f"exit code {self._process.exitcode}")
+        return ending
 
     def end(self) -> None:
         self._process.terminate()
@@ -141,9 +165,10 @@ class _Worker:
 
 
 def _serve(connection: Connection) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process handles Ctrl-C
     while True:
         scene, time_limit = connection.recv()
-        # the processor's time, since other processes may be busy; the signal ends this one
+        # The timer counts processor time, since other processes may keep this one waiting.
+        # Its signal ends this process.
         signal.setitimer(signal.ITIMER_PROF, time_limit)
-        connection.send(row_of(scene))
+        connection.send(ending_of(scene))

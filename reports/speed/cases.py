@@ -17,12 +17,10 @@ from pvdf_fem import Scene, solve
 from pvdf_fem.reference.axisymmetric import axisymmetric_membrane
 from pvdf_fem.reference.closed_form import hencky
 
-# Radius of the round electrode of the closed-form cases, over the film's radius.
+#: Radius of the round electrode of the closed-form cases, over the film's radius.
 DISC_RATIO = 0.2
-# p a/(E h) at which Green-Lagrange strains are those of Foeppl and von Karman to 1e-7.
+#: Pressure p a/(E h) at which Green-Lagrange strains are those of Foeppl and von Karman to 1e-7.
 SMALL_PRESSURE = 1e-11
-#: Points of the Gauss rule that sums a closed-form tension over an electrode.
-GAUSS = 40
 
 #: Charges in pC (material, dead load) on which two other codes agree to 1e-7.
 INDEPENDENT = {
@@ -32,18 +30,18 @@ INDEPENDENT = {
 
 
 @dataclass(frozen=True)
-class Case:
+class BenchmarkCase:
     """A scene to measure on.
 
     Attributes
     ----------
     name, title : str
-        `name` is its key in tables.
+        Key in tables, and title in figures.
     scene : Scene
     tolerances : (float, float)
-        Of the two solves that the reference comes from, the finer one first.
+        Tolerances of the two solves that the reference comes from, the finer one first.
     exact : callable, optional
-        Charges in pC of a closed form, which are then the reference.
+        From the scene to the charges in pC of a closed form, which are then the reference.
     """
 
     name: str
@@ -55,7 +53,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Reference:
-    """Charges in pC that stand for the truth, and what they are known to.
+    """Charges in pC that errors are counted from, and how well they are known.
 
     Attributes
     ----------
@@ -78,7 +76,7 @@ def worst_error(charges: dict[str, float], reference: dict[str, float]) -> float
     return max(abs(charges[name] / value - 1.0) for name, value in reference.items())
 
 
-def reference(case: Case) -> Reference:
+def reference(case: BenchmarkCase) -> Reference:
     """The reference of a case; raises `NotConvergedError` if it cannot be computed."""
     if case.exact is not None:
         return Reference(case.exact(case.scene), 1e-8, "closed form")
@@ -86,10 +84,13 @@ def reference(case: Case) -> Reference:
         solve(case.scene.with_(**{"numerics.tolerance": tolerance})).charges_pC
         for tolerance in case.tolerances
     )
-    known = INDEPENDENT.get(case.name)
+    independent = INDEPENDENT.get(case.name)
     source = "tolerances {:g} and {:g}".format(*case.tolerances)
     return Reference(
-        fine, worst_error(coarse, fine), source, worst_error(fine, known) if known else math.nan
+        fine,
+        worst_error(coarse, fine),
+        source,
+        worst_error(fine, independent) if independent else math.nan,
     )
 
 
@@ -109,7 +110,7 @@ def _disc(x_mm: float, y_mm: float, radius_mm: float) -> Scene:
 
 
 def _round(patch_ratio: float, force: float, poisson_ratio: float, pretension: float) -> Scene:
-    """A round film under a round probe over a round electrode; scale-free terms, see below.
+    """A round film under a round probe of radius `patch_ratio` a, over a round electrode.
 
     `force` is F/(E h a) and `pretension` N0/(E h), as in `pvdf_fem.reference.axisymmetric`.
     """
@@ -131,7 +132,7 @@ def _round(patch_ratio: float, force: float, poisson_ratio: float, pretension: f
 def _charge_pC(scene: Scene, tension: float) -> dict[str, float]:
     """Charge of the round electrode from the integral of (N_r + N_t) r dr, in E h a^2.
 
-    By symmetry S11 and S22 have the same integral over a concentric disc, half of their sum.
+    By symmetry the integrals of S11 and S22 over a concentric disc are equal.
     """
     film = scene.film
     modulus = film.stiffness[0, 0] * (1.0 - film.poisson_ratio**2)
@@ -139,8 +140,11 @@ def _charge_pC(scene: Scene, tension: float) -> dict[str, float]:
     return {"A": (film.d31_pC_N + film.d32_pC_N) * force}
 
 
-def _patch_charge(scene: Scene) -> dict[str, float]:
-    """From the one-dimensional solver, Green-Lagrange strains."""
+def _patch_charge(scene: Scene, points: int = 40) -> dict[str, float]:
+    """Charge from the one-dimensional solver with Green-Lagrange strains.
+
+    A Gauss rule of `points` integrates the tension inside and outside of the probe.
+    """
     film = scene.film
     modulus = film.stiffness[0, 0] * (1.0 - film.poisson_ratio**2)
     scale = modulus * film.thickness
@@ -154,49 +158,51 @@ def _patch_charge(scene: Scene) -> dict[str, float]:
     )
     total = 0.0
     for inner, outer in ((0.0, patch), (patch, DISC_RATIO)):
-        xi, weight = legendre.leggauss(GAUSS)
+        xi, weight = legendre.leggauss(points)
         r = inner + (outer - inner) * (1.0 + xi) / 2.0
-        both = solution.radial_tension(r) + solution.hoop_tension(r)
-        total += float((weight * both * r).sum()) * (outer - inner) / 2.0
+        tension_sum = solution.radial_tension(r) + solution.hoop_tension(r)
+        total += float((weight * tension_sum * r).sum()) * (outer - inner) / 2.0
     return _charge_pC(scene, total)
 
 
 def _hencky_charge(scene: Scene) -> dict[str, float]:
-    """(N_r + N_t) r is the derivative of r^2 N_r for the strains of Foeppl and von Karman."""
+    """Charge from Hencky's series: (N_r + N_t) r is the derivative of r^2 N_r at small slopes."""
     solution = hencky(scene.film.poisson_ratio)
     tension = float(solution.radial_tension(np.array(DISC_RATIO)))
     return _charge_pC(scene, DISC_RATIO**2 * tension * SMALL_PRESSURE ** (2.0 / 3.0))
 
 
-CASES: tuple[Case, ...] = (
-    Case("rectangle", "rectangle 14 x 7 mm, centre", _rectangle()),
-    Case("triangle", "triangle 7 mm, off centre", _triangle()),
-    Case("small disc", "disc, radius 1 mm, off centre", _disc(3.0, -2.0, 1.0)),
-    Case("110 um", "triangle, film of 110 µm", _triangle(**{"film.thickness_um": 110.0})),
-    Case(
+CASES: tuple[BenchmarkCase, ...] = (
+    BenchmarkCase("rectangle", "rectangle 14 x 7 mm, centre", _rectangle()),
+    BenchmarkCase("triangle", "triangle 7 mm, off centre", _triangle()),
+    BenchmarkCase("small disc", "disc, radius 1 mm, off centre", _disc(3.0, -2.0, 1.0)),
+    BenchmarkCase("110 um", "triangle, film of 110 µm", _triangle(**{"film.thickness_um": 110.0})),
+    BenchmarkCase(
         "9 um",
         "triangle, film of 9 µm, 7.5 N",
         _triangle(**{"film.thickness_um": 9.0, "load.force_N": 7.5}),
     ),
-    Case("tight", "triangle, ΔT = −20 K", _triangle(**{"film.temperature_change_K": -20.0})),
-    Case(
+    BenchmarkCase(
+        "tight", "triangle, ΔT = −20 K", _triangle(**{"film.temperature_change_K": -20.0})
+    ),
+    BenchmarkCase(
         "near rim",
         "disc, radius 3 mm, near the rim",
         _disc(31.0, 22.0, 3.0),
         (3e-7, 3e-6),
     ),
-    Case(
+    BenchmarkCase(
         "follower",
         "rectangle, follower pressure, 7.5 N",
         _rectangle(**{"load.kind": "follower", "load.force_N": 7.5}),
     ),
-    Case(
+    BenchmarkCase(
         "rigid",
         "triangle, rigid and sliding",
         _triangle(**{"load.kind": "rigid"}),
         (3e-5, 1e-4),
     ),
-    Case(
+    BenchmarkCase(
         "thesis-edge",
         "triangle, thesis-edge charge",
         _triangle(**{"numerics.observable": "thesis-edge"}),
@@ -204,14 +210,14 @@ CASES: tuple[Case, ...] = (
     ),
 )
 
-ROUND_CASES: tuple[Case, ...] = (
-    Case(
+ROUND_CASES: tuple[BenchmarkCase, ...] = (
+    BenchmarkCase(
         "Hencky",
         "uniform pressure, no pretension",
         _round(1.0, math.pi * SMALL_PRESSURE, 0.3, 0.0),
         exact=_hencky_charge,
     ),
-    Case(
+    BenchmarkCase(
         "patch",
         "pressure on a disc of 5 mm, 1 N",
         _round(1.0 / 9.0, 4.444e-4, 0.3, 1.7e-4),
@@ -220,6 +226,6 @@ ROUND_CASES: tuple[Case, ...] = (
 )
 
 
-def cases_named(names: Sequence[str]) -> tuple[Case, ...]:
-    """Cases by name, in their order; all for no name."""
+def cases_named(names: Sequence[str]) -> tuple[BenchmarkCase, ...]:
+    """Cases by name, in the order of `CASES`; all cases if no name is given."""
     return tuple(case for case in CASES if not names or case.name in names)

@@ -18,20 +18,25 @@ from pathlib import Path
 from reports.speed.cases import cases_named
 from reports.speed.runs import solve_uniform
 
-KIBI, MEBI = 2**10, 2**20
-ORDER = 2
-#: Order-2 unknowns from 2 thousand on, each time three times as many.
-FACTORS = (1.0, 0.56, 0.32, 0.18, 0.104, 0.06)
-#: About a million.
+#: Factor of the element sizes that gives about a million unknowns at order 2.
 LARGE_FACTOR = 0.045
-TIME_LIMIT = 1800.0
 
 
 @dataclass(frozen=True)
 class Size:
-    """One solve: `unknowns`, `seconds` by stage, and the process's largest `memory_MiB`.
+    """Cost of one solve in a process of its own.
 
-    `idle_MiB` is the memory after the imports; `status` is ``converged`` or why there is nothing.
+    Attributes
+    ----------
+    status : str
+        ``converged``, or why there are no charges.
+    factor : float
+        Factor of the element sizes.
+    unknowns : int
+    seconds : dict, optional
+        Seconds by stage; None without charges.
+    memory_MiB, idle_MiB : float
+        Largest memory of the process, and its memory after the imports.
     """
 
     status: str
@@ -42,8 +47,8 @@ class Size:
     idle_MiB: float = 0.0
 
 
-def measure(factor: float, order: int = ORDER) -> Size:
-    """Solve in a new process; a process that dies or takes too long is a status."""
+def measure(factor: float, order: int = 2, time_limit: float = 1800.0) -> Size:
+    """Solve in a new process; if it dies or takes more than `time_limit` s, the status says so."""
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-m", "reports.speed.growth", str(factor), str(order)]
     try:
@@ -52,11 +57,11 @@ def measure(factor: float, order: int = ORDER) -> Size:
             capture_output=True,
             text=True,
             env=environment,
-            timeout=TIME_LIMIT,
+            timeout=time_limit,
             check=False,
         )
     except subprocess.TimeoutExpired:
-        return Size(f"longer than {TIME_LIMIT:g} s", factor)
+        return Size(f"longer than {time_limit:g} s", factor)
     if ended.returncode != 0:
         last = ended.stderr.strip().splitlines()[-1:] or [f"exit code {ended.returncode}"]
         return Size(f"crashed: {last[0]}", factor)
@@ -86,10 +91,9 @@ def _memory_MiB() -> float:
     status = Path("/proc/self/status")
     for line in status.read_text().splitlines() if status.exists() else []:
         if line.startswith("VmHWM:"):
-            return int(line.split()[1]) * KIBI / MEBI
-    # ru_maxrss counts bytes on macOS, KiB elsewhere
-    unit = 1 if sys.platform == "darwin" else KIBI
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / MEBI
+            return int(line.split()[1]) / 1024  # the file counts KiB
+    per_MiB = 1024**2 if sys.platform == "darwin" else 1024  # bytes on macOS, KiB elsewhere
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / per_MiB
 
 
 if __name__ == "__main__":

@@ -19,17 +19,14 @@ import time
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from pvdf_fem.scene.outline import Circle, Outline
+from pvdf_fem.scene.outlines.circle import Circle
+from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 
 NAME = "NGSolve"
-TOLERANCE, START_TOLERANCE = 1e-6, 1e-2
-MAX_ITERATIONS = 40
-# Below this size full steps keep the quadratic convergence.
-LOCAL = 1e-2
-LEAST_STEP = 1e-3
-GRADING = 0.3
-PROBE, RIM = "probe", "rim"
+#: Names of the probe's faces and of the film's rim in NGSolve's mesh.
+PROBE = "probe"
+RIM = "rim"
 
 
 class Worker:
@@ -38,7 +35,7 @@ class Worker:
     Raises
     ------
     RuntimeError
-        When it does not start; the text tells why, say that NGSolve is not installed.
+        When it does not start; the text tells why, for instance that NGSolve is not installed.
     """
 
     def __init__(self) -> None:
@@ -77,7 +74,7 @@ class Worker:
 
     def _read(self) -> dict[str, Any]:
         assert self._process.stdout is not None
-        for line in self._process.stdout:  # NGSolve may print lines of its own
+        for line in self._process.stdout:  # NGSolve may print other lines before the answer
             if line.startswith("{"):
                 return dict(json.loads(line))
         return {"status": "crashed", "reason": "the NGSolve process has ended"}
@@ -110,10 +107,10 @@ def _solve(scene: str, order: int, patches: dict[str, float], film: float) -> di
     lower = Discretisation(parsed, mesh, 1)
     problem = Discretisation(parsed, mesh, order)
     lower.seed()
-    status = lower.newton(START_TOLERANCE)
+    status = lower.newton(tolerance=1e-2)
     if status == "converged" and order > 1:
         problem.start_from(lower)
-        status = problem.newton(TOLERANCE)
+        status = problem.newton(tolerance=1e-6)
     charges = problem.charges_pC()
     end = time.perf_counter()
     seconds = {"mesh": meshed - start, "solve": end - meshed, "total": end - start}
@@ -130,13 +127,16 @@ def _face(outline: Outline) -> Any:
     if isinstance(outline, Circle):
         x, y = outline.centre
         return WorkPlane().MoveTo(x, y).Circle(outline.radius).Face()
-    points = [Pnt(x, y, 0.0) for x, y in outline.vertices]
+    points = [Pnt(x, y, 0.0) for x, y in outline.corners]
     corners = zip(points, points[1:] + points[:1], strict=True)
     return Face(Wire([Segment(a, b) for a, b in corners]))
 
 
-def _mesh(scene: Scene, patches: dict[str, float], film: float) -> Any:
-    """The disc cut by electrodes and probe; a face's name tells in which of them it lies."""
+def _mesh(scene: Scene, patches: dict[str, float], film: float, grading: float = 0.3) -> Any:
+    """The disc cut by electrodes and probe; a face's name tells in which of them it lies.
+
+    `patches` and `film` are edge lengths in m; `grading` is Netgen's, small for slow growth.
+    """
     from netgen.occ import Glue, OCCGeometry, WorkPlane
     from ngsolve import Mesh
 
@@ -147,7 +147,7 @@ def _mesh(scene: Scene, patches: dict[str, float], film: float) -> Any:
     if scene.probe is not None:
         outlines.append((PROBE, scene.probe.outline))
     for name, outline in outlines:
-        if outline.reach >= scene.film.radius * (1.0 - 1e-9):  # the film itself
+        if outline.reach >= scene.film.radius * (1.0 - 1e-9):  # the outline is the film's own rim
             faces = [(f"{old}|{name}", face) for old, face in faces]
             continue
         tool = _face(outline)
@@ -162,7 +162,7 @@ def _mesh(scene: Scene, patches: dict[str, float], film: float) -> Any:
             face.name = name
             pieces.append(face)
     geometry = OCCGeometry(Glue(pieces), dim=2)
-    return Mesh(geometry.GenerateMesh(maxh=film, grading=GRADING))
+    return Mesh(geometry.GenerateMesh(maxh=film, grading=grading))
 
 
 # --------------------------------------------------------------------------------- equations
@@ -191,7 +191,7 @@ class Discretisation:
         self.solution = ng.GridFunction(self.space)
 
     def _stress(self, gradient: Any) -> tuple[Any, Any, list[Any], list[Any]]:
-        """F, 2nd Piola-Kirchhoff stress (2, 2), and both stress and elastic strain in Voigt."""
+        """F, the 2nd Piola-Kirchhoff stress (2, 2), and stress and elastic strain in Voigt form."""
         ng, film = self.ng, self.scene.film
         F = gradient + ng.CF((1, 0, 0, 1, 0, 0), dims=(3, 2))
         E = 0.5 * (F.trans * F - ng.Id(2)) - film.thermal_strain * ng.Id(2)
@@ -224,7 +224,7 @@ class Discretisation:
         return form
 
     def seed(self) -> None:
-        """The linear membrane's deflection under an estimate of the tension."""
+        """Start from the linear membrane's deflection under an estimate of the tension."""
         ng, film, force = self.ng, self.scene.film, self.scene.load.force
         stiffness = film.thickness * film.stiffness[:2, :2].mean()
         induced = 0.3 * math.cbrt(stiffness * (force / film.radius) ** 2)
@@ -238,14 +238,19 @@ class Discretisation:
     def start_from(self, lower: Discretisation) -> None:
         """Take over a solution of order 1: hierarchical bases share their vertex functions."""
         count = self.mesh.nv
-        for mine, theirs in zip(self.solution.components, lower.solution.components, strict=True):
-            mine.vec.FV()[0:count] = theirs.vec.FV()[0:count]
+        for component, lower_component in zip(
+            self.solution.components, lower.solution.components, strict=True
+        ):
+            component.vec.FV()[0:count] = lower_component.vec.FV()[0:count]
 
-    def newton(self, tolerance: float) -> str:
-        """Iterate until a step is small in the energy norm; ``converged`` or why not."""
+    def newton(self, tolerance: float, max_iterations: int = 40) -> str:
+        """Iterate until the energy norm of a step, over the load's work, is below `tolerance`.
+
+        Returns ``converged``, or why the iteration ended without.
+        """
         vec = self.solution.vec
         residual, step = vec.CreateVector(), vec.CreateVector()
-        for _ in range(MAX_ITERATIONS):
+        for _ in range(max_iterations):
             self.form.AssembleLinearization(vec)
             self.form.Apply(vec, residual)
             self._newton_step(residual, step)
@@ -270,13 +275,19 @@ class Discretisation:
             step.data += form.harmonic_extension * step
             step.data += form.inner_solve * residual
 
-    def _length(self, vec: Any, step: Any, size: float) -> float:
-        """Halved until the energy falls; a follower load has none."""
+    def _length(
+        self, vec: Any, step: Any, size: float, local_size: float = 1e-2, least: float = 1e-3
+    ) -> float:
+        """Length of a step, halved until the energy falls or the length is below `least`.
+
+        It is 1 for steps below `local_size`, which keeps the quadratic convergence, and under a
+        follower load, which has no energy.
+        """
         length = 1.0
-        if size < LOCAL or self.follower:
+        if size < local_size or self.follower:
             return length
         energy, moved = self.form.Energy(vec), vec.CreateVector()
-        while length > LEAST_STEP:
+        while length > least:
             moved.data = vec - length * step
             if self.form.Energy(moved) < energy:
                 break
@@ -300,7 +311,7 @@ class Discretisation:
             yield electrode.name, x, y
 
     def _edge_forces(self) -> Iterator[tuple[str, float, float]]:
-        """Means over the edges, of the traces from both sides."""
+        """Forces from means over the electrodes' edges, of the stresses from both sides."""
         ng = self.ng
         F, stress, _, _ = self._stress(self._gradient(self.solution.components))
         normal = ng.Cross(F[:, 0], F[:, 1])
@@ -313,9 +324,9 @@ class Discretisation:
                 (((x0, y0, x0, y1), (x1, y0, x1, y1)), ((x0, y0, x1, y0), (x0, y1, x1, y1)))
             ):
                 on = self._near(low) + self._near(high)
-                around = ng.dx(element_boundary=True)
-                total = ng.Integrate(on * sigma[axis, axis] * around, self.mesh)
-                means.append(total / ng.Integrate(on * around, self.mesh))
+                element_edges = ng.dx(element_boundary=True)
+                total = ng.Integrate(on * sigma[axis, axis] * element_edges, self.mesh)
+                means.append(total / ng.Integrate(on * element_edges, self.mesh))
             yield electrode.name, shape.area * means[0], shape.area * means[1]
 
     def _near(self, box: tuple[float, float, float, float]) -> Any:

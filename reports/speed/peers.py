@@ -5,21 +5,25 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from types import TracebackType
-from typing import Self
 
 from pvdf_fem.solution.first_sizes import first_sizes
 from reports.speed import peer_calculix, peer_ngsolve
-from reports.speed.cases import Case
+from reports.speed.cases import BenchmarkCase
 from reports.speed.runs import Job, Outcome
-
-# The scale of the element sizes that NGSolve's meshes share with ours.
-SIZES_AT = 1e-3
 
 
 @dataclass(frozen=True)
-class CalculixPlan:
-    """Element types and multiples of the thesis's mesh sizes, for every scene and for one."""
+class CalculixWorkload:
+    """How much CalculiX solves.
+
+    Attributes
+    ----------
+    everywhere, closely : tuple of (str, float)
+        Element types and multiples of the thesis's mesh sizes, for every scene and for one more
+        closely studied scene in addition.
+    limit : float
+        Seconds after which a run is ended.
+    """
 
     everywhere: tuple[tuple[str, float], ...]
     closely: tuple[tuple[str, float], ...]
@@ -27,12 +31,12 @@ class CalculixPlan:
 
 
 class Peers:
-    """NGSolve's process and CalculiX, as far as they are there.
+    """NGSolve's process and CalculiX, if they are installed.
 
     Attributes
     ----------
     versions, absent : dict
-        By name of the code: its version, or why it takes no part.
+        Version of each code that takes part, and why each of the others does not, by name.
     """
 
     def __init__(self) -> None:
@@ -49,44 +53,42 @@ class Peers:
         except RuntimeError as error:
             self.absent[peer_calculix.NAME] = str(error)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """End NGSolve's process."""
         if self._worker is not None:
             self._worker.close()
 
     def jobs(
         self,
-        case: Case,
+        case: BenchmarkCase,
         orders: dict[int, tuple[float, ...]],
-        calculix: CalculixPlan,
+        calculix: CalculixWorkload,
         *,
         close: bool,
     ) -> list[Job]:
         """The jobs of a case: NGSolve by order and size factor, CalculiX by element and factor."""
-        found = []
+        jobs = []
         if self._worker is not None:
             for order, factors in orders.items():
                 for factor in factors:
                     run = self._ngsolve(case, order, factor)
-                    found.append(Job(case, peer_ngsolve.NAME, f"order {order}", factor, run))
+                    jobs.append(Job(case, peer_ngsolve.NAME, f"order {order}", factor, run))
         if peer_calculix.NAME in self.versions:
-            plan = calculix.everywhere + (calculix.closely if close else ())
-            for element, factor in sorted(plan, key=lambda one: (one[0], -one[1])):
+            element_factors = calculix.everywhere + (calculix.closely if close else ())
+            for element, factor in sorted(
+                element_factors, key=lambda element_factor: (element_factor[0], -element_factor[1])
+            ):
                 run = partial(
                     peer_calculix.solve_calculix, case.scene, element, factor, calculix.limit
                 )
-                found.append(Job(case, peer_calculix.NAME, element, factor, run))
-        return found
+                jobs.append(Job(case, peer_calculix.NAME, element, factor, run))
+        return jobs
 
-    def _ngsolve(self, case: Case, order: int, factor: float) -> Callable[[], Outcome]:
-        scene = case.scene.with_(**{"numerics.tolerance": SIZES_AT})
+    def _ngsolve(
+        self, case: BenchmarkCase, order: int, factor: float, sizes_tolerance: float = 1e-3
+    ) -> Callable[[], Outcome]:
+        """A run on a mesh with this code's first sizes for `sizes_tolerance`, times `factor`."""
+        scene = case.scene.with_(**{"numerics.tolerance": sizes_tolerance})
         sizes = first_sizes(scene, 2).scaled(factor)
         worker = self._worker
         assert worker is not None

@@ -7,7 +7,8 @@ import pstats
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.solvers.newton import Status, factorise
+from pvdf_fem.solvers.newton import factorise
+from pvdf_fem.solvers.status import Status
 
 #: In the order of a solve; ``other`` is what remains of solving and refining.
 STAGES = ("mesh", "assembly", "factorisation", "other", "estimate")

@@ -12,17 +12,25 @@ from dataclasses import dataclass
 from typing import Any
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.solvers.newton import Status
+from pvdf_fem.solvers.status import Status
 from pvdf_fem.sweeps.grid import Grid
 from pvdf_fem.sweeps.sweep import planned, records
-
-#: Scenes that are solved one by one, of all those of the sweep.
-ALONE = 10
 
 
 @dataclass(frozen=True)
 class SweepCost:
-    """A sweep's scenes, distinct solves, failures, and seconds of a scene in it and alone."""
+    """Cost of a scene in a sweep.
+
+    Attributes
+    ----------
+    tolerance : float
+    scenes, solves, failed : int
+        Numbers of scenes, of distinct solves, and of scenes without charges.
+    seconds : float
+        Seconds of a scene in the sweep.
+    alone : float
+        Median seconds of the same scenes solved one by one.
+    """
 
     tolerance: float
     scenes: int
@@ -32,8 +40,8 @@ class SweepCost:
     alone: float
 
 
-def sweep_cost(tolerance: float, places: int = 8) -> SweepCost:
-    """Sweep ``25 places`` scenes in this process."""
+def sweep_cost(tolerance: float, places: int = 8, alone: int = 10) -> SweepCost:
+    """Sweep ``25 places`` scenes in this process, and solve about `alone` of them one by one."""
     scene = Scene().with_(**{"probe.shape": "triangle", "numerics.tolerance": tolerance})
     axes: list[dict[str, Any]] = [
         {"probe.x_mm": {"start": -12.0, "stop": 12.0, "count": places}},
@@ -43,14 +51,14 @@ def sweep_cost(tolerance: float, places: int = 8) -> SweepCost:
     scenes = list(Grid.of(scene, axes).scenes())
     plan = planned(scenes)
     start = time.perf_counter()
-    found = [record for _, record in records(plan, processes=1)]
+    swept = [record for _, record in records(plan, processes=1)]
     seconds = (time.perf_counter() - start) / len(scenes)
-    alone = []
-    for one in scenes[:: max(len(scenes) // ALONE, 1)]:
+    single_seconds = []
+    for single in scenes[:: max(len(scenes) // alone, 1)]:
         start = time.perf_counter()
-        solve(one)
-        alone.append(time.perf_counter() - start)
-    failed = sum(record.status != Status.CONVERGED for record in found)
+        solve(single)
+        single_seconds.append(time.perf_counter() - start)
+    failed = sum(record.status != Status.CONVERGED for record in swept)
     return SweepCost(
-        tolerance, len(scenes), len(plan.blocks), failed, seconds, statistics.median(alone)
+        tolerance, len(scenes), len(plan.blocks), failed, seconds, statistics.median(single_seconds)
     )

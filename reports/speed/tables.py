@@ -8,11 +8,12 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from reports.common.page import Cell, Column, Table
-from reports.speed.cases import Case, Reference
+from reports.speed.cases import BenchmarkCase, Reference
 from reports.speed.growth import Size
-from reports.speed.runs import GOAL, OURS, Run, fastest
+from reports.speed.runs import GOAL, OURS, UNIFORM, TimedRun, fastest
 from reports.speed.sweep_cost import SweepCost
 
+#: Relative errors of the worst charge at which codes are compared.
 TARGETS = (1e-3, 1e-4, 1e-5)
 
 
@@ -21,8 +22,13 @@ def share_of(flags: Sequence[bool]) -> str:
     return f"{sum(flags)} of {len(flags)}"
 
 
-def run_table(runs: Sequence[Run]) -> Table:
-    """Every run, in the CSV with all charges."""
+def peers_of(runs: Iterable[TimedRun]) -> list[str]:
+    """Names of the other codes among the runs, in their order."""
+    return list(dict.fromkeys(run.job.code for run in runs if run.job.code != OURS))
+
+
+def run_table(runs: Sequence[TimedRun]) -> Table:
+    """Table of all runs; its CSV file has all charges too."""
     columns = [
         Column("case", "case"),
         Column("code", "code"),
@@ -41,7 +47,7 @@ def run_table(runs: Sequence[Run]) -> Table:
     return Table("runs", "All runs.", columns, [_run_row(run) for run in runs])
 
 
-def _run_row(run: Run) -> list[Cell]:
+def _run_row(run: TimedRun) -> list[Cell]:
     job, outcome = run.job, run.outcome
     return [
         job.case.name,
@@ -65,9 +71,9 @@ def _listed(values: dict[str, float]) -> str:
 
 
 def reference_table(
-    cases: Sequence[Case], references: dict[str, Reference], runs: Sequence[Run]
+    cases: Sequence[BenchmarkCase], references: dict[str, Reference], runs: Sequence[TimedRun]
 ) -> Table:
-    """What the errors are counted from, and how well it is known."""
+    """Table of the references that errors are counted from, and how well they are known."""
     columns = [
         Column("case", "case"),
         Column("scene", "scene"),
@@ -79,18 +85,20 @@ def reference_table(
     ]
     rows: list[list[Cell]] = []
     for case in cases:
-        known = references[case.name]
+        reference = references[case.name]
         theirs = [r.error for r in runs if r.job.case.name == case.name and r.job.code == "NGSolve"]
         nearest = min((e for e in theirs if math.isfinite(e)), default=math.nan)
-        charges = " ".join(f"{name} {value:.5g}" for name, value in known.charges_pC.items())
-        numbers = [float(f"{x:.1e}") for x in (known.doubt, known.independent, nearest)]
-        rows.append([case.name, case.title, known.source, *numbers, charges])
+        charges = " ".join(f"{name} {value:.5g}" for name, value in reference.charges_pC.items())
+        numbers = [float(f"{x:.1e}") for x in (reference.doubt, reference.independent, nearest)]
+        rows.append([case.name, case.title, reference.source, *numbers, charges])
     caption = "References: charges that errors are counted from (relative differences)."
     return Table("references", caption, columns, rows)
 
 
-def peer_table(cases: Sequence[Case], runs: Sequence[Run], peers: Sequence[str]) -> Table:
-    """Seconds of the fastest run of each code within an error, and ratios."""
+def peer_table(
+    cases: Sequence[BenchmarkCase], runs: Sequence[TimedRun], peers: Sequence[str]
+) -> Table:
+    """Table of the seconds of each code's fastest run within an error, with ratios."""
     columns = [
         Column("case", "case"),
         Column("error", "error within", None),
@@ -111,67 +119,76 @@ def peer_table(cases: Sequence[Case], runs: Sequence[Run], peers: Sequence[str])
     return Table("peers", caption, columns, rows)
 
 
-def _peer_rows(case: Case, runs: Sequence[Run], peers: Sequence[str]) -> list[list[Cell]]:
-    mine = [run for run in runs if run.job.case.name == case.name]
-    ours = [run for run in mine if run.job.code == OURS]
+def _peer_rows(
+    case: BenchmarkCase, runs: Sequence[TimedRun], peers: Sequence[str]
+) -> list[list[Cell]]:
     rows: list[list[Cell]] = []
     for target in TARGETS:
-        full = fastest((run for run in ours if GOAL in run.job.method), target)
-        bare = fastest(ours, target, solving=True)
+        to_tolerance = fastest(runs, target, case=case.name, code=OURS, method=GOAL)
+        any_mesh = fastest(runs, target, case=case.name, code=OURS, solving=True)
         row: list[Cell] = [case.name, target]
-        row += [full.seconds if full else None, bare.solving if bare else None]
+        row += [
+            to_tolerance.seconds if to_tolerance else None,
+            any_mesh.solving if any_mesh else None,
+        ]
         for peer in peers:
-            best = fastest((run for run in mine if run.job.code == peer), target)
+            best = fastest(runs, target, case=case.name, code=peer)
             row += [best.job.method if best else None, best.seconds if best else None]
-            row.append(best.seconds / bare.solving if best and bare else None)
+            row.append(best.seconds / any_mesh.solving if best and any_mesh else None)
         rows.append(row)
     return rows
 
 
-def peer_sentences(cases: Sequence[Case], runs: Sequence[Run], absent: dict[str, str]) -> list[str]:
-    """Who is faster where, in numbers; absent peers are told."""
-    told = [f"{peer} is absent: {reason}." for peer, reason in absent.items()]
-    for peer in dict.fromkeys(run.job.code for run in runs if run.job.code != OURS):
-        parts = []
+def peer_sentences(
+    cases: Sequence[BenchmarkCase], runs: Sequence[TimedRun], absent: dict[str, str]
+) -> list[str]:
+    """Sentences on which code is faster in how many scenes, and on absent peers."""
+    sentences = [f"{peer} is absent: {reason}." for peer, reason in absent.items()]
+    for peer in peers_of(runs):
+        clauses = []
         for target in TARGETS:
-            bare, full = _ratios(cases, runs, peer, target)
-            if not bare:
-                parts.append(f"within {target:g} it has no run to compare")
+            any_mesh, to_tolerance = _ratios(cases, runs, peer, target)
+            if not any_mesh:
+                clauses.append(f"within {target:g} it has no run to compare")
                 continue
-            with_estimate = f" ({np.median(full):.2g} times a solve to a tolerance)" if full else ""
-            parts.append(
-                f"within {target:g} this code is faster in {share_of([r > 1 for r in bare])} "
-                f"scenes, {peer} in {share_of([r < 1 for r in bare])}; {peer} takes "
-                f"{np.median(bare):.2g} times as long in the median, {min(bare):.2g} to "
-                f"{max(bare):.2g} times{with_estimate}"
+            with_estimate = (
+                f" ({np.median(to_tolerance):.2g} times a solve to a tolerance)"
+                if to_tolerance
+                else ""
             )
-        told.append(f"{peer}: {'; '.join(parts)}.")
-        lost = [r for r in runs if r.job.code == peer and not r.converged]
-        if lost:
-            told.append(f"{len(lost)} runs of {peer} failed; the last table has the reasons.")
-    return told
+            clauses.append(
+                f"within {target:g} this code is faster in {share_of([r > 1 for r in any_mesh])} "
+                f"scenes, {peer} in {share_of([r < 1 for r in any_mesh])}; {peer} takes "
+                f"{np.median(any_mesh):.2g} times as long in the median, {min(any_mesh):.2g} to "
+                f"{max(any_mesh):.2g} times{with_estimate}"
+            )
+        sentences.append(f"{peer}: {'; '.join(clauses)}.")
+        failed = [r for r in runs if r.job.code == peer and not r.converged]
+        if failed:
+            sentences.append(
+                f"{len(failed)} runs of {peer} failed; the last table has the reasons."
+            )
+    return sentences
 
 
 def _ratios(
-    cases: Sequence[Case], runs: Sequence[Run], peer: str, target: float
+    cases: Sequence[BenchmarkCase], runs: Sequence[TimedRun], peer: str, target: float
 ) -> tuple[list[float], list[float]]:
     """The peer's seconds over ours: on any mesh, and of solves to a tolerance."""
-    bare, full = [], []
+    any_mesh, to_tolerances = [], []
     for case in cases:
-        mine = [run for run in runs if run.job.case.name == case.name]
-        ours = [run for run in mine if run.job.code == OURS]
-        theirs = fastest((run for run in mine if run.job.code == peer), target)
-        best = fastest(ours, target, solving=True)
+        theirs = fastest(runs, target, case=case.name, code=peer)
+        best = fastest(runs, target, case=case.name, code=OURS, solving=True)
         if theirs and best:
-            bare.append(theirs.seconds / best.solving)
-        to_tolerance = fastest((run for run in ours if GOAL in run.job.method), target)
+            any_mesh.append(theirs.seconds / best.solving)
+        to_tolerance = fastest(runs, target, case=case.name, code=OURS, method=GOAL)
         if theirs and to_tolerance:
-            full.append(theirs.seconds / to_tolerance.seconds)
-    return bare, full
+            to_tolerances.append(theirs.seconds / to_tolerance.seconds)
+    return any_mesh, to_tolerances
 
 
 def sweep_table(sweeps: Sequence[SweepCost]) -> Table:
-    """Seconds of a scene in a sweep and alone."""
+    """Table of the seconds of a scene in a sweep and alone."""
     columns = [
         Column("tolerance", "tolerance", None),
         Column("scenes", "scenes", 0),
@@ -188,43 +205,41 @@ def sweep_table(sweeps: Sequence[SweepCost]) -> Table:
     return Table("sweeps", "Seconds of a scene.", columns, rows)
 
 
-def sweep_sentences(sweeps: Sequence[SweepCost], runs: Sequence[Run]) -> list[str]:
-    """How much longer a peer takes for the triangle alone than a scene of the sweep takes."""
-    told = []
+def sweep_sentences(sweeps: Sequence[SweepCost], runs: Sequence[TimedRun]) -> list[str]:
+    """Sentences on how much longer a peer takes for the triangle than a scene of a sweep takes."""
+    sentences = []
     for sweep in sweeps:
-        mine = [run for run in runs if run.job.case.name == "triangle"]
-        for peer in dict.fromkeys(run.job.code for run in mine if run.job.code != OURS):
-            best = fastest((run for run in mine if run.job.code == peer), sweep.tolerance)
+        for peer in peers_of(runs):
+            best = fastest(runs, sweep.tolerance, case="triangle", code=peer)
             if best:
-                told.append(
+                sentences.append(
                     f"{peer} takes {best.seconds / sweep.seconds:.2g} times as long for the "
                     f"triangle, once, as a scene of the sweep within {sweep.tolerance:g} takes."
                 )
-    return told
+    return sentences
 
 
-def goal_sentences(runs: Sequence[Run]) -> list[str]:
-    """Whether meshes for the tolerance pay, against uniform ones of the same order."""
-    told = []
+def goal_sentences(runs: Sequence[TimedRun]) -> list[str]:
+    """Sentence that compares meshes for a tolerance with the best uniform ones."""
+    clauses = []
     for target in TARGETS:
         ratios = []
         for name in dict.fromkeys(run.job.case.name for run in runs):
-            mine = [r for r in runs if r.job.case.name == name and r.job.code == OURS]
-            goal = fastest((r for r in mine if GOAL in r.job.method), target)
-            flat = fastest((r for r in mine if GOAL not in r.job.method), target, solving=True)
-            if goal and flat:
-                ratios.append(flat.solving / goal.seconds)
+            goal = fastest(runs, target, case=name, code=OURS, method=GOAL)
+            uniform = fastest(runs, target, case=name, code=OURS, method=UNIFORM, solving=True)
+            if goal and uniform:
+                ratios.append(uniform.solving / goal.seconds)
         if ratios:
-            told.append(
+            clauses.append(
                 f"within {target:g} the best uniform mesh (found afterwards, no estimate) takes "
                 f"{np.median(ratios):.2g} times as long as a solve to a tolerance (estimate "
                 f"included) in the median, {min(ratios):.2g} to {max(ratios):.2g} times"
             )
-    return [f"{'; '.join(told).capitalize()}."] if told else []
+    return [f"{'; '.join(clauses).capitalize()}."] if clauses else []
 
 
-def tolerance_table(runs: Sequence[Run]) -> Table:
-    """Seconds and true errors by tolerance."""
+def tolerance_table(runs: Sequence[TimedRun]) -> Table:
+    """Table of seconds and true errors by tolerance."""
     columns = [
         Column("tolerance", "tolerance", None),
         Column("scenes", "scenes", 0),
@@ -236,28 +251,33 @@ def tolerance_table(runs: Sequence[Run]) -> Table:
     ]
     rows: list[list[Cell]] = []
     for tolerance in sorted({run.job.setting for run in runs}, reverse=True):
-        some = [run for run in runs if run.job.setting == tolerance]
-        good = [run for run in some if run.converged]
-        if good:
-            seconds = [run.seconds for run in good]
-            worst = max(run.error for run in good)
-            within = sum(run.error <= tolerance for run in good)
-            row: list[Cell] = [tolerance, len(some), within, len(some) - len(good)]
+        at_tolerance = [run for run in runs if run.job.setting == tolerance]
+        converged = [run for run in at_tolerance if run.converged]
+        if converged:
+            seconds = [run.seconds for run in converged]
+            worst = max(run.error for run in converged)
+            within = sum(run.error <= tolerance for run in converged)
+            row: list[Cell] = [
+                tolerance,
+                len(at_tolerance),
+                within,
+                len(at_tolerance) - len(converged),
+            ]
             rows.append([*row, worst / tolerance, float(np.median(seconds)), max(seconds)])
     return Table("tolerances", "Solves to a tolerance, this code's default order.", columns, rows)
 
 
-def effectivity_sentences(found: dict[str, list[float]]) -> list[str]:
-    """Shares of estimates between 0.3 and 3 times the true error."""
-    told = []
-    for method, values in sorted(found.items()):
+def effectivity_sentences(ratios: dict[str, list[float]]) -> list[str]:
+    """Sentence on the shares of estimates between 0.3 and 3 times the true error."""
+    clauses = []
+    for method, values in sorted(ratios.items()):
         inside = [0.3 <= value <= 3.0 for value in values]
-        told.append(f"{method}: {share_of(inside)} (median {np.median(values):.2f})")
-    return [f"Between 0.3 and 3: {'; '.join(told)}."] if told else []
+        clauses.append(f"{method}: {share_of(inside)} (median {np.median(values):.2f})")
+    return [f"Between 0.3 and 3: {'; '.join(clauses)}."] if clauses else []
 
 
 def growth_table(sizes: Iterable[Size]) -> Table:
-    """Seconds and memory by unknowns."""
+    """Table of seconds and memory by unknowns."""
     columns = [
         Column("unknowns", "unknowns", 0),
         Column("status", "status"),
@@ -276,7 +296,7 @@ def growth_table(sizes: Iterable[Size]) -> Table:
 
 
 def stage_table(shares: dict[str, dict[str, float]], names: Sequence[str]) -> Table:
-    """Seconds by stage."""
+    """Table of seconds by stage."""
     columns = [Column("case", "case, tolerance")]
     columns += [Column(f"{name}_seconds", f"{name} (s)", 3) for name in (*names, "total")]
     rows: list[list[Cell]] = [
@@ -287,9 +307,9 @@ def stage_table(shares: dict[str, dict[str, float]], names: Sequence[str]) -> Ta
 
 def exponent(sizes: Sequence[Size]) -> float:
     """Slope of log seconds over log unknowns; NaN from fewer than two solves."""
-    good = [size for size in sizes if size.seconds]
-    if len(good) < 2:
+    solved = [size for size in sizes if size.seconds]
+    if len(solved) < 2:
         return math.nan
-    x = np.log([size.unknowns for size in good])
-    y = np.log([(size.seconds or {})["total"] for size in good])
+    x = np.log([size.unknowns for size in solved])
+    y = np.log([(size.seconds or {})["total"] for size in solved])
     return float(np.polyfit(x, y, 1)[0])

@@ -37,7 +37,7 @@ VALID = b"[probe]\nx_mm = 5.0\n"
 
 def test_damaged_inputs_of_every_corpus() -> None:
     counts = fuzz.fuzz(400, seed=5)
-    assert counts.told == []
+    assert counts.complaints == []
     assert counts.inputs.total() == 400
     assert set(counts.inputs) == {corpus.__name__ for corpus in fuzz_inputs.CORPORA}
     # accidents in comments harm nothing
@@ -55,7 +55,7 @@ def test_damaged_inputs_of_every_corpus() -> None:
     ],
 )
 def test_faults_are_found(given_input: Input, fault: str, tmp_path: Path) -> None:
-    assert fault in fuzz.outcome(given_input, tmp_path).faults[0]
+    assert fault in fuzz.verdict(given_input, tmp_path).faults[0]
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,9 @@ import pytest
 
 from pvdf_fem import Scene
 from pvdf_fem.cli.main import main
+from pvdf_fem.response.model import Domain
 from pvdf_fem.solution.solution import NotConvergedError
-from tests.helpers.touch_models import Reach, bumps
+from tests.helpers.touch_models import bumps
 
 TOUCH = np.array([3.0, -4.0, 25.0, 0.7])
 
@@ -32,10 +33,10 @@ def built(monkeypatch):
     def build(scene, *, reach_mm, force_N, progress):
         progress(1, 2)
         calls.append((scene, reach_mm, force_N))
-        model = bumps(scene.probe.shape, domain=Reach(reach_mm, force_N))
+        model = bumps(scene.probe.shape, domain=Domain(reach_mm, force_N))
         object.__setattr__(model, "scene", scene)
         object.__setattr__(model, "save", lambda path: path.write_bytes(pickle.dumps(stored)))
-        stored = bumps(scene.probe.shape, domain=Reach(reach_mm, force_N))
+        stored = bumps(scene.probe.shape, domain=Domain(reach_mm, force_N))
         object.__setattr__(stored, "scene", scene)
         return model
 

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,8 @@ from pvdf_fem.files import printable
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.scene import Load, Numerics
 from pvdf_fem.scene.shapes import ELECTRODES, PROBES, Layout
-from pvdf_fem.solution.modes import MOST_MODES, modes
+from pvdf_fem.solution.modes import modes
+from pvdf_fem.solvers.newton import NewtonOptions
 
 SCENE = '[probe]\nshape = "rectangle"\nx_mm = 3.0\n'
 
@@ -54,6 +56,12 @@ def scene(tmp_path: Path) -> Path:
     return path
 
 
+def _untimed(result: dict[str, Any]) -> dict[str, Any]:
+    """A result without its times."""
+    meshes = [{**mesh, "seconds": 0} for mesh in result.get("history", [])]
+    return {**result, "seconds": 0, "history": meshes}
+
+
 @pytest.fixture
 def no_solve(monkeypatch: pytest.MonkeyPatch) -> None:
     """Mistakes must be told before anything is meshed or solved."""
@@ -62,8 +70,8 @@ def no_solve(monkeypatch: pytest.MonkeyPatch) -> None:
         pytest.fail("computed in spite of mistakes")
 
     for place in (
-        "solution.solution.solve",
-        "solution.solution.mesh_scene",
+        "solution.solve.solve",
+        "solution.refinement.mesh_scene",
         "mesh.gmsh_mesh.mesh_scene",
         "solution.modes.modes",
     ):
@@ -78,7 +86,7 @@ def test_json_is_the_solution(scene: Path, capsys: pytest.CaptureFixture[str]) -
     expected = solve(Scene.parse(SCENE).with_(**{"load.force_N": 2.0})).to_json()
     assert (run.code, run.err) == (0, "")
     assert run.out.count("\n") == 1
-    assert {**run.json, "seconds": 0} == {**expected, "seconds": 0}
+    assert _untimed(run.json) == _untimed(expected)
     assert run.json["charges_pC"].keys() == run.json["charge_errors_pC"].keys() == set("ABCD")
 
 
@@ -88,7 +96,7 @@ def test_table_has_each_charge_with_its_error(
     run = Run(["solve", scene], capsys)
     solution = solve(Scene.load(scene))
     assert (run.code, run.err) == (0, "")
-    rows = re.findall(r"^  (\w) +([\d.]+) ± +([\d.e-]+) pC$", run.out, re.MULTILINE)
+    rows = re.findall(r"^(\w) +([\d.]+) +([\d.e-]+)$", run.out, re.MULTILINE)
     assert [name for name, _, _ in rows] == list("ABCD")
     for name, charge, error in rows:
         # rounding changes a charge by less than its error, and the error by less than a tenth
@@ -104,7 +112,8 @@ def test_charges_without_error_are_printed(
 ) -> None:
     """No probe: the stress is uniform, 48 pC by the thesis's film, and there is no error."""
     (tmp_path / "empty.toml").touch()
-    assert "A  48.00000000 ± 0 pC" in Run(["solve", tmp_path / "empty.toml"], capsys).out
+    text = Run(["solve", tmp_path / "empty.toml"], capsys).out
+    assert re.search(r"^A +48\.00000000 +0$", text, re.MULTILINE)
 
 
 @pytest.mark.parametrize(
@@ -133,7 +142,7 @@ def test_set_takes_toml_and_bare_words(
         seen.append(scene)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("pvdf_fem.solution.solution.solve", spy)
+    monkeypatch.setattr("pvdf_fem.solution.solve.solve", spy)
     assert Run(["solve", scene, "--set", "film.d31_pC_N=1", "--set", change], capsys).code == 130
     changed = getattr(seen[0], key)
     assert value.items() <= dict(changed).items()
@@ -239,7 +248,9 @@ def test_no_charges_unless_converged(
     capsys: pytest.CaptureFixture[str],
     as_json: bool,
 ) -> None:
-    monkeypatch.setattr("pvdf_fem.solvers.newton.MAX_ITERATIONS", 2)
+    monkeypatch.setattr(
+        "pvdf_fem.solvers.ladder.NewtonOptions", partial(NewtonOptions, max_iterations=2)
+    )
     flags = ["--json"] if as_json else []
     run = Run(["solve", scene, "--vtu", tmp_path / "a.vtu", *flags], capsys)
     assert run.code == 3
@@ -271,7 +282,7 @@ def test_modes(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = Run(["modes", scene, "--count", 2, "--loaded", "--json"], capsys)
     expected = modes(Scene.load(scene), 2, loaded=True).to_json()
     assert (run.code, run.err) == (0, "")
-    assert {**run.json, "seconds": 0} == {**expected, "seconds": 0}
+    assert _untimed(run.json) == _untimed(expected)
     assert len(run.json["frequencies_Hz"]) == 2
     run = Run(["modes", scene], capsys)
     rows = re.findall(r"^  (\d) +([\d.]+) ± +[\d.e-]+ Hz$", run.out, re.MULTILINE)
@@ -373,7 +384,3 @@ def test_closed_pipe_is_no_error(scene: Path) -> None:
     # once gmsh was there, the signal ends the process, which a shell also shows as 141
     assert process.returncode in (141, -signal.SIGPIPE)
     assert err == ""
-
-
-def test_the_bound_of_count_is_that_of_the_frequencies() -> None:
-    assert cli.MOST_MODES == MOST_MODES

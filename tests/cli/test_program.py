@@ -26,9 +26,9 @@ from pvdf_fem.output.figures import new_figure, save
 from pvdf_fem.sweeps.records import record_of
 from pvdf_fem.sweeps.store import Store, StoreError
 from reports import benchmark, compare, error_vs_time, thesis
-from reports.common.kept import kept
 from reports.common.page import Column, Page, Section, Table
 from reports.common.results import Results
+from reports.common.section_cache import cached_section
 from reports.common.thesis_data import Thesis
 
 ROOT = Path(__file__).parents[2]
@@ -87,7 +87,7 @@ def _section(path: Path, solution: Solution) -> None:
     results = Results(path.parent, 1)
     results._records = {solution.scene: record_of(solution)}
     thesis_ = Thesis.read().quick()
-    kept("a", [], thesis_, results, path.parent, lambda: Section("a", "x" * 1000))
+    cached_section("a", [], thesis_, results, path.parent, lambda: Section("a", "x" * 1000))
 
 
 WRITERS: dict[str, Callable[[Path, Solution], None]] = {
@@ -123,7 +123,7 @@ def test_a_full_disk_leaves_no_half_section_or_field(
     with small_disk(), pytest.raises(FileError, match=NO_SPACE):
         _section(tmp_path / "any", solution)
     field = carried.CarriedField(np.zeros(500), {"material": np.zeros((500, 500, 3))})
-    monkeypatch.setattr(carried, "_field", lambda scene: field)
+    monkeypatch.setattr(carried, "_field", lambda *_: field)
     with small_disk(), pytest.raises(FileError, match=NO_SPACE):
         carried.carried_field(solution.scene, tmp_path)
     assert not list(tmp_path.iterdir())

@@ -1,4 +1,4 @@
-"""Tasks that kill their process; other processes import this module, so it is light."""
+"""Tasks that kill their process, in a module that other processes import quickly."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 def die_once(task: tuple[Path, int]) -> int:
-    """Kills its process when it is the first to ask for its number."""
+    """Ten times the task's number; kills its process at the first task of number 3."""
     marker, number = task
     if number == 3 and not marker.exists():
         marker.touch()
@@ -17,7 +17,7 @@ def die_once(task: tuple[Path, int]) -> int:
 
 
 def die(number: int) -> int:
-    """Kills its process for one number."""
+    """Ten times a number; kills its process for number 3."""
     if number == 3:
         os.kill(os.getpid(), signal.SIGKILL)
     return 10 * number

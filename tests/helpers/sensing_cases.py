@@ -12,7 +12,7 @@ from pvdf_fem.sweeps.store import Record
 
 @dataclass(frozen=True)
 class Peak:
-    """1000 pC exp(-r²/200) about a centre: contours are circles."""
+    """The charge 1000 pC exp(-r²/200) at r mm from a centre; its contours are circles."""
 
     x_mm: float
     y_mm: float
@@ -42,11 +42,11 @@ class Sum:
     reach_mm: float = 20.0
 
     def value_and_gradient(self, positions_mm):
-        each = [peak.value_and_gradient(positions_mm) for peak in self.peaks]
-        return sum(q for q, _ in each), sum(slope for _, slope in each)
+        terms = [peak.value_and_gradient(positions_mm) for peak in self.peaks]
+        return sum(charge for charge, _ in terms), sum(slope for _, slope in terms)
 
 
 def record(charges_pC: dict[str, float], status: str = "converged") -> Record:
-    """A record whose charges with d31 = d32 = 1 pC/N are given: all of it from stress along x."""
+    """A record with the given charges for d31 = d32 = 1 pC/N, which stress along x makes."""
     forces = {"material": [[q, 0.0] for q in charges_pC.values()]} if status == "converged" else {}
-    return Record(status, "", tuple(charges_pC), forces, {}, 0.0, 0, 0, (), 0.0)
+    return Record(status, "", tuple(charges_pC), forces)

@@ -55,6 +55,8 @@ def shapes(draw: st.DrawFn, kinds: tuple[str, ...], reach_mm: float) -> dict[str
         table["radius_mm"] = size
     elif shape in ("square", "triangle"):
         table["side_mm"] = size
+    elif shape == "ellipse":
+        table["semi_axes_mm"] = draw(st.permutations([size, draw(st.floats(0.01, 1.0)) * size]))
     elif shape == "rectangle":
         table["width_mm"] = size
         table["height_mm"] = draw(st.floats(0.1, 1.0)) * reach_mm
@@ -111,6 +113,9 @@ def tables(draw: st.DrawFn) -> dict[str, Any]:
         "load": {"force_N": draw(_numbers(0.0, 100.0))},
         "numerics": {"tolerance": draw(st.floats(1e-7, 0.1))},
     }
+    if draw(st.booleans()):
+        scene["numerics"]["max_unknowns"] = draw(st.integers(100, 10_000_000))
+        scene["numerics"]["max_seconds"] = draw(_numbers(0.1, 1e6))
     if draw(st.booleans()):
         scene["probe"] = draw(probes(radius_mm))
     scene["load"]["kind"] = draw(st.sampled_from(["dead", "follower", "rigid"]))

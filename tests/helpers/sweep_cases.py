@@ -1,4 +1,4 @@
-"""A sweep with made-up solves, for tests that interrupt it; in a module for other processes."""
+"""A sweep with made-up solves, for tests that interrupt it in processes of their own."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ AXES = [
 
 
 def made_up(scenes, frames):
-    """Records that tell their scenes apart."""
-    found = []
+    """Records with charges that differ from scene to scene."""
+    records = []
     for scene in scenes:
         value = scene.load.force_N * (1.0 + scene.probe.x_mm) / scene.electrodes.ring_radius_mm
         forces = {"material": [[value, 2.0 * value]] * 4}
-        found.append(Record("converged", "", tuple("ABCD"), forces, forces, value, 1, 1, (), 0.0))
-    return found
+        records.append(Record("converged", "", tuple("ABCD"), forces, forces, value, 1, 1))
+    return records
 
 
 def run(store: Path, log: Path | None = None, pause: float = 0.0) -> xarray.Dataset:
-    """The sweep; each solve adds a line with its scenes to the log."""
+    """The sweep; each solve adds a line with the keys of its scenes to the log."""
 
     def solved(scenes, frames):
         time.sleep(pause)
@@ -40,5 +40,5 @@ def run(store: Path, log: Path | None = None, pause: float = 0.0) -> xarray.Data
         return made_up(scenes, frames)
 
     sweep.records_of = solved
-    with Store(store) as kept:
-        return sweep.sweep(BASE, AXES, kept, processes=1)
+    with Store(store) as opened:
+        return sweep.sweep(BASE, AXES, opened, processes=1)

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from pvdf_fem import Scene
-from pvdf_fem.scene.outline import rectangle, triangle, turn
+from pvdf_fem.response.model import Domain
+from pvdf_fem.scene.outlines.outline import turn
+from pvdf_fem.scene.outlines.polygon import rectangle, triangle
 
-
-@dataclass(frozen=True)
-class Reach:
-    reach_mm: float = 12.0
-    force_N: tuple[float, float] = (0.1, 5.0)
+DOMAIN = Domain(12.0, (0.1, 5.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +27,7 @@ class Bumps:
     names: tuple[str, ...]
     width_mm: float = 9.0
     error_bound: float = 1e-4
-    domain: Reach = Reach()
+    domain: Domain = DOMAIN
 
     def evaluate(self, touches):
         x, y, rotation, force = touches.T

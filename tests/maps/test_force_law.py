@@ -1,4 +1,4 @@
-"""Charge against force: the membrane's law, local exponents, linearity, the thesis's fits."""
+"""Charge against force: the membrane's law, local exponents, linearity."""
 
 from __future__ import annotations
 
@@ -12,11 +12,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from pvdf_fem.maps.force_law import MembraneLaw, linearity, local_exponents
-from pvdf_fem.maps.polynomial import Polynomial, read_polynomials
 
 DATA = Path(__file__).parents[2] / "reports" / "data"
 REST_PC = 48.0  # (d31 + d32) E α ΔT/(1 − ν) A of the thesis's film
-POLYNOMIALS, _ = read_polynomials(DATA / "polynomials.toml")
 
 
 def thesis_rows() -> dict[tuple[str, float, str], tuple[list[float], list[float]]]:
@@ -166,70 +164,3 @@ def test_linearity_looks_no_further_than_asked() -> None:
 def test_unusable_data_are_refused(forces: list[float], charges: list[float], match: str) -> None:
     with pytest.raises(ValueError, match=match):
         local_exponents(forces, charges)
-
-
-# ------------------------------------------------------------------------ the thesis's fits
-
-
-@pytest.mark.parametrize(("electrode", "limit"), [("A", 0.0014), ("B", 0.010), ("C", 0.0014)])
-def test_cubics_of_section_3_4_1_pass_through_table_3_4(electrode: str, limit: float) -> None:
-    F, Q = ROWS["Table 3.4", -90.0, electrode]
-    assert np.abs(POLYNOMIALS[f"3.4.1_{electrode}"](F) - Q).max() <= limit
-
-
-@pytest.mark.parametrize(
-    ("name", "table", "electrode", "errors"),
-    [
-        ("4.10", "Table 4.5", "A", [-0.01, -0.01, -0.01, -0.04, -0.05, 0.24, 3.73]),
-        ("4.11", "Table 4.6", "B", [0.0, 0.0, 0.0, 0.05, 1.0, 7.4, 78.9]),
-        ("4.10 refit", "Table 4.5", "A", [0.0] * 7),
-        ("4.11 refit", "Table 4.6", "B", [0.0] * 7),
-    ],
-)
-def test_rounding_of_equations_4_10_and_4_11(
-    name: str, table: str, electrode: str, errors: list[float]
-) -> None:
-    F, Q = ROWS[table, 0.0, electrode]
-    assert POLYNOMIALS[name](F) - Q == pytest.approx(errors, abs=0.05)
-
-
-@pytest.mark.parametrize(
-    ("name", "table", "electrode", "excess"),
-    [("4.10 refit", "Table 4.5", "A", 0.07), ("4.11 refit", "Table 4.6", "B", 0.07)],
-)
-def test_interpolations_of_degree_six_overshoot_between_their_points(
-    name: str, table: str, electrode: str, excess: float
-) -> None:
-    smooth = MembraneLaw.fit(*ROWS[table, 0.0, electrode]).charge_pC(6.5)
-    assert POLYNOMIALS[name](6.5) / smooth - 1 > excess
-    assert len(POLYNOMIALS[name].turning_points(5.0, 7.5)) == 1
-
-
-def test_equations_of_the_1_mm_film_are_as_curved_as_those_of_25_um() -> None:
-    assert [POLYNOMIALS[f"3.4.3_{e}"](1.0) for e in "ABC"] == pytest.approx(
-        [1460.8, 627.2, 566.7], abs=0.06
-    )
-    thin, thick = (
-        np.array(POLYNOMIALS[name].coefficients[:3]) / POLYNOMIALS[name].coefficients[2]
-        for name in ("3.4.1_A", "3.4.3_A")
-    )
-    assert thick == pytest.approx(thin, abs=6e-4)
-
-
-# ----------------------------------------------------------------------------- polynomials
-
-
-def test_solutions_turning_points_and_multiplicity_of_a_cubic() -> None:
-    cubic = Polynomial("x³ − 3x", (1.0, 0.0, -3.0, 0.0), "N")
-    assert cubic.solutions(0.0, -2.0, 2.0) == pytest.approx([-np.sqrt(3), 0, np.sqrt(3)])
-    assert cubic.solutions(0.0, 0.5, 2.0) == pytest.approx([np.sqrt(3)])
-    assert cubic.solutions(5.0, -2.0, 2.0) == ()
-    assert cubic.turning_points(-2.0, 2.0) == pytest.approx([-1.0, 1.0])
-    counts = cubic.multiplicity(-1.5, 2.0)
-    assert [number for _, _, number in counts] == [2, 3]
-    assert [level for level, _, _ in counts] == pytest.approx([-2.0, 1.125])
-    assert counts[-1][1] == pytest.approx(2.0)
-
-
-def test_an_inflection_is_not_a_turning_point() -> None:
-    assert Polynomial("x³", (1.0, 0.0, 0.0, 0.0), "N").turning_points(-1.0, 1.0) == ()

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pvdf_fem.maps.isocharge import Contour, Curve, contour, polynomial_contour
-from pvdf_fem.maps.mapping import Line, Mapping
+from pvdf_fem.maps.isocharge import Contour, ContourCurve, contour, polynomial_contour
+from pvdf_fem.maps.mapping import Line, LineMapping
 from pvdf_fem.maps.triangulation import triangulate
 from tests.helpers.sensing_cases import Peak, Sum
 
@@ -19,9 +19,9 @@ def circle(x_mm: float, y_mm: float, radius_mm: float) -> Contour:
     return Peak(x_mm, y_mm).circle("", radius_mm)
 
 
-def mapping(charge, angles=(0.0, 30.0, 60.0, 90.0)) -> Mapping:
+def mapping(charge, angles=(0.0, 30.0, 60.0, 90.0)) -> LineMapping:
     lines = tuple(Line(angle, DISTANCES, charge(DISTANCES)) for angle in angles)
-    return Mapping("A", np.array([1.0, -2.0]), lines)
+    return LineMapping("A", np.array([1.0, -2.0]), lines)
 
 
 # ------------------------------------------------------------------------------ the thesis's way
@@ -48,7 +48,7 @@ def test_lines_without_a_root_are_named():
     low = Line(60.0, DISTANCES, 100.0 - DISTANCES)
     failed = Line(90.0, DISTANCES, np.where(DISTANCES > 3.0, np.nan, 1.0))
     lines = (*whole.lines[:2], low, failed)
-    found = polynomial_contour(Mapping("A", whole.centre_mm, lines), 900.0, degree=2)
+    found = polynomial_contour(LineMapping("A", whole.centre_mm, lines), 900.0, degree=2)
     assert len(found.curves[0].points_mm) == 2
     assert found.missing == (
         "line at 60°: its polynomial does not reach 900 pC, its charges are 76 to 100 pC",
@@ -71,7 +71,7 @@ def test_the_thesis_s_own_points_meet_where_its_error_says():
     contours = []
     for name in "ABC":
         points = [(r["x_mm"], r["y_mm"]) for r in rows if r["electrode"] == name]
-        contours.append(Contour(name, 0.0, (Curve(np.array(points, dtype=float)),)))
+        contours.append(Contour(name, 0.0, (ContourCurve(np.array(points, dtype=float)),)))
     (triangle,) = triangulate(contours).triangles
     assert [len(pair.crossings_mm) for pair in triangle.pairs] == [1, 1, 2]
     place = 8.0 * np.array([np.cos(np.radians(85.0)), np.sin(np.radians(85.0))]) - [0.0, 10.0]

@@ -1,10 +1,11 @@
-"""The mapping scheme: where the probe goes, and which charge belongs to which place."""
+"""Charges on the lines of the mapping scheme: which charge belongs to which place."""
 
 import numpy as np
 import pytest
 
 from pvdf_fem import Scene
-from pvdf_fem.maps.mapping import MappingScheme
+from pvdf_fem.maps.mapping import LineMapping
+from pvdf_fem.sweeps.lines import MappingScheme
 from tests.helpers.sensing_cases import record
 
 THREE = Scene().with_(**{"electrodes.layout": "three", "probe.shape": "triangle"})
@@ -16,30 +17,11 @@ def falling(scene: Scene, centre) -> float:
     return 1000.0 - 20.0 * np.hypot(x, y) + x
 
 
-def test_places_are_on_lines_from_the_electrode():
-    scheme = MappingScheme(THREE, "A", (90.0, 35.0), (0.0, 4.0, 8.0))
-    upright, slanting = scheme.positions_mm
-    assert upright == pytest.approx(np.array([[0, -10], [0, -6], [0, -2]]), abs=1e-9)
-    c, s = np.cos(np.radians(35.0)), np.sin(np.radians(35.0))
-    assert slanting[2] == pytest.approx([8 * c, -10 + 8 * s], abs=1e-9)
-    places = [(scene.probe.x_mm, scene.probe.y_mm) for scene in scheme.scenes]
-    assert places == pytest.approx(np.concatenate([upright, slanting]), abs=1e-9)
-    assert {scene.probe.rotation_deg for scene in scheme.scenes} == {0.0}
-
-
-def test_places_beyond_the_reach_are_left_out():
-    scheme = MappingScheme(THREE, "A", (90.0, 0.0), (0.0, 4.0, 8.0, 12.0), reach_mm=12.0)
-    upright, sideways = scheme.positions_mm
-    assert len(upright) == 4
-    # 10 mm below the centre, so that 6.63 mm sideways is the limit
-    assert sideways[:, 0].tolist() == [0.0, 4.0]
-
-
 def test_charges_find_their_lines_and_failures_are_not_numbers():
     scheme = MappingScheme(THREE, "B", (140.0, 200.0, 240.0), reach_mm=16.0)
     records = [record({"A": 0.0, "B": falling(s, scheme.centre_mm)}) for s in scheme.scenes]
     records[1] = record({"A": 0.0, "B": 0.0}, "unstable")
-    mapping = scheme.mapping(records, 1.0, 7.0)
+    mapping = LineMapping.of(scheme, records, 1.0, 7.0)
     assert [line.angle_deg for line in mapping.lines] == [140.0, 200.0, 240.0]
     assert len({len(line.distances_mm) for line in mapping.lines}) > 1
     for number, line in enumerate(mapping.lines):
@@ -54,7 +36,7 @@ def test_charges_find_their_lines_and_failures_are_not_numbers():
 def test_the_mirror_image_of_b_maps_c():
     schemes = [MappingScheme(THREE, "B", (160.0, 210.0)), MappingScheme(THREE, "C", (20.0, -30.0))]
     b, c = (
-        scheme.mapping([record({scheme.electrode: 1.0})] * len(scheme.scenes), 1.0, 1.0)
+        LineMapping.of(scheme, [record({scheme.electrode: 1.0})] * len(scheme.scenes), 1.0, 1.0)
         for scheme in schemes
     )
     mirrored = b.mirrored("C")
@@ -65,21 +47,7 @@ def test_the_mirror_image_of_b_maps_c():
         assert ours.distances_mm == pytest.approx(theirs.distances_mm)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((THREE, "D", (0.0,)), "'D'.*A, B, C"),
-        ((Scene(), "A", (0.0,)), "no probe"),
-        ((THREE, "A", (0.0,), (4.0, 0.0)), "do not grow"),
-        ((THREE, "A", (-90.0,), (12.0,)), "angles_deg -90.*reach_mm = 20"),
-    ],
-)
-def test_mistakes_are_named(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        MappingScheme(*arguments)
-
-
 def test_records_of_other_scenes_are_refused():
     scheme = MappingScheme(THREE, "A", (90.0,), (0.0, 4.0))
     with pytest.raises(ValueError, match="3 for 2 scenes"):
-        scheme.mapping([record({"A": 1.0})] * 3, 1.0, 1.0)
+        LineMapping.of(scheme, [record({"A": 1.0})] * 3, 1.0, 1.0)

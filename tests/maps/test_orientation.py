@@ -15,18 +15,16 @@ from hypothesis import strategies as st
 from pvdf_fem import Scene
 from pvdf_fem.maps.cosine_series import CosineSeries, Reading
 from pvdf_fem.maps.force_law import MembraneLaw
-from pvdf_fem.maps.orientation import orientations, polynomial_angles
-from pvdf_fem.maps.polynomial import Polynomial, read_polynomials
+from pvdf_fem.maps.orientation import orientations
 from pvdf_fem.sweeps.sweep import solve_all
 
 DATA = Path(__file__).parents[2] / "reports" / "data"
-POLYNOMIALS, PRODUCTS = read_polynomials(DATA / "polynomials.toml")
 # Numbers that the tables copied from each other, repeat, or that leave their own trend.
 DEFECTS = ("identical", "equal_to", "outlier", "below_trend")
 LAW = MembraneLaw(48.0, 770.0)
 
 
-def table(*sources: str, defects: bool = False) -> list[Reading]:
+def table(*sources: str) -> list[Reading]:
     with (DATA / "charges.csv").open(encoding="utf-8", newline="") as stream:
         return [
             Reading(
@@ -36,8 +34,7 @@ def table(*sources: str, defects: bool = False) -> list[Reading]:
                 float(row["charge_pC"]),
             )
             for row in csv.DictReader(stream)
-            if row["source"] in sources
-            and (defects or not any(defect in row["flag"] for defect in DEFECTS))
+            if row["source"] in sources and not any(defect in row["flag"] for defect in DEFECTS)
         ]
 
 
@@ -269,69 +266,6 @@ def test_angle_and_force_of_tables_4_5_and_4_6_come_back() -> None:
             found = orientations(series, measured)[0]
             assert found.angle_deg == pytest.approx(angle, abs=1.4)
             assert found.force_N == pytest.approx(force, rel=2.7e-3)
-
-
-# --------------------------------------------------------------------------- the thesis's way
-
-
-@pytest.mark.parametrize(
-    ("name", "charge", "angle"),
-    [
-        ("4.1", 810.0, 12.959),
-        ("4.1", 800.0, 22.903),
-        ("4.1", 785.0, 38.450),
-        ("4.1", 775.0, 75.608),
-        ("4.3", 510.0, 20.617),
-        ("4.3", 502.5, 31.796),
-        ("4.3", 495.0, 57.159),
-    ],
-)
-def test_angles_of_tables_4_2_and_4_3(name: str, charge: float, angle: float) -> None:
-    assert polynomial_angles(POLYNOMIALS[name], charge) == pytest.approx((angle,), abs=1e-3)
-
-
-def test_rounded_coefficients_move_the_angle_by_more_than_5_degrees() -> None:
-    (refit,) = polynomial_angles(POLYNOMIALS["4.1 refit"], 775.0)
-    assert refit == pytest.approx(81.26, abs=0.01)
-
-
-def test_where_an_angle_is_unique() -> None:
-    """To 180° nearly every charge has two angles; Eq. 4.2 even has three below 90°."""
-    counts = POLYNOMIALS["4.2"].multiplicity(0.0, math.pi / 2)
-    assert [number for _, _, number in counts] == [1, 3, 1]
-    assert counts[1][:2] == pytest.approx((775.277, 775.452), abs=1e-3)
-    assert len(polynomial_angles(POLYNOMIALS["4.2"], 775.4)) == 3
-    low, high, number = POLYNOMIALS["4.3"].multiplicity(0.0, math.pi / 2)[0]
-    assert (low, high) == pytest.approx((493.769, 494.192), abs=1e-3)
-    assert number == len(polynomial_angles(POLYNOMIALS["4.3"], 494.0)) == 2
-    assert len(polynomial_angles(POLYNOMIALS["4.1 refit"], 800.0, 0.0, 180.0)) == 2
-
-
-def test_a_polynomial_in_force_has_no_angles() -> None:
-    with pytest.raises(ValueError, match="in N"):
-        polynomial_angles(Polynomial("Q", (1.0, 0.0), "N"), 1.0)
-
-
-@pytest.mark.parametrize(("name", "electrode"), [("4.12", "A"), ("4.13", "B")])
-def test_errors_of_the_product_form(name: str, electrode: str) -> None:
-    def errors(low: float, high: float) -> np.ndarray:
-        return np.array(
-            [
-                PRODUCTS[name].charge_pC(r.angle_deg, r.force_N) / r.charge_pC - 1
-                for r in table("Table 4.5", "Table 4.6", defects=True)
-                if r.electrode == electrode and r.angle_deg <= 75 and low <= r.force_N <= high
-            ]
-        )
-
-    assert 0.05 < errors(0.25, 0.25).min() < errors(0.25, 0.25).max() < 0.07
-    assert -0.03 < errors(0.5, 1.0).min() < errors(0.5, 1.0).max() < -0.016
-    assert np.abs(errors(2.0, 7.5)).max() < 0.015
-    at_1_N = [
-        float(PRODUCTS[name].charge_pC(r.angle_deg, 1.0)) - r.charge_pC
-        for r in TABLE_4_1
-        if r.electrode == electrode and r.angle_deg <= 70
-    ]
-    assert -21.0 < min(at_1_N) < max(at_1_N) < -18.0
 
 
 # --------------------------------------------------------------------------------- the model

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem.maps.isocharge import contour
-from pvdf_fem.maps.triangulation import Status, fit_place, triangulate
+from pvdf_fem.maps.triangulation import PlaceStatus, fit_place, triangulate
 from tests.helpers.sensing_cases import Peak
 
 THREE = {"A": Peak(0.0, -10.0), "B": Peak(8.66, 5.0), "C": Peak(-8.66, 5.0)}
@@ -31,7 +31,7 @@ def charges(peaks, place=PLACE):
 def test_three_contours_through_a_place_locate_it():
     found = triangulate(contours(THREE, radii(THREE)))
     (triangle,) = found.triangles
-    assert found.status is triangle.status is Status.LOCATED
+    assert found.status is triangle.status is PlaceStatus.LOCATED
     assert found.position_mm == pytest.approx(PLACE, abs=1e-4)
     assert triangle.spread_mm < 2e-4
 
@@ -74,7 +74,7 @@ def test_pairs_that_do_not_cross_are_named_with_their_gap():
     """Circles of 5 mm about A, of 5 mm about B, 17.32 mm apart; C's circle crosses B's only."""
     found = triangulate(contours(THREE, {"A": 5.0, "B": 5.0, "C": 14.0}))
     (triangle,) = found.triangles
-    assert found.status is triangle.status is Status.NO_CROSSING
+    assert found.status is triangle.status is PlaceStatus.NO_CROSSING
     assert triangle.candidates == ()
     assert np.isnan(found.position_mm).all()
     assert np.isnan(found.spread_mm)
@@ -92,7 +92,7 @@ def test_pairs_that_do_not_cross_are_named_with_their_gap():
 
 def test_a_charge_without_a_contour_is_named():
     found = triangulate([*contours(THREE, radii(THREE))[:2], Peak(0.0, 0.0).circle("C", 90.0)])
-    assert found.status is Status.NO_CONTOUR
+    assert found.status is PlaceStatus.NO_CONTOUR
     assert found.reason == "C has 2.577e-15 pC nowhere"
     assert np.isnan(found.triangles[0].pairs[1].gap_mm)
 
@@ -113,9 +113,9 @@ def test_contours_that_nearly_touch_meet_midway_if_that_is_asked_for():
     """Circles of 5 mm about A and B leave a gap of 0.02 mm, which the circle about C passes."""
     peaks = {"A": Peak(-5.01, 0.0), "B": Peak(5.01, 0.0), "C": Peak(0.0, -7.0)}
     known = contours(peaks, {"A": 5.0, "B": 5.0, "C": 7.0})
-    assert triangulate(known, 0.01).status is Status.NO_CROSSING
+    assert triangulate(known, 0.01).status is PlaceStatus.NO_CROSSING
     found = triangulate(known, 0.03)
-    assert found.status is Status.LOCATED
+    assert found.status is PlaceStatus.LOCATED
     # along the contours to half a sample
     assert found.triangles[0].candidates[0].corners_mm[0] == pytest.approx([0.0, 0.0], abs=0.05)
 
@@ -128,7 +128,7 @@ def test_triples_that_fail_do_not_enter_the_mean():
     """
     found = triangulate(contours(FOUR, radii(FOUR) | {"C": 3.0}))
     assert [t.electrodes for t in found.located] == [("A", "B", "D")]
-    assert found.status is Status.LOCATED
+    assert found.status is PlaceStatus.LOCATED
     assert found.position_mm == pytest.approx(PLACE, abs=1e-4)
     assert found.reason == "A-C pass at 9.84 mm; C-D pass at 2.13 mm"
 
@@ -144,7 +144,7 @@ def test_two_contours_are_too_few():
 @pytest.mark.parametrize("peaks", [THREE, FOUR])
 def test_least_squares_find_the_place(peaks):
     found = fit_place(charges(peaks), peaks)
-    assert found.status is Status.LOCATED
+    assert found.status is PlaceStatus.LOCATED
     assert found.position_mm == pytest.approx(PLACE, abs=1e-6)
     assert found.fixes[0].misfit_pC < 1e-6
     assert all(fix.misfit_pC > 10.0 for fix in found.fixes[1:])
@@ -194,7 +194,7 @@ def test_contours_that_nearly_touch_need_least_squares():
 def test_charges_of_a_place_beyond_the_reach_are_outside():
     small = {name: Peak(p.x_mm, p.y_mm, reach_mm=6.0) for name, p in THREE.items()}
     found = fit_place(charges(THREE, np.array([14.0, 9.0])), small)
-    assert found.status is Status.OUTSIDE
+    assert found.status is PlaceStatus.OUTSIDE
     assert np.isnan(found.position_mm).all()
 
 

@@ -12,18 +12,11 @@ import shapely
 from skfem import Basis, ElementTriP2
 
 from pvdf_fem import Scene
-from pvdf_fem.film.membrane import Membrane
-from pvdf_fem.mesh.gmsh_mesh import (
-    PROBE,
-    MeshError,
-    SizeField,
-    Sizes,
-    element_sizes,
-    mesh_scene,
-    outlines,
-)
+from pvdf_fem.film.space import Space
+from pvdf_fem.mesh.gmsh_mesh import PROBE, MeshError, mesh_scene, outlines
 from pvdf_fem.mesh.six_node import compression
-from pvdf_fem.scene.outline import Circle
+from pvdf_fem.mesh.size_field import SizeField, Sizes, element_sizes
+from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.solution.first_sizes import first_sizes
 from tests.helpers.discs import RECTANGLE, graded_mesh, uniform_mesh
 
@@ -305,5 +298,5 @@ def test_an_arc_beside_a_corner_does_not_fold(x_mm: float, y_mm: float, radius_m
     scene = Scene().with_(probe=probe)
     mesh = mesh_scene(scene, first_sizes(scene, 3))
     assert compression(mesh).min() > 0.0
-    area = Membrane(mesh, scene.film).weights[mesh.subdomains[PROBE]].sum()
+    area = Space(mesh, 2).weights[mesh.subdomains[PROBE]].sum()
     assert area == pytest.approx(math.pi * (1e-3 * radius_mm) ** 2, rel=1e-6)

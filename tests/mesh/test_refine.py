@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pvdf_fem.solution.refine import refined_sizes
+from pvdf_fem.mesh.size_field import refined_sizes
 from tests.helpers.discs import RECTANGLE, graded_mesh
 
 
@@ -18,7 +18,7 @@ def test_elements_without_any_share_are_refined_alike() -> None:
         assert sizes.sizes == pytest.approx(refined_sizes(mesh, none + 1.0, reduction).sizes)
 
 
-def test_an_error_of_so_many_times_less_takes_so_many_more_elements() -> None:
+def test_an_error_an_eighth_as_large_takes_sizes_half_as_large() -> None:
     """Equal shares e h^3: a reduction by 8 halves all sizes."""
     mesh = graded_mesh(RECTANGLE, 1.5, 8.0)
     even = np.ones(mesh.nelements)

@@ -18,7 +18,7 @@ from pvdf_fem import Scene, Solution, solve
 from pvdf_fem.files import FileError, require_writable
 from pvdf_fem.output.export import FORMATS, ExportError, write_mesh, write_vtu
 from pvdf_fem.solution.solution import NotConvergedError
-from pvdf_fem.solvers.newton import Status
+from pvdf_fem.solvers.status import Status
 from tests.helpers.discs import LOADS, TRIANGLE, uniform_mesh
 
 # The probe presses on half of electrode A.

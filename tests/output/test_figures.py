@@ -24,7 +24,7 @@ from pvdf_fem.output.figures import (
     save,
     style,
 )
-from pvdf_fem.solvers.newton import Status
+from pvdf_fem.solvers.status import Status
 
 CURVES = [
     Series("35°", np.array([0.0, 4.0, 8.0, 12.0, 16.0]), np.array([900.0, 800.0, 600, 400, 300])),

@@ -67,7 +67,7 @@ def test_all_mistakes_are_told_with_line_column_and_value(tmp_path: Path) -> Non
         "one,4,rect14x7,2,0,0,1,B,700",
         "short,4",
     )
-    told = problems(path)
+    messages = problems(path)
     expected = [
         (3, "layout = '5'"),
         (3, "probe = 'square'"),
@@ -80,9 +80,11 @@ def test_all_mistakes_are_told_with_line_column_and_value(tmp_path: Path) -> Non
         (8, "has 2 cells for 9 columns"),
     ]
     for line, start in expected:
-        matching = [t for t in told if t.startswith(f"{path}: line {line}: {start}")]
-        assert matching, (line, start, told)
-    assert len(told) == len(expected)
+        matching = [
+            message for message in messages if message.startswith(f"{path}: line {line}: {start}")
+        ]
+        assert matching, (line, start, messages)
+    assert len(messages) == len(expected)
 
 
 @pytest.mark.parametrize(
@@ -96,8 +98,8 @@ def test_all_mistakes_are_told_with_line_column_and_value(tmp_path: Path) -> Non
     ],
 )
 def test_headers_that_are_refused(tmp_path: Path, header: str, reason: str) -> None:
-    [told] = problems(write(tmp_path / "m.csv", GOOD, header=header))
-    assert reason in told
+    [message] = problems(write(tmp_path / "m.csv", GOOD, header=header))
+    assert reason in message
 
 
 def test_files_that_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -132,8 +134,8 @@ def test_comparison_end_to_end(tmp_path: Path) -> None:
     assert len(rows) == 3
     for row in rows:  # a disc does not care how it is turned
         assert float(row["material_pC"]) == pytest.approx(float(rows[0]["material_pC"]), rel=1e-3)
-        rest = float(row["material_pC"]) - float(row["change_pC"])
-        assert rest == pytest.approx(48.0, rel=1e-6)
+        at_rest = float(row["material_pC"]) - float(row["change_pC"])
+        assert at_rest == pytest.approx(48.0, rel=1e-6)
         expected = 100.0 * (600.0 / float(row["change_pC"]) - 1.0)
         assert float(row["change_difference_percent"]) == pytest.approx(expected)
     assert (tmp_path / "out" / "rotation_1.svg").is_file()
@@ -154,12 +156,15 @@ def test_a_failed_solve_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_families_need_one_quantity_that_varies() -> None:
-    def beside(force: float, rotation: float) -> compare.Beside:
+    def compared(force: float, rotation: float) -> compare.ComparedMeasurement:
         row = Measurement("c", "4", "tri7", 0.0, 0.0, rotation, force, "A", 1.0)
-        return compare.Beside(row, dict.fromkeys(compare.READINGS, math.nan), "x")
+        return compare.ComparedMeasurement(row, dict.fromkeys(compare.READINGS, math.nan), "x")
 
-    found = [beside(f, 0.0) for f in (0.5, 1.0, 2.0)] + [beside(1.0, 10.0), beside(2.0, 20.0)]
-    [(constant, some)] = compare.families(found, "force_N").items()
+    charges = [compared(f, 0.0) for f in (0.5, 1.0, 2.0)] + [
+        compared(1.0, 10.0),
+        compared(2.0, 20.0),
+    ]
+    [(constant, family)] = compare.families(charges, "force_N").items()
     assert dict(constant)["rotation_deg"] == 0.0
-    assert len(some) == 3
-    assert compare.families(found, "rotation_deg") == {}
+    assert len(family) == 3
+    assert compare.families(charges, "rotation_deg") == {}

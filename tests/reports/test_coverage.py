@@ -22,10 +22,12 @@ def made_up(scene: Scene) -> Record:
     """Charges that fall with the distance and grow with the force to the power 2/3."""
     force = scene.load.force_N * 25.0 / scene.film.thickness_um
     place = np.zeros(2) if scene.probe is None else [scene.probe.x_mm, scene.probe.y_mm]
-    apart = [np.linalg.norm(1e3 * e.outline.centroid - place) for e in scene.electrode_list]
-    each = [[(3.0 + 200.0 * force ** (2 / 3) / (1.0 + (r / 9.0) ** 2)) / 2.0] * 2 for r in apart]
+    distances = [np.linalg.norm(1e3 * e.outline.centroid - place) for e in scene.electrode_list]
+    charge_forces = [
+        [(3.0 + 200.0 * force ** (2 / 3) / (1.0 + (r / 9.0) ** 2)) / 2.0] * 2 for r in distances
+    ]
     names = tuple(e.name for e in scene.electrode_list)
-    forces = {"material": each, "thesis-edge": each}
+    forces = {"material": charge_forces, "thesis-edge": charge_forces}
     return Record("converged", "", names, forces, forces, 3.0, 1, 1, (), 0.0)
 
 
@@ -40,13 +42,13 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Links]:
 
 def column(out: Path, *keys: str) -> set[tuple[str, ...]]:
     """Values of some columns in all tables that have them."""
-    found: set[tuple[str, ...]] = set()
+    values: set[tuple[str, ...]] = set()
     for path in out.glob("*.csv"):
         with path.open(encoding="utf-8", newline="") as stream:
             reader = csv.DictReader(stream)
             if set(keys) <= set(reader.fieldnames or ()):
-                found |= {tuple(row[key] for key in keys) for row in reader}
-    return found
+                values |= {tuple(row[key] for key in keys) for row in reader}
+    return values
 
 
 def test_every_section_is_made(report: tuple[Path, Links]) -> None:
@@ -56,37 +58,39 @@ def test_every_section_is_made(report: tuple[Path, Links]) -> None:
 
 
 def test_every_charge_is_there(report: tuple[Path, Links]) -> None:
-    found = {row[:2] for row in column(report[0], "case_id", "electrode", "ours_pC", "status")}
-    assert found == {(charge.case, charge.electrode) for charge in DATA.charges}
+    shown = {row[:2] for row in column(report[0], "case_id", "electrode", "ours_pC", "status")}
+    assert shown == {(charge.case, charge.electrode) for charge in DATA.charges}
 
 
 def test_every_position_is_there(report: tuple[Path, Links]) -> None:
-    found = {row[0] for row in column(report[0], "case", "thesis_mm", "least_squares_mm")}
-    assert found == {position.case for position in DATA.positions}
+    shown = {row[0] for row in column(report[0], "case", "thesis_mm", "least_squares_mm")}
+    assert shown == {position.case for position in DATA.positions}
 
 
 def test_every_point_of_a_triangulation_is_there(report: tuple[Path, Links]) -> None:
-    found = {row[:2] for row in column(report[0], "case", "item", "true_x_mm")}
-    assert found == {(point.case, point.item) for point in DATA.triangulation}
+    shown = {row[:2] for row in column(report[0], "case", "item", "true_x_mm")}
+    assert shown == {(point.case, point.item) for point in DATA.triangulation}
 
 
 def test_every_point_of_a_contour_is_there(report: tuple[Path, Links]) -> None:
-    found = {
+    shown = {
         (contour, float(angle))
         for contour, angle, _ in column(report[0], "contour", "angle_deg", "ours_mm")
     }
-    assert found == {(point.contour, point.angle_deg) for point in DATA.contours}
+    assert shown == {(point.contour, point.angle_deg) for point in DATA.contours}
 
 
 def test_every_angle_is_there(report: tuple[Path, Links]) -> None:
-    found = {row[0] for row in column(report[0], "case", "equation_deg", "ours_deg")}
-    assert found == {estimate.case for estimate in DATA.angle_estimates}
+    shown = {row[0] for row in column(report[0], "case", "equation_deg", "ours_deg")}
+    assert shown == {estimate.case for estimate in DATA.angle_estimates}
 
 
 def test_every_figure_of_chapters_2_to_4_is_there(report: tuple[Path, Links]) -> None:
     """Figure 2.4, a picture of a message on a screen, is named with the reason."""
-    shown = {name for part in thesis.PARTS for name in part.shows}
-    wanted = {f"Fig. {f.number}" for f in DATA.figures if f.number[0] in "234"}
-    assert wanted <= shown
-    missing = [name for name in sorted(wanted) if name.removeprefix("Fig. ") not in report[1].text]
+    shown = {name for chapter in thesis.CHAPTERS for name in chapter.shows}
+    expected = {f"Fig. {f.number}" for f in DATA.figures if f.number[0] in "234"}
+    assert expected <= shown
+    missing = [
+        name for name in sorted(expected) if name.removeprefix("Fig. ") not in report[1].text
+    ]
     assert not missing

@@ -12,8 +12,8 @@ import pytest
 from pvdf_fem import solve
 from reports import design
 from reports.common.results import Results
-from reports.design_study.choice import Candidate, choose
-from reports.design_study.resolution import Noise, PolarMap, Response
+from reports.design_study.choice import Alternative, choose
+from reports.design_study.resolution import Linearisation, Noise, PolarMap
 from reports.design_study.sensor import PROBE_RADIUS_MM, Lattice, Sensor, is_even
 from reports.design_study.study import THESIS, Axes, Study, drawn, quantile, rings
 from tests.reports.test_page import assert_links_work
@@ -24,34 +24,36 @@ PLACES = np.array([[5.0, 1.0], [1.0, 5.0], [-5.0, 1.0], [-1.0, -5.0], [3.0, 7.0]
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
-    found = Study(Results(tmp_path_factory.mktemp("results"), 1), LATTICE)
-    found.solve([THESIS, drawn(THESIS)])
-    return found
+    solved_study = Study(Results(tmp_path_factory.mktemp("results"), 1), LATTICE)
+    solved_study.solve([THESIS, drawn(THESIS)])
+    return solved_study
 
 
-def made_up(seed: int = 1, electrodes: int = 4) -> Response:
+def made_up(seed: int = 1, electrodes: int = 4) -> Linearisation:
     random = np.random.default_rng(seed)
     charges = random.uniform(100.0, 900.0, (5, electrodes))
-    return Response(charges, random.normal(size=(5, electrodes, 3)) * 50.0, 1.0)
+    return Linearisation(charges, random.normal(size=(5, electrodes, 3)) * 50.0, 1.0)
 
 
-def part(whole: Response, electrodes: slice) -> Response:
-    return Response(whole.charges_pC[:, electrodes], whole.jacobian[:, electrodes], whole.force_N)
+def part(linearised: Linearisation, electrodes: slice) -> Linearisation:
+    return Linearisation(
+        linearised.charges_pC[:, electrodes], linearised.jacobian[:, electrodes], linearised.force_N
+    )
 
 
 def test_information_of_electrodes_adds_up_and_more_of_it_never_harms() -> None:
-    whole, noise = made_up(electrodes=6), Noise()
-    parts = [part(whole, slice(0, 3)), part(whole, slice(3, 6))]
-    total = sum(one.information(noise) for one in parts)
-    np.testing.assert_allclose(whole.information(noise), total, rtol=1e-12)
-    for one in parts:
-        assert (whole.position_errors_mm(noise) < one.position_errors_mm(noise)).all()
+    full, noise = made_up(electrodes=6), Noise()
+    parts = [part(full, slice(0, 3)), part(full, slice(3, 6))]
+    total = sum(subset.information(noise) for subset in parts)
+    np.testing.assert_allclose(full.information(noise), total, rtol=1e-12)
+    for subset in parts:
+        assert (full.position_errors_mm(noise) < subset.position_errors_mm(noise)).all()
 
 
 def test_errors_are_linear_in_the_noise() -> None:
     response = made_up()
     once, thrice = Noise(0.01, 1.0), Noise(0.03, 3.0)
-    for errors in (Response.position_errors_mm, Response.force_errors):
+    for errors in (Linearisation.position_errors_mm, Linearisation.force_errors):
         np.testing.assert_allclose(errors(response, thrice), 3.0 * errors(response, once))
 
 
@@ -93,18 +95,18 @@ def test_resolution_has_the_symmetry_of_the_sensor(study: Study) -> None:
     mirrored = PLACES * [1.0, -1.0]
     swapped = PLACES[:, ::-1]
     for sensor, images in ((THESIS, (turned, mirrored, swapped)), (drawn(THESIS), (mirrored,))):
-        errors = study.response(sensor, PLACES).position_errors_mm(study.noise)
+        errors = study.linearisation(sensor, PLACES).position_errors_mm(study.noise)
         for places in images:
-            again = study.response(sensor, places).position_errors_mm(study.noise)
-            np.testing.assert_allclose(again, errors, rtol=1e-9)
-    other = study.response(drawn(THESIS), swapped).position_errors_mm(study.noise)
-    own = study.response(drawn(THESIS), PLACES).position_errors_mm(study.noise)
-    assert np.abs(other / own - 1.0).max() > 0.1
+            image_errors = study.linearisation(sensor, places).position_errors_mm(study.noise)
+            np.testing.assert_allclose(image_errors, errors, rtol=1e-9)
+    swapped_errors = study.linearisation(drawn(THESIS), swapped).position_errors_mm(study.noise)
+    errors_here = study.linearisation(drawn(THESIS), PLACES).position_errors_mm(study.noise)
+    assert np.abs(swapped_errors / errors_here - 1.0).max() > 0.1
 
 
 def test_jacobian_is_that_of_separate_solves_a_tenth_of_a_millimetre_apart(study: Study) -> None:
     place = np.array([4.0, 3.0])
-    found = study.response(drawn(THESIS), place[None]).jacobian[0]
+    jacobian = study.linearisation(drawn(THESIS), place[None]).jacobian[0]
     fine = np.column_stack(
         [
             (_charges(place + step, 1.0) - _charges(place - step, 1.0)) / (2.0 * 0.1)
@@ -113,7 +115,7 @@ def test_jacobian_is_that_of_separate_solves_a_tenth_of_a_millimetre_apart(study
         + [(_charges(place, 1.02) - _charges(place, 0.98)) / 0.04]
     )
     scale = np.abs(fine).max(axis=0)
-    assert np.abs((found - fine) / scale).max() < 0.01
+    assert np.abs((jacobian - fine) / scale).max() < 0.01
 
 
 def _charges(place: np.ndarray, force_N: float) -> np.ndarray:
@@ -136,20 +138,20 @@ def test_a_circle_has_the_area_of_the_square_and_no_electrodes_overlap(tmp_path:
     round_one = replace(THESIS, shape="circle").scene(1e-3)
     assert round_one.electrode_list[0].outline.area == pytest.approx(9e-6, rel=1e-12)
     study = Study(Results(tmp_path, 1), LATTICE, Axes(spacings_mm=(4.0, 12.0), sides_mm=(3.0,)))
-    assert [one.spacing_mm for one in rings(study, 4)] == [12.0]
-    assert [len(one.scene(1e-3).electrode_list) for one in rings(study, 6)] == [6]
+    assert [sensor.spacing_mm for sensor in rings(study, 4)] == [12.0]
+    assert [len(sensor.scene(1e-3).electrode_list) for sensor in rings(study, 6)] == [6]
 
 
 def test_the_choice_is_the_best_admissible_or_the_preferred_of_those_nearly_as_good() -> None:
-    def candidate(merit: float, ring: float, admissible: bool = True) -> Candidate:
-        return Candidate(str(merit), Sensor(ring_mm=ring), merit, admissible)
+    def candidate(merit: float, ring: float, admissible: bool = True) -> Alternative:
+        return Alternative(str(merit), Sensor(ring_mm=ring), merit, admissible)
 
-    some = [candidate(0.9, 1.0, False), candidate(1.0, 2.0), candidate(1.05, 3.0)]
-    some += [candidate(1.5, 4.0), candidate(float("nan"), 5.0)]
-    assert choose(some).taken.merit == 1.0
-    assert choose(some, lambda one: one.ring_mm).taken.merit == 1.05
+    alternatives = [candidate(0.9, 1.0, False), candidate(1.0, 2.0), candidate(1.05, 3.0)]
+    alternatives += [candidate(1.5, 4.0), candidate(float("nan"), 5.0)]
+    assert choose(alternatives).taken.merit == 1.0
+    assert choose(alternatives, lambda sensor: sensor.ring_mm).taken.merit == 1.05
     with pytest.raises(ValueError, match=r"none of 0\.9, nan is admissible"):
-        choose([some[0], some[-1]])
+        choose([alternatives[0], alternatives[-1]])
 
 
 def test_the_page_is_complete_and_a_second_run_solves_nothing(

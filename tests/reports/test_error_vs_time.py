@@ -16,11 +16,18 @@ from pvdf_fem import Scene, solve
 from pvdf_fem.solution.first_sizes import first_sizes
 from reports import benchmark
 from reports.speed import peer_calculix, peer_ngsolve, peers, stages
-from reports.speed.cases import CASES, INDEPENDENT, ROUND_CASES, Case, Reference, worst_error
+from reports.speed.cases import (
+    CASES,
+    INDEPENDENT,
+    ROUND_CASES,
+    BenchmarkCase,
+    Reference,
+    worst_error,
+)
 from reports.speed.peer_calculix import solve_calculix
-from reports.speed.plan import QUICK
-from reports.speed.runs import Job, Outcome, Run, effectivities, fastest, solve_uniform, timed
+from reports.speed.runs import Job, Outcome, TimedRun, effectivities, fastest, solve_uniform, timed
 from reports.speed.sweep_cost import sweep_cost
+from reports.speed.workload import QUICK
 from tests.reports.test_page import assert_links_work
 
 TRIANGLE = next(case for case in CASES if case.name == "triangle")
@@ -33,13 +40,13 @@ def test_there_are_enough_cases_and_both_observables() -> None:
 
 
 @pytest.mark.parametrize("case", ROUND_CASES, ids=lambda case: case.name)
-def test_closed_forms_and_finite_elements_agree(case: Case) -> None:
+def test_closed_forms_and_finite_elements_agree(case: BenchmarkCase) -> None:
     assert case.exact is not None
-    found = solve(case.scene.with_(**{"numerics.tolerance": 1e-5})).charges_pC
-    assert worst_error(found, case.exact(case.scene)) < 3e-5
+    charges = solve(case.scene.with_(**{"numerics.tolerance": 1e-5})).charges_pC
+    assert worst_error(charges, case.exact(case.scene)) < 3e-5
 
 
-def _job(method: str, outcomes: list[Outcome], case: Case = TRIANGLE) -> Job:
+def _job(method: str, outcomes: list[Outcome], case: BenchmarkCase = TRIANGLE) -> Job:
     return Job(case, "code", method, 1.0, iter(outcomes).__next__)
 
 
@@ -55,11 +62,11 @@ def test_jobs_are_interleaved_and_medians_kept() -> None:
     order: list[str] = []
 
     def job(name: str, seconds: list[float]) -> Job:
-        left = iter(seconds)
+        remaining = iter(seconds)
 
         def run() -> Outcome:
             order.append(name)
-            return _outcome(next(left))
+            return _outcome(next(remaining))
 
         return Job(TRIANGLE, "code", name, 1.0, run)
 
@@ -90,17 +97,21 @@ def test_a_run_that_raises_or_fails_keeps_its_reason() -> None:
 
 
 def test_the_fastest_is_chosen_among_those_within_the_error() -> None:
-    def run(name: str, seconds: float, error: float) -> Run:
-        return Run(_job(name, []), _outcome(seconds), seconds, seconds, 1, error)
+    def run(name: str, seconds: float, error: float) -> TimedRun:
+        return TimedRun(_job(name, []), _outcome(seconds), seconds, seconds, 1, error)
 
     runs = [run("rough", 0.1, 1e-2), run("good", 0.5, 1e-4), run("best", 2.0, 1e-6)]
     assert fastest(runs, 1e-3) is runs[1]
     assert fastest(runs, 1e-7) is None
+    assert fastest(runs, 1e-3, method="best") is runs[2]
+    assert fastest(runs, 1e-3, case="triangle", code="code", solving=True) is runs[1]
+    assert fastest(runs, 1e-3, case="rectangle") is None
+    assert fastest(runs, 1e-3, code="another") is None
 
 
 def test_effectivity_leaves_out_what_the_reference_cannot_tell() -> None:
-    def run(charge: float) -> Run:
-        return Run(_job("m", []), _outcome(1.0, charge), 1.0, 1.0, 1, 0.0)
+    def run(charge: float) -> TimedRun:
+        return TimedRun(_job("m", []), _outcome(1.0, charge), 1.0, 1.0, 1, 0.0)
 
     references = {"triangle": REFERENCE}
     assert effectivities([run(101.0), run(100.0005)], references) == {"m": [2.0]}
@@ -126,11 +137,12 @@ def test_absent_peers_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(peer_ngsolve, "Worker", refuses)
     monkeypatch.setattr(peer_calculix, "PROGRAM", "no such program")
-    with peers.Peers() as found:
-        assert found.versions == {}
-        assert found.absent["NGSolve"] == "not there"
-        assert "calculix-ccx" in found.absent["CalculiX"]
-        assert found.jobs(TRIANGLE, {2: (1.0,)}, QUICK.calculix, close=True) == []
+    present = peers.Peers()
+    assert present.versions == {}
+    assert present.absent["NGSolve"] == "not there"
+    assert "calculix-ccx" in present.absent["CalculiX"]
+    assert present.jobs(TRIANGLE, {2: (1.0,)}, QUICK.calculix, close=True) == []
+    present.close()
 
 
 @pytest.mark.skipif(find_spec("ngsolve") is not None, reason="NGSolve is installed")

@@ -1,4 +1,4 @@
-"""The report's parts on experiments and contact, and its drawings."""
+"""The report's chapters on experiments and contact, and its drawings."""
 
 from __future__ import annotations
 
@@ -8,19 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pvdf_fem.mesh.gmsh_mesh import Sizes, electrode_patch, mesh_scene, outlines
+from pvdf_fem.mesh.gmsh_mesh import electrode_patch, mesh_scene, outlines
+from pvdf_fem.mesh.size_field import Sizes
 from pvdf_fem.sweeps.store import Record
-from reports.chapters.contact import CONTACT_PART, CORNER_DEG, rectangle, rotations_deg
-from reports.chapters.drawings import DRAWINGS, DRAWINGS_PART, edge_vertices
+from reports.chapters.contact import CONTACT_CHAPTER, CORNER_DEG, rectangle, rotations_deg
+from reports.chapters.drawings import DRAWINGS, DRAWINGS_CHAPTER, edge_vertices
 from reports.chapters.experiments import (
-    CHARGE_PARTS_PART,
-    CIRCUIT_PART,
-    MEASURED_POSITIONS_PART,
+    CHARGE_PARTS_CHAPTER,
+    CIRCUIT_CHAPTER,
+    MEASURED_POSITIONS_CHAPTER,
     frequency_of,
     thesis_circuit,
 )
+from reports.common.chapter import Content
 from reports.common.page import Table
-from reports.common.part import Content
 from reports.common.thesis_data import Thesis
 from reports.common.thesis_scene import thesis_scene
 
@@ -35,21 +36,21 @@ class Solved(dict):
         half = 0.5e-3 * charge_pC / 8.0
         names = ("A", "B", "C", "D")
         forces = [[1e3 * half, 1e3 * half]] * 4
-        both = {key: forces for key in ("material", "thesis-edge")}
-        known = both if status == "converged" else {}
-        self.record = Record(status, "", names, known, {}, 1.0, 1, 1, (), 0.1)
+        observables = {key: forces for key in ("material", "thesis-edge")}
+        solved = observables if status == "converged" else {}
+        self.record = Record(status, "", names, solved, {}, 1.0, 1, 1, (), 0.1)
 
     def __getitem__(self, scene: object) -> Record:
         return self.record
 
 
 def table(content: Content, name: str) -> Table:
-    [found] = [b for b in content.blocks if isinstance(b, Table) and b.name == name]
-    return found
+    [match] = [b for b in content.blocks if isinstance(b, Table) and b.name == name]
+    return match
 
 
 def test_numbers_of_the_circuit(tmp_path: Path) -> None:
-    content = CIRCUIT_PART.compose(DATA, Solved(), tmp_path)  # type: ignore[arg-type]
+    content = CIRCUIT_CHAPTER.compose(DATA, Solved(), tmp_path)  # type: ignore[arg-type]
     assert (tmp_path / "circuit.svg").is_file()
     ours = {str(row[0]): row[2] for row in table(content, "circuit").rows}
     assert ours["reactance at 20 Hz (MΩ)"] == pytest.approx(226.96, abs=0.01)
@@ -70,7 +71,7 @@ def test_frequency_of_a_reactance_is_its_inverse() -> None:
 
 
 def test_measured_positions_meet_the_simulated_ones_of_the_same_place() -> None:
-    content = MEASURED_POSITIONS_PART.compose(DATA, Solved(), Path())  # type: ignore[arg-type]
+    content = MEASURED_POSITIONS_CHAPTER.compose(DATA, Solved(), Path())  # type: ignore[arg-type]
     rows = table(content, "measured_positions").rows
     pairs = {(row[2], row[4]) for row in rows if row[4] is not None}
     # the pairs that the data's README lists
@@ -82,7 +83,7 @@ def test_measured_positions_meet_the_simulated_ones_of_the_same_place() -> None:
 
 
 def test_first_modes_and_static_charges(tmp_path: Path) -> None:
-    content = CHARGE_PARTS_PART.compose(DATA, Solved(48.0), tmp_path)  # type: ignore[arg-type]
+    content = CHARGE_PARTS_CHAPTER.compose(DATA, Solved(48.0), tmp_path)  # type: ignore[arg-type]
     modes = {row[0]: row for row in table(content, "first_mode").rows}
     assert modes["no force"][2] == pytest.approx(117.06, abs=0.02)
     assert modes["about 1 N"][2] == pytest.approx(554.4, rel=2e-3)
@@ -92,41 +93,43 @@ def test_first_modes_and_static_charges(tmp_path: Path) -> None:
     assert "42.7 MPa" in " ".join(content.paragraphs)
 
 
-def test_failed_solves_leave_gaps_in_the_contact_part(tmp_path: Path) -> None:
+def test_failed_solves_leave_gaps_in_the_contact_chapter(tmp_path: Path) -> None:
     failed = Solved(status="unstable")
-    content = CONTACT_PART.compose(DATA, failed, tmp_path)  # type: ignore[arg-type]
+    content = CONTACT_CHAPTER.compose(DATA, failed, tmp_path)  # type: ignore[arg-type]
     assert "nothing is concluded" in " ".join(content.paragraphs)
     rows = table(content, "contact").rows
     assert rows[0][1] == 815.4188
     assert math.isnan(rows[0][4])
     assert {row[-1] for row in table(content, "contact_triangle").rows} == {"unstable"}
-    parts = CHARGE_PARTS_PART.compose(DATA, failed, tmp_path)  # type: ignore[arg-type]
-    assert "nan" not in " ".join(parts.paragraphs)
+    charge_parts = CHARGE_PARTS_CHAPTER.compose(DATA, failed, tmp_path)  # type: ignore[arg-type]
+    assert "nan" not in " ".join(charge_parts.paragraphs)
 
 
-def test_rotations_of_the_contact_part() -> None:
+def test_rotations_of_the_contact_chapter() -> None:
     rotations = rotations_deg(DATA)
     assert rotations == sorted(90.0 - r for r in rotations)  # A at t is B at 90° − t
     corner = rectangle(CORNER_DEG, "pressure").probe
     assert corner is not None
     nearest = min(abs(np.degrees(np.arctan2(y, x))) for x, y in corner.outline.vertices)
     assert nearest == pytest.approx(0.0, abs=1e-9)
-    assert len(set(CONTACT_PART.scenes(DATA.quick()))) <= 6
+    assert len(set(CONTACT_CHAPTER.scenes(DATA.quick()))) <= 6
 
 
 def test_every_drawing_of_chapters_2_to_4_is_there_or_has_a_reason(tmp_path: Path) -> None:
     kinds = {"drawing", "mesh", "screen shot"}
     cases = {"3.8", "3.13", "3.14"}  # scenes with charges, which other parts show
-    wanted = {
+    expected = {
         figure.number
         for figure in DATA.figures
         if figure.kind in kinds and figure.number[0] in "234" and figure.number not in cases
     }
-    assert set(DRAWINGS) == wanted
-    assert DRAWINGS_PART.scenes(DATA) == []
-    content = DRAWINGS_PART.compose(DATA.quick(), Solved(), tmp_path)  # type: ignore[arg-type]
-    for here in DRAWINGS.values():
-        assert (tmp_path / here.split(":")[0]).is_file() or here.startswith("not reproduced: ")
+    assert set(DRAWINGS) == expected
+    assert DRAWINGS_CHAPTER.scenes(DATA) == []
+    content = DRAWINGS_CHAPTER.compose(DATA.quick(), Solved(), tmp_path)  # type: ignore[arg-type]
+    for file_or_reason in DRAWINGS.values():
+        assert (tmp_path / file_or_reason.split(":")[0]).is_file() or file_or_reason.startswith(
+            "not reproduced: "
+        )
     rows = {row[0]: row for row in table(content, "meshes").rows}
     assert rows["sizes of the thesis"][3] == 16
     assert 13_000 <= int(str(rows["sizes of the thesis"][2])) <= 16_000

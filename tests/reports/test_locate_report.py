@@ -15,8 +15,8 @@ from reports.common.thesis_data import Thesis
 from reports.locating.errors import FREE, LOCATED, TURNED, Trial, bounds_mm, located, triangulated
 from reports.locating.film import taped, uneven_charges
 from reports.locating.models import electrodes_of, sensor
-from reports.locating.sources import SOURCES, Changed, Pressed
-from tests.helpers.touch_models import POINTS, Bumps, Reach
+from reports.locating.sources import SOURCES, Changed, MeasuredScene
+from tests.helpers.touch_models import DOMAIN, POINTS, Bumps
 
 THESIS = Thesis.read()
 FEW = {
@@ -30,15 +30,15 @@ SMALL = replace(THESIS, positions=tuple(p for p in THESIS.positions if p.case in
 def model_of(scene, *_):
     places = np.array([[e.x_mm, e.y_mm] for e in scene.electrode_list])
     names = tuple(e.name for e in scene.electrode_list)
-    return Bumps(scene, POINTS[scene.probe.shape], places, names, domain=Reach())
+    return Bumps(scene, POINTS[scene.probe.shape], places, names, domain=DOMAIN)
 
 
-class Solved:
+class MadeUpResults:
     """Records whose charges are those of the made-up model."""
 
     def __init__(self, folder, processes):
         folder.mkdir(parents=True, exist_ok=True)
-        self.folder = folder
+        self.folder, self.processes = folder, processes
 
     def solve(self, scenes, progress):
         progress(len(scenes), len(scenes))
@@ -51,13 +51,13 @@ class Solved:
         touch = np.array([[probe.x_mm, probe.y_mm, probe.rotation_deg, scene.load.force_N]])
         charges = dict(zip(model.names, model.evaluate(touch)[0][0].tolist(), strict=True))
 
-        class Record:
+        class MadeUpRecord:
             converged = True
 
             def charges_pC(self, *_):
                 return charges
 
-        return Record()
+        return MadeUpRecord()
 
 
 @pytest.fixture
@@ -73,35 +73,35 @@ def test_a_touch_without_a_solution_is_left_out(trial, tmp_path):
     class Failed:
         converged = False
 
-    class Some(Solved):
+    class Some(MadeUpResults):
         def __getitem__(self, scene):
             return Failed() if scene.probe.x_mm < 0.0 else super().__getitem__(scene)
 
     models = {("tri7", "biaxial"): trial.model}
-    kept = report._trial(THESIS, "tri7", trial.touches, models, Some(tmp_path, 1))
-    assert kept.touches == pytest.approx(trial.touches[:1])
-    assert kept.charges_pC == pytest.approx(trial.charges_pC[:1])
+    converged = report._trial(THESIS, "tri7", trial.touches, models, Some(tmp_path, 1))
+    assert converged.touches == pytest.approx(trial.touches[:1])
+    assert converged.charges_pC == pytest.approx(trial.charges_pC[:1])
 
 
 def test_exact_charges_give_the_place_either_way(trial):
     assert triangulated(trial, 0.0, True).place_mm == pytest.approx([0.0, 0.0], abs=1e-3)
-    found = located(trial, 0.0)
-    assert found.place_mm == pytest.approx([0.0, 0.0], abs=1e-5)
-    assert found.force == pytest.approx([0.0, 0.0], abs=1e-6)
+    errors = located(trial, 0.0)
+    assert errors.place_mm == pytest.approx([0.0, 0.0], abs=1e-5)
+    assert errors.force == pytest.approx([0.0, 0.0], abs=1e-6)
     # the contours of an unturned probe are wrong for a turned one only
-    first, second = triangulated(trial, 0.0, False).place_mm
-    assert first < 1e-3 < second
+    unturned, turned = triangulated(trial, 0.0, False).place_mm
+    assert unturned < 1e-3 < turned
 
 
 def test_the_bound_grows_with_the_noise(trial):
-    one, two = bounds_mm(trial, 0.01), bounds_mm(trial, 0.02)
-    assert two == pytest.approx(2.0 * one, rel=1e-6)
-    assert np.all(bounds_mm(trial, 0.01, FREE).mean() > one.mean())
+    at_one_percent, at_two_percent = bounds_mm(trial, 0.01), bounds_mm(trial, 0.02)
+    assert at_two_percent == pytest.approx(2.0 * at_one_percent, rel=1e-6)
+    assert np.all(bounds_mm(trial, 0.01, FREE).mean() > at_one_percent.mean())
 
 
 def test_the_report_of_locations(tmp_path, monkeypatch):
     monkeypatch.setattr(report, "response_of", model_of)
-    monkeypatch.setattr(report, "Results", Solved)
+    monkeypatch.setattr(report, "Results", MadeUpResults)
     monkeypatch.setattr(report, "FULL", report.Scope(map_across=3))
     monkeypatch.setattr(report.Thesis, "read", lambda: SMALL)
     assert report.main(["--out", str(tmp_path), "--touches", "2", "--processes", "1"]) == 0
@@ -157,7 +157,7 @@ def pressed():
     none, five = np.zeros(4), np.zeros((5, 4))
     changed = Changed(none, five, np.zeros((3, 4)), np.zeros((4, 4)), np.zeros((2, 4)))
     model = model_of(sensor(THESIS, row.probe))
-    return Pressed(row, model, electrodes_of("4"), Circuit(35e-12, 500e6), 23.0, changed)
+    return MeasuredScene(row, model, electrodes_of("4"), Circuit(35e-12, 500e6), 23.0, changed)
 
 
 @pytest.mark.parametrize("source", SOURCES, ids=lambda source: source.name)

@@ -7,15 +7,15 @@ import pytest
 
 from pvdf_fem.maps.mapping import Line
 from reports.chapters.mapping import (
-    FIGURE_3_5_PART,
-    FIGURE_3_17_PART,
+    FIGURE_3_5_CHAPTER,
+    FIGURE_3_17_CHAPTER,
     FIGURES,
     OTHERS,
     _cut_table,
     _order_table,
     _order_text,
 )
-from reports.chapters.mapping_curves import Curve, plain
+from reports.chapters.mapping_curves import LineCurve, plain
 from reports.common.thesis_data import Thesis
 
 DATA = Thesis.read()
@@ -27,9 +27,9 @@ def kink(r: np.ndarray) -> np.ndarray:
     return 2000.0 / (1.0 + (np.asarray(r) / 3.0) ** 2) + 400.0 / (1.0 + 0.05 * np.asarray(r))
 
 
-def curve(angle_deg: float, factor: float = 1.0, tilt: float = 0.01) -> Curve:
+def curve(angle_deg: float, factor: float = 1.0, tilt: float = 0.01) -> LineCurve:
     charges = factor * kink(R) * (1.0 + tilt * R)
-    return Curve(Line(angle_deg, R, charges), kink)
+    return LineCurve(Line(angle_deg, R, charges), kink)
 
 
 def test_lines_start_at_the_electrode_and_stay_inside() -> None:
@@ -52,35 +52,37 @@ def test_lines_of_four_electrodes_point_to_the_centre_as_those_of_three() -> Non
 
 
 def test_the_uniaxial_film_needs_no_solve_of_its_own() -> None:
-    biaxial, uniaxial = (set(p.scenes(DATA)) for p in (FIGURE_3_5_PART, FIGURE_3_17_PART))
+    biaxial, uniaxial = (set(p.scenes(DATA)) for p in (FIGURE_3_5_CHAPTER, FIGURE_3_17_CHAPTER))
     assert biaxial == uniaxial
 
 
 def test_every_contour_point_of_the_thesis_is_on_a_line() -> None:
-    found = [cut for family in FIGURES for cut in family.cuts(DATA)]
-    assert len(found) == len(DATA.contours) == 29
-    assert set(found) == set(DATA.contours)
+    cuts = [cut for family in FIGURES for cut in family.cuts(DATA)]
+    assert len(cuts) == len(DATA.contours) == 29
+    assert set(cuts) == set(DATA.contours)
 
 
 def test_the_leading_part_makes_a_kinked_curve_exact() -> None:
-    at = np.linspace(0.0, 28.0, 57)
-    exact = kink(at) * (1.0 + 0.01 * at)
-    np.testing.assert_allclose(curve(90.0)(at), exact, rtol=1e-12)
-    alone = plain(curve(90.0).line)(at)
+    distances = np.linspace(0.0, 28.0, 57)
+    exact = kink(distances) * (1.0 + 0.01 * distances)
+    np.testing.assert_allclose(curve(90.0)(distances), exact, rtol=1e-12)
+    alone = plain(curve(90.0).line)(distances)
     assert np.abs(alone / exact - 1.0).max() > 0.02
 
 
 def test_distance_of_a_charge() -> None:
-    one = curve(90.0)
-    assert one.distance(float(one(np.array(7.3))), 7.0) == pytest.approx(7.3, abs=1e-9)
-    assert np.isnan(one.distance(1e5, 7.0))
+    line_curve = curve(90.0)
+    assert line_curve.distance(float(line_curve(np.array(7.3))), 7.0) == pytest.approx(
+        7.3, abs=1e-9
+    )
+    assert np.isnan(line_curve.distance(1e5, 7.0))
     bump = plain(Line(0.0, R, np.cos(R / 4.0)))  # passes each value several times
     assert bump.distance(0.0, 20.0) == pytest.approx(4.0 * 1.5 * np.pi, abs=0.3)
 
 
 def test_a_failed_solve_leaves_its_line_without_a_curve() -> None:
     charges = np.where(R == 8.0, np.nan, kink(R))
-    failed = Curve(Line(90.0, R, charges), kink)
+    failed = LineCurve(Line(90.0, R, charges), kink)
     assert np.isnan(failed.series.y).all()
     assert np.isnan(failed.distance(900.0, 7.0))
     assert np.isfinite(failed.points.y).sum() == len(R) - 1
@@ -91,8 +93,8 @@ def test_a_failed_solve_leaves_its_line_without_a_curve() -> None:
 
 def test_what_is_said_of_the_order_of_the_curves() -> None:
     # the two cross at 9.1 mm
-    found = [curve(35.0, 1.1, 0.0), curve(90.0, 1.0, 0.011)]
-    table = _order_table(FIGURES[0], found)
+    line_curves = [curve(35.0, 1.1, 0.0), curve(90.0, 1.0, 0.011)]
+    table = _order_table(FIGURES[0], line_curves)
     by_distance = {row[0]: (row[1], row[3]) for row in table.rows}
     assert by_distance[8.0] == (35.0, 90.0)
     assert by_distance[10.0] == (90.0, 35.0)

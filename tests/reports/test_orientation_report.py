@@ -11,25 +11,25 @@ import numpy as np
 import pytest
 
 from pvdf_fem.sweeps.store import Record
-from reports.chapters.force_and_angle.angle import ANGLE_PART, angle_of, recovered, same_place
-from reports.chapters.force_and_angle.orientation import EQUATIONS, ROTATION_PART
+from reports.chapters.force_and_angle.angle import ANGLE_CHAPTER, angle_of, recovered, same_place
+from reports.chapters.force_and_angle.orientation import EQUATIONS, ROTATION_CHAPTER
 from reports.chapters.force_and_angle.recovery import (
     HELD_OUT,
-    RECOVERY_PART,
+    RECOVERY_CHAPTER,
     force_at,
     pair,
     printed_pairs,
 )
 from reports.chapters.force_and_angle.rectangle import Rectangle, fitted, readings, table_charges
-from reports.chapters.force_and_angle.surface import SURFACE_PART, best_product, product_misses
+from reports.chapters.force_and_angle.surface import SURFACE_CHAPTER, best_product, product_misses
+from reports.common.chapter import Chapter
 from reports.common.comparison import Comparison
 from reports.common.page import Picture, Table
-from reports.common.part import Part
 from reports.common.results import Results
 from reports.common.thesis_data import Thesis
 
 DATA = Thesis.read()
-PARTS = (ROTATION_PART, ANGLE_PART, SURFACE_PART, RECOVERY_PART)
+CHAPTERS = (ROTATION_CHAPTER, ANGLE_CHAPTER, SURFACE_CHAPTER, RECOVERY_CHAPTER)
 FAILED = Record("unstable", "no", ("A", "B", "C", "D"), {}, {}, np.nan, 0, 0, (), 0.0)
 
 
@@ -53,13 +53,13 @@ def rectangle() -> Rectangle:
 
 def test_readings_are_the_independent_charges(rectangle: Rectangle) -> None:
     # 84 − 4 equal to 0° in Table 4.1; 98 without 14 copied, 2 outliers, 2 low at 2 N
-    assert len(readings(rectangle.found, "thesis_pC")) == 160
+    assert len(readings(rectangle.comparisons, "thesis_pC")) == 160
     # c = cos 2θ takes 13 values at 1 N and 7 at each of the six other forces
-    assert len(readings(rectangle.found, "ours_pC")) == 13 + 6 * 7
+    assert len(readings(rectangle.comparisons, "ours_pC")) == 13 + 6 * 7
     assert fitted(readings(rectangle.table("Table 4.1"), "thesis_pC"), 4, 3) is None
-    lost = [replace(one, ours_pC=np.nan) for one in rectangle.found]
-    assert readings(lost, "ours_pC") == []
-    assert Rectangle(tuple(lost)).ours is None
+    failed = [replace(comparison, ours_pC=np.nan) for comparison in rectangle.comparisons]
+    assert readings(failed, "ours_pC") == []
+    assert Rectangle(tuple(failed)).ours is None
 
 
 def test_series_hold_their_charges(rectangle: Rectangle) -> None:
@@ -84,12 +84,12 @@ def test_angles_of_a_charge(rectangle: Rectangle) -> None:
 
 def test_the_recovered_angles_are_those_of_the_thesis(rectangle: Rectangle) -> None:
     for estimate in DATA.angle_estimates:
-        one = recovered(estimate, DATA, rectangle, [])
-        assert one.roots == pytest.approx((one.angle_deg,), abs=0.006)
-        assert one.slope < 0.0
+        angles = recovered(estimate, DATA, rectangle, [])
+        assert angles.roots == pytest.approx((angles.angle_deg,), abs=0.006)
+        assert angles.slope < 0.0
         # its equation and its table agree in the angle as far as its charges are smooth
-        assert abs(one.from_table - one.angle_deg) < 6.0
-        assert math.isnan(one.ours_there_pC)
+        assert abs(angles.from_table - angles.angle_deg) < 6.0
+        assert math.isnan(angles.ours_there_pC)
 
 
 def test_an_angle_has_the_equation_of_its_force() -> None:
@@ -110,21 +110,21 @@ def test_angle_and_force_from_two_charges(rectangle: Rectangle) -> None:
     assert rectangle.ours is not None
     for angle, force in HELD_OUT:
         charges = [charge_pC(angle, force, e) for e in "AB"]
-        one = pair(rectangle.ours, "", angle, force, *charges)
-        assert one.answers == 1
-        assert abs(one.angle_error_deg) < 0.05
-        assert abs(one.force_error_percent) < 0.01
-    lost = pair(rectangle.ours, "", 0.0, 1.0, math.nan, 770.0)
-    assert lost.answers == 0
-    assert math.isnan(lost.angle_error_deg)
+        charge_pair = pair(rectangle.ours, "", angle, force, *charges)
+        assert charge_pair.answers == 1
+        assert abs(charge_pair.angle_error_deg) < 0.05
+        assert abs(charge_pair.force_error_percent) < 0.01
+    without_answer = pair(rectangle.ours, "", 0.0, 1.0, math.nan, 770.0)
+    assert without_answer.answers == 0
+    assert math.isnan(without_answer.angle_error_deg)
 
 
 def test_printed_pairs_are_of_one_scene(rectangle: Rectangle) -> None:
     assert rectangle.theirs is not None
     pairs = printed_pairs(rectangle, rectangle.theirs)
-    assert "t45_r30_f1, t46_r30_f1" in {one.case for one in pairs}
-    assert not any("_r90_" in one.case for one in pairs)
-    assert max(abs(one.force_error_percent) for one in pairs) < 0.5
+    assert "t45_r30_f1, t46_r30_f1" in {charge_pair.case for charge_pair in pairs}
+    assert not any("_r90_" in charge_pair.case for charge_pair in pairs)
+    assert max(abs(charge_pair.force_error_percent) for charge_pair in pairs) < 0.5
 
 
 def test_force_of_a_charge_at_an_angle(rectangle: Rectangle) -> None:
@@ -134,17 +134,17 @@ def test_force_of_a_charge_at_an_angle(rectangle: Rectangle) -> None:
     assert math.isnan(force_at(rectangle.ours, 5000.0, 90.0))
 
 
-@pytest.mark.parametrize("part", PARTS, ids=lambda part: part.name)
+@pytest.mark.parametrize("chapter", CHAPTERS, ids=lambda chapter: chapter.name)
 @pytest.mark.parametrize("size", ["none", "quick", "full"])
 def test_few_charges_and_failed_solves(
-    part: Part, size: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    chapter: Chapter, size: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Results, "__getitem__", lambda self, scene: FAILED)
     results = Results(tmp_path, 1)
     thesis = {"none": replace(DATA, charges=()), "quick": DATA.quick(), "full": DATA}[size]
     if size != "full":
-        assert len(set(part.scenes(thesis))) <= 6
-    content = part.compose(thesis, results, tmp_path)
+        assert len(set(chapter.scenes(thesis))) <= 6
+    content = chapter.compose(thesis, results, tmp_path)
     for block in content.blocks:
         if isinstance(block, Picture):
             assert (tmp_path / block.file).is_file()
@@ -156,12 +156,12 @@ def test_few_charges_and_failed_solves(
 def test_no_angle_estimate_goes_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Results, "__getitem__", lambda self, scene: FAILED)
     results = Results(tmp_path, 1)
-    for block in ANGLE_PART.compose(DATA, results, tmp_path).blocks:
+    for block in ANGLE_CHAPTER.compose(DATA, results, tmp_path).blocks:
         if isinstance(block, Table):
             block.write_csv(tmp_path)
     with (tmp_path / "tables_4_2_and_4_3_angles.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
-    assert {row["case"] for row in rows} == {one.case for one in DATA.angle_estimates}
+    assert {row["case"] for row in rows} == {estimate.case for estimate in DATA.angle_estimates}
     with (tmp_path / "tables_4_2_and_4_3.csv").open(newline="") as stream:
         checks = {row["case"] for row in csv.DictReader(stream)}
     assert checks == {c.case for c in DATA.charges if c.case.startswith(("t42_", "t43_"))}

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from reports.common.page import Column, Page, Picture, Section, Table
+from reports.common.page import Column, Page, Picture, Section, Table, joined, pages_below, signed
 
 
 class Links(HTMLParser):
@@ -25,13 +25,13 @@ class Links(HTMLParser):
         self.text = ""
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        found = {key: value or "" for key, value in attrs}
+        values = {key: value or "" for key, value in attrs}
         if tag not in self.VOID:
             self.open.append(tag)
-        self.ids += [found["id"]] if "id" in found else []
-        self.targets += [found[key] for key in ("href", "src") if key in found]
+        self.ids += [values["id"]] if "id" in values else []
+        self.targets += [values[key] for key in ("href", "src") if key in values]
         if tag == "img":
-            self.alternatives.append(found["alt"])
+            self.alternatives.append(values["alt"])
 
     def handle_endtag(self, tag: str) -> None:
         assert self.open.pop() == tag
@@ -135,3 +135,19 @@ def test_a_row_of_the_wrong_length_is_an_error(tmp_path: Path) -> None:
 
 def test_nothing_comes_from_elsewhere(path: Path) -> None:
     assert not [t for t in parsed(path).targets if t.startswith(("http", "/", "file"))]
+
+
+def test_a_page_leads_to_the_pages_below_it(tmp_path: Path) -> None:
+    (tmp_path / "results").mkdir()
+    (tmp_path / "design & more").mkdir()
+    Page("Sensors <of> A & B", [], []).write(tmp_path / "design & more")
+    links = pages_below(tmp_path)
+    assert links == {"design%20%26%20more/index.html": "Sensors <of> A & B"}
+    text = Page("Title", [], [], links=links).html()
+    assert '<a href="design%20%26%20more/index.html">Sensors &lt;of&gt; A &amp; B</a>' in text
+    assert "Other reports" not in Page("Title", [], []).html()
+
+
+def test_numbers_and_lists_in_sentences() -> None:
+    assert [signed(-1.25, 2), signed(0.5)] == ["−1.25", "+0.5"]
+    assert [joined(["a", "b", "c"]), joined(["a"]), joined([])] == ["a, b and c", "a", ""]

@@ -1,4 +1,4 @@
-"""Parts of the thesis report on contours and positions: nothing of the thesis's is left out."""
+"""Chapters of the thesis report on contours and positions: nothing of the thesis's is left out."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from pvdf_fem.maps.triangulation import fit_place
 from reports.chapters import calibration as thesis_calibration
 from reports.chapters.calibration import (
     Setting,
-    Turned,
+    TurnedMap,
     calibration,
     calibration_scenes,
     charge_functions,
@@ -17,19 +17,19 @@ from reports.chapters.calibration import (
     mapping,
     turned_from,
 )
-from reports.chapters.contours import FIGURE_3_9_PART, radius
+from reports.chapters.contours import FIGURE_3_9_CHAPTER, radius
 from reports.chapters.positions.groups import EXPERIMENTS, GROUPS
 from reports.chapters.positions.location import (
-    Answer,
-    Case,
-    Way,
+    Crossing,
+    LocatedCase,
+    PositionCase,
     margins_percent,
     mm_per_percent,
     place_of,
 )
-from reports.chapters.positions.positions import EXPERIMENT_POSITIONS_PART, remark
+from reports.chapters.positions.positions import EXPERIMENT_POSITIONS_CHAPTER, remark
 from reports.chapters.positions.texts import LIMIT_MM
-from reports.common.part import Content
+from reports.common.chapter import Content
 from reports.common.thesis_data import Thesis
 from reports.common.thesis_scene import thesis_scene
 from tests.helpers.sensing_cases import Peak
@@ -52,7 +52,9 @@ def test_every_position_of_the_thesis_has_its_group(thesis):
 
 
 def test_every_point_of_a_triangulation_is_shown_once(thesis):
-    points = [p for group in ALL for some in group.printed(thesis).values() for p in some]
+    points = [
+        p for group in ALL for group_points in group.printed(thesis).values() for p in group_points
+    ]
     ids = [(p.case, p.item) for p in points]
     assert sorted(ids) == sorted((p.case, p.item) for p in thesis.triangulation)
 
@@ -64,15 +66,15 @@ def test_panels_show_cases_of_their_group(thesis):
 
 def test_the_simulated_figures_of_contours_and_positions_are_shown():
     shown = {figure for group in GROUPS for figure in group.shows}
-    wanted = [8, 10, 11, 12, 13, 14, 15, 19, 21, 22]
-    assert {f"Fig. 3.{number}" for number in wanted} <= shown
+    numbers = [8, 10, 11, 12, 13, 14, 15, 19, 21, 22]
+    assert {f"Fig. 3.{number}" for number in numbers} <= shown
 
 
-def test_a_part_without_rows_says_so(thesis, tmp_path):
+def test_a_chapter_without_rows_says_so(thesis, tmp_path):
     none = replace(thesis, positions=(), triangulation=(), contours=())
-    assert EXPERIMENT_POSITIONS_PART.scenes(none) == []
-    for part in (EXPERIMENT_POSITIONS_PART, FIGURE_3_9_PART):
-        content = part.compose(none, None, tmp_path)
+    assert EXPERIMENT_POSITIONS_CHAPTER.scenes(none) == []
+    for chapter in (EXPERIMENT_POSITIONS_CHAPTER, FIGURE_3_9_CHAPTER):
+        content = chapter.compose(none, None, tmp_path)
         assert isinstance(content, Content)
         assert content.blocks == []
 
@@ -97,9 +99,9 @@ def test_the_ring_has_the_electrodes_of_both_layouts(layout, thesis, monkeypatch
     monkeypatch.setattr(thesis_calibration, "_maps", lambda *_: ring)
     chosen = charge_functions(thesis, None, Setting("tri7", 0.0, 1.0), layout)
     for electrode in thesis_scene(layout, "tri7").electrode_list:
-        mine, its = chosen[electrode.name].function.outline, electrode.outline
-        assert mine.centroid == pytest.approx(its.centroid, abs=1e-12)
-        assert mine.area == pytest.approx(its.area)
+        of_ring, expected = chosen[electrode.name].function.outline, electrode.outline
+        assert of_ring.centroid == pytest.approx(expected.centroid, abs=1e-12)
+        assert of_ring.area == pytest.approx(expected.area)
 
 
 def test_a_turned_setting_takes_the_electrode_that_comes_to_lie_there(thesis, monkeypatch):
@@ -117,25 +119,27 @@ def test_a_turned_setting_takes_the_electrode_that_comes_to_lie_there(thesis, mo
     places = np.array([[3.0, -1.0], [0.5, 6.0]])
     for name, peak in ROUND.items():
         value, slope = functions[name].value_and_gradient(places)
-        wanted, wanted_slope = peak.value_and_gradient(places)
-        assert value == pytest.approx(wanted)
-        assert slope == pytest.approx(wanted_slope)
+        expected, expected_slope = peak.value_and_gradient(places)
+        assert value == pytest.approx(expected)
+        assert slope == pytest.approx(expected_slope)
 
 
 def test_one_electrode_turned_serves_all_if_they_look_alike():
-    alike = turned_from({name: Turned(peak, 0) for name, peak in ROUND.items()}, "D")
+    alike = turned_from({name: TurnedMap(peak, 0) for name, peak in ROUND.items()}, "D")
     places = np.array([[3.0, -1.0], [0.5, 6.0]])
     for name, peak in ROUND.items():
-        wanted = peak.value_and_gradient(places)
-        found = alike[name].value_and_gradient(places)
-        assert found[0] == pytest.approx(wanted[0])
-        assert found[1] == pytest.approx(wanted[1])
+        expected = peak.value_and_gradient(places)
+        turned = alike[name].value_and_gradient(places)
+        assert turned[0] == pytest.approx(expected[0])
+        assert turned[1] == pytest.approx(expected[1])
 
 
 def test_settings_that_are_turns_of_each_other_are_solved_once(thesis):
-    one = calibration_scenes(thesis, [Setting("tri7", 0.0, 1.0)])
-    four = calibration_scenes(thesis, [Setting("tri7", r, 1.0) for r in (0.0, 90.0, 180.0, -90.0)])
-    assert four == one
+    unturned = calibration_scenes(thesis, [Setting("tri7", 0.0, 1.0)])
+    turned = calibration_scenes(
+        thesis, [Setting("tri7", r, 1.0) for r in (0.0, 90.0, 180.0, -90.0)]
+    )
+    assert turned == unturned
 
 
 def test_lines_of_three_electrodes_are_those_printed_and_more(thesis):
@@ -156,69 +160,71 @@ def test_lines_lie_on_both_sides_of_the_direction_to_the_centre(layout, thesis):
 
 
 def test_a_mapping_has_the_charges_at_its_places(thesis):
-    found = mapping(thesis, "4", "B", ROUND["B"])
-    for line in found.lines:
+    b_mapping = mapping(thesis, "4", "B", ROUND["B"])
+    for line in b_mapping.lines:
         assert line.charges_pC == pytest.approx(1000.0 * np.exp(-(line.distances_mm**2) / 200.0))
 
 
 # ------------------------------------------------------------------------------------ locations
 
 
-def way(radii_mm, target=(0.0, 0.0)):
-    contours = [ROUND[name].circle(name, r) for name, r in radii_mm.items()]
-    return Way(tuple(contours), np.array(target))
+def crossing_of(radii_mm, target=(0.0, 0.0)):
+    circles = [ROUND[name].circle(name, r) for name, r in radii_mm.items()]
+    return Crossing(tuple(circles), np.array(target))
 
 
 def test_margins_tell_by_how_much_contours_cross():
     """Circles about A and C, 20 mm apart, of 10.5 mm: they reach to 9.5 mm from the other."""
-    contours = way({"A": 10.5, "C": 10.5}).contours
-    wanted = 100.0 * (ROUND["C"].at_radius(9.5) / ROUND["C"].at_radius(10.5) - 1.0)
-    assert margins_percent(contours, ROUND)["A-C"] == pytest.approx(wanted, rel=1e-2)
+    contours = crossing_of({"A": 10.5, "C": 10.5}).contours
+    expected = 100.0 * (ROUND["C"].at_radius(9.5) / ROUND["C"].at_radius(10.5) - 1.0)
+    assert margins_percent(contours, ROUND)["A-C"] == pytest.approx(expected, rel=1e-2)
 
 
 def test_margins_are_negative_where_contours_pass():
-    contours = way({"A": 9.5, "C": 9.5}).contours
-    wanted = 100.0 * (ROUND["C"].at_radius(10.5) / ROUND["C"].at_radius(9.5) - 1.0)
-    assert margins_percent(contours, ROUND)["A-C"] == pytest.approx(wanted, rel=1e-2)
+    contours = crossing_of({"A": 9.5, "C": 9.5}).contours
+    expected = 100.0 * (ROUND["C"].at_radius(10.5) / ROUND["C"].at_radius(9.5) - 1.0)
+    assert margins_percent(contours, ROUND)["A-C"] == pytest.approx(expected, rel=1e-2)
 
 
 def test_a_place_is_that_of_its_triple():
-    found = way({"A": 9.0, "B": 10.0, "C": 11.0, "D": 10.0}, (1.0, 0.0))
-    assert np.isnan(place_of(found, "BCD")).any() == (found.found.triangles[3].candidates == ())
-    triple = {"".join(one.electrodes): one for one in found.found.triangles}["ACD"]
-    assert place_of(found, "ACD") == pytest.approx(triple.position_mm, nan_ok=True)
-    assert place_of(found, "average") == pytest.approx(found.found.position_mm, nan_ok=True)
+    crossing = crossing_of({"A": 9.0, "B": 10.0, "C": 11.0, "D": 10.0}, (1.0, 0.0))
+    triangles = crossing.triangulation.triangles
+    assert np.isnan(place_of(crossing, "BCD")).any() == (triangles[3].candidates == ())
+    triple = {"".join(triangle.electrodes): triangle for triangle in triangles}["ACD"]
+    assert place_of(crossing, "ACD") == pytest.approx(triple.position_mm, nan_ok=True)
+    mean_mm = crossing.triangulation.position_mm
+    assert place_of(crossing, "average") == pytest.approx(mean_mm, nan_ok=True)
 
 
 @pytest.fixture
 def passing(thesis):
     """A row without a crossing in the thesis, with contours of A and C that pass each other."""
     row = next(r for r in thesis.positions if r.layout == "4" and np.isnan(r.error_mm))
-    here = np.array([0.4, 0.5])
-    charges = {name: peak.charge(here) for name, peak in ROUND.items()}
-    radii = {n: float(np.hypot(*(here - [peak.x_mm, peak.y_mm]))) for n, peak in ROUND.items()}
-    right = way(radii, here)
-    wrong = way({"A": 9.5, "B": 9.5, "C": 9.5, "D": 11.0}, here)
+    position = np.array([0.4, 0.5])
+    charges = {name: peak.charge(position) for name, peak in ROUND.items()}
+    radii = {n: float(np.hypot(*(position - [peak.x_mm, peak.y_mm]))) for n, peak in ROUND.items()}
+    right = crossing_of(radii, position)
+    wrong = crossing_of({"A": 9.5, "B": 9.5, "C": 9.5, "D": 11.0}, position)
     margins = margins_percent(wrong.contours, ROUND)
-    case = replace(Case.of(row), x_mm=0.4, y_mm=0.5)
+    case = replace(PositionCase.of(row), x_mm=0.4, y_mm=0.5)
     fit = fit_place(charges, ROUND)
-    return row, Answer(case, charges, wrong, {"D": wrong}, wrong, right, fit, 0.0, margins)
+    return row, LocatedCase(case, charges, wrong, {"D": wrong}, wrong, right, fit, 0.0, margins)
 
 
 def test_a_remark_names_what_does_not_cross(passing):
-    row, found = passing
-    text = remark(row, found)
+    row, located = passing
+    text = remark(row, located)
     assert "contours of A-C of the probe not turned do not meet" in text
     assert "2 of 4 triples, A-C pass at 1 mm" in text
     assert "true orientation" not in text
-    assert found.true.error_mm < LIMIT_MM
-    assert found.fit_error_mm < 1e-6
+    assert located.true.error_mm < LIMIT_MM
+    assert located.fit_error_mm < 1e-6
 
 
 def test_what_one_percent_of_the_charges_moves(passing):
     """At the middle, slopes are 10 % per mm: sqrt(2) of four charges count along each axis."""
-    _, found = passing
-    assert mm_per_percent(found) == pytest.approx(0.1 / np.sqrt(2.0), rel=0.02)
+    _, located = passing
+    assert mm_per_percent(located) == pytest.approx(0.1 / np.sqrt(2.0), rel=0.02)
 
 
 def test_the_radius_of_a_charge_on_a_line():

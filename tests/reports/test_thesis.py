@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene
-from pvdf_fem.mesh.gmsh_mesh import Sizes, electrode_patch, mesh_scene, outlines
+from pvdf_fem.mesh.gmsh_mesh import electrode_patch, mesh_scene, outlines
+from pvdf_fem.mesh.size_field import Sizes
 from pvdf_fem.sweeps import sweep
 from pvdf_fem.sweeps.store import Record
 from reports import thesis
@@ -24,11 +25,11 @@ from reports.chapters.linear_mesh import (
     edge_means,
     solve_on_thesis_mesh,
 )
+from reports.common.chapter import Chapter, Content
 from reports.common.comparison import Comparison, compare, verdict
-from reports.common.kept import kept
 from reports.common.page import Column, Section, Table
-from reports.common.part import Content, Part
 from reports.common.results import MATERIAL, THESIS_EDGE, Results
+from reports.common.section_cache import cached_section
 from reports.common.thesis_data import DEFECTS, Thesis
 from reports.common.thesis_scene import scene_of, thesis_scene
 from tests.reports.test_page import assert_links_work
@@ -81,11 +82,11 @@ def test_results_stay_in_the_folder(results: Results, monkeypatch: pytest.Monkey
 def test_the_solved_scene_is_compared_with_its_own_row(results: Results) -> None:
     charges = [c for c in DATA.charges if c.case == "s312_1"]
     results.solve(map(scene_of, charges))
-    found = compare(charges, results)
+    comparisons = compare(charges, results)
     # A and C differ by a factor of two, so a mixed-up electrode would show
-    assert all(abs(one.difference) < 2.0 for one in found)
+    assert all(abs(comparison.difference) < 2.0 for comparison in comparisons)
     # the two observables differ, but by less than 3 %
-    ratios = [one.material_pC / one.ours_pC for one in found]
+    ratios = [comparison.material_pC / comparison.ours_pC for comparison in comparisons]
     assert all(0.97 < ratio < 1.03 and ratio != 1.0 for ratio in ratios)
     record = results[scene_of(charges[0])]
     halves = record.charge_pC("A", MATERIAL, 16.0, 0.0) + record.charge_pC("A", MATERIAL, 0.0, 16.0)
@@ -128,29 +129,33 @@ def test_charges_on_the_thesis_mesh_are_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene = Scene().with_(**{"numerics.observable": THESIS_EDGE})
-    found = charges_on_thesis_mesh([scene, scene], tmp_path / "mesh.db")
-    assert found[scene] == pytest.approx(dict.fromkeys("ABCD", 48.0), rel=1e-6)
+    solved = charges_on_thesis_mesh([scene, scene], tmp_path / "mesh.db")
+    assert solved[scene] == pytest.approx(dict.fromkeys("ABCD", 48.0), rel=1e-6)
     monkeypatch.setattr("reports.chapters.linear_mesh.solve_on_thesis_mesh", None)
-    assert charges_on_thesis_mesh([scene], tmp_path / "mesh.db") == found
+    assert charges_on_thesis_mesh([scene], tmp_path / "mesh.db") == solved
 
 
-def _part(name: str, scenes: list[Scene], **changes: object) -> Part:
-    def compose(data: object, found: object, out: Path) -> Content:
+def _chapter(name: str, scenes: list[Scene], **changes: object) -> Chapter:
+    def compose(data: object, results: object, out: Path) -> Content:
         if "error" in changes:
-            raise RuntimeError("this part is <broken>")
+            raise RuntimeError("this chapter is <broken>")
         return Content(["text"], [Table(name, "caption", [Column("a", "a")], [[1.0]])])
 
-    return Part(name, name.title(), (f"Fig. {name}",), lambda data: scenes, compose)
+    return Chapter(name, name.title(), (f"Fig. {name}",), lambda data: scenes, compose)
 
 
-def test_a_broken_part_leaves_the_others(
+def test_a_broken_chapter_leaves_the_others(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    parts = (_part("good", [Scene()] * 2), _part("bad", [], error=True), _part("new", []))
-    monkeypatch.setattr(thesis, "PARTS", parts)
+    chapters = (
+        _chapter("good", [Scene()] * 2),
+        _chapter("bad", [], error=True),
+        _chapter("new", []),
+    )
+    monkeypatch.setattr(thesis, "CHAPTERS", chapters)
     assert thesis.main(["--out", str(tmp_path), "--processes", "1"]) == 1
     links = assert_links_work(tmp_path / "index.html")
-    assert "RuntimeError: this part is <broken>" in links.text
+    assert "RuntimeError: this chapter is <broken>" in links.text
     assert (tmp_path / "good.csv").is_file()
     assert (tmp_path / "new.csv").is_file()
     assert "incomplete: Bad" in capsys.readouterr().out
@@ -166,7 +171,7 @@ def test_a_section_is_made_again_only_when_it_has_to(results: Results, tmp_path:
         return Section("s", "Title", blocks=[table])
 
     def section(thesis: Thesis = DATA) -> Section:
-        return kept("s", [], thesis, results, tmp_path, make)
+        return cached_section("s", [], thesis, results, tmp_path, make)
 
     assert section() == section()
     assert len(made) == 1
@@ -178,10 +183,39 @@ def test_a_section_is_made_again_only_when_it_has_to(results: Results, tmp_path:
     assert len(list(results.folder.glob("section-s-*"))) == 1
 
 
+def test_a_new_section_leaves_those_whose_names_begin_alike(
+    results: Results, tmp_path: Path
+) -> None:
+    for name in ("s-and-t", "s"):
+        cached_section(name, [], DATA, results, tmp_path, lambda: Section("s", "Title"))
+    assert len(list(results.folder.glob("section-*"))) == 2
+
+
+def test_cells_of_a_section_survive_in_the_cache(results: Results, tmp_path: Path) -> None:
+    cells = ["text", 2, 0.1 + 0.2, np.float64(1.0) / 3.0, None, float("nan")]
+    columns = [Column(f"c{i}", "c", None, "g", True, i < 5) for i in range(6)]
+    section = Section("s", "Title", ("a", "b"), (Table("t", "caption", columns, [cells]),))
+    cached = cached_section("s", [], DATA, results, tmp_path, lambda: section)
+    [table] = cached.blocks
+    assert isinstance(table, Table)
+    assert list(table.rows[0]) == [*cells[:5], None]
+    assert [type(cell) for cell in table.rows[0][:4]] == [str, int, float, float]
+    assert table.columns == columns
+    assert table.shown_rows == section.blocks[0].shown_rows  # type: ignore[union-attr]
+
+
+def test_numbers_that_the_thesis_does_not_print_are_nan() -> None:
+    assert sum(np.isnan(position.error_mm) for position in DATA.positions) == 6
+    assert DATA.angle_estimates[1].error_stated_percent == 0.194
+    target = next(point for point in DATA.triangulation if point.item == "target")
+    assert np.isnan(target.error_mm)
+    assert all(charge.layout in "34" for charge in DATA.charges)
+
+
 def test_only_the_wanted_figure_is_made(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(thesis, "PARTS", (_part("3.1", []), _part("3.16", [])))
+    monkeypatch.setattr(thesis, "CHAPTERS", (_chapter("3.1", []), _chapter("3.16", [])))
     assert thesis.main(["--out", str(tmp_path), "--only", "3.1", "--quiet"]) == 0
     assert (tmp_path / "3.1.csv").is_file()
     assert not (tmp_path / "3.16.csv").exists()
@@ -199,17 +233,19 @@ def test_failed_solves_are_reported_and_tried_again(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(sweep, "records_of", _failing)
-    monkeypatch.setattr(thesis, "PARTS", (_part("good", [Scene()]),))
+    monkeypatch.setattr(thesis, "CHAPTERS", (_chapter("good", [Scene()]),))
     arguments = ["--out", str(tmp_path), "--processes", "1", "--quiet"]
     assert thesis.main(arguments) == 1
     text = assert_links_work(tmp_path / "index.html").text
     assert "1 of 1 solves failed: crashed (RuntimeError: broken)" in text
     monkeypatch.undo()
-    monkeypatch.setattr(thesis, "PARTS", (_part("good", [Scene()]),))
+    monkeypatch.setattr(thesis, "CHAPTERS", (_chapter("good", [Scene()]),))
     assert thesis.main(arguments) == 0
 
 
-def test_all_parts_survive_failed_solves(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_all_chapters_survive_failed_solves(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     failed = Record("unstable", "no", tuple("ABCD"), {}, {}, 0.0, 0, 0, (), 0.0)
     monkeypatch.setattr(sweep, "records_of", lambda scenes, frames: [failed] * len(scenes))
     arguments = ["--out", str(tmp_path), "--processes", "1", "--quiet", "--quick"]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pvdf_fem.response.uniform_spline import CHUNK, Axis, CubicSpline
+from pvdf_fem.response.uniform_spline import CHUNK, UniformAxis, UniformSpline
 
 RNG = np.random.default_rng(4)
-AXES = (Axis(-2.0, 0.5, 8), Axis(0.0, 30.0, 12, periodic=True))
+AXES = (UniformAxis(-2.0, 0.5, 8), UniformAxis(0.0, 30.0, 12, periodic=True))
 
 
 def grid(axes):
@@ -19,19 +19,19 @@ def grid(axes):
 
 def test_a_spline_goes_through_its_values():
     values = RNG.normal(size=(8, 12, 3))
-    spline = CubicSpline.through(AXES, values)
+    spline = UniformSpline.through(AXES, values)
     assert spline(grid(AXES)) == pytest.approx(values.reshape(-1, 3), abs=1e-12)
 
 
 @pytest.mark.parametrize("shift", [360.0, -720.0])
 def test_a_periodic_axis_repeats(shift):
-    spline = CubicSpline.through(AXES, RNG.normal(size=(8, 12, 1)))
+    spline = UniformSpline.through(AXES, RNG.normal(size=(8, 12, 1)))
     points = grid(AXES) + np.array([0.1, 7.0])
     assert spline(points + np.array([0.0, shift])) == pytest.approx(spline(points), abs=1e-12)
 
 
 def test_gradients_are_slopes_and_many_points_are_as_few():
-    spline = CubicSpline.through(AXES, RNG.normal(size=(8, 12, 2)))
+    spline = UniformSpline.through(AXES, RNG.normal(size=(8, 12, 2)))
     points = RNG.uniform([-1.9, -100.0], [1.4, 500.0], size=(CHUNK + 7, 2))
     found = spline.with_gradient(points)
     assert found[:, 0] == pytest.approx(spline(points), abs=1e-12)
@@ -44,15 +44,15 @@ def test_the_error_falls_with_the_fourth_power_of_the_step():
     x = np.linspace(0.0, 1.0, 77)[:, None]
     errors = []
     for count in (10, 20, 40):
-        axis = Axis(-1.0, 3.0 / count, count + 1)
-        spline = CubicSpline.through([axis], np.sin(3.0 * axis.values)[:, None])
+        axis = UniformAxis(-1.0, 3.0 / count, count + 1)
+        spline = UniformSpline.through([axis], np.sin(3.0 * axis.values)[:, None])
         errors.append(np.abs(spline(x) - np.sin(3.0 * x)).max())
     assert np.log2(errors[1] / errors[2]) > 3.7
 
 
 def test_a_parabola_is_met_up_to_the_ends():
     """Beyond its values the spline is that of a parabola: only rounding is left at the ends."""
-    axis = Axis(-1.0, 0.25, 9)
-    spline = CubicSpline.through([axis], axis.values[:, None] ** 2)
+    axis = UniformAxis(-1.0, 0.25, 9)
+    spline = UniformSpline.through([axis], axis.values[:, None] ** 2)
     x = np.linspace(-1.0, 1.0, 41)[:, None]
     assert spline(x) == pytest.approx(x**2, abs=1e-5)

@@ -6,10 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pvdf_fem.scene.outline import Circle, Polygon, defect, overlaps, rectangle, triangle, turn
+from pvdf_fem.scene.outlines.circle import Circle
+from pvdf_fem.scene.outlines.outline import overlaps, turn
+from pvdf_fem.scene.outlines.polygon import Polygon, defect, rectangle, triangle
 
 SQUARE = rectangle(2.0, 2.0)
 CORNER = 1 + 0.5**0.5
@@ -106,6 +108,7 @@ DISC = Circle(np.zeros(2), 1.0)
     ids=["edges", "corners", "discs", "disc and edge", "corner and disc"],
 )
 @given(shift=shifts, angle=angles)
+@settings(deadline=None)
 def test_touching_is_no_overlap_but_a_millionth_deeper_is(a, b, gap, shift, angle):
     def moved(outline, by):
         if isinstance(outline, Circle):
@@ -125,6 +128,31 @@ def test_an_outline_within_another_overlaps_it(outer, inner):
     assert overlaps(outer, inner)
     assert overlaps(inner, outer)
     assert overlaps(inner, inner)
+
+
+def test_polygons_on_the_same_corners_are_told_apart():
+    """Three simple polygons have these corners: which are neighbours counts."""
+    corners = np.array([[0.0, 0.0], [4.0, 0.0], [1.0, 1.0], [0.0, 4.0]])
+    first, second = Polygon(corners), Polygon(corners[[0, 2, 1, 3]])
+    assert {tuple(v) for v in first.vertices} == {tuple(v) for v in second.vertices}
+    assert not first.coincides(second, 1e-9)
+    assert first.signature(1.0, 6) != second.signature(1.0, 6)
+    again = Polygon(corners[[2, 1, 0, 3]] + 1e-10)
+    assert first.coincides(again, 1e-9)
+    assert first.signature(1.0, 6) == again.signature(1.0, 6)
+
+
+@pytest.mark.parametrize("outline", [Polygon(SQUARE + 0.5), Circle(np.array([0.5, 0.5]), 1.0)])
+def test_signed_distances_and_rules(outline):
+    points, normals = outline.boundary_rule(6)
+    assert np.abs(outline.signed_distance(points)).max() < 1e-14
+    outwards = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    assert outline.signed_distance(points + 0.01 * outwards) == pytest.approx(0.01, rel=1e-9)
+    assert outline.signed_distance(points - 0.01 * outwards) == pytest.approx(-0.01, rel=1e-9)
+    assert 0.5 * (points * normals).sum() == pytest.approx(outline.area, rel=1e-12)
+    points, weights = outline.area_rule(4)
+    assert weights.sum() == pytest.approx(outline.area, rel=1e-12)
+    assert outline.signed_distance(points).max() < 0.0
 
 
 def test_a_disc_in_the_notch_of_a_polygon_does_not_overlap_it():

@@ -71,6 +71,13 @@ REFUSALS = [
     ("[load]\nforce_N = -1", "load.force_N = -1", "too small"),
     ("[numerics]\ntolerance = 0.5", "numerics.tolerance = 0.5", "too large"),
     ("[numerics]\ntolerance = 1e-8", "numerics.tolerance = 1e-08", "too small"),
+    ("[numerics]\nmax_unknowns = 99", "numerics.max_unknowns = 99", "from 100 to 1e+07 unknowns"),
+    ("[numerics]\nmax_unknowns = 6e4", "numerics.max_unknowns = 60000.0", "a whole number"),
+    ("[numerics]\nmax_unknowns = true", "numerics.max_unknowns = true", "a whole number"),
+    ("[numerics]\nmax_unknowns = 1" + 400 * "0", "an integer of 1329 bits", "too large"),
+    ("[numerics]\nmax_seconds = 0.0", "numerics.max_seconds = 0.0", "must be positive"),
+    ("[numerics]\nmax_seconds = 2e6", "numerics.max_seconds = 2000000.0", "too large"),
+    ('[numerics]\nmax_seconds = "1"', 'numerics.max_seconds = "1"', "must be a number"),
     # elasticity
     ("[film]\npoisson_ratio = 0.5", "film.poisson_ratio = 0.5", "[0, 0.5)"),
     ("[film]\npoisson_ratio = -0.1", "film.poisson_ratio = -0.1", "[0, 0.5)"),

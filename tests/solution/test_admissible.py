@@ -8,41 +8,49 @@ import numpy as np
 import pytest
 
 from pvdf_fem import solve
+from pvdf_fem.charges.forces import Forces
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.reference.axisymmetric import axisymmetric_membrane
 from pvdf_fem.reference.axisymmetric_wrinkled import wrinkled_membrane
 from pvdf_fem.solution import admissible
-from pvdf_fem.solvers.newton import Status, factorise, newton, seed
+from pvdf_fem.solution.fields import Fields
+from pvdf_fem.solvers.newton import factorise
+from pvdf_fem.solvers.status import Status
 from tests.helpers.discs import RECTANGLE, TRIANGLE, free_disc, graded_mesh
+from tests.helpers.solvers import newton_result
+
+NO_FORCES = Forces(np.zeros((0, 2)), np.zeros((0, 2)))
 
 
 @pytest.fixture(scope="module")
 def solved():
     problem = Equilibrium(TRIANGLE, graded_mesh(TRIANGLE, 2.5, 12.0))
-    return problem, newton(problem, seed(problem))
+    return problem, newton_result(problem)
 
 
 def test_a_solution_is_admitted(solved):
     problem, result = solved
-    assert admissible.refusal(problem, problem.state(result.q), result.factors) is None
+    assert admissible.refusal(Fields(problem, result.q, NO_FORCES), result.factors) is None
 
 
 def test_forces_must_balance(solved):
     problem, result = solved
-    off = problem.state(result.q * (1 + 1e-5))
-    assert admissible.refusal(problem, off, result.factors) is Status.UNBALANCED
-    none = problem.state(result.q * np.nan)
-    assert admissible.refusal(problem, none, result.factors) is Status.UNBALANCED
+    off = Fields(problem, result.q * (1 + 1e-5), NO_FORCES)
+    assert admissible.refusal(off, result.factors) is Status.UNBALANCED
+    none = Fields(problem, result.q * np.nan, NO_FORCES)
+    assert admissible.refusal(none, result.factors) is Status.UNBALANCED
 
 
 def test_a_compressed_solution_must_be_a_minimum(solved, monkeypatch):
     problem, result = solved
-    hot = Equilibrium(TRIANGLE.with_(**{"film.temperature_change_K": 10.0}), problem.membrane.mesh)
+    hot = Equilibrium(
+        TRIANGLE.with_(**{"film.temperature_change_K": 10.0}), problem.membrane.space.mesh
+    )
     flat = factorise(hot.tangent(hot.state(0.0 * result.q)))
-    state = problem.state(result.q)
-    assert admissible.refusal(problem, state, flat) is None
+    fields = Fields(problem, result.q, NO_FORCES)
+    assert admissible.refusal(fields, flat) is None
     monkeypatch.setattr(admissible, "compressed", lambda state: True)
-    assert admissible.refusal(problem, state, flat) is Status.UNSTABLE
+    assert admissible.refusal(fields, flat) is Status.UNSTABLE
 
 
 @pytest.mark.parametrize("scene", [RECTANGLE, TRIANGLE])

@@ -11,9 +11,11 @@ from pvdf_fem.mesh.gmsh_mesh import mesh_scene
 from pvdf_fem.reference.axisymmetric import axisymmetric_membrane
 from pvdf_fem.solution.first_sizes import first_sizes
 from pvdf_fem.solvers.arc_length import Path, beyond_limit, follow, turned
-from pvdf_fem.solvers.newton import Status, factorise, full_steps, newton, seed
-from pvdf_fem.solvers.wrinkling import equilibrate
+from pvdf_fem.solvers.ladder import equilibrate
+from pvdf_fem.solvers.newton import FullSteps, factorise, newton
+from pvdf_fem.solvers.status import Status
 from tests.helpers.discs import free_disc
+from tests.helpers.solvers import newton_result
 
 
 def equilibrium_of(scene, order=3):
@@ -34,9 +36,8 @@ def overturned():
 def test_a_balloon_is_that_of_the_axisymmetric_membrane():
     scene = free_disc(0.3, poisson_ratio=0.3, patch_radius=0.05, **{"load.kind": "follower"})
     equilibrium = equilibrium_of(scene)
-    upright = turned(equilibrium, 0.0)
-    dead = newton(upright, seed(upright))
-    result = follow(equilibrium, dead.q, lambda q: full_steps(equilibrium, q, 1e-6))
+    dead = newton_result(turned(equilibrium, 0.0))
+    result = follow(equilibrium, dead.q, lambda q: newton(FullSteps(equilibrium, 1e-6), q), 150)
     assert result.status is Status.CONVERGED
     exact = axisymmetric_membrane(0.3, poisson_ratio=0.3, patch_radius=0.05, kind="follower")
     largest = np.abs(result.q[equilibrium.unknowns.deflections()]).max() / scene.film.radius
@@ -63,9 +64,8 @@ def test_turning_is_the_derivative_of_the_forces_by_the_part_that_follows(follow
     state = equilibrium.state(
         1e-3 * np.random.default_rng(2).standard_normal(equilibrium.unknowns.count)
     )
-    F = state.deformation_gradient
-    ahead, here = (turned(equilibrium, p).load.forces(F) for p in (following + 0.5, following))
-    turning = equilibrium.load.turning(F)
+    ahead, here = (turned(equilibrium, p).load.forces(state) for p in (following + 0.5, following))
+    turning = equilibrium.load.turning_forces(state)
     assert turning == pytest.approx((ahead - here) / 0.5, abs=1e-12 * np.abs(turning).max())
 
 
@@ -73,7 +73,7 @@ def test_a_path_turns_back_at_the_same_limit_on_every_mesh_and_the_determinant_c
     limits = []
     for order in (2, 3):
         equilibrium = equilibrium_of(overturned(), order)
-        dead = equilibrate(turned(equilibrium, 0.0), None)
+        dead = equilibrate(turned(equilibrium, 0.0))
         path = Path(equilibrium, float(np.linalg.norm(dead.q)))
         points = [path.start(dead.q)]
         while points[-1].slope > -0.02:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,10 +12,15 @@ import scipy.sparse as sp
 from pvdf_fem import NotConvergedError, Scene, solve
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.mesh.gmsh_mesh import gmsh
-from pvdf_fem.solution import solution
-from pvdf_fem.solvers import newton
-from pvdf_fem.solvers.newton import Status, seed
+from pvdf_fem.solution import solve as solving
+from pvdf_fem.solution.history import Stop
+from pvdf_fem.solution.refinement import MeshLoop, Rules
+from pvdf_fem.solvers import ladder
+from pvdf_fem.solvers.newton import NewtonOptions, Tangent, factorise, negative_pivots
+from pvdf_fem.solvers.seed import seed
+from pvdf_fem.solvers.status import Status
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, graded_mesh
+from tests.helpers.solvers import newton_result
 
 
 @pytest.fixture(scope="module")
@@ -34,11 +40,11 @@ def scene_of(force_N, temperature_change_K, kind="dead"):
 @pytest.mark.parametrize("force_N", [1e-4, 1e-2, 1.0, 100.0])
 def test_few_iterations_for_any_load(mesh, force_N, temperature_change_K, kind):
     problem = Equilibrium(scene_of(force_N, temperature_change_K, kind), mesh)
-    result = newton.newton(problem, seed(problem))
+    result = newton_result(problem)
     assert result.status is Status.CONVERGED
     assert len(result.iterations) <= 40
     assert result.factors is not None
-    assert newton.negative_pivots(result.factors) == 0
+    assert negative_pivots(result.factors) == 0
     residual = problem.residual(problem.state(result.q))
     assert np.linalg.norm(residual) < 1e-8 * force_N
 
@@ -48,8 +54,7 @@ class Recorded(Equilibrium):
 
     def state(self, q):
         state = super().state(q)
-        forces = self.load.forces(state.deformation_gradient)
-        work = float(self.assembly.vector(forces) @ q)
+        work = self.work(state, q)
         energies = self.__dict__.setdefault("energies", [])
         energies.append(self.membrane.energy(state) - work)
         return state
@@ -64,7 +69,7 @@ def test_energy_decreases_to_a_minimum(mesh, force_N, temperature_change_K, kind
     problem.state(0 * start)
     flat = problem.energies[-1]
     problem.energies.clear()
-    q = newton.newton(problem, start).q
+    q = newton_result(problem, start).q
     energies = np.array(problem.energies)
     rounding = 1e-13 * np.abs(energies).max()
     assert energies[0] < flat
@@ -77,30 +82,30 @@ def test_energy_decreases_to_a_minimum(mesh, force_N, temperature_change_K, kind
 
 def test_start_does_not_matter(mesh):
     problem = Equilibrium(scene_of(1.0, -1.0), mesh)
-    q = newton.newton(problem, seed(problem)).q
+    q = newton_result(problem).q
     deflections = problem.unknowns.deflections()
     for factor in (0.3, 3.0):
         start = np.where(deflections, factor * q, 0.0)
-        other = newton.newton(problem, start)
+        other = newton_result(problem, start)
         assert other.status is Status.CONVERGED
         assert np.abs(other.q - q).max() < 1e-9 * np.abs(q).max()
 
 
-def test_steps_with_fresh_tangents_end_quadratically(mesh, monkeypatch):
-    monkeypatch.setattr(newton, "DEFER", 0.0)
+def test_steps_with_fresh_tangents_end_quadratically(mesh):
     problem = Equilibrium(scene_of(1.0, -1.0), mesh)
-    steps = [row.step for row in newton.newton(problem, seed(problem)).iterations]
+    fresh = NewtonOptions(defer_size=0.0)
+    steps = [row.step for row in newton_result(problem, options=fresh).iterations]
     assert steps[-1] < 1e-8
     assert steps[-1] < 100 * steps[-2] ** 2
 
 
 def test_an_older_tangent_serves_as_long_as_steps_shrink(mesh):
     problem = Equilibrium(scene_of(1.0, -1.0), mesh)
-    table = newton.newton(problem, seed(problem)).iterations
+    table = newton_result(problem).iterations
     assert [row.fresh for row in table[-3:]] == [False] * 3
     assert table[-1].step < 1e-9
     for earlier, before, row in zip(table, table[1:], table[2:], strict=False):
-        slow = not before.fresh and before.step > newton.CONTRACTION * earlier.step
+        slow = not before.fresh and before.step > NewtonOptions().contraction * earlier.step
         assert row.fresh or not slow
 
 
@@ -145,12 +150,15 @@ def test_slack_film_that_the_force_pulls_taut_has_a_result():
 
 def test_film_without_tension_is_singular_when_flat(mesh):
     problem = Equilibrium(scene_of(1.0, 0.0), mesh)
-    result = newton.newton(problem, np.zeros(problem.unknowns.count))
+    result = newton_result(problem, np.zeros(problem.unknowns.count))
     assert result.status is Status.SINGULAR
 
 
 def test_last_iteration_is_named(monkeypatch):
-    monkeypatch.setattr(newton, "MAX_ITERATIONS", 2)
+    def impatient(tolerance):
+        return NewtonOptions(tolerance, max_iterations=2)
+
+    monkeypatch.setattr(ladder, "NewtonOptions", impatient)
     result = solve(TRIANGLE)
     assert result.status is Status.MAX_ITERATIONS
     assert result.newton_iterations == 2
@@ -159,10 +167,13 @@ def test_last_iteration_is_named(monkeypatch):
 
 
 def test_missed_tolerance_is_named(monkeypatch):
-    monkeypatch.setattr(solution, "MAX_MESHES", 1)
+    one_mesh = partial(MeshLoop, rules=Rules(most_meshes=1))
+    monkeypatch.setattr(solving, "MeshLoop", one_mesh)
     result = solve(TRIANGLE.with_(**{"numerics.tolerance": 2e-8}))
     assert result.status is Status.TOLERANCE
     assert "raise numerics.tolerance" in result.reason
+    assert result.stop is Stop.MESHES
+    assert result.stop.value in result.reason
     refuses_results(result)
 
 
@@ -187,7 +198,7 @@ def test_quasi_newton_steps_find_what_the_tangent_lacks():
     mode = random.standard_normal(30)
     matrix = np.diag(random.uniform(1.0, 5.0, 30))
     right = random.standard_normal(30)
-    tangent = newton._Tangent(newton.factorise(sp.csc_matrix(matrix)), False)
+    tangent = Tangent(factorise(sp.csc_matrix(matrix)))
     matrix += 0.03 * np.outer(mode, mode)
     x, residuals, plain = np.zeros(30), [], np.zeros(30)
     for _ in range(6):

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.charges.forces import electrode_forces, goals_of
+from pvdf_fem.arrays import Array
+from pvdf_fem.charges.forces import electrode_forces
+from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.membrane import Array
 from pvdf_fem.mesh.gmsh_mesh import mesh_scene
 from pvdf_fem.solution.first_sizes import first_sizes
-from pvdf_fem.solvers.newton import Status
-from pvdf_fem.solvers.settled import OF_CORRECTION, OF_TOLERANCE, Settled, Watch
-from pvdf_fem.solvers.wrinkling import equilibrate
+from pvdf_fem.solvers.ladder import equilibrate
+from pvdf_fem.solvers.settled import OF_CORRECTION, OF_TOLERANCE, ChargeWatch, Settled
+from pvdf_fem.solvers.status import Status
 
 # Nearly all of the load goes the short way to the rim; the electrodes have what is left.
 BY_THE_RIM = Scene().with_(
@@ -35,7 +36,7 @@ def film() -> Equilibrium:
 
 @pytest.fixture(scope="module")
 def solution(film: Equilibrium) -> Array:
-    result = equilibrate(film, None)
+    result = equilibrate(film)
     assert result.status is Status.CONVERGED
     return result.q
 
@@ -62,7 +63,7 @@ def test_what_is_left_of_steps_that_shrink_alike(film: Equilibrium, solution: Ar
     """Deflections 1 - eps/2^n come nearer by eps/2^n, and that is what is left."""
     settled, eps = Settled(goals_of(BY_THE_RIM), film), 1e-3
     states = [film.state(solution * (1.0 - eps / 2.0**n)) for n in range(4)]
-    watch = Watch(settled, states[0])
+    watch = ChargeWatch(settled, states[0])
     lefts = [watch.left(state) for state in states[1:]]
     exact = settled.change(states[-1], film.state(solution))
     assert lefts[-1] == pytest.approx(exact, rel=0.02)
@@ -74,7 +75,7 @@ def test_a_small_step_in_the_energy_is_large_for_a_far_electrode(
 ) -> None:
     """The film beyond the centre moved by a thousandth is nothing against the whole energy."""
     x = film.unknowns.expand(solution)
-    away = np.repeat(film.membrane.basis.doflocs[0] < 0.0, 3)
+    away = np.repeat(film.membrane.space.basis.doflocs[0] < 0.0, 3)
     moved = film.membrane.state(np.where(away, 1.001 * x, x))
     state = film.state(solution)
     assert film.membrane.energy(moved) == pytest.approx(film.membrane.energy(state), rel=1e-6)
@@ -83,9 +84,9 @@ def test_a_small_step_in_the_energy_is_large_for_a_far_electrode(
 
 def test_a_start_too_far_away_is_left_for_another(film: Equilibrium, solution: Array) -> None:
     near = 1.01 * solution
-    result = equilibrate(film, 30.0 * solution, near=True, other=lambda: near)
+    result = equilibrate(film, 30.0 * solution, other_start=lambda: near)
     assert result.status is Status.CONVERGED
-    assert len(result.iterations) <= 2 + len(equilibrate(film, near, near=True).iterations)
+    assert result.fresh_count <= 2 + equilibrate(film, near).fresh_count
 
 
 def test_a_film_that_is_loaded_by_the_rim_needs_no_second_start() -> None:
@@ -99,9 +100,9 @@ def test_steps_end_once_the_charges_have_settled() -> None:
     """Where points of the film still change their state steps hardly shrink any more."""
     scene = BY_THE_RIM.with_(probe={"shape": "circle", "radius_mm": 0.5, "x_mm": 44.2, "y_mm": 0.0})
     film = Equilibrium(scene, mesh_scene(scene, first_sizes(scene, 2)), 2)
-    start, settled = 1.1 * equilibrate(film, None).q, Settled(goals_of(scene), film)
-    exact = equilibrate(film, start, near=True)
-    result = equilibrate(film, start, near=True, settled=settled)
+    start, settled = 1.1 * equilibrate(film).q, Settled(goals_of(scene), film)
+    exact = equilibrate(film, start)
+    result = equilibrate(film, start, settled=settled)
     assert exact.status is result.status is Status.CONVERGED
-    assert len(result.iterations) < 0.7 * len(exact.iterations)
+    assert result.fresh_count < 0.7 * exact.fresh_count
     assert settled.change(film.state(exact.q), film.state(result.q)) < 1.0

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, SceneError
-from pvdf_fem.maps.mapping import MappingScheme
 from pvdf_fem.sweeps.grid import Grid
+from pvdf_fem.sweeps.lines import MappingScheme
 
 GEOMETRY = Path(__file__).parents[2] / "geometry"
 BASE = Scene().with_(**{"probe.shape": "triangle"})
@@ -53,6 +53,12 @@ def test_a_mapping_scheme_is_an_axis():
     assert axis.beside["distance_mm"] == pytest.approx([0.0, 4.0, 16.0, 0.0, 4.0])
 
 
+def test_a_mapping_cannot_vary_together_with_keys():
+    table = {"mapping": {"electrode": "A", "angles_deg": [0]}, "load": {"force_N": [1, 2]}}
+    with pytest.raises(SceneError, match=r"axes\[0\].load.force_N = .*an axis of its own"):
+        Grid.of(BASE, [table])
+
+
 def test_a_sweep_file_finds_its_scene_beside_it(tmp_path):
     (tmp_path / "scene.toml").write_text("[load]\nforce_N = 3.0\n[probe]\n")
     text = 'scene = "scene.toml"\n[[axes]]\nfilm.thickness_um = [9, 25]\n'
@@ -89,7 +95,7 @@ def test_all_mistakes_of_a_file_are_told_at_once(tmp_path):
     )
     with pytest.raises(SceneError) as error:
         Grid.load(path)
-    told = "\n".join(error.value.problems)
+    problems = "\n".join(error.value.problems)
     for part in (
         "scen = 3: is no key there; did you mean scene?",
         "film.radius_mm = -1",
@@ -101,22 +107,22 @@ def test_all_mistakes_of_a_file_are_told_at_once(tmp_path):
         "axes[4].mapping.electrode 'Z': the scene has A, B, C, D",
         "axes[5] = (nothing): has no key of a scene",
     ):
-        assert part in told
+        assert part in problems
     assert len(error.value.problems) == 9
 
 
 @pytest.mark.parametrize(
-    ("axes", "told"),
+    ("axes", "reason"),
     [
         ([{"load.force_N": [1]}, {"load.force_N": [2]}], "axes[1] = "),
         ([{"load.force_N": [1], "name": "electrode"}], "dataset's own dimension"),
         ([{"load.force_N": list(range(2000))}, {"film.d31_pC_N": list(range(2000))}], "4000000"),
     ],
 )
-def test_axes_that_clash_are_refused(axes, told):
+def test_axes_that_clash_are_refused(axes, reason):
     with pytest.raises(SceneError, match=None) as error:
         Grid.of(BASE, axes)
-    assert told in str(error.value)
+    assert reason in str(error.value)
 
 
 def test_mistakes_of_scenes_are_told_once_each():

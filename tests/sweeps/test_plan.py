@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.scene.outline import turn
+from pvdf_fem.film.models import FilmModel
+from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.sweeps.plan import plan
 from pvdf_fem.sweeps.sweep import planned, solve_all
 
@@ -45,6 +46,7 @@ def solves(*scenes: Scene) -> int:
         ({}, {"film.thickness_um": 50.0}, 2),
         ({}, {"load.kind": "follower"}, 2),
         ({}, {"numerics.tolerance": 1e-3}, 2),
+        ({}, {"numerics.max_unknowns": 5000}, 2),
         ({}, {"probe.x_mm": 3.1}, 2),
         ({}, {"probe.x_mm": -3.0}, 2),
         ({}, {"film.temperature_change_K": -2.0}, 2),
@@ -70,11 +72,21 @@ def test_a_probe_on_the_centre_may_be_turned_at_will():
 def test_steps_of_the_plan_are_told():
     forces = [{"film.thickness_um": h, "load.force_N": h / 25.0} for h in (25.0, 50.0)]
     rings = [{"electrodes.ring_radius_mm": r} for r in (8.0, 12.0)]
-    every = [TRIANGLE.with_(**f, **r, **m) for f in forces for r in rings for m in ({}, MIRRORED)]
-    found = plan([*every, every[0]])
-    assert found.steps == (4, 2, 1)
-    assert (found.missing, len(found.blocks)) == (8, 1)
-    assert [line.split()[0] for line in str(found).splitlines()] == ["9", "8", "4", "2", "1", "1"]
+    scenes = [TRIANGLE.with_(**f, **r, **m) for f in forces for r in rings for m in ({}, MIRRORED)]
+    shared = plan([*scenes, scenes[0]])
+    assert shared.steps == (4, 2, 1)
+    assert (shared.missing, len(shared.blocks)) == (8, 1)
+    counts = [line.split()[0] for line in str(shared).splitlines()]
+    assert counts == ["9", "8", "4", "2", "1", "1"]
+
+
+def test_electrodes_that_act_on_the_film_share_no_solve(monkeypatch):
+    monkeypatch.setattr(FilmModel, "electrodes_only_read", False)
+    changes = [{}, {"film.d31_pC_N": 1.0}, {"electrodes.ring_radius_mm": 14.0}, MIRRORED]
+    scenes = [TRIANGLE.with_(**change) for change in changes]
+    alone = plan([*scenes, scenes[0]])
+    assert alone.steps == (4, 4, 4)
+    assert "only read the stress" not in str(alone)
 
 
 @pytest.mark.parametrize("observable", ["material", "thesis-edge"])
@@ -88,12 +100,11 @@ def test_joined_scenes_have_the_charges_of_separate_solves(observable):
     ]
     scenes = [scene.with_(**change) for change in changes]
     assert len(planned(scenes).blocks) == 1
-    for one, record in zip(scenes, solve_all(scenes, processes=1), strict=True):
-        alone = solve(one)
+    for alone, record in zip(map(solve, scenes), solve_all(scenes, processes=1), strict=True):
         for name, charge in alone.charges_pC.items():
             assert record.charge_error_pC(name, observable, 18.0, 2.0) <= 2e-3 * charge
-            found = record.charge_pC(name, observable, 18.0, 2.0)
-            assert found == pytest.approx(charge, rel=2e-3)
+            shared = record.charge_pC(name, observable, 18.0, 2.0)
+            assert shared == pytest.approx(charge, rel=2e-3)
 
 
 def test_images_of_a_scene_share_its_mesh():
@@ -107,20 +118,21 @@ def test_images_of_a_scene_share_its_mesh():
 
 
 def test_scenes_that_miss_the_tolerance_together_are_solved_alone(monkeypatch):
-    from pvdf_fem.solution.solution import Solution, solve_goals
-    from pvdf_fem.solvers.newton import Status
+    from pvdf_fem.solution.solution import Solution
+    from pvdf_fem.solution.solve import solve_goals
+    from pvdf_fem.solvers.status import Status
     from pvdf_fem.sweeps import records
 
-    asked = []
+    electrode_counts = []
 
     def solved(scene, goals):
-        asked.append(len(scene.electrode_list))
+        electrode_counts.append(len(scene.electrode_list))
         if not scene.electrode_list:
             return Solution(scene, Status.TOLERANCE, "", seconds={"total": 0.0})
         return solve_goals(scene, goals)
 
     monkeypatch.setattr(records, "solve_goals", solved)
     scene = TRIANGLE.with_(**{"numerics.tolerance": 0.05})
-    found = solve_all([scene, scene.with_(**{"electrodes.layout": "three"})], processes=1)
-    assert asked == [0, 4, 3]
-    assert [record.status for record in found] == ["converged"] * 2
+    alone = solve_all([scene, scene.with_(**{"electrodes.layout": "three"})], processes=1)
+    assert electrode_counts == [0, 4, 3]
+    assert [record.status for record in alone] == ["converged"] * 2

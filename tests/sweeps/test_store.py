@@ -1,6 +1,9 @@
 """Results survive: equal after a reload, refused when the file is not ours, solved once."""
 
 import sqlite3
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -30,6 +33,21 @@ def test_charges_of_a_record_weigh_both_forces():
 def test_every_scene_key_changes_the_hash():
     others = [{"film.thickness_um": 26.0}, {"numerics.tolerance": 0.04}, {"probe.x_mm": 1e-9}]
     assert len({key(SCENE), *(key(SCENE.with_(**change)) for change in others)}) == 4
+
+
+def test_every_module_that_solves_changes_the_hash():
+    """But for the two that no number depends on."""
+    script = (
+        "import sys, pvdf_fem.sweeps.records\n"
+        "from pvdf_fem.sweeps.store import modules_in\n"
+        "modules = {n: m.__file__ for n, m in sys.modules.items() if n.startswith('pvdf_fem')}\n"
+        "hashed = set(map(str, modules_in()))\n"
+        "print(*sorted(name for name, path in modules.items() if path not in hashed))\n"
+    )
+    command = [sys.executable, "-c", script]
+    root = Path(__file__).parents[2]
+    result = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=120)
+    assert (result.stderr, result.stdout.split()) == ("", ["pvdf_fem", "pvdf_fem.files"])
 
 
 def test_another_program_s_database_is_refused_and_left_alone(tmp_path):

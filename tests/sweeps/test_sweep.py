@@ -39,6 +39,27 @@ def invented(monkeypatch):
     monkeypatch.setattr(sweep, "records_of", made_up)
 
 
+def test_axes_with_the_same_end_of_a_key_have_coordinates_of_their_own(invented):
+    axes = [
+        {"probe.x_mm": [0.0, 1.0], "probe.y_mm": [2.0, 3.0], "name": "place"},
+        {"probe.side_mm": [6.0, 7.0]},
+        {"electrodes.side_mm": [2.0, 3.0], "name": "square"},
+    ]
+    data = sweep.sweep(BASE, axes, processes=1)
+    expected = {
+        "x_mm": ("place", "probe.x_mm"),
+        "y_mm": ("place", "probe.y_mm"),
+        "side_mm": ("side_mm", "probe.side_mm"),
+        "square": ("square", "electrodes.side_mm"),
+    }
+    for name, (dimension, scene_key) in expected.items():
+        attributes = {"key": scene_key, "units": "mm"}
+        assert (data[name].dims, data[name].attrs) == ((dimension,), attributes)
+    named_as_key = [{"probe.x_mm": [0.0, 1.0], "probe.y_mm": [2.0, 3.0], "name": "x_mm"}]
+    coordinates = sweep.sweep(BASE, named_as_key, processes=1).coords
+    assert set(coordinates) == {"probe.x_mm", "y_mm", "electrode"}
+
+
 def test_a_dataset_names_its_axes_units_and_states(tmp_path):
     """Real solves: charges as those of a scene solved alone, by name and in its place."""
     axes = [
@@ -56,8 +77,8 @@ def test_a_dataset_names_its_axes_units_and_states(tmp_path):
     )
     scene = BASE.with_(**{"electrodes.layout": "three", "film.thickness_um": 50, "load.force_N": 2})
     for name, charge in solve(scene).charges_pC.items():
-        found = data.charge_pC.sel(layout="three", electrode=name)[1]
-        assert float(found) == pytest.approx(charge, rel=0.05)
+        swept = data.charge_pC.sel(layout="three", electrode=name)[1]
+        assert float(swept) == pytest.approx(charge, rel=0.05)
     write_netcdf(data, tmp_path / "data.nc")
     with xarray.open_dataset(tmp_path / "data.nc") as read:
         assert read.identical(data)
@@ -133,14 +154,14 @@ def test_two_processes_may_use_one_store(tmp_path):
 
 def test_a_process_that_dies_is_replaced(tmp_path):
     tasks = {number: (tmp_path / "died", number) for number in range(6)}
-    found = dict(on_processes(deaths.die_once, tasks, 2))
-    assert found == {number: 10 * number for number in range(6)}
+    results = dict(on_processes(deaths.die_once, tasks, 2))
+    assert results == {number: 10 * number for number in range(6)}
 
 
 def test_a_task_that_always_kills_its_process_has_no_result():
-    found = dict(on_processes(deaths.die, dict(enumerate(range(5))), 2))
-    assert isinstance(found.pop(3), Died)
-    assert found == {number: 10 * number for number in (0, 1, 2, 4)}
+    results = dict(on_processes(deaths.die, dict(enumerate(range(5))), 2))
+    assert isinstance(results.pop(3), Died)
+    assert results == {number: 10 * number for number in (0, 1, 2, 4)}
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -152,17 +173,17 @@ def test_a_cluster_gives_the_same_dataset_even_if_a_worker_dies():
     ) as cluster:
         with distributed.Client(cluster, set_as_default=False) as client:
             processes = client.run(os.getpid)
-        seen = []
+        calls = []
 
         def kill_one(done, total):
-            seen.append(done)
-            if len(seen) == 3:
+            calls.append(done)
+            if len(calls) == 3:
                 os.kill(next(iter(processes.values())), signal.SIGKILL)
 
         address = cluster.scheduler_address
-        found = sweep.sweep(BASE, AXES, scheduler=address, progress=kill_one)
-    assert len(seen) == 25
-    assert found.identical(expected)
+        data = sweep.sweep(BASE, AXES, scheduler=address, progress=kill_one)
+    assert len(calls) == 25
+    assert data.identical(expected)
 
 
 def test_a_scheduler_that_is_not_there_is_bad_input(tmp_path, monkeypatch, capsys):

@@ -45,7 +45,7 @@ def test_follower_pressure(force_N, A, B):
     )
     charges = solve(scene).charges_pC
     for name, value in (("A", A), ("B", B), ("C", A), ("D", B)):
-        # half a unit of the last digit given, and the tolerance
+        # half a unit of the last printed digit, and the tolerance
         assert charges[name] == pytest.approx(value, abs=5e-3 + 1e-5 * value)
 
 
@@ -61,8 +61,8 @@ def test_follower_pressure(force_N, A, B):
 def test_rigid_punch(scene, contact, charges, digit):
     """To a unit of the third digit: the corners of a rigid face make any code slow to converge."""
     solution = solve(scene.with_(**LOADS[contact], **{"numerics.tolerance": 3e-4}))
-    found = {name: solution.charges_pC[name] for name in charges}
-    assert found == pytest.approx(charges, abs=digit)
+    computed = {name: solution.charges_pC[name] for name in charges}
+    assert computed == pytest.approx(charges, abs=digit)
 
 
 @pytest.mark.parametrize("observable", ["material", "thesis-edge"])

@@ -15,13 +15,15 @@ import numpy as np
 import pytest
 
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.mesh.gmsh_mesh import Sizes, mesh_scene
+from pvdf_fem.mesh.gmsh_mesh import mesh_scene
+from pvdf_fem.mesh.size_field import Sizes
 from pvdf_fem.reference.axisymmetric import axisymmetric_membrane
 from pvdf_fem.reference.closed_form import campbell, hencky, linear_patch_deflection
-from pvdf_fem.solvers.newton import Status, newton, seed
+from pvdf_fem.solvers.status import Status
 from tests.helpers.discs import free_disc, uniform_mesh
+from tests.helpers.solvers import newton_result
 
-# F/(E h a), and p a/(E h), at which slopes vanish; the scales of deflection and tension with it.
+# F/(E h a) and p a/(E h) at which slopes vanish, and the scales of deflection and tension there.
 SMALL = 1e-10
 SLOPE = SMALL ** (1 / 3)
 TENSION = SMALL ** (2 / 3)
@@ -37,7 +39,7 @@ class RoundFilm:
     @classmethod
     def solved(cls, scene, mesh):
         equilibrium = Equilibrium(scene, mesh)
-        result = newton(equilibrium, seed(equilibrium))
+        result = newton_result(equilibrium)
         assert result.status is Status.CONVERGED
         return cls(equilibrium, equilibrium.unknowns.expand(result.q).reshape(-1, 3))
 
@@ -47,7 +49,7 @@ class RoundFilm:
 
     @property
     def nodes(self):
-        return self.equilibrium.membrane.basis.doflocs / self.radius
+        return self.equilibrium.space.basis.doflocs / self.radius
 
     @property
     def deflection(self):
@@ -69,16 +71,15 @@ class RoundFilm:
         """
         membrane = self.equilibrium.membrane
         state = membrane.state(self.displacement.ravel())
-        forces = np.zeros(membrane.dof_count)
-        np.add.at(forces, membrane.element_dofs, membrane.residual(state))
-        rim = membrane.basis.get_dofs("rim").all()
+        forces = membrane.internal_forces(state)
+        rim = membrane.space.basis.get_dofs("rim").all()
         pull = (forces.reshape(-1, 3)[rim, :2] * self.nodes[:, rim].T).sum()
         film = membrane.film
         stiffness = film.youngs_modulus_GPa * 1e9 * film.thickness
         return pull / (2 * math.pi * self.radius * stiffness)
 
     def differs(self, profile):
-        """Largest difference of a deflection from `profile(r/a)`, over that of the centre."""
+        """Largest difference of the deflection from `profile(r/a)`, over that at the centre."""
         r = np.minimum(np.hypot(*self.nodes), 1.0)
         return np.abs(self.deflection - profile(r)).max() / self.centre_deflection
 

@@ -69,7 +69,7 @@ class FineQuadrature:
 
     @classmethod
     def of(cls, membrane):
-        basis = Basis(membrane.mesh, membrane.basis.elem, intorder=10)
+        basis = Basis(membrane.space.mesh, membrane.space.basis.elem, intorder=10)
         shape = basis.dx.shape
         return cls(
             np.stack([np.broadcast_to(s[0], shape) for s in basis.basis], -1),
@@ -86,14 +86,14 @@ def body_force(membrane, fine):
     first_piola = membrane.film.thickness * np.matmul(gradient + IDENTITY, stress)
     weighted = first_piola * fine.weights[..., None, None]
     forces = np.matmul(fine.gradients, weighted.swapaxes(2, 3)).sum(axis=1)
-    return forces.reshape(membrane.element_dofs.shape)
+    return membrane.space.sum(forces.reshape(membrane.space.element_dofs.shape))
 
 
 def solved(problem, forces):
     """Newton's method from the interpolant of the manufactured solution."""
-    values, _ = manufactured(problem.membrane.basis.doflocs)
+    values, _ = manufactured(problem.membrane.space.basis.doflocs)
     q = problem.unknowns.restrict(values.ravel())
-    right = problem.assembly.vector(forces)
+    right = problem.unknowns.fold(forces)
     for _ in range(8):
         state = problem.state(q)
         step = factorise(problem.tangent(state)).solve(right - problem.residual(state))
@@ -109,14 +109,14 @@ def errors(size_mm, order):
     membrane = problem.membrane
     fine = FineQuadrature.of(membrane)
     x = solved(problem, body_force(membrane, fine))
-    nodal = x[membrane.element_dofs].reshape(len(x[membrane.element_dofs]), 1, -1, 3)
+    nodal = x[membrane.space.element_dofs].reshape(len(x[membrane.space.element_dofs]), 1, -1, 3)
     value, gradient = fine.exact
     error = np.matmul(fine.values[:, :, None], nodal)[:, :, 0] - value
     slope = np.matmul(nodal.swapaxes(2, 3), fine.gradients) - gradient
     strain = strain_rate(gradient + IDENTITY, slope)
     geometric = strain_of(slope) - strain_rate(IDENTITY, slope)
     stress = membrane.stress(strain_of(gradient))
-    density = (strain @ membrane.stiffness * strain).sum(-1) + 2 * (stress * geometric).sum(-1)
+    density = (strain @ membrane.law.stiffness * strain).sum(-1) + 2 * (stress * geometric).sum(-1)
     size = math.sqrt(fine.weights.sum() / len(fine.weights))
     return (
         size,
@@ -136,7 +136,7 @@ def test_manufactured_solution_converges_with_the_order_of_theory(order, sizes_m
 
 
 def test_manufactured_film_is_in_tension():
-    """Or the solution would be no minimum, and its convergence no theory's."""
+    """Otherwise the solution would be no minimum, and theory says nothing of its convergence."""
     grid = RADIUS * np.linspace(-1, 1, 101)
     points = np.stack(np.meshgrid(grid, grid))
     points = points[:, np.hypot(*points) <= RADIUS]
@@ -170,11 +170,11 @@ def test_charges_converge_faster_than_the_third_power_under_a_smooth_load():
     scene = free_disc(1e-3, poisson_ratio=0.34, pretension=1e-4, electrodes=electrodes)
     axial = axisymmetric_membrane(1e-3, poisson_ratio=0.34, pretension=1e-4)
     exact = np.array([exact_charge(scene, e, axial) for e in scene.electrode_list])
-    sizes, wrong = [], []
+    sizes, errors_of_charges = [], []
     for size_mm in (8.0, 5.0, 3.5, 2.5, 1.8):
         mesh = uniform_mesh(scene, size_mm)
         charges = np.array(list(solve(scene, mesh=mesh).charges_pC.values()))
         sizes.append(mesh.nelements**-0.5)
-        wrong.append(math.sqrt(np.mean((charges / exact - 1) ** 2)))
-    assert np.polyfit(np.log(sizes), np.log(wrong), 1)[0] > 3
-    assert wrong[-1] < 1e-6
+        errors_of_charges.append(math.sqrt(np.mean((charges / exact - 1) ** 2)))
+    assert np.polyfit(np.log(sizes), np.log(errors_of_charges), 1)[0] > 3
+    assert errors_of_charges[-1] < 1e-6

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.scene.outline import turn
+from pvdf_fem.scene.outlines.outline import turn
+from pvdf_fem.solvers.status import Status
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE
 
 few = settings(max_examples=8, deadline=None, derandomize=True)
@@ -85,10 +86,11 @@ def test_only_force_over_thickness_matters(probe, force_N, factor, kind):
     """Same stresses, so the same charges and deflections, on the same mesh."""
     thin = scene_with(probe, **{"load.force_N": force_N, "film.thickness_um": 25.0}, **LOADS[kind])
     thick = thin.with_(**{"load.force_N": force_N * factor, "film.thickness_um": 25.0 * factor})
-    one = solve(thin)
-    other = solve(thick, mesh=one.mesh)
-    assert other.charges_pC == pytest.approx(one.charges_pC, rel=1e-7)
-    assert other.deflection_max_mm == pytest.approx(one.deflection_max_mm, rel=1e-7)
+    expected = solve(thin)
+    assume(expected.status is not Status.UNSTABLE)  # a stuck punch can compress the film
+    scaled = solve(thick, mesh=expected.mesh)
+    assert scaled.charges_pC == pytest.approx(expected.charges_pC, rel=1e-7)
+    assert scaled.deflection_max_mm == pytest.approx(expected.deflection_max_mm, rel=1e-7)
 
 
 @given(probe=probes(), force_N=forces, kind=st.sampled_from(["dead", "sliding", "stuck"]))
@@ -116,9 +118,9 @@ def test_rim_bears_the_vertical_part_of_a_follower_pressure(probe, force_N):
 def test_power_laws_without_pretension(probe, kind):
     """w ~ F^(1/3) and Q ~ F^(2/3) while slopes vanish."""
     scene = scene_with(probe, **{"film.temperature_change_K": 0.0}, **LOADS[kind])
-    one, eight = (solve(scene.with_(**{"load.force_N": f})) for f in (1e-8, 8e-8))
-    assert eight.deflection_max_mm / one.deflection_max_mm == pytest.approx(2, rel=1e-5)
-    assert values(eight.charges_pC) / values(one.charges_pC) == pytest.approx(4, rel=1e-4)
+    weak, strong = (solve(scene.with_(**{"load.force_N": f})) for f in (1e-8, 8e-8))
+    assert strong.deflection_max_mm / weak.deflection_max_mm == pytest.approx(2, rel=1e-5)
+    assert values(strong.charges_pC) / values(weak.charges_pC) == pytest.approx(4, rel=1e-4)
 
 
 @given(probe=probes(), force_N=forces)
@@ -143,12 +145,12 @@ ESTIMATED = {
 
 @pytest.mark.parametrize("case", ESTIMATED)
 def test_error_estimates_are_honest(case):
-    """Of the worst charge: estimate over true error from 0.3 to 3, and the tolerance is met."""
+    """The worst charge meets the tolerance, and its stated error is 0.3 to 3 times the true one."""
     scene = ESTIMATED[case]
     solution = solve(scene)
     exact = values(solve(scene.with_(**{"numerics.tolerance": 3e-5})).charges_pC)
-    wrong = np.abs(values(solution.charges_pC) - exact)
-    estimate = values(solution.charge_errors_pC)
-    worst = np.argmax(wrong / exact)
-    assert wrong[worst] <= scene.numerics.tolerance * exact[worst]
-    assert 0.3 < estimate[worst] / wrong[worst] < 3
+    errors = np.abs(values(solution.charges_pC) - exact)
+    estimates = values(solution.charge_errors_pC)
+    worst = np.argmax(errors / exact)
+    assert errors[worst] <= scene.numerics.tolerance * exact[worst]
+    assert 0.3 < estimates[worst] / errors[worst] < 3

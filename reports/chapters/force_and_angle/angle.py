@@ -1,4 +1,4 @@
-"""Part of the thesis report: the angle from one charge (section 4.1, Tables 4.2 and 4.3)."""
+"""Chapter of the thesis report: the angle from one charge (section 4.1, Tables 4.2 and 4.3)."""
 
 from __future__ import annotations
 
@@ -10,47 +10,49 @@ import numpy as np
 
 from pvdf_fem import Scene
 from pvdf_fem.maps.cosine_series import CosineSeries
-from pvdf_fem.maps.orientation import orientations, polynomial_angles
-from pvdf_fem.output.figures import COLOURS, new_figure, save, style
+from pvdf_fem.maps.orientation import orientations
+from pvdf_fem.output.figures import COLOURS
 from reports.chapters.force_and_angle.rectangle import Rectangle, table_scenes
-from reports.common.comparison import Comparison, compare, wide_table
-from reports.common.page import Cell, Column, Picture, Table
-from reports.common.part import Content, Part
+from reports.common.chapter import Chapter, Content
+from reports.common.comparison import Comparison, compare
+from reports.common.figures import drawing
+from reports.common.page import Cell, Column, Picture, Table, joined
 from reports.common.results import Results
-from reports.common.tables import CASE, FORCE, ROTATION
+from reports.common.tables import CASE, FORCE, ROTATION, wide_table
 from reports.common.thesis_data import AngleEstimate, Charge, Thesis
 from reports.common.thesis_scene import scene_of
 
-#: Error of a charge for which the angle's error is shown: scatter of the thesis's charges.
+#: Relative error of a charge for which errors of angles are shown: the scatter of the thesis's.
 SCATTER = 0.002
 
 
 def check_charges(thesis: Thesis) -> list[Charge]:
-    """The check runs of Tables 4.2 and 4.3, and of the angle in the text."""
+    """The charges of the check runs of Tables 4.2 and 4.3, and of section 4.1.1."""
     return thesis.from_("Table 4.2", "Table 4.3", "Section 4.1.1")
 
 
 def check_scenes(thesis: Thesis) -> list[Scene]:
-    """Their scenes."""
+    """The scenes of the check runs."""
     return [scene_of(charge) for charge in check_charges(thesis)]
 
 
 @dataclass(frozen=True)
-class Recovered:
-    """An angle recovered from a charge of A, in several ways; NaN where there is none.
+class RecoveredAngle:
+    """Angles in degrees that several ways give for a charge of A; NaN where a way gives none.
 
     Attributes
     ----------
     estimate : AngleEstimate
-        The thesis's, whose angle is that of its text if there is one.
+        The thesis's estimate.
     roots, refit_roots : tuple of float
-        Angles in degrees of its equation, as printed and in full precision.
+        Solutions of the thesis's equation, as printed and in full precision.
     from_table, from_ours : float
-        Angle of the series through the thesis's charges and through ours.
+        Angles of the series through the thesis's charges and through ours.
     from_range : float
-        Angle at which ours is at the same place in the range from 90° to 0°.
+        Angle at which our charge is as far between its values at 90° and 0° as this charge is
+        between the thesis's.
     slope : float
-        dQ/dθ in pC per degree, of the thesis's charges.
+        Slope dQ/dθ of the thesis's charges in pC per degree.
     ours_there_pC : float
         Our charge at the thesis's angle.
     """
@@ -66,79 +68,84 @@ class Recovered:
 
     @property
     def angle_deg(self) -> float:
-        """The thesis's angle: that of the text, where it and the table disagree."""
+        """The thesis's angle, from its text if that states one, else from its table."""
         text = self.estimate.angle_text_deg
         return self.estimate.angle_table_deg if math.isnan(text) else text
 
     @property
     def angle_error_deg(self) -> float:
-        """What the error of the check run's charge is worth in degrees."""
+        """The angle that corresponds to the error of the check run's charge."""
         return abs((self.estimate.check_charge_pC - self.estimate.charge_pC) / self.slope)
 
 
 def recovered(
     estimate: AngleEstimate, thesis: Thesis, rectangle: Rectangle, checks: list[Comparison]
-) -> Recovered:
-    """All angles for the charge of an estimate."""
+) -> RecoveredAngle:
+    """The angles that all ways give for the charge of an estimate."""
     F, Q = estimate.force_N, estimate.charge_pC
     refit = thesis.polynomials.get(f"{estimate.equation} refit")
     theirs, ours = rectangle.theirs, rectangle.ours
-    one = Recovered(
+    angles = RecoveredAngle(
         estimate,
-        polynomial_angles(thesis.polynomials[estimate.equation], Q),
-        polynomial_angles(refit, Q) if refit is not None else (),
+        thesis.polynomials[estimate.equation].angles_deg(Q),
+        refit.angles_deg(Q) if refit is not None else (),
         angle_of(theirs, Q, F),
         angle_of(ours, Q, F),
         angle_of(ours, same_place(Q, F, theirs, ours), F),
         math.nan,
         math.nan,
     )
-    here = [o for o in checks if abs(o.charge.rotation_deg - one.angle_deg) < 0.01]
+    at_angle = [
+        comparison
+        for comparison in checks
+        if abs(comparison.charge.rotation_deg - angles.angle_deg) < 0.01
+    ]
     return replace(
-        one,
-        slope=_slope(theirs, one.angle_deg, F),
-        ours_there_pC=here[0].ours_pC if here else math.nan,
+        angles,
+        slope=_slope(theirs, angles.angle_deg, F),
+        ours_there_pC=at_angle[0].ours_pC if at_angle else math.nan,
     )
 
 
 def same_place(
     charge_pC: float, force_N: float, theirs: CosineSeries | None, ours: CosineSeries | None
 ) -> float:
-    """Our charge as far between those of 90° and 0° as a charge is between the thesis's."""
+    """Our charge with the place between 90° and 0° that a charge has among the thesis's."""
     if theirs is None or ours is None:
         return math.nan
-    (high, low), (our_high, our_low) = (
-        of.charge_pC(np.array([0.0, 90.0]), force_N).tolist() for of in (theirs, ours)
+    (high, low), (our_highest, our_lowest) = (
+        charge_series.charge_pC(np.array([0.0, 90.0]), force_N).tolist()
+        for charge_series in (theirs, ours)
     )
-    return float(our_low + (our_high - our_low) * (charge_pC - low) / (high - low))
+    return float(our_lowest + (our_highest - our_lowest) * (charge_pC - low) / (high - low))
 
 
-def angle_of(of: CosineSeries | None, charge_pC: float, force_N: float) -> float:
-    """Angle at which a series of A has a charge at a known force; NaN if it never has."""
-    if of is None or not math.isfinite(charge_pC):
+def angle_of(charge_series: CosineSeries | None, charge_pC: float, force_N: float) -> float:
+    """Angle at which a series gives a charge of A at a known force; NaN if there is none."""
+    if charge_series is None or not math.isfinite(charge_pC):
         return math.nan
-    found = orientations(of, {"A": charge_pC}, force_N)
-    return found[0].angle_deg if found else math.nan
+    orientations_found = orientations(charge_series, {"A": charge_pC}, force_N)
+    return orientations_found[0].angle_deg if orientations_found else math.nan
 
 
-def _slope(of: CosineSeries | None, angle_deg: float, force_N: float) -> float:
-    if of is None:
+def _slope(charge_series: CosineSeries | None, angle_deg: float, force_N: float) -> float:
+    if charge_series is None:
         return math.nan
     twice = 2.0 * math.radians(angle_deg)
-    along_c, _ = of.slopes(math.cos(twice), force_N)
+    along_c, _ = charge_series.slopes(math.cos(twice), force_N)
     return -along_c * 2.0 * math.sin(twice) * math.pi / 180.0
 
 
 def _angles(thesis: Thesis, results: Results, out: Path) -> Content:
     rectangle = Rectangle.of(thesis, results)
     checks = compare(check_charges(thesis), results)
-    found = [recovered(one, thesis, rectangle, checks) for one in thesis.angle_estimates]
-    _error_picture(found, rectangle, out / "angle_errors.svg")
+    angles = [recovered(estimate, thesis, rectangle, checks) for estimate in thesis.angle_estimates]
+    _error_picture(angles, rectangle, out / "angle_errors.svg")
     keys = [CASE, Column("source", "place in the thesis"), FORCE, ROTATION]
     return Content(
-        _angle_text(found, rectangle),
+        _angle_text(angles, rectangle),
         [
-            _angle_table(found),
+            _angle_table(angles),
             Picture(
                 "angle_errors.svg",
                 "Tables 4.2 and 4.3: half of the range of angles that a standard error of "
@@ -152,7 +159,7 @@ def _angles(thesis: Thesis, results: Results, out: Path) -> Content:
     )
 
 
-def _angle_table(found: list[Recovered]) -> Table:
+def _angle_table(angles: list[RecoveredAngle]) -> Table:
     columns = [
         Column("case", "case"),
         FORCE,
@@ -177,41 +184,42 @@ def _angle_table(found: list[Recovered]) -> Table:
         "at the same place between its values at 90° and 0°. The stated error is that of the "
         "charge in the check run; the last column is what it is worth in angle.",
         columns,
-        [_angle_row(one) for one in found],
+        [_angle_row(angle) for angle in angles],
     )
 
 
-def _angle_row(one: Recovered) -> list[Cell]:
-    estimate = one.estimate
+def _angle_row(angle: RecoveredAngle) -> list[Cell]:
+    estimate = angle.estimate
     return [
         estimate.case,
         estimate.force_N,
         estimate.charge_pC,
         estimate.angle_table_deg,
         estimate.angle_text_deg,
-        _listed(one.roots),
-        _listed(one.refit_roots),
-        one.from_table,
-        one.from_ours,
-        one.from_range,
-        one.from_range - one.angle_deg,
-        one.ours_there_pC,
+        _listed(angle.roots),
+        _listed(angle.refit_roots),
+        angle.from_table,
+        angle.from_ours,
+        angle.from_range,
+        angle.from_range - angle.angle_deg,
+        angle.ours_there_pC,
         estimate.error_stated_percent,
-        one.angle_error_deg,
+        angle.angle_error_deg,
     ]
 
 
 def _listed(angles: tuple[float, ...]) -> Cell:
-    """One number as a number, several as text."""
+    """A cell with angles: a single one is a number, several are text."""
     if len(angles) < 2:
         return angles[0] if angles else None
     return ", ".join(f"{angle:.3f}" for angle in angles)
 
 
-def _error_picture(found: list[Recovered], rectangle: Rectangle, path: Path) -> None:
+def _error_picture(
+    recovered_angles: list[RecoveredAngle], rectangle: Rectangle, path: Path
+) -> None:
     angles = np.linspace(0.0, 90.0, 19)
-    with style():
-        figure = new_figure(160, 85)
+    with drawing(path, 160, 85) as figure:
         ax = figure.subplots()
         if rectangle.ours is not None:
             for electrodes, label, ink in (
@@ -221,8 +229,8 @@ def _error_picture(found: list[Recovered], rectangle: Rectangle, path: Path) -> 
                 errors = [_half_range(rectangle.ours, angle, electrodes) for angle in angles]
                 ax.plot(angles, errors, ".-", color=ink, label=label)
             ax.plot(
-                [one.angle_deg for one in found],
-                [one.angle_error_deg for one in found],
+                [recovered_angle.angle_deg for recovered_angle in recovered_angles],
+                [recovered_angle.angle_error_deg for recovered_angle in recovered_angles],
                 "o",
                 color="black",
                 markerfacecolor="none",
@@ -231,33 +239,30 @@ def _error_picture(found: list[Recovered], rectangle: Rectangle, path: Path) -> 
             ax.legend(loc="upper center")
         ax.set(xlabel="rotation of the probe (°)", ylabel="error of the angle (°)")
         ax.set(xlim=(0.0, 90.0), ylim=(0.0, None), xticks=range(0, 91, 15))
-        save(figure, path)
 
 
-def _half_range(of: CosineSeries, angle_deg: float, electrodes: str) -> float:
-    charges = {e: float(of.charge_pC(angle_deg, 1.0, e)) for e in electrodes}
+def _half_range(charge_series: CosineSeries, angle_deg: float, electrodes: str) -> float:
+    charges = {e: float(charge_series.charge_pC(angle_deg, 1.0, e)) for e in electrodes}
     error = SCATTER * float(np.mean(list(charges.values())))
     force = 1.0 if len(electrodes) == 1 else None
-    found = orientations(of, charges, force, charge_error_pC=error)
-    nearest = min(found, key=lambda one: abs(one.angle_deg - angle_deg))
+    answers = orientations(charge_series, charges, force, charge_error_pC=error)
+    nearest = min(answers, key=lambda answer: abs(answer.angle_deg - angle_deg))
     low, high = nearest.angle_range_deg
     return 0.5 * (high - low)
 
 
-def _angle_text(found: list[Recovered], rectangle: Rectangle) -> list[str]:
+def _angle_text(angles: list[RecoveredAngle], rectangle: Rectangle) -> list[str]:
     theirs, ours = rectangle.theirs, rectangle.ours
     if theirs is None or ours is None:
         return ["Too few charges for curves from which angles could be read."]
-    stated = [one.estimate.error_stated_percent for one in found]
-    errors = [one.angle_error_deg for one in found]
-    ends = {
-        who: [float(of.charge_pC(a, 1.0)) for a in (0.0, 50.0, 90.0)]
-        for who, of in (("theirs", theirs), ("ours", ours))
-    }
-    low, middle, high = ends["theirs"][2], ends["theirs"][1], ends["theirs"][0]
-    lost = [f"{one.estimate.charge_pC:g}" for one in found if math.isnan(one.from_ours)]
-    apart = [one for one in found if one.refit_roots and one.roots]
-    worst = max(apart, key=lambda one: abs(one.refit_roots[-1] - one.roots[-1]))
+    stated = [angle.estimate.error_stated_percent for angle in angles]
+    errors = [angle.angle_error_deg for angle in angles]
+    high, middle, low = (float(theirs.charge_pC(degrees, 1.0)) for degrees in (0.0, 50.0, 90.0))
+    our_high = float(ours.charge_pC(0.0, 1.0))
+    unreached = [f"{angle.estimate.charge_pC:g}" for angle in angles if math.isnan(angle.from_ours)]
+    consequence = f" Because of it, {joined(unreached)} pC are reached at no angle."
+    with_roots = [angle for angle in angles if angle.refit_roots and angle.roots]
+    worst = max(with_roots, key=lambda angle: abs(angle.refit_roots[-1] - angle.roots[-1]))
     return [
         f"The last rows of Tables 4.2 and 4.3, {min(stated):g} to {max(stated):g} %, are called "
         "errors of the angle. They are errors of the charge. Over the slope of the thesis's own "
@@ -267,26 +272,34 @@ def _angle_text(found: list[Recovered], rectangle: Rectangle) -> list[str]:
         "The answer also depends on the digits of the equation: for "
         f"{worst.estimate.charge_pC:g} pC Eq. {worst.estimate.equation} gives "
         f"{worst.roots[-1]:.1f}° as printed, {worst.refit_roots[-1]:.1f}° in full precision.",
-        f"Our charge of A at 0° and 1 N is {ends['ours'][0]:.1f} pC, {high:.1f} pC in the "
-        f"thesis, a difference of {100 * (1 - ends['ours'][0] / high):.1f} %."
-        + (f" It is enough that {_and(lost)} pC are reached at no angle." if lost else "")
+        f"Our charge of A at 0° and 1 N is {our_high:.1f} pC, {high:.1f} pC in the "
+        f"thesis, a difference of {100 * (1 - our_high / high):.1f} %."
+        + (consequence if unreached else "")
         + " One degree is worth "
-        + _and([f"{_percent_per_degree(theirs, a):.3f} % at {a:g}°" for a in (20.0, 45.0, 75.0)])
-        + " of the charge, and so true must a calibration be from which one charge gives an "
-        "angle. Taken relative to its own range, our curve has angles within "
-        f"{max(abs(one.from_range - one.angle_deg) for one in found):.1f}° of the thesis's.",
+        + joined(
+            [
+                f"{_percent_per_degree(theirs, degrees):.3f} % at {degrees:g}°"
+                for degrees in (20.0, 45.0, 75.0)
+            ]
+        )
+        + (
+            " of the charge; a calibration needs this accuracy before one charge can give an "
+            "angle. Taken relative to its own range, our curve has angles within "
+            f"{max(abs(angle.from_range - angle.angle_deg) for angle in angles):.1f}° of the "
+            "thesis's."
+        ),
     ]
 
 
-def _percent_per_degree(of: CosineSeries, angle_deg: float) -> float:
-    return abs(100.0 * _slope(of, angle_deg, 1.0) / float(of.charge_pC(angle_deg, 1.0)))
+def _percent_per_degree(charge_series: CosineSeries, angle_deg: float) -> float:
+    return abs(
+        100.0
+        * _slope(charge_series, angle_deg, 1.0)
+        / float(charge_series.charge_pC(angle_deg, 1.0))
+    )
 
 
-def _and(words: list[str]) -> str:
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
-
-
-ANGLE_PART = Part(
+ANGLE_CHAPTER = Chapter(
     "angle",
     "Section 4.1: the angle from one charge",
     ("Table 4.2", "Table 4.3"),

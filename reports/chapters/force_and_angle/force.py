@@ -1,4 +1,4 @@
-"""Parts of the thesis report: charge against force (sections 3.4, 4.2 and 4.3)."""
+"""Chapters of the thesis report: charge against force (sections 3.4, 4.2 and 4.3)."""
 
 from __future__ import annotations
 
@@ -12,37 +12,34 @@ from numpy.typing import NDArray
 
 from pvdf_fem import Scene
 from pvdf_fem.maps.force_law import MembraneLaw
-from pvdf_fem.maps.polynomial import Polynomial
 from pvdf_fem.output.figures import (
     COLOURS,
     GREY,
     Series,
     charge_against_force,
     colours,
-    differences,
     label_curves,
-    new_figure,
-    save,
-    style,
 )
 from reports.chapters.force_and_angle.force_law import finite, law_through, swing
-from reports.common.comparison import Comparison, compare, series, wide_table
-from reports.common.page import Picture, Table
-from reports.common.part import Content, Part, comparing
+from reports.common.chapter import Chapter, Content, comparing
+from reports.common.comparison import Comparison, compare, curves, group_by, select, series
+from reports.common.figures import EQUATION_DASHES, RING, draw_compared, draw_differences, drawing
+from reports.common.page import Picture, Table, signed
+from reports.common.polynomial import PrintedPolynomial
 from reports.common.results import THESIS_EDGE, Results
-from reports.common.tables import CASE, FORCE, ROTATION, by, curves, of, signed, sound_differences
+from reports.common.tables import CASE, FORCE, ROTATION, wide_table
 from reports.common.thesis_data import Charge, Thesis
 from reports.common.thesis_scene import scene_of, thesis_scene
 
 Array = NDArray[np.float64]
 
-#: A force between the last two of Tables 4.5 and 4.6, where Eq. 4.10 and 4.11 leave the curve.
+#: Force in N between the last two of Tables 4.5 and 4.6, where Eq. 4.10 and 4.11 leave the curve.
 BETWEEN_N = 6.5
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where the thesis treats an electrode under the rectangle."""
+class RectangleFigures:
+    """The thesis's figures, table and equation about an electrode under the rectangle."""
 
     row: str
     rotations: str
@@ -51,45 +48,41 @@ class Place:
 
     @property
     def row_file(self) -> str:
-        """Picture of the row of 0°."""
+        """File of the picture of the rotation 0°."""
         return f"figure_{self.row.replace('.', '_')}.svg"
 
     @property
     def rotations_file(self) -> str:
-        """Picture of all rotations."""
+        """File of the picture of all rotations."""
         return f"figure_{self.rotations.replace('.', '_')}.svg"
 
 
-#: By electrode.
+#: The thesis's figures, table and equation by electrode.
 RECTANGLE = {
-    "A": Place("4.5", "4.11", "4.5", "4.10"),
-    "B": Place("4.6", "4.12", "4.6", "4.11"),
+    "A": RectangleFigures("4.5", "4.11", "4.5", "4.10"),
+    "B": RectangleFigures("4.6", "4.12", "4.6", "4.11"),
 }
 
 
 # ------------------------------------------------------------------------ triangle, section 3.4.1
 
 
-def _triangle(found: list[Comparison], out: Path) -> Content:
-    electrodes = by(found, "electrode")
-    with style():
-        figure = new_figure(160, 130)
+def _triangle(comparisons: list[Comparison], out: Path) -> Content:
+    electrodes = group_by(comparisons, "electrode")
+    with drawing(out / "figure_3_20.svg", 160, 130) as figure:
         above, below = figure.subplots(2, height_ratios=(3, 2))
-        charge_against_force(
-            above, curves(electrodes, "force_N"), curves(electrodes, "force_N", "thesis_pC")
-        )
-        differences(below, sound_differences(electrodes, "force_N"), "force (N)")
-        save(figure, out / "figure_3_20.svg")
+        draw_compared(above, electrodes, "force_N")
+        draw_differences(below, electrodes, "force_N")
     return Content(
         [
             "The triangular probe, turned by 90° clockwise, at the centre of the three-electrode "
             "sensor. A third of a turn maps the probe and the ring of electrodes onto themselves, "
             "so that A, B and C must have equal charges; the thesis says “virtually”. The largest "
-            f"of the three is above the smallest by {_spread(found, 'thesis_pC')} in the thesis, "
-            f"by {_spread(found, 'ours_pC')} for averages along the electrodes' edges as it takes "
-            f"them, and by {_spread(found, 'material_pC')} for the charge of their area: the "
-            "difference is made by edges that all lie along x and y, whatever the electrode's "
-            "place on the ring.",
+            f"of the three is above the smallest by {_spread(comparisons, 'thesis_pC')} in the "
+            f"thesis, by {_spread(comparisons, 'ours_pC')} for averages along the electrodes' "
+            f"edges as it takes them, and by {_spread(comparisons, 'material_pC')} for the charge "
+            "of their area: the difference is made by edges that all lie along x and y, whatever "
+            "the electrode's place on the ring.",
         ],
         [
             Picture(
@@ -97,16 +90,16 @@ def _triangle(found: list[Comparison], out: Path) -> Content:
                 "Fig. 3.20 and Table 3.4: charge against force; below, the differences. Dashed: "
                 "±2 %.",
             ),
-            wide_table("table_3_4", "Table 3.4: charge against force.", [CASE, FORCE], found),
+            wide_table("table_3_4", "Table 3.4: charge against force.", [CASE, FORCE], comparisons),
         ],
     )
 
 
-def _spread(found: list[Comparison], y: str) -> str:
-    """Range over the electrodes at each force in percent of their mean."""
+def _spread(comparisons: list[Comparison], y: str) -> str:
+    """Range over the electrodes at each force, in percent of their mean."""
     rows = [
-        [one.charge.charge_pC if y == "thesis_pC" else getattr(one, y) for one in some]
-        for some in by(found, "force_N").values()
+        [getattr(comparison, y) for comparison in group]
+        for group in group_by(comparisons, "force_N").values()
     ]
     spreads = [100.0 * np.ptp(row) / np.mean(row) for row in rows]
     return f"{min(spreads):.2f} to {max(spreads):.2f} %" if spreads else "–"
@@ -120,8 +113,8 @@ def _rectangle_charges(thesis: Thesis) -> list[Charge]:
 
 
 def _between(thesis: Thesis) -> list[Scene]:
-    """A scene between the last two forces of the rows of 0°."""
-    forces = {c.force_N for c in _rectangle_charges(thesis) if c.rotation_deg == 0}
+    """The scene of `BETWEEN_N` at 0°, if the forces of the table enclose it."""
+    forces = {charge.force_N for charge in _rectangle_charges(thesis) if charge.rotation_deg == 0}
     inside = min(forces, default=BETWEEN_N) < BETWEEN_N < max(forces, default=BETWEEN_N)
     return [thesis_scene("4", "rect14x7", force_N=BETWEEN_N)] if inside else []
 
@@ -131,24 +124,24 @@ def _rectangle_scenes(thesis: Thesis) -> list[Scene]:
 
 
 def _rectangle(thesis: Thesis, results: Results, out: Path) -> Content:
-    found = compare(_rectangle_charges(thesis), results)
-    extra = {
-        e: [(BETWEEN_N, results[s].charge_pC(e, THESIS_EDGE)) for s in _between(thesis)]
-        for e in "AB"
-    }
+    comparisons = compare(_rectangle_charges(thesis), results)
+    rows = {e: select(comparisons, electrode=e, rotation_deg=0.0) for e in "AB"}
+    printed = {e: series(row, e, "force_N", "thesis_pC") for e, row in rows.items()}
     ours = {
-        e: _with(series(of(found, electrode=e, rotation_deg=0.0), e, "force_N"), extra[e])
-        for e in "AB"
-    }
-    printed = {
-        e: series(of(found, electrode=e, rotation_deg=0.0), e, "force_N", "thesis_pC") for e in "AB"
+        e: _with_points(
+            series(row, e, "force_N"),
+            [(BETWEEN_N, results[scene].charge_pC(e, THESIS_EDGE)) for scene in _between(thesis)],
+        )
+        for e, row in rows.items()
     }
     blocks: list[Picture | Table] = []
-    for e, place in RECTANGLE.items():
-        rows = of(found, electrode=e)
-        _degree_six_picture(thesis, place.equation, ours[e], printed[e], out / place.row_file)
-        _rotations_picture(rows, out / place.rotations_file)
-        blocks += _rectangle_blocks(e, place, rows)
+    for electrode, figures in RECTANGLE.items():
+        of_electrode = select(comparisons, electrode=electrode)
+        _degree_six_picture(
+            thesis, figures.equation, ours[electrode], printed[electrode], out / figures.row_file
+        )
+        _rotations_picture(of_electrode, out / figures.rotations_file)
+        blocks += _rectangle_blocks(electrode, figures, of_electrode)
     return Content(
         [
             "The rectangular probe of 14 mm × 7 mm at the centre of the four-electrode sensor. "
@@ -160,97 +153,96 @@ def _rectangle(thesis: Thesis, results: Results, out: Path) -> Content:
     )
 
 
-def _rectangle_blocks(e: str, place: Place, rows: list[Comparison]) -> list[Picture | Table]:
+def _rectangle_blocks(
+    electrode: str, figures: RectangleFigures, comparisons: list[Comparison]
+) -> list[Picture | Table]:
     return [
         Picture(
-            place.row_file,
-            f"Fig. {place.row}: charge of {e} against force, 0°, with the thesis's polynomial of "
-            "degree 6 as printed (dashed) and interpolated again in full precision (dotted). "
-            "Right, everything over the membrane law through the thesis's charges.",
+            figures.row_file,
+            f"Fig. {figures.row}: charge of {electrode} against force, 0°, with the thesis's "
+            "polynomial of degree 6 as printed (dashed) and interpolated again in full precision "
+            "(dotted). Right, everything over the membrane law through the thesis's charges.",
         ),
         Picture(
-            place.rotations_file,
-            f"Fig. {place.rotations}: charge of {e} against force at the rotations of Table "
-            f"{place.table}; right, relative to the mean of the rotations, thesis and ours each "
-            "over its own (the thesis's outliers at 75°, 5 N included), and the differences "
+            figures.rotations_file,
+            f"Fig. {figures.rotations}: charge of {electrode} against force at the rotations of "
+            f"Table {figures.table}; right, relative to the mean of the rotations, thesis and ours "
+            "each over its own (the thesis's outliers at 75°, 5 N included), and the differences "
             "(charges with a defect left out). Dashed: ±2 %.",
         ),
         wide_table(
-            f"table_{place.table.replace('.', '_')}",
-            f"Table {place.table}: charge of {e} against rotation and force.",
+            f"table_{figures.table.replace('.', '_')}",
+            f"Table {figures.table}: charge of {electrode} against rotation and force.",
             [CASE, ROTATION, FORCE],
-            rows,
+            comparisons,
         ),
     ]
 
 
-def _with(one: Series, points: list[tuple[float, float]]) -> Series:
-    """A series with further points."""
-    every = np.array(sorted([*zip(one.x, one.y, strict=True), *points])).reshape(-1, 2)
-    return Series(one.label, every[:, 0], every[:, 1])
+def _with_points(curve: Series, points: list[tuple[float, float]]) -> Series:
+    """A series with additional points, in the order of x."""
+    pairs = np.array(sorted([*zip(curve.x, curve.y, strict=True), *points])).reshape(-1, 2)
+    return Series(curve.label, pairs[:, 0], pairs[:, 1])
 
 
 def _degree_six_picture(
     thesis: Thesis, number: str, ours: Series, printed: Series, path: Path
 ) -> None:
     law = law_through(*finite(printed))
-    with style():
-        figure = new_figure(180, 75)
+    with drawing(path, 180, 75) as figure:
         left, right = figure.subplots(1, 2)
         right.axhline(0.0, color=GREY, linewidth=0.8)
         F = np.linspace(printed.x[0], printed.x[-1], 300) if law else np.zeros(0)
         for name, dashes, label in (
-            (number, (5, 2), f"Eq. {number} as printed"),
-            (f"{number} refit", (1, 1.5), "in full precision"),
+            (number, EQUATION_DASHES, f"Eq. {number} as printed"),
+            (f"{number} refit", (0, (1, 1.5)), "in full precision"),
         ):
             equation = Series(label, F, thesis.polynomials[name](F))
-            look: dict[str, Any] = {"color": COLOURS[1], "linestyle": (0, dashes)}
+            look: dict[str, Any] = {"color": COLOURS[1], "linestyle": dashes}
             left.plot(equation.x, equation.y, **look)
             _over_law(right, equation, law, label=label, **look)
         charge_against_force(left, [ours], [printed])
-        ring = {"marker": "o", "linestyle": "none", "markerfacecolor": "none"}
         _over_law(right, ours, law, color=COLOURS[0], marker=".")
-        _over_law(right, printed, law, color=COLOURS[0], **ring)
+        _over_law(right, printed, law, color=COLOURS[0], **RING)
         right.set(xlabel="force (N)", ylabel="above the law (%)", xlim=left.get_xlim())
         if law is not None:
             right.legend(loc="upper left")
-        save(figure, path)
 
 
-def _over_law(ax: Axes, one: Series, law: MembraneLaw | None, **look: Any) -> None:
+def _over_law(ax: Axes, curve: Series, law: MembraneLaw | None, **look: Any) -> None:
     if law is not None:
-        ax.plot(one.x, 100.0 * (one.y / law.charge_pC(one.x) - 1.0), **look)
+        ax.plot(curve.x, 100.0 * (curve.y / law.charge_pC(curve.x) - 1.0), **look)
 
 
 def _degree_six_text(
     thesis: Thesis, ours: dict[str, Series], printed: dict[str, Series]
 ) -> list[str]:
     texts = []
-    for e, place in RECTANGLE.items():
-        number = place.equation
-        law = law_through(*finite(printed[e]))
-        if law is None or len(printed[e].x) < 7:
+    for electrode, figures in RECTANGLE.items():
+        number = figures.equation
+        law = law_through(*finite(printed[electrode]))
+        if law is None or len(printed[electrode].x) < 7:
             continue
-        F, Q = printed[e].x, printed[e].y
+        F, Q = printed[electrode].x, printed[electrode].y
         rounding = thesis.polynomials[number](F) - Q
         refit = thesis.polynomials[f"{number} refit"]
-        at, percent = swing(refit, law, *F[[0, -1]])
+        worst_N, percent = swing(refit, law, *F[[0, -1]])
         turns = refit.turning_points(*F[[0, -1]])
-        there = ours[e].y[np.isclose(ours[e].x, BETWEEN_N)]
+        at_between = ours[electrode].y[np.isclose(ours[electrode].x, BETWEEN_N)]
         texts.append(
             f"Eq. {number} passes through its seven data with seven coefficients. As printed it "
             f"is {signed(rounding[-2])} pC off at {F[-2]:g} N and {signed(rounding[-1])} pC at "
             f"{F[-1]:g} N, from rounding. With full precision it still swings between the last "
             f"two: it is {signed(percent)} % off the membrane law through the same charges at "
-            f"{at:.2f} N"
+            f"{worst_N:.2f} N"
             + (f", and falls from {turns[-1]:.2f} N on" if turns else "")
             + ". "
-            + _at_between(refit, there)
+            + _at_between(refit, at_between)
         )
     return texts
 
 
-def _at_between(refit: Polynomial, ours: Array) -> str:
+def _at_between(refit: PrintedPolynomial, ours: Array) -> str:
     if not np.isfinite(ours).any():
         return ""
     theirs = float(refit(BETWEEN_N))
@@ -260,44 +252,45 @@ def _at_between(refit: Polynomial, ours: Array) -> str:
     )
 
 
-def _rotations_picture(found: list[Comparison], path: Path) -> None:
-    some = by(found, "rotation_deg")
-    ours, printed = (curves(some, "force_N", y) for y in ("ours_pC", "thesis_pC"))
-    with style():
-        figure = new_figure(180, 120)
+def _rotations_picture(comparisons: list[Comparison], path: Path) -> None:
+    by_rotation = group_by(comparisons, "rotation_deg")
+    ours, printed = (curves(by_rotation, "force_N", y) for y in ("ours_pC", "thesis_pC"))
+    with drawing(path, 180, 120) as figure:
         axes = figure.subplot_mosaic([["all", "mean"], ["all", "difference"]])
-        charge_against_force(axes["all"], ours, printed)
+        draw_compared(axes["all"], by_rotation, "force_N")
         _relative(axes["mean"], _over_mean(ours), _over_mean(printed))
-        differences(axes["difference"], sound_differences(some, "force_N"), "force (N)")
-        save(figure, path)
+        draw_differences(axes["difference"], by_rotation, "force_N")
 
 
 def _over_mean(rotations: list[Series]) -> list[Series]:
-    """Percent above the mean of all rotations, at the forces that all of them have."""
-    if not rotations or len({len(one.x) for one in rotations}) > 1:
+    """Excess over the mean of all rotations in percent; none if their forces differ."""
+    if not rotations or len({len(rotation.x) for rotation in rotations}) > 1:
         return []
-    mean = np.mean([one.y for one in rotations], axis=0)
-    return [Series(one.label, one.x, 100.0 * (one.y / mean - 1.0)) for one in rotations]
+    mean = np.mean([rotation.y for rotation in rotations], axis=0)
+    return [
+        Series(rotation.label, rotation.x, 100.0 * (rotation.y / mean - 1.0))
+        for rotation in rotations
+    ]
 
 
 def _relative(ax: Axes, ours: list[Series], printed: list[Series]) -> None:
     inks = colours(len(ours))
-    for one, theirs, ink in zip(ours, printed, inks, strict=True):
-        ax.plot(one.x, one.y, ".-", color=ink, markersize=3)
-        ax.plot(theirs.x, theirs.y, "o", color=ink, markerfacecolor="none")
+    for curve, markers, ink in zip(ours, printed, inks, strict=True):
+        ax.plot(curve.x, curve.y, ".-", color=ink, markersize=3)
+        ax.plot(markers.x, markers.y, "o", color=ink, markerfacecolor="none")
     ax.set(xlabel="force (N)", ylabel="above the mean (%)")
     ax.set_xlim(left=0.0)
     label_curves(ax, ours, inks)
 
 
-TRIANGLE_FORCE_PART = comparing(
+TRIANGLE_FORCE_CHAPTER = comparing(
     "force-triangle",
     "Section 3.4.1: charge against force, triangle at the centre",
     ("Fig. 3.20", "Table 3.4"),
     lambda thesis: thesis.from_("Table 3.4"),
     _triangle,
 )
-RECTANGLE_FORCE_PART = Part(
+RECTANGLE_FORCE_CHAPTER = Chapter(
     "force-rectangle",
     "Sections 4.2 and 4.3: charge against force, rectangle at the centre",
     ("Fig. 4.5", "Fig. 4.6", "Fig. 4.11", "Fig. 4.12", "Table 4.5", "Table 4.6"),

@@ -1,4 +1,4 @@
-"""Part of the thesis report: laws of charge against force, and how linear the sensor is."""
+"""Chapter of the thesis report: laws of charge against force, and how linear the sensor is."""
 
 from __future__ import annotations
 
@@ -13,21 +13,22 @@ from numpy.typing import NDArray
 
 from pvdf_fem import Scene
 from pvdf_fem.maps.force_law import Linearity, MembraneLaw, linearity, local_exponents
-from pvdf_fem.output.figures import COLOURS, GREY, Series, new_figure, save, style
-from reports.common.comparison import Comparison, compare, series
+from pvdf_fem.output.figures import COLOURS, GREY, Series
+from reports.common.chapter import Chapter, Content
+from reports.common.comparison import Comparison, compare, group_by, series, sound
+from reports.common.figures import EQUATION_DASHES, LEVEL_DASHES, drawing
 from reports.common.page import Cell, Column, Picture, Table
-from reports.common.part import Content, Part
 from reports.common.results import MATERIAL, Results
-from reports.common.tables import by, sound
 from reports.common.thesis_data import Charge, Thesis
 from reports.common.thesis_scene import scene_of, thesis_scene
 
 Array = NDArray[np.float64]
 
-#: The two forces on which the thesis's linear range rests, and those at which we look into it.
+#: The two forces in N on which the thesis's claim of a linear range rests.
 CLAIMED_N = (0.25, 0.5)
+#: Forces in N at which that range is computed.
 SMALL_N = tuple(round(0.05 * step, 2) for step in range(1, 11))
-#: Polynomials in the force with the rows of data they were fitted to, and how many they had free.
+#: Table and electrode of the charges that the thesis fitted each of its polynomials to.
 FITS = {
     "3.4.1_A": ("Table 3.4", "A"),
     "3.4.1_B": ("Table 3.4", "B"),
@@ -41,24 +42,24 @@ FITS = {
 }
 
 
-def finite(one: Series) -> tuple[Array, Array]:
-    """Forces and charges of a series without those that have no value."""
-    there = np.isfinite(one.y)
-    return one.x[there], one.y[there]
+def finite(curve: Series) -> tuple[Array, Array]:
+    """Forces and charges of the points of a series that have a value."""
+    has_value = np.isfinite(curve.y)
+    return curve.x[has_value], curve.y[has_value]
 
 
 def law_through(F: Array, Q: Array, rest_charge_pC: float | None = None) -> MembraneLaw | None:
-    """The membrane law of charges, those without value left out; None for less than three."""
-    there = np.isfinite(Q)
-    if there.sum() < 3:
+    """The membrane law through the charges that have a value; None if these are less than three."""
+    has_value = np.isfinite(Q)
+    if has_value.sum() < 3:
         return None
-    return MembraneLaw.fit(F[there], Q[there], rest_charge_pC)
+    return MembraneLaw.fit(F[has_value], Q[has_value], rest_charge_pC)
 
 
 def swing(
     charge_pC: Callable[[Array], Array], law: MembraneLaw, low: float, high: float
 ) -> tuple[float, float]:
-    """Where a curve is farthest from a law between two forces, and by how many percent."""
+    """The force at which a curve is farthest from a law, and its deviation there in percent."""
     F = np.geomspace(low, high, 2000)
     percent = 100.0 * (charge_pC(F) / law.charge_pC(F) - 1.0)
     worst = int(np.abs(percent).argmax())
@@ -66,7 +67,7 @@ def swing(
 
 
 def rest_charge_pC(scene: Scene) -> float:
-    """Charge of the first electrode that the pretension alone makes: (d31 S11 + d32 S22) A."""
+    """Charge of the first electrode from the pretension alone, (d31 S11 + d32 S22) A."""
     film = scene.film
     stress = -film.stiffness @ [film.thermal_strain, film.thermal_strain, 0.0]
     area = scene.electrode_list[0].outline.area
@@ -77,28 +78,28 @@ def rest_charge_pC(scene: Scene) -> float:
 
 
 @dataclass(frozen=True)
-class Row:
-    """Charges of one electrode at one rotation against force: the thesis's, and ours."""
+class ForceRow:
+    """Charges of one electrode at one rotation against force, the thesis's and ours."""
 
     source: str
     label: str
     electrode: str
     rotation_deg: float
-    found: tuple[Comparison, ...]
+    comparisons: tuple[Comparison, ...]
 
-    def data(self, y: str, *, every: bool = False) -> tuple[Array, Array]:
-        """Forces and charges that stand, or all of them."""
-        chosen = self.found if every else sound(self.found)
+    def data(self, y: str, *, with_defects: bool = False) -> tuple[Array, Array]:
+        """Forces and charges, without or with those that have a defect."""
+        chosen = self.comparisons if with_defects else sound(self.comparisons)
         return finite(series(chosen, self.label, "force_N", y))
 
 
-def rows(found: list[Comparison]) -> Iterator[Row]:
-    """Rows of the tables of forces, in the order of the tables."""
-    for source, some in by(found, "source").items():
-        for electrode, of_one in by(some, "electrode").items():
-            for rotation, row in by(of_one, "rotation_deg").items():
+def rows(comparisons: list[Comparison]) -> Iterator[ForceRow]:
+    """The rows of Tables 3.4, 4.5 and 4.6, in the order of these tables."""
+    for source, of_source in group_by(comparisons, "source").items():
+        for electrode, of_electrode in group_by(of_source, "electrode").items():
+            for rotation, row in group_by(of_electrode, "rotation_deg").items():
                 label = electrode if source == "Table 3.4" else f"{electrode}, {rotation}"
-                yield Row(source, label, electrode, row[0].charge.rotation_deg, tuple(row))
+                yield ForceRow(source, label, electrode, row[0].charge.rotation_deg, tuple(row))
 
 
 def _charges(thesis: Thesis) -> list[Charge]:
@@ -112,27 +113,27 @@ def _exponents(F: Array, Q: Array) -> tuple[Array, Array]:
     return local_exponents(F, Q) if len(F) > 1 else (np.zeros(0), np.zeros(0))
 
 
-def _exponent_table(found: list[Row]) -> Table:
+def _exponent_table(force_rows: list[ForceRow]) -> Table:
     columns = [Column("source", "place in the thesis"), Column("row", "electrode, rotation")]
-    for who, label in (("thesis", "thesis"), ("ours", "ours")):
+    for key_start, label in (("thesis", "thesis"), ("ours", "ours")):
         columns += [
-            Column(f"{who}_{key}", key, 3, f"{label}: d ln Q / d ln F")
+            Column(f"{key_start}_{key}", key, 3, f"{label}: d ln Q / d ln F")
             for key in ("least", "median", "largest")
         ]
-    cells: list[list[Cell]] = []
-    for row in found:
-        cell: list[Cell] = [row.source, row.label]
+    lines: list[list[Cell]] = []
+    for row in force_rows:
+        line: list[Cell] = [row.source, row.label]
         for y in ("thesis_pC", "ours_pC"):
-            _, values = _exponents(*row.data(y, every=y == "ours_pC"))
+            _, values = _exponents(*row.data(y, with_defects=y == "ours_pC"))
             summary = (np.min, np.median, np.max)
-            cell += [float(of(values)) if values.size else None for of in summary]
-        cells.append(cell)
+            line += [float(statistic(values)) if values.size else None for statistic in summary]
+        lines.append(line)
     return Table(
         "force_exponents",
         "Local exponents between neighbouring forces, of the thesis's charges that stand and of "
         "ours. A proportional sensor has 1, a membrane without pretension 2/3.",
         columns,
-        cells,
+        lines,
     )
 
 
@@ -140,51 +141,51 @@ def _exponent_table(found: list[Row]) -> Table:
 
 
 @dataclass(frozen=True)
-class Fit:
-    """A curve through a row of charges and how it does."""
+class FittedCurve:
+    """A curve through a row of charges, with its number of free parameters."""
 
     name: str
-    row: Row
+    row: ForceRow
     parameters: int
     charge_pC: Callable[[Array], Array]
 
     def cells(self, rest_pC: float) -> list[Cell]:
-        """A row of the table of fits."""
-        F, Q = self.row.data("thesis_pC", every=True)
+        """The cells of the curve in the table of fits."""
+        F, Q = self.row.data("thesis_pC", with_defects=True)
         misses = self.charge_pC(F) - Q
-        cell: list[Cell] = [self.name, self.row.source, self.row.label, len(F), self.parameters]
-        cell += [float(np.abs(misses).max()), float(100.0 * np.abs(misses / Q).max())]
+        line: list[Cell] = [self.name, self.row.source, self.row.label, len(F), self.parameters]
+        line += [float(np.abs(misses).max()), float(100.0 * np.abs(misses / Q).max())]
         law = law_through(F, Q)
-        at, off = swing(self.charge_pC, law, F[0], F[-1]) if law is not None else (None, None)
+        worst_N, off = swing(self.charge_pC, law, F[0], F[-1]) if law is not None else (None, None)
         zero = float(self.charge_pC(np.zeros(1))[0])
         beyond = float(self.charge_pC(np.array([7.5]))[0])
-        return [*cell, off, at, zero, zero - rest_pC, beyond]
+        return [*line, off, worst_N, zero, zero - rest_pC, beyond]
 
 
-def _fits(thesis: Thesis, found: list[Row], rest_pC: float) -> Iterator[Fit]:
-    """The thesis's polynomials in the force, and the law through the same rows."""
-    for row in found:
+def _fits(thesis: Thesis, force_rows: list[ForceRow], rest_pC: float) -> Iterator[FittedCurve]:
+    """The thesis's polynomials in the force, and the membrane law through the same rows."""
+    for row in force_rows:
         at_zero = row.source == "Table 3.4" or row.rotation_deg == 0
-        if not at_zero or len(row.found) < 4:
+        if not at_zero or len(row.comparisons) < 4:
             continue
         key = (row.source, row.electrode)
-        for name in (name for name, of in FITS.items() if of == key):
+        for name in (name for name, data in FITS.items() if data == key):
             if name in thesis.products:
                 force = thesis.products[name].force
-                yield Fit(f"Eq. {name}, force factor", row, len(force.coefficients), force)
+                yield FittedCurve(f"Eq. {name}, force factor", row, len(force.series), force)
             else:
                 equation = thesis.polynomials[name]
                 kind = f"cubic of {name.split('_')[0]}" if "_" in name else f"Eq. {name}"
-                yield Fit(kind, row, len(equation.coefficients), equation)
-        F, Q = row.data("thesis_pC", every=True)
-        for rest, parameters in ((rest_pC, 1), (None, 2)):
-            law = law_through(F, Q, rest)
+                yield FittedCurve(kind, row, len(equation.series), equation)
+        F, Q = row.data("thesis_pC", with_defects=True)
+        for rest_charge, parameters in ((rest_pC, 1), (None, 2)):
+            law = law_through(F, Q, rest_charge)
             if law is not None:
                 kind = "known" if parameters == 1 else "fitted"
-                yield Fit(f"membrane law, Q0 {kind}", row, parameters, law.charge_pC)
+                yield FittedCurve(f"membrane law, Q0 {kind}", row, parameters, law.charge_pC)
 
 
-def _fit_table(fits: list[Fit], rest_pC: float) -> Table:
+def _fit_table(fits: list[FittedCurve], rest_pC: float) -> Table:
     columns = [
         Column("fit", "curve"),
         Column("source", "data"),
@@ -213,7 +214,7 @@ def _fit_table(fits: list[Fit], rest_pC: float) -> Table:
 
 
 def _small(thesis: Thesis) -> list[Scene]:
-    """Scenes of the claimed linear range, if the charges that it rests on are there."""
+    """Scenes of the claimed linear range, if the data have the charges that it rests on."""
     forces = {charge.force_N for charge in thesis.from_("Table 3.4")}
     if not set(CLAIMED_N) <= forces:
         return []
@@ -227,11 +228,11 @@ def _small_series(thesis: Thesis, results: Results) -> Series:
     return Series("A", np.array([scene.load.force_N for scene in scenes]), np.array(charges))
 
 
-def _linearity_text(found: list[Row], small: Series, rest_pC: float) -> list[str]:
+def _linearity_text(force_rows: list[ForceRow], small: Series, rest_pC: float) -> list[str]:
     F, Q = finite(small)
     doubled = [
         float(np.interp(CLAIMED_N[1], F, Q) / np.interp(CLAIMED_N[0], F, Q))
-        for F, Q in (row.data("thesis_pC") for row in found)
+        for F, Q in (row.data("thesis_pC") for row in force_rows)
         if set(CLAIMED_N) <= set(F.tolist())
     ]
     if len(F) < len(SMALL_N) or not doubled:
@@ -256,7 +257,7 @@ def _linearity_text(found: list[Row], small: Series, rest_pC: float) -> list[str
     ]
 
 
-def _fit_text(fits: list[Fit], rest_pC: float) -> list[str]:
+def _fit_text(fits: list[FittedCurve], rest_pC: float) -> list[str]:
     cubics = [fit for fit in fits if fit.name.startswith("cubic")]
     laws = [fit for fit in fits if fit.name.startswith("membrane") and fit.row.rotation_deg == 0]
     if not cubics or not laws:
@@ -264,9 +265,9 @@ def _fit_text(fits: list[Fit], rest_pC: float) -> list[str]:
     zero = [float(fit.charge_pC(np.zeros(1))[0]) for fit in cubics]
     law = law_through(*cubics[0].row.data("thesis_pC"), rest_pC)
     far = np.array([3.5, 5.0, 7.5])
-    beyond = ", ".join(f"{q:.0f}" for q in cubics[0].charge_pC(far))
-    lawful = ", ".join(f"{q:.0f}" for q in law.charge_pC(far)) if law is not None else "–"
-    worst = {n: max(_worst(fit) for fit in laws if fit.parameters == n) for n in (1, 2)}
+    beyond = ", ".join(f"{charge:.0f}" for charge in cubics[0].charge_pC(far))
+    lawful = ", ".join(f"{charge:.0f}" for charge in law.charge_pC(far)) if law is not None else "–"
+    worst = {count: max(_worst(fit) for fit in laws if fit.parameters == count) for count in (1, 2)}
     return [
         "Beyond 0.5 N the thesis proposes cubic polynomials. Those of section 3.4.1 have four "
         "coefficients for four charges, which leaves nothing to test them with. They give "
@@ -281,17 +282,17 @@ def _fit_text(fits: list[Fit], rest_pC: float) -> list[str]:
     ]
 
 
-def _worst(fit: Fit) -> float:
-    F, Q = fit.row.data("thesis_pC", every=True)
+def _worst(fit: FittedCurve) -> float:
+    F, Q = fit.row.data("thesis_pC", with_defects=True)
     return float(100.0 * np.abs(fit.charge_pC(F) / Q - 1.0).max())
 
 
 # -------------------------------------------------------------------------------- picture and part
 
 
-def _exponents_picture(ax: Axes, found: list[Row], small: Series) -> None:
+def _exponents_picture(ax: Axes, force_rows: list[ForceRow], small: Series) -> None:
     for level, label in ((1.0, "proportional"), (2 / 3, "2/3")):
-        ax.axhline(level, color=GREY, linewidth=0.8, linestyle=(0, (4, 3)))
+        ax.axhline(level, color=GREY, linewidth=0.8, linestyle=LEVEL_DASHES)
         ax.annotate(
             label,
             (0.02, level),
@@ -307,8 +308,10 @@ def _exponents_picture(ax: Axes, found: list[Row], small: Series) -> None:
     )
     for y, label, look in kinds:
         none = np.zeros(0), np.zeros(0)
-        points = [none] + [_exponents(*row.data(y, every=y == "ours_pC")) for row in found]
-        x, exponents = (np.concatenate(some) for some in zip(*points, strict=True))
+        points = [none] + [
+            _exponents(*row.data(y, with_defects=y == "ours_pC")) for row in force_rows
+        ]
+        x, exponents = (np.concatenate(values) for values in zip(*points, strict=True))
         ax.plot(x, exponents, linestyle="none", label=f"{label}, all rows", **look)
     F, Q = finite(small)
     ax.plot(*_exponents(F, Q), ".-", color="black", linewidth=0.8, label="ours, A, 0°, material")
@@ -332,7 +335,7 @@ def _linear_picture(ax: Axes, small: Series, rest_pC: float) -> None:
         x,
         line.offset_pC + line.slope_pC_N * x,
         color=COLOURS[1],
-        linestyle=(0, (5, 2)),
+        linestyle=EQUATION_DASHES,
         label="best straight line",
     )
     ax.set(xlim=(0.0, 0.55), ylim=(0.0, None))
@@ -340,18 +343,16 @@ def _linear_picture(ax: Axes, small: Series, rest_pC: float) -> None:
 
 
 def _compose(thesis: Thesis, results: Results, out: Path) -> Content:
-    found = list(rows(compare(_charges(thesis), results)))
+    force_rows = list(rows(compare(_charges(thesis), results)))
     small = _small_series(thesis, results)
     rest_pC = rest_charge_pC(thesis_scene("4", "rect14x7"))
-    fits = list(_fits(thesis, found, rest_pC))
-    with style():
-        figure = new_figure(180, 85)
+    fits = list(_fits(thesis, force_rows, rest_pC))
+    with drawing(out / "force_law.svg", 180, 85) as figure:
         left, right = figure.subplots(1, 2)
-        _exponents_picture(left, found, small)
+        _exponents_picture(left, force_rows, small)
         _linear_picture(right, small, rest_pC)
-        save(figure, out / "force_law.svg")
     return Content(
-        [*_linearity_text(found, small, rest_pC), *_fit_text(fits, rest_pC)],
+        [*_linearity_text(force_rows, small, rest_pC), *_fit_text(fits, rest_pC)],
         [
             Picture(
                 "force_law.svg",
@@ -360,12 +361,12 @@ def _compose(thesis: Thesis, results: Results, out: Path) -> Content:
                 "rectangle at 0° up to 0.5 N, the range called linear.",
             ),
             _fit_table(fits, rest_pC),
-            _exponent_table(found),
+            _exponent_table(force_rows),
         ],
     )
 
 
-FORCE_LAW_PART = Part(
+FORCE_LAW_CHAPTER = Chapter(
     "force-law",
     "Sections 3.4.3, 3.5 and 6.2: is the sensor linear, and which law does it follow",
     ("Section 3.4.3",),

@@ -1,4 +1,4 @@
-"""Part of the thesis report: angle and force together, from one charge and from two."""
+"""Chapter of the thesis report: angle and force together, from one charge and from two."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from pvdf_fem import Scene
-from pvdf_fem.maps.cosine_series import CosineSeries
+from pvdf_fem.maps.cosine_series import CosineSeries, Reading
 from pvdf_fem.maps.orientation import orientations
-from pvdf_fem.output.figures import COLOURS, GREY, new_figure, save, style
+from pvdf_fem.output.figures import COLOURS, GREY
 from reports.chapters.force_and_angle.angle import SCATTER, check_charges
 from reports.chapters.force_and_angle.rectangle import (
     COSINE_TERMS,
@@ -25,27 +25,27 @@ from reports.chapters.force_and_angle.rectangle import (
     readings,
     table_scenes,
 )
-from reports.common.comparison import Comparison
+from reports.common.chapter import Chapter, Content
+from reports.common.comparison import Comparison, sound
+from reports.common.figures import drawing
 from reports.common.page import Cell, Column, Picture, Table
-from reports.common.part import Content, Part
 from reports.common.results import THESIS_EDGE, Results
-from reports.common.tables import sound
 from reports.common.thesis_data import ChargeRange, Thesis
 from reports.common.thesis_scene import scene_of, thesis_scene
 
 Array = NDArray[np.float64]
 
-#: Rotations and forces of runs that no series is fitted to.
+#: Rotations in degrees and forces in N of scenes to which no series is fitted.
 HELD_OUT = ((7.0, 0.3), (20.0, 0.75), (33.0, 1.5), (52.0, 2.7), (68.0, 4.2), (83.0, 6.2))
-#: Ticks of the mean charge.
+#: Ticks in pC on the axis of the mean charge.
 MEANS_PC = (300.0, 500.0, 1000.0, 2000.0, 3000.0)
-#: Least number of forces in Table 4.5 for which a series of them makes sense.
+#: Smallest number of forces in Table 4.5 for which a series in the force makes sense.
 LEAST_FORCES = 4
 
 
 @dataclass(frozen=True)
-class Pair:
-    """Charges of A and B of one scene, and what a series makes of them; NaN for nothing."""
+class ChargePair:
+    """Charges of A and B of a scene, with the angle and force of a series; NaN for none."""
 
     case: str
     angle_deg: float
@@ -58,69 +58,83 @@ class Pair:
 
     @property
     def angle_error_deg(self) -> float:
-        """Recovered minus true angle in degrees."""
+        """The recovered angle minus the true one, in degrees."""
         return self.found_deg - self.angle_deg
 
     @property
     def force_error_percent(self) -> float:
-        """Recovered over true force."""
+        """Excess of the recovered force over the true one, in percent."""
         return 100.0 * (self.found_N / self.force_N - 1.0)
 
 
-def pair(of: CosineSeries, case: str, angle: float, force: float, A: float, B: float) -> Pair:
-    """Angle and force of two charges."""
-    ok = np.isfinite([A, B]).all()
-    found = orientations(of, {"A": A, "B": B}, charge_error_pC=SCATTER * (A + B) / 2) if ok else ()
-    best = (found[0].angle_deg, found[0].force_N) if found else (np.nan, np.nan)
-    return Pair(case, angle, force, A, B, *best, len(found))
+def pair(
+    charge_series: CosineSeries, case: str, angle: float, force: float, A: float, B: float
+) -> ChargePair:
+    """Angle and force that a series gives for charges of A and B."""
+    complete = np.isfinite([A, B]).all()
+    answers = (
+        orientations(charge_series, {"A": A, "B": B}, charge_error_pC=SCATTER * (A + B) / 2)
+        if complete
+        else ()
+    )
+    best = (answers[0].angle_deg, answers[0].force_N) if answers else (np.nan, np.nan)
+    return ChargePair(case, angle, force, A, B, *best, len(answers))
 
 
-def printed_pairs(rectangle: Rectangle, of: CosineSeries) -> list[Pair]:
-    """Charges of A and B of Tables 4.5 and 4.6 that both stand."""
+def printed_pairs(rectangle: Rectangle, charge_series: CosineSeries) -> list[ChargePair]:
+    """Pairs of charges of A and B of Tables 4.5 and 4.6 without a defect."""
     of_b = {
-        (o.charge.rotation_deg, o.charge.force_N): o.charge
-        for o in sound(rectangle.table("Table 4.6"))
+        (comparison.charge.rotation_deg, comparison.charge.force_N): comparison.charge
+        for comparison in sound(rectangle.table("Table 4.6"))
     }
     return [
         pair(
-            of,
-            f"{a.case}, {b.case}",
-            a.rotation_deg,
-            a.force_N,
-            a.charge_pC,
-            b.charge_pC,
+            charge_series,
+            f"{of_electrode_a.case}, {of_electrode_b.case}",
+            of_electrode_a.rotation_deg,
+            of_electrode_a.force_N,
+            of_electrode_a.charge_pC,
+            of_electrode_b.charge_pC,
         )
-        for a in (one.charge for one in sound(rectangle.table("Table 4.5")))
-        if (b := of_b.get((a.rotation_deg, a.force_N))) is not None
+        for of_electrode_a in (
+            comparison.charge for comparison in sound(rectangle.table("Table 4.5"))
+        )
+        if (of_electrode_b := of_b.get((of_electrode_a.rotation_deg, of_electrode_a.force_N)))
+        is not None
     ]
 
 
 def _held_out(thesis: Thesis) -> list[Scene]:
     if len({charge.force_N for charge in thesis.from_("Table 4.5")}) < LEAST_FORCES:
         return []
-    return [thesis_scene("4", "rect14x7", rotation_deg=a, force_N=F) for a, F in HELD_OUT]
+    return [
+        thesis_scene("4", "rect14x7", rotation_deg=rotation, force_N=force_N)
+        for rotation, force_N in HELD_OUT
+    ]
 
 
 def _unseen(thesis: Thesis) -> dict[Scene, str]:
-    """Scenes that no series is fitted to, with their names."""
-    checks = {scene_of(c): f"check run, {c.case}" for c in check_charges(thesis)}
+    """Names of the scenes to which no series is fitted."""
+    checks = {scene_of(charge): f"check run, {charge.case}" for charge in check_charges(thesis)}
     return dict.fromkeys(_held_out(thesis), "held out") | checks
 
 
-def _unseen_pairs(thesis: Thesis, results: Results, of: CosineSeries) -> list[Pair]:
+def _unseen_pairs(
+    thesis: Thesis, results: Results, charge_series: CosineSeries
+) -> list[ChargePair]:
     pairs = []
     for scene, name in _unseen(thesis).items():
         charges = [results[scene].charge_pC(e, THESIS_EDGE) for e in "AB"]
         assert scene.probe is not None
         place = scene.probe.rotation_deg, scene.load.force_N
-        pairs.append(pair(of, name, *place, charges[0], charges[1]))
+        pairs.append(pair(charge_series, name, *place, charges[0], charges[1]))
     return pairs
 
 
 # ---------------------------------------------------------------------------------------- tables
 
 
-def _pair_table(name: str, caption: str, pairs: list[Pair]) -> Table:
+def _pair_table(name: str, caption: str, pairs: list[ChargePair]) -> Table:
     columns = [
         Column("case", "case"),
         Column("A_pC", "A (pC)"),
@@ -135,10 +149,22 @@ def _pair_table(name: str, caption: str, pairs: list[Pair]) -> Table:
     ]
     rows: list[list[Cell]] = [
         [
-            *(one.case, one.A_pC, one.B_pC, one.angle_deg, one.found_deg, one.angle_error_deg),
-            *(one.force_N, one.found_N, one.force_error_percent, one.answers),
+            *(
+                charge_pair.case,
+                charge_pair.A_pC,
+                charge_pair.B_pC,
+                charge_pair.angle_deg,
+                charge_pair.found_deg,
+                charge_pair.angle_error_deg,
+            ),
+            *(
+                charge_pair.force_N,
+                charge_pair.found_N,
+                charge_pair.force_error_percent,
+                charge_pair.answers,
+            ),
         ]
-        for one in pairs
+        for charge_pair in pairs
     ]
     return Table(name, caption, columns, rows)
 
@@ -153,29 +179,11 @@ def _series_table(rectangle: Rectangle) -> Table:
         Column("worst_percent", "largest", 3, "miss (%)"),
         Column("left_out_percent", "left out in turn", 3, "miss (%)"),
     ]
-    tables = {
-        "thesis, Table 4.1": (("Table 4.1",), 1),
-        "thesis, Tables 4.5 and 4.6": (("Table 4.5", "Table 4.6"), FORCE_TERMS),
-    }
-    fits = {
-        name: (
-            some := readings(_of(rectangle, sources), "thesis_pC"),
-            fitted(some, COSINE_TERMS, terms, rectangle.law),
-        )
-        for name, (sources, terms) in tables.items()
-    }
-    fits["thesis, all three"] = readings(rectangle.found, "thesis_pC"), rectangle.theirs
-    fits["ours"] = readings(rectangle.found, "ours_pC"), rectangle.ours
-    rows: list[list[Cell]] = [
-        [
-            name,
-            len(some),
-            *reversed(of.coefficients.shape),
-            *(100.0 * error for error in (of.rms, of.worst, of.left_out)),
-        ]
-        for name, (some, of) in fits.items()
-        if of is not None
-    ]
+    rows: list[list[Cell]] = []
+    for name, (charges, fit) in _series_fits(rectangle).items():
+        if fit is not None:
+            errors = (100.0 * error for error in (fit.rms, fit.worst, fit.left_out))
+            rows.append([name, len(charges), *reversed(fit.coefficients.shape), *errors])
     return Table(
         "cosine_series",
         "Cosine series of the charge, Q = L(F) Σ a_jk T_j(ln F) cos 2kθ with L the membrane law: "
@@ -186,21 +194,39 @@ def _series_table(rectangle: Rectangle) -> Table:
     )
 
 
+def _series_fits(rectangle: Rectangle) -> dict[str, tuple[list[Reading], CosineSeries | None]]:
+    """Readings and the series through them, by the name of their tables."""
+    tables = {
+        "thesis, Table 4.1": (("Table 4.1",), 1),
+        "thesis, Tables 4.5 and 4.6": (("Table 4.5", "Table 4.6"), FORCE_TERMS),
+    }
+    fits = {
+        name: (
+            charges := readings(_of(rectangle, sources), "thesis_pC"),
+            fitted(charges, COSINE_TERMS, terms, rectangle.law),
+        )
+        for name, (sources, terms) in tables.items()
+    }
+    fits["thesis, all three"] = readings(rectangle.comparisons, "thesis_pC"), rectangle.theirs
+    fits["ours"] = readings(rectangle.comparisons, "ours_pC"), rectangle.ours
+    return fits
+
+
 def _of(rectangle: Rectangle, sources: Iterable[str]) -> list[Comparison]:
-    return [one for source in sources for one in rectangle.table(source)]
+    return [comparison for source in sources for comparison in rectangle.table(source)]
 
 
-def force_at(of: CosineSeries, charge_pC: float, angle_deg: float) -> float:
-    """Force at which A has a charge at an angle; NaN outside of the series's forces."""
-    low, high = of.forces_N
+def force_at(charge_series: CosineSeries, charge_pC: float, angle_deg: float) -> float:
+    """Force at which A has a charge at an angle; NaN outside the forces of the series."""
+    low, high = charge_series.forces_N
 
     def gap(F: float) -> float:
-        return float(of.charge_pC(angle_deg, F)) - charge_pC
+        return float(charge_series.charge_pC(angle_deg, F)) - charge_pC
 
     return float(brentq(gap, low, high)) if gap(low) * gap(high) <= 0 else np.nan
 
 
-def _lookup_table(ranges: Iterable[ChargeRange], of: CosineSeries | None) -> Table:
+def _lookup_table(ranges: Iterable[ChargeRange], charge_series: CosineSeries | None) -> Table:
     columns = [
         Column("least_pC", "from", 3, "charge of A (pC)"),
         Column("largest_pC", "to", 3, "charge of A (pC)"),
@@ -212,15 +238,21 @@ def _lookup_table(ranges: Iterable[ChargeRange], of: CosineSeries | None) -> Tab
         Column("middle_percent", "width for one charge (%)", 1),
     ]
     rows: list[list[Cell]] = []
-    for one in ranges if of is not None else ():
-        assert of is not None
-        middle = (one.least_pC + one.largest_pC) / 2
-        low, high = (force_at(of, middle, angle) for angle in (0.0, 90.0))
+    for charge_range in ranges if charge_series is not None else ():
+        assert charge_series is not None
+        middle = (charge_range.least_pC + charge_range.largest_pC) / 2
+        low, high = (force_at(charge_series, middle, angle) for angle in (0.0, 90.0))
         rows.append(
             [
-                *(one.least_pC, one.largest_pC, one.force_N),
-                *(float(of.charge_pC(angle, one.force_N)) for angle in (90.0, 0.0)),
-                *(force_at(of, one.least_pC, 0.0), force_at(of, one.largest_pC, 90.0)),
+                *(charge_range.least_pC, charge_range.largest_pC, charge_range.force_N),
+                *(
+                    float(charge_series.charge_pC(angle, charge_range.force_N))
+                    for angle in (90.0, 0.0)
+                ),
+                *(
+                    force_at(charge_series, charge_range.least_pC, 0.0),
+                    force_at(charge_series, charge_range.largest_pC, 90.0),
+                ),
                 100.0 * (high / low - 1.0),
             ]
         )
@@ -237,13 +269,17 @@ def _lookup_table(ranges: Iterable[ChargeRange], of: CosineSeries | None) -> Tab
 # --------------------------------------------------------------------------------------- picture
 
 
-def _plane(of: CosineSeries | None, printed: list[Pair], unseen: list[Pair], path: Path) -> None:
-    """Mean of A and B, and their difference over it: lines of equal angle and of equal force."""
-    with style():
-        figure = new_figure(160, 105)
+def _plane(
+    charge_series: CosineSeries | None,
+    printed: list[ChargePair],
+    unseen: list[ChargePair],
+    path: Path,
+) -> None:
+    """Lines of equal angle and of equal force, over the mean of A and B and their contrast."""
+    with drawing(path, 160, 105) as figure:
         ax = figure.subplots()
-        if of is not None:
-            _draw_lines(ax, of)
+        if charge_series is not None:
+            _draw_lines(ax, charge_series)
             ax.set_ylim(-5.3, 6.0)
             _draw_pairs(ax, printed, "o", "thesis")
             _draw_pairs(ax, unseen, "x", "ours, not fitted to")
@@ -252,14 +288,13 @@ def _plane(of: CosineSeries | None, printed: list[Pair], unseen: list[Pair], pat
         ax.set_xticks(MEANS_PC, [f"{Q:g}" for Q in MEANS_PC])
         ax.minorticks_off()
         ax.set(xlabel="mean of A and B (pC)", ylabel="(A − B) / mean (%)")
-        save(figure, path)
 
 
-def _draw_lines(ax: Axes, of: CosineSeries) -> None:
+def _draw_lines(ax: Axes, charge_series: CosineSeries) -> None:
     angles, forces = np.arange(0.0, 91.0, 15.0), [0.25, 0.5, 1.0, 2.0, 3.5, 5.0, 7.5]
     fine = np.linspace(0.0, 90.0, 91)
     for F in forces:
-        x, y = _place(of.charge_pC(fine, F, "A"), of.charge_pC(fine, F, "B"))
+        x, y = _place(charge_series.charge_pC(fine, F, "A"), charge_series.charge_pC(fine, F, "B"))
         ax.plot(x, y, color=GREY, linewidth=0.8)
         ax.annotate(
             f"{F:g} N",
@@ -270,9 +305,12 @@ def _draw_lines(ax: Axes, of: CosineSeries) -> None:
             fontsize=8,
             color=GREY,
         )
-    every_N = np.geomspace(*of.forces_N, 60)
+    all_forces = np.geomspace(*charge_series.forces_N, 60)
     for angle in angles:
-        x, y = _place(of.charge_pC(angle, every_N, "A"), of.charge_pC(angle, every_N, "B"))
+        x, y = _place(
+            charge_series.charge_pC(angle, all_forces, "A"),
+            charge_series.charge_pC(angle, all_forces, "B"),
+        )
         ax.plot(x, y, color=COLOURS[0], linewidth=0.8)
         ax.annotate(
             f"{angle:g}°",
@@ -285,8 +323,10 @@ def _draw_lines(ax: Axes, of: CosineSeries) -> None:
         )
 
 
-def _draw_pairs(ax: Axes, pairs: list[Pair], marker: str, label: str) -> None:
-    A, B = (np.array([getattr(one, key) for one in pairs]) for key in ("A_pC", "B_pC"))
+def _draw_pairs(ax: Axes, pairs: list[ChargePair], marker: str, label: str) -> None:
+    A, B = (
+        np.array([getattr(charge_pair, key) for charge_pair in pairs]) for key in ("A_pC", "B_pC")
+    )
     ax.plot(*_place(A, B), marker, color=COLOURS[1], markerfacecolor="none", label=label)
 
 
@@ -298,20 +338,22 @@ def _place(A: Array, B: Array) -> tuple[Array, Array]:
 # ------------------------------------------------------------------------------------------ part
 
 
-def _largest(pairs: list[Pair]) -> str:
-    angle = max(abs(one.angle_error_deg) for one in pairs)
-    force = max(abs(one.force_error_percent) for one in pairs)
+def _largest(pairs: list[ChargePair]) -> str:
+    angle = max(abs(charge_pair.angle_error_deg) for charge_pair in pairs)
+    force = max(abs(charge_pair.force_error_percent) for charge_pair in pairs)
     return f"{angle:.2f}° and {force:.2f} %"
 
 
 def _text(
-    thesis: Thesis, rectangle: Rectangle, printed: list[Pair], unseen: list[Pair]
+    thesis: Thesis, rectangle: Rectangle, printed: list[ChargePair], unseen: list[ChargePair]
 ) -> list[str]:
     if rectangle.theirs is None or not printed or not unseen:
         return ["Too few charges to tell angle and force from them."]
-    ranges = sorted(thesis.charge_ranges, key=lambda one: one.force_N)
-    gaps = [f"{a.largest_pC:.0f} to {b.least_pC:.0f} pC" for a, b in pairwise(ranges)]
-    several = [one for one in printed + unseen if one.answers != 1]
+    ranges = sorted(thesis.charge_ranges, key=lambda entry: entry.force_N)
+    gaps = [
+        f"{lower.largest_pC:.0f} to {upper.least_pC:.0f} pC" for lower, upper in pairwise(ranges)
+    ]
+    several = [entry for entry in printed + unseen if entry.answers != 1]
     return [
         "Table 4.4 gives a force for each of three ranges of the charge of A. Between them, from "
         f"{' and from '.join(gaps)}, where most charges fall, it gives none; within a range, "
@@ -366,7 +408,7 @@ def _compose(thesis: Thesis, results: Results, out: Path) -> Content:
     )
 
 
-RECOVERY_PART = Part(
+RECOVERY_CHAPTER = Chapter(
     "angle-and-force",
     "Section 4.2: angle and force from two charges",
     ("Table 4.4",),

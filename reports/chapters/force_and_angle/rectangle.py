@@ -13,17 +13,17 @@ from pvdf_fem import Scene
 from pvdf_fem.maps.cosine_series import CosineSeries, Reading, sign_of
 from pvdf_fem.maps.force_law import MembraneLaw
 from reports.chapters.force_and_angle.force_law import rest_charge_pC
-from reports.common.comparison import Comparison, compare
+from reports.common.comparison import Comparison, compare, select, sound
 from reports.common.results import Results
-from reports.common.tables import of, sound
 from reports.common.thesis_data import Charge, Thesis
 from reports.common.thesis_scene import scene_of, thesis_scene
 
 #: Tables that the series are fitted to.
 TABLES = ("Table 4.1", "Table 4.5", "Table 4.6")
-#: Terms of the series of the thesis's charges, whose scatter more terms would follow, and of ours.
-COSINE_TERMS, FORCE_TERMS = 4, 3
-OUR_COSINE_TERMS, OUR_FORCE_TERMS = 7, 4
+#: Number of cosines in a series of the thesis's charges; more would follow their scatter.
+COSINE_TERMS = 4
+#: Number of terms in the force in a series of the thesis's charges.
+FORCE_TERMS = 3
 
 
 def table_charges(thesis: Thesis) -> list[Charge]:
@@ -32,28 +32,35 @@ def table_charges(thesis: Thesis) -> list[Charge]:
 
 
 def table_scenes(thesis: Thesis) -> list[Scene]:
-    """Their scenes."""
+    """The scenes of these charges."""
     return [scene_of(charge) for charge in table_charges(thesis)]
 
 
-def readings(found: Iterable[Comparison], y: str) -> list[Reading]:
-    """Charges as readings: the thesis's that are independent and stand, or all of ours.
+def readings(comparisons: Iterable[Comparison], y: str) -> list[Reading]:
+    """Charges as readings for a series: printed ones if `y` is ``thesis_pC``, else ours.
 
-    Ours obey the symmetry, so that equivalent ones are one number; it is taken once.
+    Printed charges with a defect, and those copied from an equivalent angle, are left out. Ours
+    obey the symmetry of the scene, and only one of equivalent charges is taken.
     """
     if y == "thesis_pC":
-        chosen = [o for o in sound(found) if "equal_to_0deg_value" not in o.charge.flags]
-        return [_reading(one, one.charge.charge_pC) for one in chosen]
+        independent = [
+            comparison
+            for comparison in sound(comparisons)
+            if "equal_to_0deg_value" not in comparison.charge.flags
+        ]
+        return [_reading(comparison, comparison.thesis_pC) for comparison in independent]
     distinct = {
-        (round(_cosine(one.charge), 9), one.charge.force_N): _reading(one, getattr(one, y))
-        for one in found
-        if np.isfinite(getattr(one, y))
+        (round(_cosine(comparison.charge), 9), comparison.charge.force_N): _reading(
+            comparison, getattr(comparison, y)
+        )
+        for comparison in comparisons
+        if np.isfinite(getattr(comparison, y))
     }
     return list(distinct.values())
 
 
-def _reading(one: Comparison, charge_pC: float) -> Reading:
-    charge = one.charge
+def _reading(comparison: Comparison, charge_pC: float) -> Reading:
+    charge = comparison.charge
     return Reading(charge.rotation_deg, charge.force_N, charge.electrode, charge_pC)
 
 
@@ -62,13 +69,15 @@ def _cosine(charge: Charge) -> float:
 
 
 def fitted(
-    some: list[Reading], cosine_terms: int, force_terms: int, law: MembraneLaw | None = None
+    charges: list[Reading], cosine_terms: int, force_terms: int, law: MembraneLaw | None = None
 ) -> CosineSeries | None:
-    """A series through readings; None if they are too few for it."""
-    if len({reading.force_N for reading in some}) < max(force_terms, 2 if law is None else 1):
+    """A series through readings; None if there are too few of them."""
+    if len({reading.force_N for reading in charges}) < max(force_terms, 2 if law is None else 1):
         return None
     try:
-        return CosineSeries.fit(some, cosine_terms=cosine_terms, force_terms=force_terms, law=law)
+        return CosineSeries.fit(
+            charges, cosine_terms=cosine_terms, force_terms=force_terms, law=law
+        )
     except ValueError:
         return None
 
@@ -81,32 +90,36 @@ class Rectangle:
     with too few charges.
     """
 
-    found: tuple[Comparison, ...]
+    comparisons: tuple[Comparison, ...]
 
     @classmethod
     def of(cls, thesis: Thesis, results: Results) -> Rectangle:
-        """From the records of `table_scenes`."""
+        """Compare the charges of the tables with the records of `table_scenes`."""
         return cls(tuple(compare(table_charges(thesis), results)))
 
     @cached_property
     def law(self) -> MembraneLaw | None:
-        """Law of the thesis's charges of Tables 4.5 and 4.6, the charge at rest known."""
-        some = readings(self.table("Table 4.5") + self.table("Table 4.6"), "thesis_pC")
-        if not some:
+        """The membrane law of the thesis's charges against force, with the known charge at rest."""
+        charges = readings(self.table("Table 4.5") + self.table("Table 4.6"), "thesis_pC")
+        if not charges:
             return None
         rest_pC = rest_charge_pC(thesis_scene("4", "rect14x7"))
-        return MembraneLaw.fit([r.force_N for r in some], [r.charge_pC for r in some], rest_pC)
+        return MembraneLaw.fit(
+            [reading.force_N for reading in charges],
+            [reading.charge_pC for reading in charges],
+            rest_pC,
+        )
 
     @cached_property
     def theirs(self) -> CosineSeries | None:
-        """Series of all of the thesis's charges that stand."""
-        return fitted(readings(self.found, "thesis_pC"), COSINE_TERMS, FORCE_TERMS, self.law)
+        """The series through the thesis's charges without a defect."""
+        return fitted(readings(self.comparisons, "thesis_pC"), COSINE_TERMS, FORCE_TERMS, self.law)
 
     @cached_property
     def ours(self) -> CosineSeries | None:
-        """Series of our charges."""
-        return fitted(readings(self.found, "ours_pC"), OUR_COSINE_TERMS, OUR_FORCE_TERMS)
+        """The series through our charges."""
+        return fitted(readings(self.comparisons, "ours_pC"), cosine_terms=7, force_terms=4)
 
-    def table(self, source: str, **wanted: object) -> list[Comparison]:
-        """Comparisons of one table."""
-        return of(self.found, source=source, **wanted)
+    def table(self, source: str, **attributes: object) -> list[Comparison]:
+        """The comparisons of one table whose charges have these attributes."""
+        return select(self.comparisons, source=source, **attributes)

@@ -1,23 +1,26 @@
-"""The thesis's recovered positions, by section: which cases, and which of them are pictured."""
+"""The thesis's recovered positions by section, and the cases that the report pictures."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from reports.chapters.positions.location import Case
+from reports.chapters.positions.location import PositionCase
 from reports.common.thesis_data import Position, Thesis, TriangulationPoint
 
 
 @dataclass(frozen=True)
-class Group:
+class PositionGroup:
     """A section of the thesis with positions.
 
     Attributes
     ----------
-    name, title, sources : str, str, tuple of str
-        Of files and section; where the thesis has the positions.
+    name, title : str
+        Name of the files, title of the section.
+    sources : tuple of str
+        Tables and sections of the thesis with the positions.
     panels : dict
-        Case by title of a panel; a title with "close-up" shows the surroundings of the target.
+        Name of the pictured case by the title of its panel. A panel whose title has "close-up"
+        shows only the surroundings of the target.
     """
 
     name: str
@@ -27,33 +30,37 @@ class Group:
 
     @property
     def shows(self) -> tuple[str, ...]:
-        """Its tables and figures."""
+        """Tables and figures of the thesis that the section shows."""
         tables = [source for source in self.sources if source.startswith("Table")]
         figures = [title.split(":")[0] for title in self.panels if title.startswith("Fig.")]
         return (*tables, *dict.fromkeys(figures))
 
     def rows(self, thesis: Thesis) -> list[Position]:
-        """The positions."""
+        """The positions of the section."""
         return [row for row in thesis.positions if row.source in self.sources]
 
-    def printed(self, thesis: Thesis) -> dict[Case, list[TriangulationPoint]]:
-        """The points of triangulations by the case of their target."""
-        targets = {p.case: Case.of_target(p) for p in thesis.triangulation if p.item == "target"}
-        mine = {Case.of(row) for row in self.rows(thesis)}
-        points: dict[Case, list[TriangulationPoint]] = {}
+    def printed(self, thesis: Thesis) -> dict[PositionCase, list[TriangulationPoint]]:
+        """The printed points of triangulations by the case to which their target belongs."""
+        targets = {
+            target.case: PositionCase.of_target(target)
+            for target in thesis.triangulation
+            if target.item == "target"
+        }
+        cases = {PositionCase.of(row) for row in self.rows(thesis)}
+        points: dict[PositionCase, list[TriangulationPoint]] = {}
         for point in thesis.triangulation:
-            if targets[point.case] in mine or point.source in self.sources:
+            if targets[point.case] in cases or point.source in self.sources:
                 points.setdefault(targets[point.case], []).append(point)
         return points
 
-    def cases(self, thesis: Thesis) -> list[Case]:
-        """All cases, each once."""
+    def cases(self, thesis: Thesis) -> list[PositionCase]:
+        """The cases of positions and triangulations, each once."""
         printed = self.printed(thesis)
-        return list(dict.fromkeys([*map(Case.of, self.rows(thesis)), *printed]))
+        return list(dict.fromkeys([*map(PositionCase.of, self.rows(thesis)), *printed]))
 
 
 GROUPS = (
-    Group(
+    PositionGroup(
         "positions_triangle",
         "Table 3.1: positions of the triangle",
         ("Table 3.1", "Section 3.1.2"),
@@ -66,7 +73,7 @@ GROUPS = (
             "Row 6: close-up": "Table 3.1 row 6, 3 electrodes",
         },
     ),
-    Group(
+    PositionGroup(
         "positions_rectangle",
         "Table 3.2: positions of the rectangle",
         ("Table 3.2", "Section 3.2.2"),
@@ -79,7 +86,7 @@ GROUPS = (
             "Row 2, between A and C, turned 45°": "Table 3.2 row 2, 3 electrodes",
         },
     ),
-    Group(
+    PositionGroup(
         "positions_uniaxial",
         "Table 3.3: positions with the uniaxial film",
         ("Table 3.3",),
@@ -90,7 +97,7 @@ GROUPS = (
             "Row 3, four electrodes": "Table 3.3 row 3, 4 electrodes",
         },
     ),
-    Group(
+    PositionGroup(
         "positions_2N",
         "Table 3.5: positions with 2 N",
         ("Table 3.5",),
@@ -102,7 +109,7 @@ GROUPS = (
         },
     ),
 )
-EXPERIMENTS = Group(
+EXPERIMENTS = PositionGroup(
     "positions_measured",
     "Tables 5.1 and 5.2: the measured scenes, simulated",
     ("Table 5.1", "Table 5.2"),

@@ -1,4 +1,4 @@
-"""The place of the probe in the thesis's cases, recovered by its way and by ours."""
+"""The place of the probe in the thesis's cases, located by its method and by ours."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pvdf_fem.maps.isocharge import Contour, contour, polynomial_contour
 from pvdf_fem.maps.triangulation import PlaceFit, Triangulation, fit_place, triangulate
 from reports.chapters.calibration import (
     Setting,
-    Turned,
+    TurnedMap,
     calibration_scenes,
     charge_functions,
     mapping,
@@ -28,16 +28,14 @@ from reports.common.thesis_scene import scene_of
 
 Array = NDArray[np.float64]
 
-#: The electrode of four that the thesis gives positions from. That its lines served the others too,
-#: turned, it does not say; its results do.
+#: The electrode of four from which the thesis measures positions. The thesis's results show, though
+#: its text does not say, that the lines of this electrode served the other three, turned.
 REFERENCE = "D"
-# Distance of the points of our contours.
-_STEP_MM = 1.0
 
 
 @dataclass(frozen=True)
-class Case:
-    """A probe on a sensor, by the thesis's names."""
+class PositionCase:
+    """A probe on a sensor, by the names of the data."""
 
     layout: str
     film: str
@@ -48,25 +46,25 @@ class Case:
     force_N: float
 
     @classmethod
-    def of(cls, row: Position) -> Case:
-        """That of a printed position."""
+    def of(cls, row: Position) -> PositionCase:
+        """The case of a printed position."""
         place = row.x_mm, row.y_mm, row.rotation_deg
         return cls(row.layout, row.film, row.probe, *place, row.force_N)
 
     @classmethod
-    def of_target(cls, row: TriangulationPoint) -> Case:
-        """That of a printed target; the thesis prints triangulations of four electrodes."""
+    def of_target(cls, row: TriangulationPoint) -> PositionCase:
+        """The case of a printed target; only sensors with four electrodes have printed ones."""
         place = row.x_mm, row.y_mm, row.rotation_deg
         return cls("4", "biaxial", row.probe, *place, row.force_N)
 
     @property
     def setting(self) -> Setting:
-        """The calibration made for it."""
+        """The setting whose calibration has the probe's true orientation."""
         return Setting(self.probe, self.rotation_deg, self.force_N)
 
     @property
     def target_mm(self) -> Array:
-        """Where the probe is."""
+        """The true place of the probe, (2,)."""
         return np.array([self.x_mm, self.y_mm])
 
     @property
@@ -76,158 +74,176 @@ class Case:
 
 
 @cache
-def _scene(case: Case) -> Scene:
-    # Building a scene takes milliseconds; a report asks for each a few times.
+def _scene(case: PositionCase) -> Scene:
+    # Building a scene takes milliseconds, and a report needs each scene several times.
     return scene_of(case).with_(**{"numerics.observable": MATERIAL})
 
 
-#: Contours of the better maps that pass no farther from each other than this are taken to touch:
-#: a fifth of the error that a position may have.
+#: Contours of maps with the true orientation count as touching if they pass each other at no more
+#: than this distance in mm. It is a fifth of the allowed error of a position.
 TOUCHING_MM = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
-    """Contours, and the place where they cross."""
+class Crossing:
+    """Contours of all electrodes, and the place where they cross."""
 
     contours: tuple[Contour, ...]
     target_mm: Array
     touching_mm: float = 0.0
 
     @cached_property
-    def found(self) -> Triangulation:
-        """By the thesis's rule."""
+    def triangulation(self) -> Triangulation:
+        """The crossings, and their mean by the thesis's rule."""
         return triangulate(self.contours, self.touching_mm)
 
     @property
     def error_mm(self) -> float:
-        """Distance from the target; NaN without a place."""
-        return float(np.linalg.norm(self.found.position_mm - self.target_mm))
+        """Distance in mm of the place from the target; NaN without a place."""
+        return float(np.linalg.norm(self.triangulation.position_mm - self.target_mm))
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
-    """The places found for a case.
+class LocatedCase:
+    """The places of the probe that different methods give for a case.
 
     Attributes
     ----------
     case : Case
     charges_pC : dict
-    own_lines : Way
-        The thesis's: a polynomial on each line of the unturned probe's mapping of each electrode.
-    turned_lines : dict of Way
-        For four electrodes the same with lines of one of them, turned, for all: by its name.
-    unturned : Way
+        Charges by electrode that are located.
+    own_lines : Crossing
+        Contours by the thesis's method: a polynomial on each line of each electrode, from a mapping
+        with the unturned probe.
+    turned_lines : dict of Crossing
+        The same for four electrodes if the lines of one electrode serve all four, turned; by the
+        name of that electrode.
+    unturned : Crossing
         Contours of charge maps of the unturned probe.
-    true : Way
+    true : Crossing
         Contours of charge maps of the probe's true orientation.
     fit : PlaceFit
-        Least squares with those maps.
+        Place by least squares with the maps of the true orientation.
     miss_pC : float
         Largest error of these maps at the target.
     margins_percent : dict
-        By how much of the charge the contours of two electrodes of `unturned` cross; negative where
-        they do not.
+        Margins by which the contours of each two electrodes of `unturned` cross; see
+        `margins_percent`.
     """
 
-    case: Case
+    case: PositionCase
     charges_pC: dict[str, float]
-    own_lines: Way
-    turned_lines: dict[str, Way]
-    unturned: Way
-    true: Way
+    own_lines: Crossing
+    turned_lines: dict[str, Crossing]
+    unturned: Crossing
+    true: Crossing
     fit: PlaceFit
     miss_pC: float
     margins_percent: dict[str, float]
 
     @property
-    def lines(self) -> Way:
-        """What most likely was the thesis's way: the lines of D, turned, for four electrodes.
+    def lines(self) -> Crossing:
+        """The lines that most likely were the thesis's: those of D, turned, for four electrodes.
 
-        With the uniaxial film these do not give its results.
+        With the uniaxial film each electrode has lines of its own, since turned ones do not give
+        the thesis's results.
         """
         turned = self.case.layout == "4" and self.case.film == "biaxial"
         return self.turned_lines[REFERENCE] if turned else self.own_lines
 
     @property
     def fit_error_mm(self) -> float:
-        """Distance of the fitted place from the target."""
+        """Distance in mm of the fitted place from the target."""
         return float(np.linalg.norm(self.fit.position_mm - self.case.target_mm))
 
     @property
     def closest(self) -> tuple[str, float]:
-        """The two electrodes whose contours come closest to only touching, and their margin."""
+        """The two electrodes whose contours have the smallest margin, and that margin."""
         pair = min(self.margins_percent, key=lambda pair: self.margins_percent[pair])
         return pair, self.margins_percent[pair]
 
 
-def located_scenes(thesis: Thesis, cases: Sequence[Case]) -> list[Scene]:
-    """The scenes that `answer` needs."""
+def located_scenes(thesis: Thesis, cases: Sequence[PositionCase]) -> list[Scene]:
+    """The scenes that `locate_case` needs."""
     settings = [case.setting for case in cases]
     return [*calibration_scenes(thesis, settings), *(case.scene for case in cases)]
 
 
-def answer(thesis: Thesis, results: Results, case: Case) -> Answer | None:
-    """All places of a case; None if its solve failed."""
+def locate_case(thesis: Thesis, results: Results, case: PositionCase) -> LocatedCase | None:
+    """Locate the probe of a case by all methods; None if its solve failed."""
     record = results[case.scene]
     if not record.converged:
         return None
-    true, unturned = (
+    true_maps, unturned_maps = (
         charge_functions(thesis, results, setting, case.layout, case.film)
         for setting in (case.setting, case.setting.unturned)
     )
     d31, d32 = (thesis.parameters["film"][case.film][name]["value"] for name in ("d31", "d32"))
     charges = record.charges_pC(d31, d32, MATERIAL)
-    exact = Way(_contours(true, charges), case.target_mm, TOUCHING_MM)
-    plain = Way(exact.contours, case.target_mm)
+    true_crossing = Crossing(_contours(true_maps, charges), case.target_mm, TOUCHING_MM)
+    unturned_crossing = Crossing(true_crossing.contours, case.target_mm)
     if case.setting != case.setting.unturned:
-        plain = Way(_contours(unturned, charges), case.target_mm)
-    own = _by_lines(thesis, case, unturned, charges)
-    turned = {}
+        unturned_crossing = Crossing(_contours(unturned_maps, charges), case.target_mm)
+    own_lines = _by_lines(thesis, case, unturned_maps, charges)
+    turned_lines = {}
     if case.layout == "4":
-        turned = {
-            name: _by_lines(thesis, case, turned_from(unturned, name), charges)
+        turned_lines = {
+            name: _by_lines(thesis, case, turned_from(unturned_maps, name), charges)
             for name in (REFERENCE, *(["A"] if case.film == "uniaxial" else []))
         }
-    there = case.target_mm[None]
-    misses = [true[e].value_and_gradient(there)[0][0] - q for e, q in charges.items()]
-    return Answer(
+    target = case.target_mm[None]
+    misses = [
+        true_maps[name].value_and_gradient(target)[0][0] - charge
+        for name, charge in charges.items()
+    ]
+    return LocatedCase(
         case,
         charges,
-        own,
-        turned,
-        plain,
-        exact,
-        fit_place(charges, true),
+        own_lines,
+        turned_lines,
+        unturned_crossing,
+        true_crossing,
+        fit_place(charges, true_maps),
         float(np.abs(misses).max()),
-        margins_percent(plain.contours, unturned),
+        margins_percent(unturned_crossing.contours, unturned_maps),
     )
 
 
-def _contours(functions: Mapping[str, Turned], charges: Mapping[str, float]) -> tuple[Contour, ...]:
-    return tuple(contour(name, functions[name], q, _STEP_MM) for name, q in charges.items())
+def _contours(
+    functions: Mapping[str, TurnedMap], charges: Mapping[str, float]
+) -> tuple[Contour, ...]:
+    return tuple(contour(name, functions[name], charge, 1.0) for name, charge in charges.items())
 
 
 def _by_lines(
-    thesis: Thesis, case: Case, functions: Mapping[str, Turned], charges: Mapping[str, float]
-) -> Way:
+    thesis: Thesis,
+    case: PositionCase,
+    functions: Mapping[str, TurnedMap],
+    charges: Mapping[str, float],
+) -> Crossing:
     mappings = (mapping(thesis, case.layout, name, functions[name]) for name in charges)
-    contours = (polynomial_contour(one, charges[one.electrode]) for one in mappings)
-    return Way(tuple(contours), case.target_mm)
+    contours = (
+        polynomial_contour(electrode_mapping, charges[electrode_mapping.electrode])
+        for electrode_mapping in mappings
+    )
+    return Crossing(tuple(contours), case.target_mm)
 
 
 def margins_percent(
     contours: tuple[Contour, ...], functions: Mapping[str, ChargeFunction]
 ) -> dict[str, float]:
-    """By how many percent of the charge the contours of each two electrodes cross.
+    """Margins by which the contours of each two electrodes cross, in percent of the charge.
 
-    Along the contour of one the charge of the other takes a range of values. The margin is the
-    distance of its own charge from the nearer end of that range, negative outside; of both ways
-    about, the less. NaN without contours.
+    Along the contour of one electrode the charge of the other takes a range of values. A margin is
+    the distance of the other's located charge from the nearer end of that range; it is negative
+    outside the range, where the contours do not cross. Of the two margins of a pair the smaller one
+    is given. It is NaN without contours.
     """
     return {
-        f"{a.electrode}-{b.electrode}": min(_margin(a, b, functions), _margin(b, a, functions))
-        for a, b in combinations(contours, 2)
+        f"{first.electrode}-{second.electrode}": min(
+            _margin(first, second, functions), _margin(second, first, functions)
+        )
+        for first, second in combinations(contours, 2)
     }
 
 
@@ -239,17 +255,21 @@ def _margin(along: Contour, other: Contour, functions: Mapping[str, ChargeFuncti
     return float(100.0 * np.nanmax(rooms) / other.charge_pC) if along.curves else np.nan
 
 
-def place_of(way: Way, item: str) -> np.ndarray:
-    """The place of a triple, or of the mean of all, (2,); NaN without."""
+def place_of(crossing: Crossing, item: str) -> np.ndarray:
+    """The place of a triple of electrodes, or the average of all triples, (2,); NaN without one."""
     if item == "average":
-        return way.found.position_mm
-    [triangle] = [one for one in way.found.triangles if "".join(one.electrodes) == item]
+        return crossing.triangulation.position_mm
+    [triangle] = [
+        triangle
+        for triangle in crossing.triangulation.triangles
+        if "".join(triangle.electrodes) == item
+    ]
     return triangle.position_mm
 
 
-def mm_per_percent(found: Answer) -> float:
-    """Standard deviation in mm of the fitted place from 1 % of the mean charge in each charge."""
-    if not found.fit.fixes:
+def mm_per_percent(located: LocatedCase) -> float:
+    """Standard deviation in mm of the fitted place for errors of 1 % of the mean charge."""
+    if not located.fit.fixes:
         return np.nan
-    mean = float(np.mean(list(found.charges_pC.values())))
-    return found.fit.fixes[0].deviation_mm(0.01 * mean)
+    mean = float(np.mean(list(located.charges_pC.values())))
+    return located.fit.fixes[0].deviation_mm(0.01 * mean)

@@ -1,4 +1,4 @@
-"""Parts of the thesis report: the place of the probe recovered from its charges.
+"""Chapters of the thesis report: the place of the probe recovered from its charges.
 
 Tables 3.1 to 3.3 and 3.5 with sections 3.1.2 and 3.2.2, and the scenes of the measured positions
 (Tables 5.1 and 5.2).
@@ -13,42 +13,45 @@ import numpy as np
 
 from pvdf_fem import Scene
 from reports.chapters.positions.figures import Panel, picture
-from reports.chapters.positions.groups import EXPERIMENTS, GROUPS, Group
+from reports.chapters.positions.groups import EXPERIMENTS, GROUPS, PositionGroup
 from reports.chapters.positions.location import (
     REFERENCE,
-    Answer,
-    Case,
-    Way,
-    answer,
+    Crossing,
+    LocatedCase,
+    PositionCase,
+    locate_case,
     located_scenes,
     mm_per_percent,
     place_of,
 )
 from reports.chapters.positions.texts import (
     CLOSE_PERCENT,
-    Answers,
+    LocatedCases,
     measured_texts,
     position_texts,
 )
+from reports.common.chapter import Chapter, Content
 from reports.common.page import Cell, Column, Picture, Table
-from reports.common.part import Content, Part
 from reports.common.results import Results
 from reports.common.thesis_data import Position, Thesis, TriangulationPoint
 
 
-def _scenes(group: Group) -> Callable[[Thesis], list[Scene]]:
+def _scenes(group: PositionGroup) -> Callable[[Thesis], list[Scene]]:
     return lambda thesis: located_scenes(thesis, group.cases(thesis))
 
 
 def _compose(
-    group: Group, texts: Callable[[Group, Thesis, Answers], list[str]]
+    group: PositionGroup, texts: Callable[[PositionGroup, Thesis, LocatedCases], list[str]]
 ) -> Callable[[Thesis, Results, Path], Content]:
     def compose(thesis: Thesis, results: Results, out: Path) -> Content:
         cases = group.cases(thesis)
         if not cases:
             return Content(["None of its positions is among the chosen ones."], [])
-        answers = {case: answer(thesis, results, case) for case in cases}
-        blocks = [*_pictures(group, thesis, answers, out), _positions(group, thesis, answers)]
+        answers = {case: locate_case(thesis, results, case) for case in cases}
+        blocks = [
+            *_pictures(group, thesis, answers, out),
+            _positions(group, thesis, answers),
+        ]
         if group.printed(thesis):
             blocks.append(_triangulation(group, thesis, answers))
         return Content([text for text in texts(group, thesis, answers) if text], blocks)
@@ -56,14 +59,16 @@ def _compose(
     return compose
 
 
-def _pictures(group: Group, thesis: Thesis, answers: Answers, out: Path) -> list[Table | Picture]:
+def _pictures(
+    group: PositionGroup, thesis: Thesis, answers: LocatedCases, out: Path
+) -> list[Table | Picture]:
     rows, printed = {row.case: row for row in group.rows(thesis)}, group.printed(thesis)
     panels, shown = [], []
     for title, name in group.panels.items():
-        case = Case.of(rows[name]) if name in rows else None
-        found = answers[case] if case else None
-        if case and found:
-            panels.append(Panel(title, found, printed.get(case, ()), "close-up" in title))
+        case = PositionCase.of(rows[name]) if name in rows else None
+        located = answers[case] if case else None
+        if case and located:
+            panels.append(Panel(title, located, printed.get(case, ()), "close-up" in title))
             shown += [title.split(":")[0]] if title.startswith("Fig.") else []
     if not panels:
         return []
@@ -82,7 +87,7 @@ def _pictures(group: Group, thesis: Thesis, answers: Answers, out: Path) -> list
 # ------------------------------------------------------------------------------------- tables
 
 
-def _positions(group: Group, thesis: Thesis, answers: Answers) -> Table:
+def _positions(group: PositionGroup, thesis: Thesis, answers: LocatedCases) -> Table:
     measured = group is EXPERIMENTS
     lines, maps = "ours, thesis's method (mm)", "ours, contours of maps (mm)"
     columns = [
@@ -103,7 +108,7 @@ def _positions(group: Group, thesis: Thesis, answers: Answers) -> Table:
             Column("percent", "charge error that makes the measured one (%)", 1),
         ]
     columns.append(Column("remark", "remark"))
-    rows = [_row(row, answers[Case.of(row)], measured) for row in group.rows(thesis)]
+    rows = [_row(row, answers[PositionCase.of(row)], measured) for row in group.rows(thesis)]
     return Table(
         group.name,
         f"{', '.join(group.sources)}: distance of the recovered position from the probe's centre.",
@@ -112,47 +117,63 @@ def _positions(group: Group, thesis: Thesis, answers: Answers) -> Table:
     )
 
 
-def _row(row: Position, found: Answer | None, measured: bool) -> list[Cell]:
-    head: list[Cell] = [row.case, row.position, row.error_mm]
-    if found is None:
-        return [*head, *[np.nan] * 5, "", np.nan, *([np.nan] * 2 if measured else []), "not solved"]
-    turned = found.turned_lines.get(REFERENCE)
-    cells: list[Cell] = [*head, turned.error_mm if turned else None, found.own_lines.error_mm]
-    cells += [found.unturned.error_mm, found.true.error_mm, found.fit_error_mm, *found.closest]
+def _row(row: Position, located: LocatedCase | None, measured: bool) -> list[Cell]:
+    cells: list[Cell] = [row.case, row.position, row.error_mm]
+    if located is None:
+        return [
+            *cells,
+            *[np.nan] * 5,
+            "",
+            np.nan,
+            *([np.nan] * 2 if measured else []),
+            "not solved",
+        ]
+    turned = located.turned_lines.get(REFERENCE)
+    numbers: list[Cell] = [*cells, turned.error_mm if turned else None, located.own_lines.error_mm]
+    numbers += [
+        located.unturned.error_mm,
+        located.true.error_mm,
+        located.fit_error_mm,
+        *located.closest,
+    ]
     if measured:
-        sensitivity = mm_per_percent(found)
-        cells += [sensitivity, row.error_mm / sensitivity]
-    return [*cells, remark(row, found)]
+        sensitivity = mm_per_percent(located)
+        numbers += [sensitivity, row.error_mm / sensitivity]
+    return [*numbers, remark(row, located)]
 
 
-def remark(row: Position, found: Answer) -> str:
-    """Why contours do not cross, in the thesis or here."""
+def remark(row: Position, located: LocatedCase) -> str:
+    """A text that says why contours do not cross, in the thesis or here."""
     texts = []
-    pair, margin = found.closest
+    pair, margin = located.closest
     if np.isnan(row.error_mm):
         texts.append("thesis: not intersecting")
         if margin < 0.0:
             texts.append(f"contours of {pair} of the probe not turned do not meet")
         elif margin < CLOSE_PERCENT:
             texts.append(f"contours of {pair} nearly touch")
-    ways = {"own lines": found.own_lines}
-    if REFERENCE in found.turned_lines:
-        ways = {f"lines of {REFERENCE}": found.turned_lines[REFERENCE], **ways}
-    for name, way in ways.items():
-        if way.found.reason:
-            texts.append(f"{name} here: {_count(way)}{way.found.reason}")
-    if found.true.found.reason:
-        texts.append(f"true orientation: {_count(found.true)}{found.true.found.reason}")
+    crossings = {"own lines": located.own_lines}
+    if REFERENCE in located.turned_lines:
+        crossings = {f"lines of {REFERENCE}": located.turned_lines[REFERENCE], **crossings}
+    for name, crossing in crossings.items():
+        if crossing.triangulation.reason:
+            texts.append(f"{name} here: {_count(crossing)}{crossing.triangulation.reason}")
+    if located.true.triangulation.reason:
+        texts.append(f"true orientation: {_count(located.true)}{located.true.triangulation.reason}")
     return "; ".join(texts)
 
 
-def _count(way: Way) -> str:
-    """How many triples have a place, if more than one could."""
-    triples = way.found.triangles
-    return f"{len(way.found.located)} of {len(triples)} triples, " if len(triples) > 1 else ""
+def _count(crossing: Crossing) -> str:
+    """A text: how many triples have a place, if there is more than one triple."""
+    triples = crossing.triangulation.triangles
+    return (
+        f"{len(crossing.triangulation.located)} of {len(triples)} triples, "
+        if len(triples) > 1
+        else ""
+    )
 
 
-def _triangulation(group: Group, thesis: Thesis, answers: Answers) -> Table:
+def _triangulation(group: PositionGroup, thesis: Thesis, answers: LocatedCases) -> Table:
     ours = f"ours, lines of {REFERENCE}, turned"
     columns = [
         Column("case", "case"),
@@ -173,7 +194,9 @@ def _triangulation(group: Group, thesis: Thesis, answers: Answers) -> Table:
         Column("true_error_mm", "error (mm)", 4, "ours, true orientation"),
     ]
     printed = group.printed(thesis)
-    rows = [_point(p, case, answers[case]) for case, points in printed.items() for p in points]
+    rows = [
+        _point(point, case, answers[case]) for case, points in printed.items() for point in points
+    ]
     return Table(
         f"{group.name}_triangulation",
         "Places from each three of the four electrodes, and their mean.",
@@ -182,32 +205,36 @@ def _triangulation(group: Group, thesis: Thesis, answers: Answers) -> Table:
     )
 
 
-def _point(point: TriangulationPoint, case: Case, found: Answer | None) -> list[Cell]:
-    head: list[Cell] = [point.case, point.item, point.status.replace("_", " ")]
-    head += [point.x_mm, point.y_mm, point.error_mm]
+def _point(
+    point: TriangulationPoint, case: PositionCase, located: LocatedCase | None
+) -> list[Cell]:
+    cells: list[Cell] = [point.case, point.item, point.status.replace("_", " ")]
+    cells += [point.x_mm, point.y_mm, point.error_mm]
     if point.item == "target":
-        return [*head, *case.target_mm.tolist(), *[None] * 8]
-    if found is None:
-        return [*head, *[np.nan] * 10]
+        return [*cells, *case.target_mm.tolist(), *[None] * 8]
+    if located is None:
+        return [*cells, *[np.nan] * 10]
     thesis = np.array([point.x_mm, point.y_mm])
-    cells: list[Cell] = []
-    for way in (found.lines, found.own_lines, found.true):
-        place = place_of(way, point.item)
-        cells += [*place.tolist(), float(np.linalg.norm(place - case.target_mm))]
-        if way is found.lines:
-            cells.append(float(np.linalg.norm(place - thesis)))
-    return [*head, *cells]
+    numbers: list[Cell] = []
+    for crossing in (located.lines, located.own_lines, located.true):
+        place = place_of(crossing, point.item)
+        numbers += [*place.tolist(), float(np.linalg.norm(place - case.target_mm))]
+        if crossing is located.lines:
+            numbers.append(float(np.linalg.norm(place - thesis)))
+    return [*cells, *numbers]
 
 
-def _part(group: Group, texts: Callable[[Group, Thesis, Answers], list[str]]) -> Part:
+def _chapter(
+    group: PositionGroup, texts: Callable[[PositionGroup, Thesis, LocatedCases], list[str]]
+) -> Chapter:
     name = group.name.replace("_", "-").lower()
-    return Part(name, group.title, group.shows, _scenes(group), _compose(group, texts))
+    return Chapter(name, group.title, group.shows, _scenes(group), _compose(group, texts))
 
 
 (
-    TRIANGLE_POSITIONS_PART,
-    RECTANGLE_POSITIONS_PART,
-    UNIAXIAL_POSITIONS_PART,
-    TWO_NEWTON_POSITIONS_PART,
-) = (_part(group, position_texts) for group in GROUPS)
-EXPERIMENT_POSITIONS_PART = _part(EXPERIMENTS, measured_texts)
+    TRIANGLE_POSITIONS_CHAPTER,
+    RECTANGLE_POSITIONS_CHAPTER,
+    UNIAXIAL_POSITIONS_CHAPTER,
+    TWO_NEWTON_POSITIONS_CHAPTER,
+) = (_chapter(group, position_texts) for group in GROUPS)
+EXPERIMENT_POSITIONS_CHAPTER = _chapter(EXPERIMENTS, measured_texts)

@@ -1,4 +1,4 @@
-"""What the thesis report says of the recovered positions, from their numbers."""
+"""The texts of the thesis report about the recovered positions, from their numbers."""
 
 from __future__ import annotations
 
@@ -6,28 +6,29 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from reports.chapters.positions.groups import Group
+from reports.chapters.positions.groups import PositionGroup
 from reports.chapters.positions.location import (
     REFERENCE,
-    Answer,
-    Case,
-    Way,
+    Crossing,
+    LocatedCase,
+    PositionCase,
     mm_per_percent,
     place_of,
 )
 from reports.common.thesis_data import Position, Thesis, TriangulationPoint
 from reports.common.thesis_scene import TOLERANCE
 
-#: Largest error wanted of a position from a calibration with the probe's true orientation.
+#: Largest allowed error in mm of a position from a calibration with the probe's true orientation.
 LIMIT_MM = 0.05
-#: Contours that cross by less than this share of a charge, in percent, may well not cross by
-#: someone else's calculation: the thesis's charges differ from ours by about as much.
+#: Margin in percent of a charge below which contours may fail to cross in another calculation. The
+#: thesis's charges differ from ours by about as much.
 CLOSE_PERCENT = 2.0
 
-Answers = dict[Case, Answer | None]
+LocatedCases = dict[PositionCase, LocatedCase | None]
 
 
-def position_texts(group: Group, thesis: Thesis, answers: Answers) -> list[str]:
+def position_texts(group: PositionGroup, thesis: Thesis, answers: LocatedCases) -> list[str]:
+    """Paragraphs about the simulated positions of a section."""
     return [
         _method_text(thesis, answers),
         _limit_text(group, thesis, answers),
@@ -37,8 +38,8 @@ def position_texts(group: Group, thesis: Thesis, answers: Answers) -> list[str]:
     ]
 
 
-def _method_text(thesis: Thesis, answers: Answers) -> str:
-    misses = [found.miss_pC for found in answers.values() if found]
+def _method_text(thesis: Thesis, answers: LocatedCases) -> str:
+    misses = [located.miss_pC for located in answers.values() if located]
     worst = f" At these places the maps miss by up to {max(misses):.2f} pC." if misses else ""
     return (
         "The charges located here are the material's, of our solution for the very scene "
@@ -50,55 +51,64 @@ def _method_text(thesis: Thesis, answers: Answers) -> str:
     )
 
 
-def _limit_text(group: Group, thesis: Thesis, answers: Answers) -> str:
-    found = [one for row in group.rows(thesis) if (one := answers[Case.of(row)])]
-    if not found:
+def _limit_text(group: PositionGroup, thesis: Thesis, answers: LocatedCases) -> str:
+    located_cases = [
+        located for row in group.rows(thesis) if (located := answers[PositionCase.of(row)])
+    ]
+    if not located_cases:
         return ""
-    crossing, fit = ([getattr(one, of) for one in found] for of in ("true", "fit_error_mm"))
-    errors = [way.error_mm for way in crossing]
+    crossings, fit = (
+        [getattr(located, key) for located in located_cases] for key in ("true", "fit_error_mm")
+    )
+    errors = [crossing.error_mm for crossing in crossings]
     worst = max(fit)
     verdict = "within" if worst <= LIMIT_MM else "not within"
-    lost = sum(bool(np.isnan(error)) for error in errors)
-    none = f"; {lost} without a crossing" if lost else ""
+    without_crossing = sum(bool(np.isnan(error)) for error in errors)
+    none = f"; {without_crossing} without a crossing" if without_crossing else ""
+    side_by_side = _side_by_side(group, thesis, answers)
     return (
-        f"With maps made for the probe's true orientation, the largest error of the {len(found)} "
-        f"positions is {worst:.4f} mm by least squares, {verdict} {LIMIT_MM:g} mm, and "
-        f"{np.nanmax([*errors, 0.0]):.4f} mm by the mean of the crossings{none}. With maps of the "
-        f"probe not turned it is {_largest(one.unturned for one in found)}, and by the thesis's "
-        f"method {_largest(one.lines for one in found)}.{_side_by_side(group, thesis, answers)}"
+        "With maps made for the probe's true orientation, the largest error of the "
+        f"{len(located_cases)} positions is {worst:.4f} mm by least squares, {verdict} "
+        f"{LIMIT_MM:g} mm, and {np.nanmax([*errors, 0.0]):.4f} mm by the mean of the "
+        f"crossings{none}. With maps of the unturned probe it is "
+        f"{_largest(located.unturned for located in located_cases)}, and by the thesis's method "
+        f"{_largest(located.lines for located in located_cases)}.{side_by_side}"
     )
 
 
-def _side_by_side(group: Group, thesis: Thesis, answers: Answers) -> str:
-    """Where the crossings lie far apart although the maps are right."""
+def _side_by_side(group: PositionGroup, thesis: Thesis, answers: LocatedCases) -> str:
+    """A text about the cases whose crossings lie far apart although the maps are right."""
     texts = [
-        f" In {row.case} contours run side by side: the crossings lie {way.found.spread_mm:.1f} mm "
-        "apart, and their mean means little."
+        f" In {row.case} contours run side by side: the crossings lie "
+        f"{crossing.triangulation.spread_mm:.1f} mm apart, and their mean means little."
         for row in group.rows(thesis)
-        if (found := answers[Case.of(row)]) and (way := found.true).error_mm > LIMIT_MM
+        if (located := answers[PositionCase.of(row)])
+        and (crossing := located.true).error_mm > LIMIT_MM
     ]
     return "".join(texts)
 
 
-def _largest(ways: Iterable[Way]) -> str:
-    errors = np.array([way.error_mm for way in ways])
-    known = errors[np.isfinite(errors)]
-    lost = len(errors) - len(known)
-    text = f"{known.max():.3f} mm" if known.size else "nowhere"
-    return f"{text} ({lost} without a crossing)" if lost else text
+def _largest(ways: Iterable[Crossing]) -> str:
+    errors = np.array([crossing.error_mm for crossing in ways])
+    finite = errors[np.isfinite(errors)]
+    without_crossing = len(errors) - len(finite)
+    text = f"{finite.max():.3f} mm" if finite.size else "nowhere"
+    return f"{text} ({without_crossing} without a crossing)" if without_crossing else text
 
 
-def _failure_text(group: Group, thesis: Thesis, answers: Answers) -> str:
-    """The cases in which the thesis found nothing."""
-    known = [
-        (row, found)
+def _failure_text(group: PositionGroup, thesis: Thesis, answers: LocatedCases) -> str:
+    """A text about the cases in which the thesis found no position."""
+    failures = [
+        (row, located)
         for row in group.rows(thesis)
-        if np.isnan(row.error_mm) and (found := answers[Case.of(row)])
+        if np.isnan(row.error_mm) and (located := answers[PositionCase.of(row)])
     ]
-    if not known:
+    if not failures:
         return ""
-    texts = [f"Not intersecting in the thesis. {' '.join(_failure(*one) for one in known)}"]
-    if any(0.0 < found.closest[1] < CLOSE_PERCENT for _, found in known):
+    texts = [
+        f"Not intersecting in the thesis. {' '.join(_failure(*failure) for failure in failures)}"
+    ]
+    if any(0.0 < located.closest[1] < CLOSE_PERCENT for _, located in failures):
         texts.append(
             "Near the straight line between two electrodes the contours about both only just "
             "cross, and a small error of a charge or of a polynomial parts them."
@@ -106,35 +116,38 @@ def _failure_text(group: Group, thesis: Thesis, answers: Answers) -> str:
     return " ".join(texts)
 
 
-def _failure(row: Position, found: Answer) -> str:
-    """Why, what its method gives here, and what there is now."""
-    pair, margin = found.closest
+def _failure(row: Position, located: LocatedCase) -> str:
+    """A text: why the thesis found no position, and what its method and ours give here."""
+    pair, margin = located.closest
     close = (
         f"contours of {pair} cross by {margin:.2f} % of a charge only"
         if margin > 0.0
         else f"with the probe as calibrated no place has these charges of {pair} at once: "
         f"{-margin:.2f} % are missing"
     )
-    reason, error = found.lines.found.reason, found.lines.error_mm
-    here = f"{error:.3f} mm off" if np.isfinite(error) else "nowhere either"
+    reason, error = located.lines.triangulation.reason, located.lines.error_mm
+    outcome = f"{error:.3f} mm off" if np.isfinite(error) else "nowhere either"
     because = f" ({reason})" if reason else ""
     return (
-        f"{row.case}: {close}; located by its method here {here}{because}, by least squares with "
-        f"the true orientation {found.fit_error_mm:.4f} mm off."
+        f"{row.case}: {close}; located by its method here {outcome}{because}, by least squares "
+        f"with the true orientation {located.fit_error_mm:.4f} mm off."
     )
 
 
-def _turned_text(group: Group, thesis: Thesis, answers: Answers) -> str:
-    """Which of two readings of the lines of four electrodes agrees with the thesis."""
-    known = [
-        (point, found)
+def _turned_text(group: PositionGroup, thesis: Thesis, answers: LocatedCases) -> str:
+    """A text: which of two readings of the lines of four electrodes agrees with the thesis."""
+    triples = [
+        (point, located)
         for case, points in group.printed(thesis).items()
         for point in points
-        if len(point.item) == 3 and (found := answers[case])
+        if len(point.item) == 3 and (located := answers[case])
     ]
-    if not known:
+    if not triples:
         return ""
-    readings = [_agreement(known, lambda a: a.lines), _agreement(known, lambda a: a.own_lines)]
+    readings = [
+        _agreement(triples, lambda located: located.lines),
+        _agreement(triples, lambda located: located.own_lines),
+    ]
     return (
         "For four electrodes the thesis prints no lines. If those of "
         f"{REFERENCE}, its reference, serve the other three too, turned by 90°, 180° and 270°, "
@@ -144,35 +157,44 @@ def _turned_text(group: Group, thesis: Thesis, answers: Answers) -> str:
 
 
 def _agreement(
-    known: Sequence[tuple[TriangulationPoint, Answer]], way: Callable[[Answer], Way]
+    triples: Sequence[tuple[TriangulationPoint, LocatedCase]],
+    choose: Callable[[LocatedCase], Crossing],
 ) -> str:
-    places = [(point, place_of(way(found), point.item)) for point, found in known]
-    same = sum(bool(np.isfinite(p[0])) == point.status.startswith("inter") for point, p in places)
-    apart = [
+    places = [(point, place_of(choose(located), point.item)) for point, located in triples]
+    same = sum(
+        bool(np.isfinite(place[0])) == point.status.startswith("inter") for point, place in places
+    )
+    distances = [
         float(np.linalg.norm(place - [point.x_mm, point.y_mm]))
         for point, place in places
         if np.isfinite(place[0]) and np.isfinite(point.x_mm)
     ]
-    mean = f", and the printed points are {np.mean(apart):.2f} mm away on average" if apart else ""
-    return f"{same} of {len(known)} triples have a place or none as in the thesis{mean}"
+    mean = (
+        f", and the printed points are {np.mean(distances):.2f} mm away on average"
+        if distances
+        else ""
+    )
+    return f"{same} of {len(triples)} triples have a place or none as in the thesis{mean}"
 
 
-def _uniaxial_text(group: Group, thesis: Thesis, answers: Answers) -> str:
-    """What turned lines give where the drawn direction forbids turning."""
+def _uniaxial_text(group: PositionGroup, thesis: Thesis, answers: LocatedCases) -> str:
+    """A text: what turned lines give for a uniaxial film, whose drawn direction forbids turning."""
     rows = [row for row in group.rows(thesis) if row.film == "uniaxial" and row.layout == "4"]
-    found = [(row, one) for row in rows if (one := answers[Case.of(row)])]
-    if not found:
+    located_rows = [(row, located) for row in rows if (located := answers[PositionCase.of(row)])]
+    if not located_rows:
         return ""
     lists = {
-        name: ", ".join(_or_none(one.turned_lines[name].error_mm) for _, one in found)
+        name: ", ".join(
+            _or_none(located.turned_lines[name].error_mm) for _, located in located_rows
+        )
         for name in (REFERENCE, "A")
     }
-    own = ", ".join(_or_none(one.own_lines.error_mm) for _, one in found)
+    own_lines = ", ".join(_or_none(located.own_lines.error_mm) for _, located in located_rows)
     printed = ", ".join(_or_none(row.error_mm) for row in rows)
     return (
         "A uniaxial film looks different along x and y, so that lines of one electrode cannot "
         f"serve the next. Four electrodes, errors in mm row by row: thesis {printed}; own lines "
-        f"{own}; lines of {REFERENCE}, turned, {lists[REFERENCE]}; lines of A, turned, "
+        f"{own_lines}; lines of {REFERENCE}, turned, {lists[REFERENCE]}; lines of A, turned, "
         f"{lists['A']}."
     )
 
@@ -181,19 +203,20 @@ def _or_none(error_mm: float) -> str:
     return f"{error_mm:.3f}" if np.isfinite(error_mm) else "none"
 
 
-def measured_texts(group: Group, thesis: Thesis, answers: Answers) -> list[str]:
+def measured_texts(group: PositionGroup, thesis: Thesis, answers: LocatedCases) -> list[str]:
+    """Paragraphs about the measured positions."""
     rows = group.rows(thesis)
-    found = [(row, one) for row in rows if (one := answers[Case.of(row)])]
-    sensitivities = np.array([mm_per_percent(one) for _, one in found])
-    needed = np.array([row.error_mm for row, _ in found]) / sensitivities
+    located_rows = [(row, located) for row in rows if (located := answers[PositionCase.of(row)])]
+    sensitivities = np.array([mm_per_percent(located) for _, located in located_rows])
+    needed = np.array([row.error_mm for row, _ in located_rows]) / sensitivities
     placing = thesis.parameters["experiment"]["probe_placement_error"]["value"]
     texts = position_texts(group, thesis, answers)[1:3]
     if np.isfinite(needed).any():
-        larger = sum(row.error_mm > one.lines.error_mm for row, one in found)
+        larger = sum(row.error_mm > located.lines.error_mm for row, located in located_rows)
         texts.append(
             "An error of 1 % in each charge moves the fitted place by "
             f"{np.nanmin(sensitivities):.2f} to {np.nanmax(sensitivities):.2f} mm. The measured "
-            f"errors alone would take charges wrong by {np.nanmin(needed):.0f} to "
+            f"errors alone would need charges that are wrong by {np.nanmin(needed):.0f} to "
             f"{np.nanmax(needed):.0f} %, less with a probe placed {placing:g} mm off, which "
             f"section 6.1 admits. In {larger} of {np.isfinite(needed).sum()} scenes the measured "
             "error is larger than that of the thesis's method with exact charges."

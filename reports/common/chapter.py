@@ -1,4 +1,4 @@
-"""A part of a report: the scenes it needs, and the content made of their records."""
+"""A chapter of the thesis report: the scenes that it needs, and what it makes of their records."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from reports.common.thesis_scene import scene_of
 
 @dataclass(frozen=True)
 class Content:
-    """What a section shows."""
+    """The text, the pictures and the tables of a chapter."""
 
     paragraphs: list[str]
     blocks: list[Table | Picture]
 
 
 @dataclass(frozen=True)
-class Part:
-    """A section of the report and how to make it.
+class Chapter:
+    """A section of the thesis report and how it is made.
 
     Attributes
     ----------
     name, title : str
-        Of the section; the name is also its anchor.
+        Name and title of the section on the page; the name is also its anchor.
     shows : tuple of str
-        Numbers of the thesis's figures and tables that it shows: ``Fig. 3.5``, ``Table 4.1``.
+        Figures and tables of the thesis that the chapter shows: ``Fig. 3.5``, ``Table 4.1``.
     scenes : callable
-        From the thesis's numbers to the scenes that the section needs.
+        Gives the scenes that the chapter needs, from the thesis's numbers.
     compose : callable
-        From the thesis's numbers, the records of those scenes and the output directory to the
-        content. It writes its pictures; its tables are written by who calls it.
+        Makes the content from the thesis's numbers, the records of those scenes and the output
+        directory. It writes the pictures; the caller writes the tables.
     """
 
     name: str
@@ -52,9 +52,9 @@ def comparing(
     shows: tuple[str, ...],
     choose: Callable[[Thesis], list[Charge]],
     compose: Callable[[list[Comparison], Path], Content],
-) -> Part:
-    """A part that compares some of the thesis's charges with ours."""
-    return Part(
+) -> Chapter:
+    """A chapter that compares the printed charges which `choose` selects with computed ones."""
+    return Chapter(
         name,
         title,
         shows,

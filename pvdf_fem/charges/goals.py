@@ -1,0 +1,113 @@
+"""Electrodes whose charges a solution is asked for.
+
+They need not be the electrodes that the mesh follows: a goal may lie anywhere on the mesh, and it
+may belong to a film that was turned or mirrored together with its probe and electrodes. On a part
+of a symmetric film a goal has what all of its mirror images have there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from skfem import MeshTri2
+
+from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.mesh.gmsh_mesh import electrode_patch
+from pvdf_fem.mesh.symmetry import MirroredPart
+from pvdf_fem.scene.outlines.outline import Outline
+from pvdf_fem.scene.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """An electrode whose charge a solution is asked for.
+
+    Attributes
+    ----------
+    outline : Outline
+        In m, in the axes of the electrode's own scene.
+    observable : str
+        A name of `pvdf_fem.charges.observables.OBSERVABLES`.
+    d : (float, float)
+        d31, d32 in C/N.
+    patch : str or None
+        The mesh's subdomain of the electrode; None if the mesh does not follow the electrode.
+    frame : (2, 2)
+        Orthogonal matrix from the axes of the electrode's scene to those of the mesh.
+    """
+
+    outline: Outline
+    observable: str
+    d: tuple[float, float]
+    patch: str | None = None
+    frame: Array = field(default_factory=lambda: np.eye(2))
+
+    def place(self, points: Array) -> Array:
+        """Points (..., 2) of the electrode's scene in the axes of the mesh."""
+        return points @ self.frame.T
+
+    @cached_property
+    def placed(self) -> Outline:
+        """The outline in the axes of the mesh."""
+        return self.outline.mapped(self.frame)
+
+    @cached_property
+    def directions(self) -> Array:
+        """Weights (2, 3) of S11, S22, S12 in the stress along x and y of the electrode's scene."""
+        a, b = self.frame
+        return np.stack([a * a, b * b, 2.0 * a * b], axis=-1)
+
+    @property
+    def has_edges(self) -> bool:
+        """Whether the electrode is a rectangle along the axes of its scene."""
+        edges = self.outline.corners - np.roll(self.outline.corners, 1, axis=0)
+        return len(edges) == 4 and bool((edges == 0.0).any(axis=1).all())
+
+    @property
+    def corners(self) -> Array:
+        """Corners (4, 2) in m of an electrode that has edges."""
+        return self.outline.corners
+
+    def elements(self, mesh: MeshTri2) -> Indices:
+        """Elements of a mesh that follows the electrode."""
+        return mesh.subdomains[self.patch]
+
+    def images(self, part: MirroredPart) -> list[Goal]:
+        """Electrodes whose forces on a part of the film add up to this one's."""
+        if not part.mirrored:
+            return [self]
+        images = []
+        for signs, swap in zip(part.signs, part.swaps, strict=True):
+            patches = {electrode_patch(a): electrode_patch(b) for a, b in swap.items()}
+            patch = self.patch and patches.get(self.patch, self.patch)
+            frame = signs[:, None] * part.frame @ self.frame
+            images.append(replace(self, patch=patch, frame=frame))
+        return images
+
+
+def goals_of(scene: Scene) -> tuple[Goal, ...]:
+    """The electrodes of a scene, on a mesh that follows them."""
+    d, observable = (scene.film.d31, scene.film.d32), scene.numerics.observable
+    return tuple(
+        Goal(electrode.outline, observable, d, electrode_patch(electrode.name))
+        for electrode in scene.electrode_list
+    )
+
+
+def images_of(goals: Sequence[Goal], part: MirroredPart) -> tuple[list[Goal], Indices]:
+    """The images of all goals on a part of the film, and the index of each image's goal."""
+    images = [image for goal in goals for image in goal.images(part)]
+    return images, np.repeat(np.arange(len(goals)), len(part.signs))
+
+
+def areas_of(goals: Sequence[Goal]) -> Array:
+    """Areas of the outlines in m^2, (goals,)."""
+    return np.array([goal.outline.area for goal in goals])
+
+
+def coefficients_of(goals: Sequence[Goal]) -> Array:
+    """d31, d32 of each goal in C/N, (goals, 2)."""
+    return np.reshape([goal.d for goal in goals], (-1, 2))

@@ -1,0 +1,280 @@
+"""Membrane, plate or tension field: what a film is taken for, chosen once per scene.
+
+Whatever depends on that choice asks the `FilmModel` of the scene; `film_model` is the only place
+that decides.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from functools import lru_cache
+
+import numpy as np
+import scipy.sparse as sp
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.film.bending_effect import BendingEffect, bending_effect
+from pvdf_fem.film.layers import Layers
+from pvdf_fem.film.loads import LOADS, DeadPressure
+from pvdf_fem.film.membrane import Membrane, WrinklingMembrane
+from pvdf_fem.film.plate import LOWEST_ORDER, Plate
+from pvdf_fem.film.space import Space
+from pvdf_fem.film.term import State, Term
+from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.scene_file import quote
+
+#: Relative change of a charge by bending from which leaving bending out deserves a warning.
+CONSIDERABLE = 1e-2
+#: What rounding and Newton's last step may leave of balance, relative to the load.
+IMBALANCE = 1e-6
+
+
+class FilmModel(ABC):
+    """What a scene's film is taken for.
+
+    Attributes
+    ----------
+    scene : Scene
+    name : str
+    lowest_order : int
+        Lowest polynomial order of a displacement.
+    least_jacobian : float
+        Elements of a mesh are compressed to no less than this part of their mean Jacobian.
+    solved_on_parts : bool
+        Whether a part of a symmetric film may be solved for the whole.
+    convex : bool
+        Whether the energy is convex, so that any equilibrium under a dead load is a minimum.
+    wrinkles : bool
+        Whether the film wrinkles instead of carrying compression.
+    bends : bool
+        Whether bending is part of the model, and meshes resolve the layers in which it acts.
+    smooth : bool
+        Whether the next order's correction is nearly diagonal in the nodal basis.
+    most_unknowns : int
+        Number of unknowns of the finest mesh by default, at the usual tolerance.
+    iteration_cost : float
+        Time of a Newton iteration over that of a membrane with as many unknowns.
+    size_factor : float
+        Factor on the element sizes of the first mesh.
+    electrodes_only_read : bool
+        Whether electrodes, d31 and d32 only read the stress and do not change the deformation.
+    force_over_thickness : bool
+        Whether the deformation depends on force and thickness by their ratio only.
+    film_is_differentiable : bool
+        Whether charges can be differentiated by thickness, cooling and moduli.
+    """
+
+    name: str
+    lowest_order = 1
+    least_jacobian = 0.14
+    solved_on_parts = True
+    convex = False
+    wrinkles = False
+    bends = False
+    smooth = True
+    most_unknowns = 60_000
+    iteration_cost = 1.0
+    size_factor = 1.0
+    electrodes_only_read = True
+    force_over_thickness = True
+    film_is_differentiable = True
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+
+    @property
+    def effect(self) -> BendingEffect:
+        """What bending would change in the scene."""
+        return bending_effect(self.scene)
+
+    def membrane(self, space: Space) -> Membrane:
+        """The membrane term."""
+        return Membrane(space, self.scene.film)
+
+    def terms(self, space: Space, images: int = 1) -> list[Term]:
+        """The terms of the film's energy on a space, which has this number of mirror images."""
+        return [self.membrane(space), self.load(space, images)]
+
+    def load(self, space: Space, images: int) -> DeadPressure:
+        """The load of the probe."""
+        return LOADS[self.scene.load.kind](self.scene, space, images)
+
+    @property
+    def saturation(self) -> float:
+        """The error over what a space of the next order on the same mesh takes away.
+
+        Half of the error that the singular edge of a rigid probe makes is left.
+        """
+        return 2.0 if LOADS[self.scene.load.kind].rigid else 1.0
+
+    @property
+    def imbalance(self) -> float:
+        """What a solution may lack of balance, in the energy norm."""
+        return IMBALANCE
+
+    def layers(self, terms: list[Term], expansion: sp.csr_matrix, state: State) -> Layers | None:
+        """Bending layers that the elements do not resolve, where the film bends."""
+        return None
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """What the model neglects in this scene."""
+        return (self._bending_remark,)
+
+    @property
+    def included(self) -> tuple[str, ...]:
+        """What the model has beyond the membrane."""
+        return ()
+
+    @property
+    def _bending_remark(self) -> str:
+        return f"bending (film.bending = {quote(self.scene.film.bending)}): {self.effect}"
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings before any solve."""
+        change = self.effect.change
+        if change <= max(self.scene.numerics.tolerance, CONSIDERABLE):
+            return ()
+        return (
+            f"bending: left out, it could change a charge by up to {change:.1e} of it;"
+            f" give {self._remedy}",
+        )
+
+    @property
+    def _remedy(self) -> str:
+        return 'film.bending = "auto" or true'
+
+    def compression_remarks(self, smallest: Array, largest: Array) -> Iterator[tuple[str, Array]]:
+        """Texts with a place for an area, and where that is, from the principal stresses."""
+        compressed = smallest < -ROUNDING * np.abs(largest).max()
+        if compressed.any():
+            yield (
+                f"compression: down to {1e-6 * smallest.min():.3g} MPa on {{}},"
+                " where a real film wrinkles",
+                compressed,
+            )
+
+    @abstractmethod
+    def flat_film_is_stable(self, terms: list[Term]) -> bool | None:
+        """Whether the unloaded film stays flat; None if the tangent has to tell."""
+
+
+#: Stresses below this part of the largest one are rounding.
+ROUNDING = 1e-9
+
+
+class MembraneModel(FilmModel):
+    """A film without bending stiffness, which carries compression where it must."""
+
+    name = "membrane"
+
+    def flat_film_is_stable(self, terms: list[Term]) -> bool:
+        """A membrane stays flat unless it is compressed."""
+        return self.scene.film.thermal_strain <= 0.0
+
+
+class PlateModel(FilmModel):
+    """A film that bends: membrane and plate."""
+
+    name = "plate"
+    lowest_order = LOWEST_ORDER
+    iteration_cost = 1.6
+    least_jacobian = 0.2
+    solved_on_parts = False
+    bends = True
+    smooth = False
+    force_over_thickness = False
+    film_is_differentiable = False
+
+    def terms(self, space: Space, images: int = 1) -> list[Term]:
+        """The membrane's terms and the plate."""
+        load, effect, film = self.load(space, images), self.effect, self.scene.film
+        plate = Plate(space, film, load.rigid_patch, effect.rim_tension, effect.probe_tension)
+        return [self.membrane(space), load, plate]
+
+    @property
+    def saturation(self) -> float:
+        """The error over what the next order takes away, measured: 0.85 to 1.1."""
+        return 1.2
+
+    def layers(self, terms: list[Term], expansion: sp.csr_matrix, state: State) -> Layers:
+        """Bending layers that the elements do not resolve."""
+        plate = next(term for term in terms if isinstance(term, Plate))
+        return Layers.of(plate, expansion, state)
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Nothing that the membrane leaves out."""
+        return ()
+
+    @property
+    def included(self) -> tuple[str, ...]:
+        """Bending, with the estimate of its effect."""
+        return (self._bending_remark,)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """None before a solve."""
+        return ()
+
+    def flat_film_is_stable(self, terms: list[Term]) -> bool | None:
+        """A plate bears the compression below that at which it buckles."""
+        return True if self.scene.film.thermal_strain <= 0.0 else None
+
+
+class TensionFieldModel(FilmModel):
+    """A film that wrinkles or goes slack instead of carrying compression."""
+
+    name = "tension field"
+    convex = True
+    wrinkles = True
+    smooth = False
+    most_unknowns = 30_000
+    iteration_cost = 1.5
+    # kinks of the stress can be followed by the next mesh only, so the first one is coarser
+    size_factor = 1.7
+    film_is_differentiable = False
+
+    def membrane(self, space: Space) -> Membrane:
+        """The membrane term with the tension field's law."""
+        return WrinklingMembrane(space, self.scene.film)
+
+    @property
+    def saturation(self) -> float:
+        """The next order takes away 0.55 to 0.8 of the error of kinks (measured)."""
+        return max(1.6, super().saturation)
+
+    @property
+    def _remedy(self) -> str:
+        return 'film.compression = "refuse" with film.bending = "auto" or true'
+
+    @property
+    def imbalance(self) -> float:
+        """Steps shrink only linearly, and rounding in a stiff film ends them early."""
+        return max(IMBALANCE, 0.1 * self.scene.numerics.tolerance)
+
+    def compression_remarks(self, smallest: Array, largest: Array) -> Iterator[tuple[str, Array]]:
+        """Where the film has wrinkled or gone slack."""
+        limit = ROUNDING * np.abs(largest).max()
+        wrinkled, slack = (smallest <= limit) & (largest > limit), largest <= limit
+        for word, where in (("wrinkled", wrinkled), ("slack", slack)):
+            if where.any():
+                yield f"tension field: {word} on {{}}", where
+
+    def flat_film_is_stable(self, terms: list[Term]) -> bool:
+        """A slack film is stable, too."""
+        return True
+
+
+@lru_cache(maxsize=64)
+def film_model(scene: Scene) -> FilmModel:
+    """The film model of a scene; ``film.bending = "auto"`` is resolved here."""
+    film = scene.film
+    if film.compression == "tension-field":
+        return TensionFieldModel(scene)
+    bends = film.bending
+    if bends == "auto":
+        bends = bending_effect(scene).change > scene.numerics.tolerance
+    return PlateModel(scene) if bends else MembraneModel(scene)

@@ -1,0 +1,146 @@
+"""Element sizes: asked for along outlines, or at the vertices of an earlier mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from skfem import MeshTri2
+
+from pvdf_fem.arrays import Array, Indices
+
+#: gmsh's elements are smaller than the sizes that they are asked for by about this factor.
+SPARE = 1.15
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Element sizes in metres along outlines, growing linearly with the distance from them.
+
+    Attributes
+    ----------
+    patches : dict
+        Element size along the outline of each patch, by patch name; `gmsh_mesh.FILM` is the rim's.
+    growth : float
+        Increase of the element size per unit of distance from an outline.
+    film : float
+        Largest element size.
+    """
+
+    patches: dict[str, float]
+    growth: float
+    film: float
+
+    def least_elements(self, radius: float) -> float:
+        """Number of elements of the largest size on a disc; the mesh has more."""
+        return float(np.pi / np.sqrt(3.0 / 16.0)) * (radius / self.film) ** 2
+
+    def scaled(self, factor: float) -> Sizes:
+        """All element sizes, and so the gradient, times `factor`."""
+        patches = {name: size * factor for name, size in self.patches.items()}
+        return Sizes(patches, self.growth * factor, self.film * factor)
+
+
+@dataclass(frozen=True, eq=False)
+class SizeField:
+    """Element sizes in metres at the vertices of a mesh, linear in its triangles.
+
+    Attributes
+    ----------
+    mesh : MeshTri2
+    sizes : ndarray, shape (vertices,)
+    """
+
+    mesh: MeshTri2
+    sizes: Array
+
+    @classmethod
+    def of_elements(cls, mesh: MeshTri2, sizes: Array, growth: float = 0.5) -> SizeField:
+        """From a size per element: geometric means at the vertices, lowered where too steep.
+
+        Parameters
+        ----------
+        mesh : MeshTri2
+        sizes : ndarray, shape (elements,)
+            In m.
+        growth : float, optional
+            Largest increase of the size per unit of length.
+        """
+        vertices, count = mesh.t.ravel(), np.bincount(mesh.t.ravel(), minlength=mesh.nvertices)
+        total = np.bincount(vertices, np.tile(np.log(sizes), 3), mesh.nvertices)
+        at_vertices = np.exp(total / np.maximum(count, 1))
+        a, b = mesh.facets
+        rise = growth * np.linalg.norm(mesh.p[:, a] - mesh.p[:, b], axis=0)
+        while True:
+            lowered = at_vertices.copy()
+            np.minimum.at(lowered, a, at_vertices[b] + rise)
+            np.minimum.at(lowered, b, at_vertices[a] + rise)
+            if not (lowered < at_vertices).any():
+                return cls(mesh, at_vertices)
+            at_vertices = lowered
+
+    def coarsened(self, most: float) -> SizeField:
+        """The same field, or a coarser one of about `most` elements."""
+        mean = self.sizes[self.mesh.t].mean(axis=0)
+        count = float(((SPARE * element_sizes(self.mesh) / mean) ** 2).sum())
+        return SizeField(self.mesh, self.sizes * np.sqrt(max(count / most, 1.0)))
+
+
+def element_sizes(mesh: MeshTri2, sliver: float = 0.5) -> Array:
+    """Edge of the equilateral triangle of an element's area, or `sliver` of its longest edge, m.
+
+    The larger one counts: a sliver's area says nothing of its neighbours, and in the cusp between
+    arcs that touch meshes as fine as that would take gmsh minutes.
+    """
+    corners = mesh.p[:, mesh.t]
+    (x0, x1, x2), (y0, y1, y2) = corners
+    area = 0.5 * np.abs((x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0))
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=0).max(axis=0)
+    return np.maximum(np.sqrt(4.0 / np.sqrt(3.0) * area), sliver * longest)
+
+
+def refined_sizes(
+    mesh: MeshTri2,
+    shares: Array,
+    reduction: float,
+    most: Array | float = np.inf,
+    stiff: Indices | None = None,
+    order: float = 3.0,
+    smallest: float = 0.05,
+    largest: float = 2.0,
+) -> SizeField:
+    """Sizes for which the error is `reduction` times what it was, with fewest elements.
+
+    An element's share in the error is proportional to size^(order + 2), so that the number of
+    elements is least where all shares are equal (equidistribution).
+
+    Parameters
+    ----------
+    mesh : MeshTri2
+    shares : ndarray, shape (elements,)
+        Share of each element in the error. Where all are zero, as on a slack film, they count as
+        equal.
+    reduction : float
+        Wanted sum of shares over the present one.
+    most : ndarray of shape (elements,) or float, optional
+        Upper bounds of the sizes, m.
+    stiff : ndarray of int, optional
+        Elements that do not deform. They have no share, and are as small as their neighbours need.
+    order : float, optional
+        Power of the element size with which errors of charges fall: less than the 4 of smooth
+        solutions, which corners of the patches make less smooth (see the tests of convergence).
+    smallest, largest : float, optional
+        Bounds of the factor by which a size changes.
+    """
+    total = shares.sum()
+    share = shares / total if total > 0.0 else np.full(len(shares), 1.0 / len(shares))
+    share = np.maximum(share, 1e-12)
+    factor = share ** (-1.0 / (order + 2.0))
+    factor *= (reduction / (share ** (2.0 / (order + 2.0))).sum()) ** (1.0 / order)
+    sizes = np.minimum(element_sizes(mesh) * np.clip(factor, smallest, largest), most)
+    if stiff is not None:
+        around = np.full(mesh.nvertices, np.inf)
+        soft = np.setdiff1d(np.arange(mesh.nelements), stiff)
+        np.minimum.at(around, mesh.t[:, soft].ravel(), np.tile(sizes[soft], 3))
+        sizes[stiff] = np.minimum(sizes[stiff], around[mesh.t[:, stiff]].min(axis=0))
+    return SizeField.of_elements(mesh, sizes)

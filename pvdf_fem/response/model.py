@@ -1,0 +1,118 @@
+"""What a model of the charges is: a function of touches, and the domain of touches it holds for.
+
+A touch is a row (4,) of x and y in mm, rotation in degrees and force in N.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.scene.scene import Probe, Scene
+
+#: Quantities of a touch, in the order of its row.
+QUANTITIES = ("x_mm", "y_mm", "rotation_deg", "force_N")
+X = 0
+Y = 1
+ROTATION = 2
+FORCE = 3
+#: Keys of a scene that hold these quantities.
+SCENE_KEYS = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg", "load.force_N")
+#: Number of touches up to which plain floats are compared faster than arrays.
+FEW_TOUCHES = 32
+
+
+@dataclass(frozen=True)
+class Domain:
+    """Touches that a model holds for.
+
+    Attributes
+    ----------
+    reach_mm : float
+        Largest distance of the probe's centroid from the film's centre.
+    force_N : tuple of float
+        Least and largest force.
+    """
+
+    reach_mm: float
+    force_N: tuple[float, float]
+
+    @cached_property
+    def log_force(self) -> tuple[float, float]:
+        """Logarithms of the least and the largest force in N."""
+        lowest, highest = self.force_N
+        return math.log(lowest), math.log(highest)
+
+
+class Model(Hashable, Protocol):
+    """Charges of the electrodes as a smooth function of a touch."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the electrodes."""
+
+    @property
+    def scene(self) -> Scene:
+        """Film, electrodes and probe, and what `locate` takes for known by default."""
+
+    @property
+    def domain(self) -> Domain:
+        """Touches that the model holds for."""
+
+    @property
+    def error_bound(self) -> float:
+        """Largest error of a charge relative to it."""
+
+    def evaluate(self, touches: Array) -> tuple[Array, Array]:
+        """Charges (n, electrodes) in pC of touches (n, 4), and their slopes (n, electrodes, 4)."""
+
+
+def symmetry_deg(probe: Probe) -> float | None:
+    """Least rotation in degrees that brings a probe onto itself; None if every rotation does."""
+    return probe.period_deg or None
+
+
+def period_deg(model: Model) -> float:
+    """Period in degrees of a model's charges by the rotation; 360 for a disc."""
+    probe = model.scene.probe
+    return (symmetry_deg(probe) if probe else None) or 360.0
+
+
+def rotation_counts(model: Model) -> bool:
+    """Whether charges depend on the rotation of the probe, which those of a disc do not."""
+    probe = model.scene.probe
+    return probe is None or symmetry_deg(probe) is not None
+
+
+def all_within(touches: Array, reach_mm: float, lowest: float, highest: float) -> bool:
+    """Whether touches (n, 4) are finite, within a reach, and within limits of the force.
+
+    The last column and the limits may both be logarithms of the force.
+    """
+    square = reach_mm * reach_mm
+    if len(touches) <= FEW_TOUCHES:
+        return all(
+            x * x + y * y <= square and math.isfinite(rotation) and lowest <= force <= highest
+            for x, y, rotation, force in touches.tolist()
+        )
+    x, y, rotation, force = touches.T
+    inside = (x * x + y * y <= square) & (lowest <= force) & (force <= highest)
+    return bool((inside & np.isfinite(rotation)).all())
+
+
+def touch_of(scene: Scene) -> dict[str, float]:
+    """The quantities of a scene's touch by name; the force alone of a scene without a probe."""
+    place = {} if scene.probe is None else {n: getattr(scene.probe, n) for n in QUANTITIES[:FORCE]}
+    return {**place, "force_N": scene.load.force_N}
+
+
+def scene_of_touch(scene: Scene, touch: Array, tolerance: float) -> Scene:
+    """The scene with the probe and the force of a touch (4,), to be solved to a tolerance."""
+    changes = dict(zip(SCENE_KEYS, map(float, touch), strict=True))
+    return scene.with_(**changes, **{"numerics.tolerance": tolerance})

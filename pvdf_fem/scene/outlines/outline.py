@@ -1,0 +1,198 @@
+"""What every outline of a probe or an electrode knows, in metres in the plane of the film.
+
+The origin is the film's centre. Areas, centroids and reaches are exact, not those of an
+approximating polygon. A new shape is one file beside this one, with a subclass of `Outline`, the
+table of a scene file that makes it (`Shape`), and a line in `pvdf_fem.scene.shapes`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike
+from shapely import affinity
+
+from pvdf_fem.arrays import Array
+
+#: Lengths closer than this, relative to the distance from the film's centre, count as equal.
+TOUCH = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A straight piece of a boundary between two points, each of shape (2,), in m."""
+
+    start: Array
+    end: Array
+
+
+@dataclass(frozen=True, eq=False)
+class EllipseCurve:
+    """A whole ellipse as a boundary.
+
+    Attributes
+    ----------
+    centre : ndarray, shape (2,)
+        In m.
+    axes : ndarray, shape (2, 2)
+        The two semi-axes in m, as orthogonal columns.
+    """
+
+    centre: Array
+    axes: Array
+
+
+class Outline(ABC):
+    """The outline of a probe or an electrode."""
+
+    @property
+    def corners(self) -> Array:
+        """Corners (n, 2) in m, counter-clockwise; a smooth outline has none."""
+        return np.empty((0, 2))
+
+    @property
+    def size(self) -> float:
+        """A length in m by which outlines of one class with the same `landmarks` may differ."""
+        return 0.0
+
+    @property
+    @abstractmethod
+    def area(self) -> float:
+        """Area in m²."""
+
+    @property
+    @abstractmethod
+    def perimeter(self) -> float:
+        """Length of the outline in m."""
+
+    @property
+    @abstractmethod
+    def centroid(self) -> Array:
+        """Centroid, shape (2,), in m."""
+
+    @property
+    @abstractmethod
+    def reach(self) -> float:
+        """Largest distance of a point of the outline from the film's centre, in m."""
+
+    @property
+    @abstractmethod
+    def lowest(self) -> Array:
+        """Least x and least y, shape (2,), in m."""
+
+    @property
+    @abstractmethod
+    def landmarks(self) -> Array:
+        """Points (n, 2) in m, counter-clockwise, that fix an outline of this class and `size`."""
+
+    @property
+    @abstractmethod
+    def boundary(self) -> tuple[Line | EllipseCurve, ...]:
+        """The pieces of the boundary, each from the end of the one before."""
+
+    @property
+    @abstractmethod
+    def shape(self) -> shapely.Polygon:
+        """The outline for shapely: a polygon inside of it that touches it at its corners."""
+
+    @abstractmethod
+    def mapped(self, frame: Array, shift: Array | float = 0.0) -> Self:
+        """The outline after the map x -> frame x + shift with an orthogonal matrix (2, 2)."""
+
+    @abstractmethod
+    def signed_distance(self, points: Array) -> Array:
+        """Distances (n,) in m of points (n, 2) from the boundary, negative inside.
+
+        They are exact to first order next to the boundary, and have the right sign anywhere.
+        """
+
+    @abstractmethod
+    def dip(self, other: Outline) -> float:
+        """How deep this boundary reaches into another outline, in m; negative outside.
+
+        It is taken where two outlines only touch but for rounding; there a polygon dips with its
+        corners, and into its sides the other outline dips.
+        """
+
+    @abstractmethod
+    def arc_middles(self, starts: Array, ends: Array) -> Array:
+        """Midside nodes (n, 2) that give curved elements the outline's area.
+
+        Parameters
+        ----------
+        starts, ends : ndarray, shape (n, 2)
+            Ends of the elements' sides on a curved piece of the boundary, m.
+        """
+
+    @abstractmethod
+    def area_rule(self, count: int) -> tuple[Array, Array]:
+        """Points (n, 2) in m and weights (n,) in m² of an integral over the outline.
+
+        `count` Gauss points are taken across each piece of the area.
+        """
+
+    @abstractmethod
+    def boundary_rule(self, count: int) -> tuple[Array, Array]:
+        """Points (n, 2) in m and outward normals (n, 2) times weights in m along the boundary.
+
+        `count` points are taken along a side of a polygon or a quarter of a closed curve.
+        """
+
+    @cached_property
+    def polygon(self) -> shapely.Polygon:
+        """A polygon with exactly the outline's area."""
+        grown = float(np.sqrt(self.area / self.shape.area))
+        x, y = self.centroid.tolist()
+        return affinity.scale(self.shape, grown, grown, origin=(x, y))
+
+    def coincides(self, other: Outline, slack: float) -> bool:
+        """Whether another outline is the same, to `slack` in m in each coordinate."""
+        if type(self) is not type(other) or len(self.landmarks) != len(other.landmarks):
+            return False
+        first = np.abs(other.landmarks - self.landmarks[0]).max(axis=1).argmin()
+        apart = np.roll(other.landmarks, -first, axis=0) - self.landmarks
+        return bool(max(np.abs(apart).max(), abs(self.size - other.size)) <= slack)
+
+    def signature(self, unit: float, digits: int) -> tuple[str | float, ...]:
+        """Values that are equal for outlines that cover the same points, after rounding.
+
+        Parameters
+        ----------
+        unit : float
+            Unit of the rounded lengths in m.
+        digits : int
+            Digits of a rounded length after the point.
+        """
+        rounded = (np.round(self.landmarks / unit, digits) + 0.0).tolist()
+        first = rounded.index(min(rounded))
+        ordered = [x for point in rounded[first:] + rounded[:first] for x in point]
+        return (type(self).__name__, round(self.size / unit, digits), *ordered)
+
+
+def overlaps(a: Outline, b: Outline) -> bool:
+    """Whether the interiors of two outlines meet; outlines that touch do not overlap."""
+    # chords are much nearer than that to their arcs
+    if not shapely.dwithin(a.shape, b.shape, 1e-4 * (a.perimeter + b.perimeter)):
+        return False
+    slack = TOUCH * max(a.reach, b.reach)
+    common = a.shape.intersection(b.shape)
+    # 2 area / perimeter measures the width of the common part, however long it is
+    if 2.0 * common.area > slack * common.length:
+        return True
+    # what the polygons do not show is between arcs and their chords
+    return max(a.dip(b), b.dip(a)) > slack
+
+
+def turn(points: ArrayLike, angle_deg: float) -> Array:
+    """Points, shape (..., 2), turned counter-clockwise about the origin; quarters are exact."""
+    quarters, remainder = divmod(angle_deg, 90.0)
+    c, s = np.cos(np.radians(remainder)), np.sin(np.radians(remainder))
+    for _ in range(int(quarters % 4)):
+        c, s = -s, c
+    x, y = np.moveaxis(np.asarray(points, dtype=float), -1, 0)
+    return np.stack([c * x - s * y, s * x + c * y], axis=-1)

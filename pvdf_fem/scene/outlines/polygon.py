@@ -1,0 +1,246 @@
+"""Polygons, and the shapes that are polygons: triangle, square, rectangle and any other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+import shapely
+from pydantic import Field, field_validator
+
+from pvdf_fem.arrays import Array, unit_gauss
+from pvdf_fem.scene.outlines.outline import Line, Outline, turn
+from pvdf_fem.scene.outlines.shape import Shape
+from pvdf_fem.scene.quantity import Coordinate, Length, refusal
+
+#: Details of a ring smaller than this, relative to its extent, cannot be meshed.
+DETAIL = 1e-6
+#: Polygons with more vertices are refused.
+MOST_VERTICES = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class Polygon(Outline):
+    """A simple polygon.
+
+    Parameters
+    ----------
+    vertices : array_like, shape (n, 2)
+        Corners in metres, in either orientation; stored counter-clockwise and read-only.
+    """
+
+    vertices: Array
+
+    def __post_init__(self) -> None:
+        vertices = np.array(self.vertices, dtype=float)
+        if _moments(vertices)[0] < 0:
+            vertices = vertices[::-1].copy()
+        vertices.setflags(write=False)
+        object.__setattr__(self, "vertices", vertices)
+
+    @cached_property
+    def area(self) -> float:
+        return _moments(self.vertices)[0]
+
+    @cached_property
+    def perimeter(self) -> float:
+        edges = self.vertices - np.roll(self.vertices, 1, axis=0)
+        return float(np.linalg.norm(edges, axis=1).sum())
+
+    @cached_property
+    def centroid(self) -> Array:
+        return _moments(self.vertices)[1]
+
+    @cached_property
+    def reach(self) -> float:
+        return float(np.linalg.norm(self.vertices, axis=1).max())
+
+    @cached_property
+    def lowest(self) -> Array:
+        return self.vertices.min(axis=0)
+
+    @property
+    def corners(self) -> Array:
+        return self.vertices
+
+    @property
+    def landmarks(self) -> Array:
+        return self.vertices
+
+    @property
+    def boundary(self) -> tuple[Line, ...]:
+        ends = np.roll(self.vertices, -1, axis=0)
+        return tuple(Line(a, b) for a, b in zip(self.vertices, ends, strict=True))
+
+    @cached_property
+    def shape(self) -> shapely.Polygon:
+        return shapely.Polygon(self.vertices)
+
+    @cached_property
+    def polygon(self) -> shapely.Polygon:
+        return self.shape
+
+    def mapped(self, frame: Array, shift: Array | float = 0.0) -> Polygon:
+        return Polygon(self.vertices @ np.transpose(frame) + shift)
+
+    def signed_distance(self, points: Array) -> Array:
+        at = shapely.points(points)
+        distance = shapely.distance(self.shape.exterior, at)
+        return np.where(shapely.contains(self.shape, at), -distance, distance)
+
+    def dip(self, other: Outline) -> float:
+        return -float(other.signed_distance(self.vertices).min())
+
+    def arc_middles(self, starts: Array, ends: Array) -> Array:
+        return 0.5 * (starts + ends)
+
+    def area_rule(self, count: int) -> tuple[Array, Array]:
+        """Points (n, 2) in m and weights (n,) in m² of an integral over the polygon.
+
+        A parallelogram has `count` Gauss points along each side; any other polygon is cut into
+        triangles, each of which has `count` points along two of its sides.
+        """
+        s, w = unit_gauss(count)
+        if (sides := _parallelogram(self.vertices)) is not None:
+            places = np.stack(np.meshgrid(s, s), axis=-1).reshape(-1, 2)
+            return self.vertices[0] + places @ sides, self.area * np.outer(w, w).ravel()
+        triangles = shapely.constrained_delaunay_triangles(self.shape).geoms
+        corners = np.array([shapely.get_coordinates(triangle)[:3] for triangle in triangles])
+        # Duffy's map takes the square (s, t) to the triangle, with the weight s
+        a, b, c = (corners[:, i, None, None] for i in range(3))
+        u, v = s[:, None, None], s[None, :, None]
+        points = a + u * (b - a) + u * v * (c - b)
+        edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=-1)
+        weights = np.abs(np.linalg.det(edges))[:, None, None] * (w * s)[:, None] * w
+        return points.reshape(-1, 2), weights.ravel()
+
+    def boundary_rule(self, count: int) -> tuple[Array, Array]:
+        s, w = np.polynomial.legendre.leggauss(count)
+        begin = self.vertices[:, None]
+        sides = np.roll(self.vertices, -1, axis=0)[:, None] - begin
+        normals = np.stack([sides[..., 1], -sides[..., 0]], axis=-1) * 0.5 * w[:, None]
+        points = begin + 0.5 * (s[:, None] + 1.0) * sides
+        return points.reshape(-1, 2), normals.reshape(-1, 2)
+
+
+def rectangle(width: float, height: float) -> Array:
+    """Corners, shape (4, 2), of a rectangle about the origin with its width along x."""
+    x, y = width / 2, height / 2
+    return np.array([[-x, -y], [x, -y], [x, y], [-x, y]])
+
+
+def triangle(side: float) -> Array:
+    """Corners, shape (3, 2), of an equilateral triangle about the origin, one corner on +y."""
+    height = side * np.sqrt(3.0) / 2
+    return np.array([[0.0, 2 * height / 3], [-side / 2, -height / 3], [side / 2, -height / 3]])
+
+
+def defect(vertices: Sequence[Sequence[float]]) -> str | None:
+    """Why vertices, in any unit, are not those of a simple polygon that can be meshed, or None."""
+    points = np.asarray(vertices, dtype=float)
+    extent = float(np.ptp(points, axis=0).max())
+    detail = DETAIL * extent
+    gaps = np.linalg.norm(points - np.roll(points, -1, axis=0), axis=1)
+    repeats = np.flatnonzero(gaps <= detail)
+    if repeats.size:
+        first = int(repeats[0])
+        return f"vertices {first} and {(first + 1) % len(points)} coincide"
+    if shapely.MultiPoint(points).convex_hull.area <= detail * extent:
+        return "the vertices lie on a line"
+    ring = shapely.Polygon(points)
+    if not ring.is_valid:
+        return f"the outline crosses or touches itself ({shapely.is_valid_reason(ring)})"
+    if shapely.minimum_clearance(ring) <= detail:
+        return "the polygon is too thin somewhere"
+    return None
+
+
+def _moments(vertices: Array) -> tuple[float, Array]:
+    """Signed area and centroid by Green's theorem, about the first vertex against cancellation."""
+    here = vertices - vertices[0]
+    there = np.roll(here, -1, axis=0)
+    cross = here[:, 0] * there[:, 1] - there[:, 0] * here[:, 1]
+    area = cross.sum() / 2
+    return float(area), vertices[0] + cross @ (here + there) / (6 * area)
+
+
+def _parallelogram(corners: Array) -> Array | None:
+    """The sides (2, 2) from the first corner of a parallelogram, None of other polygons."""
+    if len(corners) != 4:
+        return None
+    sides = corners[[1, 3]] - corners[0]
+    closed = np.allclose(sides.sum(axis=0), corners[2] - corners[0], rtol=1e-9, atol=1e-15)
+    return sides if closed else None
+
+
+class _PolygonalShape(Shape):
+    def _placed(self, corners_mm: Array) -> Polygon:
+        turned = turn(corners_mm, self.rotation_deg)
+        return Polygon((turned + np.array([self.x_mm, self.y_mm])) / 1e3)
+
+
+class TriangleShape(_PolygonalShape):
+    """An equilateral triangle; (x, y) is its centroid, unrotated a vertex points to +y."""
+
+    period_deg = 120.0
+    is_mirrored = True
+    shape: Literal["triangle"] = "triangle"
+    side_mm: Length = 7.0
+
+    @property
+    def outline(self) -> Polygon:
+        return self._placed(triangle(self.side_mm))
+
+
+class SquareShape(_PolygonalShape):
+    """A square about (x, y), unrotated with its edges along x and y."""
+
+    period_deg = 90.0
+    is_mirrored = True
+    is_rectangle = True
+    shape: Literal["square"] = "square"
+    side_mm: Length = 3.0
+
+    @property
+    def outline(self) -> Polygon:
+        return self._placed(rectangle(self.side_mm, self.side_mm))
+
+
+class RectangleShape(_PolygonalShape):
+    """A rectangle about (x, y), unrotated with its width along x."""
+
+    period_deg = 180.0
+    is_mirrored = True
+    is_rectangle = True
+    size_key = "width_mm"
+    shape: Literal["rectangle"] = "rectangle"
+    width_mm: Length = 14.0
+    height_mm: Length = 7.0
+
+    @property
+    def outline(self) -> Polygon:
+        return self._placed(rectangle(self.width_mm, self.height_mm))
+
+
+class PolygonShape(_PolygonalShape):
+    """A simple polygon in either orientation; its vertices are relative to (x, y), unrotated."""
+
+    size_key = "vertices_mm"
+    shape: Literal["polygon"] = "polygon"
+    vertices_mm: tuple[tuple[Coordinate, Coordinate], ...] = Field(
+        min_length=3, max_length=MOST_VERTICES
+    )
+
+    @field_validator("vertices_mm")
+    @classmethod
+    def _is_simple(cls, value: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+        if wrong := defect(value):
+            raise refusal(f"{wrong}; list the corners of a simple polygon once, in order")
+        return value
+
+    @property
+    def outline(self) -> Polygon:
+        return self._placed(np.array(self.vertices_mm))

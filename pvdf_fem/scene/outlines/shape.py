@@ -1,0 +1,32 @@
+"""What the tables of all shapes in a scene file have in common."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import ClassVar
+
+from pvdf_fem.scene.outlines.outline import Outline
+from pvdf_fem.scene.quantity import Coordinate, Number, Section
+
+
+class Shape(Section):
+    """A shape at the point (x, y), rotated counter-clockwise about it."""
+
+    x_mm: Coordinate = 0.0
+    y_mm: Coordinate = 0.0
+    rotation_deg: Number = 0.0
+    shape: str
+
+    #: The least rotation that brings the shape onto itself; 0 if any does.
+    period_deg: ClassVar[float] = 360.0
+    #: Whether the unrotated shape is its own mirror image in the y axis.
+    is_mirrored: ClassVar[bool] = False
+    #: Whether the unrotated shape has four sides along x and y, as the thesis's means need.
+    is_rectangle: ClassVar[bool] = False
+    #: The key to blame for a shape that is too large wherever it is.
+    size_key: ClassVar[str] = "side_mm"
+
+    @property
+    @abstractmethod
+    def outline(self) -> Outline:
+        """Outline in m."""

@@ -1,0 +1,77 @@
+"""What a solve did: a row for every mesh, why it ended, and where its time went."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+
+class Stop(StrEnum):
+    """Why no further mesh was made."""
+
+    ACCURATE = "every result is within the tolerance"
+    GIVEN_MESH = "the mesh was given"
+    SECONDS = "a finer mesh would need more work than numerics.max_seconds allows; raise it"
+    UNKNOWNS = "a finer mesh would need more unknowns than numerics.max_unknowns allows; raise it"
+    MESHES = "the largest number of meshes was made"
+    MESH_FAILED = "gmsh could not make the next mesh"
+    FINER_FAILED = "Newton's method failed on the next mesh"
+    NO_EQUILIBRIUM = "there is no result on the last mesh"
+    NO_MESH = "there is no mesh"
+
+
+@dataclass(frozen=True)
+class MeshRecord:
+    """The solve on one mesh.
+
+    Attributes
+    ----------
+    elements, unknowns : int
+    iterations : int
+        Newton iterations that led to the result.
+    worst_error : float or None
+        Largest estimated error of a charge, relative to the sizes of its contributions.
+    seconds : float
+        Wall-clock time of mesh, solve and estimate.
+    status : str
+    tried : tuple of (str, str, int)
+        Solvers that failed before: name, status, iterations.
+    """
+
+    elements: int
+    unknowns: int
+    iterations: int
+    worst_error: float | None
+    seconds: float
+    status: str
+    tried: tuple[tuple[str, str, int], ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """The row as plain data."""
+        names = ("solver", "status", "iterations")
+        return {**vars(self), "tried": [dict(zip(names, row, strict=True)) for row in self.tried]}
+
+
+class Clock:
+    """Adds up the seconds of named stages."""
+
+    def __init__(self) -> None:
+        self._start = time.perf_counter()
+        self._stages: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            elapsed = time.perf_counter() - start
+            self._stages[stage] = self._stages.get(stage, 0.0) + elapsed
+
+    def seconds(self) -> dict[str, float]:
+        """Seconds by stage, and ``total`` since the clock was made."""
+        return {**self._stages, "total": time.perf_counter() - self._start}

@@ -1,0 +1,191 @@
+"""The mesh loop: solve on ever better meshes until the errors are small enough."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Generic, Protocol, TypeVar
+
+from skfem import MeshTri2
+
+from pvdf_fem.film.models import film_model
+from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
+from pvdf_fem.mesh.size_field import SizeField, Sizes
+from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
+from pvdf_fem.scene.scene import Scene
+from pvdf_fem.solution.history import Clock, MeshRecord, Stop
+from pvdf_fem.solvers.budget import Budget
+from pvdf_fem.solvers.newton import Tried
+from pvdf_fem.solvers.status import Status
+
+
+class Attempted(Protocol):
+    """What the loop has to know of a solve on one mesh."""
+
+    @property
+    def status(self) -> Status: ...
+    @property
+    def worst(self) -> float:
+        """Largest relative error; 0 without a result."""
+
+    @property
+    def unknowns(self) -> int: ...
+    @property
+    def iterations(self) -> int: ...
+    @property
+    def tried(self) -> tuple[Tried, ...]: ...
+
+
+T = TypeVar("T", bound=Attempted)
+
+
+class TooManyUnknownsError(RuntimeError):
+    """The first mesh would have more unknowns than allowed; the text names the key to raise."""
+
+    def __init__(self, unknowns: float, allowed: int) -> None:
+        super().__init__(
+            f"the first mesh needs about {unknowns:.0f} unknowns, but numerics.max_unknowns allows"
+            f" {allowed}; raise it, or raise numerics.tolerance"
+        )
+
+
+@dataclass(frozen=True)
+class Rules:
+    """How meshes follow each other.
+
+    Attributes
+    ----------
+    safety : float
+        Sizes aim at this part of the tolerance. Each mesh that was slow lowers the aim by this
+        factor once more: at singular corners the error falls slower than sizes are chosen for.
+    slow : float
+        A mesh is slow that leaves more than this part of the error.
+    growth : float
+        A mesh has at most this factor more unknowns than the one before, since a coarse mesh shows
+        singular corners and kinks larger than they are and in the wrong places.
+    least : float
+        A mesh that may only have this part of the last one's unknowns would not be better.
+    most_meshes : int
+    work_exponent : float
+        The unknowns that can be paid grow as this power of the work of a mesh.
+    """
+
+    safety: float = 0.5
+    slow: float = 0.7
+    growth: float = 2.5
+    least: float = 0.7
+    most_meshes: int = 10
+    work_exponent: float = 0.8
+
+
+@dataclass
+class MeshLoop(Generic[T]):
+    """Solves on a sequence of meshes.
+
+    Attributes
+    ----------
+    scene : Scene
+    first_sizes : callable
+        Element sizes of the first mesh.
+    solve_on : callable
+        Solves on a mesh, from the solution on the coarser one if there is.
+    next_sizes : callable
+        Element sizes for an attempt, the error aimed at, and the largest number of unknowns.
+    budget : Budget
+    clock : Clock
+    unknowns_per_element : float
+    part : MirroredPart
+        The part of the film that is meshed.
+    rules : Rules
+    history : list of MeshRecord
+    """
+
+    scene: Scene
+    first_sizes: Callable[[], Sizes | SizeField]
+    solve_on: Callable[[MeshTri2, T | None], T]
+    next_sizes: Callable[[T, float, float], Sizes | SizeField]
+    budget: Budget
+    clock: Clock
+    unknowns_per_element: float
+    part: MirroredPart = WHOLE
+    rules: Rules = field(default_factory=Rules)
+    history: list[MeshRecord] = field(default_factory=list)
+
+    def run(self) -> tuple[T, Stop]:
+        """The best of the solves on ever better meshes, or the first that has no result.
+
+        Raises
+        ------
+        MeshError
+            When gmsh cannot make the first mesh.
+        TooManyUnknownsError
+        """
+        rules, tolerance = self.rules, self.scene.numerics.tolerance
+        aim, spent = rules.safety * tolerance, self.budget.spent_seconds
+        attempt = best = self.attempt(self.first_sizes(), None)
+        while attempt.worst > tolerance:
+            if len(self.history) == rules.most_meshes:
+                return best, Stop.MESHES
+            most, limit = self._affordable(attempt, self.budget.spent_seconds - spent)
+            if most < rules.least * attempt.unknowns:
+                return best, limit
+            spent = self.budget.spent_seconds
+            with self.clock("refine"):
+                sizes = self.next_sizes(attempt, aim, most)
+            try:
+                finer = self.attempt(sizes, attempt)
+            except MeshError:
+                return best, Stop.MESH_FAILED
+            if finer.status is Status.MAX_ITERATIONS:
+                return best, Stop.FINER_FAILED
+            slow = finer.worst > rules.slow * attempt.worst
+            aim *= rules.safety if slow else 1.0
+            large = attempt.unknowns > rules.least * self.budget.max_unknowns
+            attempt = finer
+            if finer.status is Status.CONVERGED and finer.worst < best.worst:
+                best = finer
+            if slow and large and attempt.worst > tolerance:
+                return best, Stop.UNKNOWNS
+        converged = attempt.status is Status.CONVERGED
+        return attempt, Stop.ACCURATE if converged else Stop.NO_EQUILIBRIUM
+
+    def _affordable(self, attempt: T, seconds: float) -> tuple[float, Stop]:
+        """Unknowns of the next mesh after one that took this work, and what limits them."""
+        work = self.budget.left_seconds / seconds
+        by_work = work**self.rules.work_exponent * attempt.unknowns
+        most = min(self.rules.growth * attempt.unknowns, self.budget.max_unknowns, by_work)
+        return most, Stop.SECONDS if most == by_work else Stop.UNKNOWNS
+
+    def attempt(self, sizes: Sizes | SizeField, coarser: T | None) -> T:
+        """Mesh and solve."""
+        start = time.perf_counter()
+        if coarser is None and isinstance(sizes, Sizes):
+            self._require_affordable(sizes.least_elements(self.scene.film.radius))
+        with self.clock("mesh"):
+            least_jacobian = film_model(self.scene).least_jacobian
+            mesh = mesh_scene(self.scene, sizes, self.part, least_jacobian)
+        if coarser is None:
+            self._require_affordable(mesh.nelements)
+        return self.attempt_on(mesh, coarser, start)
+
+    def _require_affordable(self, elements: float) -> None:
+        budget, unknowns = self.budget, elements * self.unknowns_per_element
+        if budget.bounds_first_mesh and unknowns > budget.max_unknowns:
+            raise TooManyUnknownsError(unknowns, budget.max_unknowns)
+
+    def attempt_on(self, mesh: MeshTri2, coarser: T | None, start: float) -> T:
+        """Solve on a mesh and note it in the history, with the seconds since `start`."""
+        attempt = self.solve_on(mesh, coarser)
+        self.history.append(
+            MeshRecord(
+                mesh.nelements,
+                attempt.unknowns,
+                attempt.iterations,
+                attempt.worst if attempt.status is Status.CONVERGED else None,
+                time.perf_counter() - start,
+                str(attempt.status),
+                tuple((t.solver, str(t.status), t.iterations) for t in attempt.tried),
+            )
+        )
+        return attempt

@@ -1,0 +1,176 @@
+"""Scene to solution: mesh, solve, estimate, and refine until every charge is within the tolerance.
+
+A first mesh comes from sizes that the tolerance sets a priori (`first_sizes`); while the estimated
+error of a charge exceeds the tolerance, the next mesh follows the indicators of that error. Of a
+symmetric scene only a part is meshed; the whole film is put together when it is asked for.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from functools import partial
+
+from skfem import MeshTri2
+
+from pvdf_fem.charges.goals import Goal, goals_of
+from pvdf_fem.film.models import film_model
+from pvdf_fem.mesh.gmsh_mesh import MeshError
+from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart, part_of
+from pvdf_fem.scene.scene import Scene
+from pvdf_fem.solution import admissible
+from pvdf_fem.solution.attempt import (
+    UNKNOWNS_PER_ELEMENT,
+    Attempt,
+    Problem,
+    refined,
+    solve_on,
+)
+from pvdf_fem.solution.first_sizes import ORDER, first_sizes
+from pvdf_fem.solution.history import Clock, MeshRecord, Stop
+from pvdf_fem.solution.refinement import MeshLoop, TooManyUnknownsError
+from pvdf_fem.solution.solution import Solution
+from pvdf_fem.solvers.budget import Budget
+from pvdf_fem.solvers.status import Status
+from pvdf_fem.solvers.wrinkling import barely_loaded
+
+#: Relative error of a charge above which a film that is barely loaded is called slack.
+UNKNOWN_CHARGE = 0.1
+
+
+def solve(
+    scene: Scene,
+    *,
+    mesh: MeshTri2 | None = None,
+    order: int = ORDER,
+    budget: Budget | None = None,
+) -> Solution:
+    """Charges and fields of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    mesh : MeshTri2, optional
+        Solve on this mesh of `mesh_scene`, of the whole film, whatever the error, instead of
+        meshing for ``scene.numerics.tolerance``.
+    order : int, optional
+        Polynomial order of the displacement, 1, 2 or 3.
+    budget : Budget, optional
+        What the solve may cost, by default what the scene's numerics say.
+
+    Returns
+    -------
+    Solution
+        Its `status` tells whether there is a result; printed, it tells how the solve went.
+    """
+    return solve_goals(scene, goals_of(scene), mesh=mesh, order=order, budget=budget)
+
+
+def solve_goals(
+    scene: Scene,
+    goals: Sequence[Goal],
+    *,
+    mesh: MeshTri2 | None = None,
+    order: int = ORDER,
+    budget: Budget | None = None,
+) -> Solution:
+    """`solve` for other charges than those of the scene's electrodes.
+
+    The charges that meet the tolerance, and the `forces` of the solution's `fields`, are those of
+    the goals; a solution's charges by electrode have no meaning here.
+    """
+    budget = Budget.of(scene) if budget is None else budget
+    problem = Problem(scene, goals, order, budget, Clock())
+    loop = _mesh_loop(problem, WHOLE)
+    if mesh is not None:
+        attempt = loop.attempt_on(mesh, None, time.perf_counter())
+        return _solution(attempt, Stop.GIVEN_MESH, loop.history)
+    try:
+        if (on_part := _on_part(problem)) is not None:
+            return on_part
+        attempt, stop = loop.run()
+    except MeshError as error:
+        reason = f"{Status.MESH_FAILED.advice} ({error})"
+        seconds = problem.clock.seconds()
+        return Solution(scene, Status.MESH_FAILED, reason, Stop.NO_MESH, seconds=seconds)
+    except TooManyUnknownsError as error:
+        seconds = problem.clock.seconds()
+        return Solution(scene, Status.TOLERANCE, str(error), Stop.UNKNOWNS, seconds=seconds)
+    return _solution(attempt, stop, loop.history)
+
+
+def _mesh_loop(problem: Problem, part: MirroredPart) -> MeshLoop[Attempt]:
+    return MeshLoop(
+        problem.scene,
+        partial(first_sizes, problem.scene, problem.order),
+        partial(solve_on, problem, part),
+        refined,
+        problem.budget,
+        problem.clock,
+        UNKNOWNS_PER_ELEMENT[problem.order],
+        part,
+    )
+
+
+def _on_part(problem: Problem) -> Solution | None:
+    """The solution on a part of a symmetric film; None where it is not that of the film."""
+    scene = problem.scene
+    part = part_of(scene) if film_model(scene).solved_on_parts else WHOLE
+    if not part.mirrored:
+        return None
+    loop, spent = _mesh_loop(problem, part), problem.budget.spent_seconds
+    with suppress(MeshError):
+        attempt, stop = loop.run()
+        with problem.clock("solve"):
+            converged = attempt.status is Status.CONVERGED
+            if converged and admissible.keeps_symmetry(attempt.fields):
+                return _solution(attempt, stop, loop.history)
+    problem.budget.spent_seconds = spent  # the whole film gets all of it
+    return None
+
+
+def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> Solution:
+    """The attempt as a solution, with the status that it deserves."""
+    problem, fields = attempt.problem, attempt.fields
+    model, status = film_model(problem.scene), _status(attempt, stop)
+    reason = status.advice
+    if status is Status.TOLERANCE:
+        reason = (
+            f"{reason}, to at least {_rounded_up(attempt.worst)}, which was reached ({stop.value})"
+        )
+    return Solution(
+        problem.scene,
+        status,
+        reason,
+        stop,
+        tuple(history),
+        attempt.result.iterations,
+        model.left_out,
+        model.included,
+        (*model.warnings, *admissible.warnings(fields.solved, fields.solved_state)),
+        problem.clock.seconds(),
+        fields,
+    )
+
+
+def _rounded_up(value: float) -> str:
+    """A number with two digits that is no smaller."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return f"{math.ceil(value / unit) * unit:.1e}"
+
+
+def _status(attempt: Attempt, stop: Stop) -> Status:
+    """How the solve ended."""
+    scene, fields, status = attempt.problem.scene, attempt.fields, attempt.result.status
+    if status is Status.CONVERGED:
+        status = admissible.refusal(fields, attempt.result.factors) or status
+    if stop is Stop.GIVEN_MESH:
+        return status
+    if status is Status.CONVERGED and attempt.worst > scene.numerics.tolerance:
+        status = Status.TOLERANCE
+    missed = status in (Status.MAX_ITERATIONS, Status.LIMIT, Status.UNBALANCED)
+    unknown = status is Status.TOLERANCE and attempt.worst > UNKNOWN_CHARGE
+    slack = film_model(scene).wrinkles and barely_loaded(scene)
+    return Status.SLACK if slack and (missed or unknown) else status

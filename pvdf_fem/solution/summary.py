@@ -1,0 +1,97 @@
+"""A solution as tables, in text and in HTML: charges, meshes, why it ended, what was tried."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table: its heading and its rows, all of them text."""
+
+    heading: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    def lines(self) -> list[str]:
+        """The table in columns, the first to the left and the others to the right."""
+        widths = [max(map(len, column)) for column in zip(self.heading, *self.rows, strict=True)]
+        return [
+            "  ".join(
+                cell.ljust(width) if i == 0 else cell.rjust(width)
+                for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+            ).rstrip()
+            for row in (self.heading, *self.rows)
+        ]
+
+    def html(self) -> str:
+        """The table as HTML."""
+
+        def row(cells: Sequence[str], tag: str) -> str:
+            return "<tr>" + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells) + "</tr>"
+
+        body = "".join(row(cells, "td") for cells in self.rows)
+        return f"<table><thead>{row(self.heading, 'th')}</thead><tbody>{body}</tbody></table>"
+
+
+def solution_text(result: dict[str, Any]) -> str:
+    """The text of a solution, from its JSON."""
+    lines = [f"{result['status']}: {result.get('reason', result['stop'])}"]
+    for table in _tables(result):
+        lines += ["", *table.lines()]
+    return "\n".join([*lines, *(["", *remarks] if (remarks := _remarks(result)) else [])])
+
+
+def solution_html(result: dict[str, Any]) -> str:
+    """The HTML of a solution, from its JSON."""
+    head = f"<p><b>{result['status']}</b>: {escape(result.get('reason', result['stop']))}</p>"
+    tables = "".join(table.html() for table in _tables(result))
+    return head + tables + "".join(f"<p>{escape(remark)}</p>" for remark in _remarks(result))
+
+
+def _tables(result: dict[str, Any]) -> list[Grid]:
+    tables: list[Grid] = []
+    if charges := result.get("charges_pC"):
+        errors = result["charge_errors_pC"]
+        rows = tuple((name, *rounded(charge, errors[name])) for name, charge in charges.items())
+        tables.append(Grid((f"charges ({result['observable']})", "pC", "± pC"), rows))
+    if history := result["history"]:
+        heading = ("mesh", "elements", "unknowns", "iterations", "worst error", "seconds", "ended")
+        meshes = tuple(
+            (
+                str(number),
+                str(mesh["elements"]),
+                str(mesh["unknowns"]),
+                str(mesh["iterations"]),
+                "" if mesh["worst_error"] is None else f"{mesh['worst_error']:.1e}",
+                f"{mesh['seconds']:.3f}",
+                mesh["status"],
+            )
+            for number, mesh in enumerate(history, 1)
+        )
+        tables.append(Grid(heading, meshes))
+    return tables
+
+
+def _remarks(result: dict[str, Any]) -> list[str]:
+    remarks = [
+        f"tried on mesh {number}: {solver['solver']}, {solver['status']} after"
+        f" {solver['iterations']} iterations"
+        for number, mesh in enumerate(result["history"], 1)
+        for solver in mesh["tried"]
+    ]
+    if deflection := result.get("deflection_max_mm"):
+        remarks.append(f"deflection: {deflection:.4g} mm at most")
+    for key, word in (("included", "included"), ("left_out", "left out"), ("warnings", "warning")):
+        remarks += [f"{word}: {text}" for text in result[key]]
+    return remarks
+
+
+def rounded(value: float, error: float) -> tuple[str, str]:
+    """A value to the second digit of its error, or to ten digits, and the error."""
+    places = [9 - math.floor(math.log10(abs(x))) for x in (value,) if x]
+    places += [1 - math.floor(math.log10(x)) for x in (error,) if x]
+    return f"{value:.{max(0, min(places, default=0))}f}", f"{error:.2g}"

@@ -1,0 +1,83 @@
+"""What a solve may cost: unknowns of a mesh, and work in seconds.
+
+Work is counted, not measured by a clock, so that a result does not depend on what else a machine
+does: a Newton iteration costs what one core of a machine of 2024 takes for it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.film.models import film_model
+from pvdf_fem.scene.scene import Scene
+
+#: Seconds of work that a solve may take by default, at tolerances from `USUAL_TOLERANCE` on.
+MAX_SECONDS = 20.0
+#: A finer tolerance multiplies the defaults by the root of its ratio to this one.
+USUAL_TOLERANCE = 1e-3
+#: Unknowns that one core handles in a second of Newton iterations on a small mesh.
+UNKNOWNS_PER_SECOND = 1.4e5
+#: Unknowns that take as much time as an iteration takes on any mesh, however small. This and the
+#: next one are fitted to the times of 38 solves of films that wrinkle.
+FIXED_UNKNOWNS = 150.0
+#: Number of unknowns at which factorising takes as much time as the rest of an iteration.
+FACTORISING_UNKNOWNS = 22_500.0
+
+
+def iteration_seconds(equilibrium: Equilibrium) -> float:
+    """Work of a Newton iteration with a new tangent."""
+    count = equilibrium.unknowns.count
+    unknowns = FIXED_UNKNOWNS + count * (1.0 + (count / FACTORISING_UNKNOWNS) ** 0.5)
+    return equilibrium.model.iteration_cost * unknowns / UNKNOWNS_PER_SECOND
+
+
+@dataclass
+class Budget:
+    """What a solve may cost and has cost.
+
+    Attributes
+    ----------
+    max_unknowns : int
+        Of a mesh (``numerics.max_unknowns``).
+    max_seconds : float
+        Of work (``numerics.max_seconds``).
+    bounds_first_mesh : bool
+        Whether `max_unknowns` holds for the first mesh, too, which has what the outlines and the
+        tolerance need. It does where the scene gives the number.
+    spent_seconds : float
+        Work so far.
+    equilibrium_share : float
+        Part of `max_seconds` that the search for one equilibrium on one mesh may take.
+    """
+
+    max_unknowns: int
+    max_seconds: float
+    bounds_first_mesh: bool = False
+    spent_seconds: float = field(default=0.0)
+    equilibrium_share: float = 0.4
+
+    @classmethod
+    def of(cls, scene: Scene) -> Budget:
+        """That of a scene's numerics."""
+        numerics = scene.numerics
+        patience = max(1.0, USUAL_TOLERANCE / numerics.tolerance) ** 0.5
+        unknowns, seconds = numerics.max_unknowns, numerics.max_seconds
+        if unknowns is None:
+            unknowns = int(film_model(scene).most_unknowns * patience)
+        seconds = MAX_SECONDS * patience if seconds is None else seconds
+        return cls(unknowns, seconds, numerics.max_unknowns is not None)
+
+    @property
+    def left_seconds(self) -> float:
+        """Work that may still be done."""
+        return max(self.max_seconds - self.spent_seconds, 0.0)
+
+    def spend(self, equilibrium: Equilibrium, iterations: float) -> None:
+        """Count Newton iterations with a new tangent."""
+        self.spent_seconds += iterations * iteration_seconds(equilibrium)
+
+    def iterations(self, equilibrium: Equilibrium) -> int:
+        """Newton iterations that the search for one equilibrium may take."""
+        share = self.equilibrium_share * self.max_seconds
+        return int(share / iteration_seconds(equilibrium))

@@ -1,0 +1,267 @@
+"""The ladder: which solvers are tried for an equilibrium, in which order.
+
+Each rung is a solver that says whether it applies; the first that converges wins, and what the
+others did stays in the result. A loaded film that does not wrinkle, under a load that does not
+follow it, needs `LineSearchNewton` only.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.solvers.arc_length import follow, turned
+from pvdf_fem.solvers.budget import Budget
+from pvdf_fem.solvers.newton import (
+    STEP_TOLERANCE,
+    DeferredNewton,
+    FullSteps,
+    NewtonOptions,
+    NewtonResult,
+    factorise,
+    negative_pivots,
+    newton,
+)
+from pvdf_fem.solvers.seed import deflected_film, seed
+from pvdf_fem.solvers.settled import Settled
+from pvdf_fem.solvers.status import Status
+from pvdf_fem.solvers.wrinkling import PredictedStress, from_afar
+
+#: Newton's last step of a film that wrinkles, over the tolerance of the charges: where the film's
+#: state changes from point to point steps shrink only linearly, and rounding in a stiff film ends
+#: that early.
+LAST_STEP = 1e-2
+#: A start after which Newton's method gave up in this number of steps was too far away.
+FEW_STEPS = 2
+#: A path of equilibria is followed only where the budget pays for this number of iterations.
+PATH_ITERATIONS = 50
+
+
+@dataclass
+class Task:
+    """An equilibrium to be found.
+
+    Attributes
+    ----------
+    equilibrium : Equilibrium
+    budget : Budget
+    start : (unknowns,) or None
+        Unknowns near the solution, if they are known.
+    tolerance : float
+        Relative size of Newton's last step in the energy norm.
+    settled : Settled or None
+        Charges that the last steps must leave as they are, where the film wrinkles.
+    other_start : callable or None
+        Given with a start from another mesh: makes another one, in case that one turns out to be
+        far away.
+    follow_path : bool
+        Whether a path of equilibria may be followed.
+    """
+
+    equilibrium: Equilibrium
+    budget: Budget
+    start: Array | None = None
+    tolerance: float = STEP_TOLERANCE
+    settled: Settled | None = None
+    other_start: Callable[[], Array | None] | None = None
+    follow_path: bool = True
+    tried: list[tuple[str, NewtonResult]] = field(default_factory=list)
+
+    @property
+    def iterations(self) -> int:
+        """Newton iterations that the budget pays for."""
+        return self.budget.iterations(self.equilibrium)
+
+    @property
+    def wrinkles(self) -> bool:
+        """Whether the film wrinkles."""
+        return self.equilibrium.model.wrinkles
+
+    @property
+    def last_step(self) -> float:
+        """`tolerance` of a film that wrinkles."""
+        return max(self.tolerance, LAST_STEP * self.equilibrium.scene.numerics.tolerance)
+
+
+class Rung(ABC):
+    """A solver of the ladder."""
+
+    name: str
+
+    @abstractmethod
+    def applies(self, task: Task) -> bool:
+        """Whether the solver can serve."""
+
+    @abstractmethod
+    def solve(self, task: Task) -> NewtonResult:
+        """How it ends."""
+
+
+class FlatFilm(Rung):
+    """The unloaded film: an equilibrium for any tension, a stable one unless it is compressed."""
+
+    name = "flat film"
+
+    def applies(self, task: Task) -> bool:
+        """Without a force."""
+        return task.equilibrium.load.force == 0.0
+
+    def solve(self, task: Task) -> NewtonResult:
+        """Tells whether the film stays flat."""
+        equilibrium = task.equilibrium
+        q = np.zeros(equilibrium.unknowns.count)
+        stable = equilibrium.model.flat_film_is_stable(equilibrium.terms)
+        if stable is None:
+            factors = factorise(equilibrium.tangent(equilibrium.state(q)))
+            stable = negative_pivots(factors) == 0
+        return NewtonResult(q, Status.CONVERGED if stable else Status.UNSTABLE, (), None)
+
+
+class LineSearchNewton(Rung):
+    """Newton's method with an exact line search, from the start or from a seed."""
+
+    name = "Newton"
+
+    def applies(self, task: Task) -> bool:
+        """A film that carries compression."""
+        return not task.wrinkles
+
+    def solve(self, task: Task) -> NewtonResult:
+        """With the full tangent from near, with the convex one from the seed."""
+        start = seed(task.equilibrium) if task.start is None else task.start
+        options = NewtonOptions(tolerance=task.tolerance)
+        near = task.start is not None
+        return newton(DeferredNewton(task.equilibrium, options, task.budget, near=near), start)
+
+
+class NearNewton(Rung):
+    """Newton's method for a film that wrinkles, from a near start."""
+
+    name = "Newton with predicted stress"
+
+    def applies(self, task: Task) -> bool:
+        """With a start."""
+        return task.wrinkles and task.start is not None
+
+    def solve(self, task: Task) -> NewtonResult:
+        """From the start."""
+        assert task.start is not None
+        return newton(PredictedStress(task.equilibrium, task.last_step, task.settled), task.start)
+
+
+class OtherStart(NearNewton):
+    """The same from another start, if the first one turned out to be far away."""
+
+    name = "Newton from the order below"
+
+    def applies(self, task: Task) -> bool:
+        """After a start from another mesh that led nowhere at once."""
+        if task.other_start is None or not task.tried:
+            return False
+        return task.wrinkles and len(task.tried[-1][1].iterations) <= FEW_STEPS
+
+    def solve(self, task: Task) -> NewtonResult:
+        """From the other start, which the next rung takes as well."""
+        assert task.other_start is not None
+        other = task.other_start()
+        if other is None:
+            return NewtonResult(np.empty(0), Status.MAX_ITERATIONS, (), None)
+        task.start = other
+        return super().solve(task)
+
+
+class InteriorPoints(Rung):
+    """Interior points for a film that wrinkles, from anywhere."""
+
+    name = "interior points"
+
+    def applies(self, task: Task) -> bool:
+        """Under a dead load only."""
+        return task.wrinkles and task.equilibrium.conservative
+
+    def solve(self, task: Task) -> NewtonResult:
+        """From the start, or from the linear membrane's deflection."""
+        equilibrium = task.equilibrium
+        start = deflected_film(equilibrium) if task.start is None else task.start
+        try:
+            return from_afar(equilibrium, start, task.last_step, task.settled, task.iterations)
+        except (RuntimeError, np.linalg.LinAlgError):  # SuperLU, Cholesky: rounding went too far
+            return NewtonResult(start, Status.MAX_ITERATIONS, (), None)
+
+
+class ArcLength(Rung):
+    """The path of equilibria from the dead pressure to one that follows the film."""
+
+    name = "arc length"
+
+    def applies(self, task: Task) -> bool:
+        """Under a pressure that follows, where the budget pays for it."""
+        return (
+            not task.equilibrium.conservative
+            and task.follow_path
+            and (task.other_start is None or task.iterations >= PATH_ITERATIONS)
+        )
+
+    def solve(self, task: Task) -> NewtonResult:
+        """From the equilibrium under the dead pressure."""
+        equilibrium = task.equilibrium
+        dead_task = Task(turned(equilibrium, 0.0), task.budget, tolerance=task.tolerance)
+        dead = climb(dead_task)
+        if not dead.converged:
+            return dead
+
+        def near_by(start: Array) -> NewtonResult:
+            if not task.wrinkles:
+                return newton(FullSteps(equilibrium, task.tolerance), start)
+            return newton(PredictedStress(equilibrium, task.last_step, task.settled), start)
+
+        followed = follow(equilibrium, dead.q, near_by, task.iterations)
+        return replace(followed, tried=dead.as_tried("dead pressure"))
+
+
+LADDER: tuple[Rung, ...] = (
+    FlatFilm(),
+    LineSearchNewton(),
+    NearNewton(),
+    OtherStart(),
+    InteriorPoints(),
+    ArcLength(),
+)
+
+
+def equilibrate(
+    equilibrium: Equilibrium,
+    start: Array | None = None,
+    tolerance: float = STEP_TOLERANCE,
+    *,
+    budget: Budget | None = None,
+    settled: Settled | None = None,
+    other_start: Callable[[], Array | None] | None = None,
+    follow_path: bool = True,
+) -> NewtonResult:
+    """The equilibrium of a scene, whatever its film and load are; see `Task` for the parameters."""
+    budget = Budget.of(equilibrium.scene) if budget is None else budget
+    task = Task(equilibrium, budget, start, tolerance, settled, other_start, follow_path)
+    return climb(task)
+
+
+def climb(task: Task) -> NewtonResult:
+    """The result of the first rung that converges, or of the last one that applies."""
+    for rung in LADDER:
+        if not rung.applies(task):
+            continue
+        result = rung.solve(task)
+        task.tried.append((rung.name, result))
+        if result.converged or task.equilibrium.load.force == 0.0:
+            break
+    if not task.tried:
+        nowhere = np.zeros(task.equilibrium.unknowns.count)
+        return NewtonResult(nowhere, Status.MAX_ITERATIONS, (), None)
+    earlier = tuple(entry for name, failed in task.tried[:-1] for entry in failed.as_tried(name))
+    last = task.tried[-1][1]
+    return replace(last, tried=(*earlier, *last.tried))

@@ -1,0 +1,91 @@
+"""Where Newton's method starts: a displacement near the solution.
+
+A flat film without pretension has a singular tangent, so the first iterate is not the flat film.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.film.membrane import IDENTITY, strain_of, strain_rate
+from pvdf_fem.film.term import State
+from pvdf_fem.solvers.newton import factorise, least_energy
+
+
+def seed(equilibrium: Equilibrium) -> Array:
+    """Unknowns near the solution of a film that carries compression.
+
+    The linear membrane is solved under an estimate of the tension that the load itself makes, then
+    the in-plane equations at that deflection; the result is scaled to the least energy.
+    """
+    film, membrane = equilibrium.film, equilibrium.membrane
+    q = np.zeros(equilibrium.unknowns.count)
+    if equilibrium.load.force == 0.0:
+        return q
+    deflections = np.flatnonzero(equilibrium.unknowns.deflections())
+    in_plane = np.flatnonzero(~equilibrium.unknowns.deflections())
+    flat = membrane.state(np.zeros(equilibrium.space.dof_count))
+    forces = equilibrium.external_forces(flat)
+
+    stiffness = film.thickness * film.stiffness[:2, :2].mean()
+    induced = 0.3 * np.cbrt(stiffness * (equilibrium.load.force / film.radius) ** 2)
+    tension = induced + max(-2.0 * stiffness * film.thermal_strain, 0.0)
+    assembly = equilibrium.assembly
+    stretched = assembly.matrix(equilibrium.space.laplace() * tension)
+    if equilibrium.plate is not None:
+        stretched = stretched + equilibrium.plate.coupled_tangent(assembly)
+    tangent = equilibrium.tangent(flat)
+    q[deflections] = _solve_block(stretched, forces, deflections)
+    residual = equilibrium.residual(equilibrium.state(q))
+    q[in_plane] = -_solve_block(tangent, residual, in_plane)
+
+    length = least_energy(_energy_of_scaled(equilibrium, q, deflections, forces, flat))
+    q[deflections] *= length
+    q[in_plane] *= length**2
+    return q
+
+
+def deflected_film(equilibrium: Equilibrium) -> Array:
+    """Unknowns of the linear membrane's deflection alone, scaled to the least energy.
+
+    For a film that wrinkles, whose energy is no polynomial: where it stops falling is bisected.
+    """
+    deflections = np.flatnonzero(equilibrium.unknowns.deflections())
+    flat = equilibrium.membrane.state(np.zeros(equilibrium.space.dof_count))
+    laplace = equilibrium.assembly.matrix(equilibrium.space.laplace())
+    q = np.zeros(equilibrium.unknowns.count)
+    q[deflections] = _solve_block(laplace, equilibrium.external_forces(flat), deflections)
+    q *= equilibrium.film.radius / np.abs(q).max()
+    low, high = 1e-12, 1.0
+    while high > 1.1 * low:
+        middle = np.sqrt(low * high)
+        rises = equilibrium.residual(equilibrium.state(middle * q)) @ q > 0.0
+        low, high = (low, middle) if rises else (middle, high)
+    return low * q
+
+
+def _solve_block(matrix: sp.csc_matrix, right: Array, block: Indices) -> Array:
+    return factorise(matrix[block][:, block].tocsc()).solve(right[block])
+
+
+def _energy_of_scaled(
+    equilibrium: Equilibrium, q: Array, deflections: Indices, forces: Array, flat: State
+) -> Array:
+    """Föppl-von Kármán energy of (s^2 u, s^2 v, s w), coefficients (5,) of 1, s, ... s^4."""
+    membrane, film = equilibrium.membrane, equilibrium.film
+    w = np.zeros_like(q)
+    w[deflections] = q[deflections]
+    x = equilibrium.unknowns.expand(w)
+    in_plane = equilibrium.space.gradient(equilibrium.unknowns.expand(q - w))
+    strain = strain_rate(IDENTITY, in_plane) + strain_of(equilibrium.space.gradient(x))
+    weighted = strain * membrane.volumes[..., None]
+    stress = strain @ film.stiffness
+    thermal = film.thermal_strain * film.stiffness[:, :2].sum(axis=1)
+    work, released = float(forces @ w), float((weighted @ thermal).sum())
+    quadratic = -released
+    if equilibrium.plate is not None:
+        quadratic += equilibrium.plate.along(flat, x)[2]
+    return np.array([0.0, -work, quadratic, 0.0, 0.5 * float((stress * weighted).sum())])

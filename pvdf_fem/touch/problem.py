@@ -1,0 +1,143 @@
+"""The least-squares problem of a touch: differences of charges, each over its standard deviation.
+
+Touches are sought in the coordinates x, y in mm, rotation in degrees and the logarithm of the force
+in N. Charges are close to linear in them, as they grow with a power of the force. Beyond the
+model's domain charges are continued linearly from its edge, so that errors of the charges may move
+a touch near the edge a little across it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from pvdf_fem.arrays import Array, Indices, Mask
+from pvdf_fem.response.model import (
+    FORCE,
+    QUANTITIES,
+    ROTATION,
+    Model,
+    X,
+    Y,
+    all_within,
+    rotation_counts,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Charges of some touches, to be explained by a model.
+
+    Attributes
+    ----------
+    model : Model
+    electrodes : ndarray of int
+        The model's electrodes that have charges.
+    charges_pC, deviations_pC : ndarray, shape (touches, electrodes)
+        Charges and their standard deviations.
+    unknown : ndarray of int
+        Which of x, y, rotation and force are sought.
+    room_reach, room_force : float
+        How far searches may leave the model's domain: factors of its reach, and of its largest
+        force and, inversely, its least.
+    """
+
+    model: Model
+    electrodes: Indices
+    charges_pC: Array
+    deviations_pC: Array
+    unknown: Indices
+    room_reach: float = 1.05
+    room_force: float = 1.1
+
+    def linearised(self, at: Array, touch: Indices | None = None) -> Array:
+        """Differences of charges, then their slopes, over deviations, (n, electrodes, 1 + 4).
+
+        Parameters
+        ----------
+        at : ndarray, shape (n, 4)
+            Coordinates.
+        touch : ndarray of int, shape (n,), optional
+            Rows of the charges that they are to explain; by default the first.
+
+        Returns
+        -------
+        ndarray, shape (n, electrodes, 1 + 4)
+            Slopes by coordinates that are not sought are zero.
+        """
+        edge = self.inside(at)
+        touches = edge.copy()
+        touches[:, FORCE] = force = np.exp(edge[:, FORCE])
+        charges, slopes = self.model.evaluate(touches)
+        rows = slice(1) if touch is None else touch
+        system = np.empty((len(at), len(self.electrodes), 1 + len(QUANTITIES)))
+        system[:, :, 0] = charges.take(self.electrodes, axis=1) - self.charges_pC[rows]
+        system[:, :, 1:] = slopes.take(self.electrodes, axis=1)
+        system[:, :, 1 + FORCE] *= force[:, None]
+        if edge is not at:
+            system[:, :, 0] += np.matmul(system[:, :, 1:], (at - edge)[:, :, None])[:, :, 0]
+        system *= self._weights[rows]
+        return system
+
+    def inside(self, at: Array) -> Array:
+        """Coordinates (n, 4) moved to the nearest points of the model's domain.
+
+        If none has to be moved, `at` itself.
+        """
+        return self._moved(at, *self._domain)
+
+    def held_back(self, at: Array) -> Array:
+        """`inside` for the larger domain that searches may not leave."""
+        return self._moved(at, *self._room)
+
+    def _moved(self, at: Array, reach_mm: float, lowest: float, highest: float) -> Array:
+        if all_within(at, reach_mm, lowest, highest):
+            return at
+        moved = at.copy()
+        moved[:, FORCE] = np.clip(at[:, FORCE], lowest, highest)
+        x_sought, y_sought = self._sought[X], self._sought[Y]
+        if x_sought == y_sought:
+            distance = np.hypot(at[:, X], at[:, Y])
+            moved[:, :ROTATION] *= (reach_mm / np.maximum(distance, reach_mm))[:, None]
+        else:  # places move along the unknown coordinate only
+            sought, known = (X, Y) if x_sought else (Y, X)
+            half_chord = np.sqrt(np.maximum(reach_mm**2 - at[:, known] ** 2, 0.0))
+            moved[:, sought] = np.clip(at[:, sought], -half_chord, half_chord)
+        return moved
+
+    @cached_property
+    def _domain(self) -> tuple[float, float, float]:
+        """Reach in mm, least and largest logarithm of the force."""
+        return self.model.domain.reach_mm, *self.model.domain.log_force
+
+    @cached_property
+    def _room(self) -> tuple[float, float, float]:
+        """The same of the domain that searches may not leave."""
+        reach_mm, lowest, highest = self._domain
+        more = math.log(self.room_force)
+        return self.room_reach * reach_mm, lowest - more, highest + more
+
+    @property
+    def scale(self) -> Array:
+        """Units of steps in each coordinate, (4,): the reach, a degree, a factor e of the force."""
+        return np.array([self.model.domain.reach_mm, self.model.domain.reach_mm, 1.0, 1.0])
+
+    @property
+    def moving(self) -> Indices:
+        """Coordinates that are sought and that charges depend on."""
+        return np.flatnonzero(self._sought)
+
+    @cached_property
+    def _sought(self) -> Mask:
+        sought = np.zeros(len(QUANTITIES), dtype=bool)
+        sought[self.unknown] = True
+        sought[ROTATION] &= rotation_counts(self.model)
+        return sought
+
+    @cached_property
+    def _weights(self) -> Array:
+        """Factors of differences and slopes, (touches, electrodes, 1 + 4)."""
+        return np.append(True, self._sought) / self.deviations_pC[:, :, None]

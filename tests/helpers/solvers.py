@@ -1,0 +1,19 @@
+"""Newton's method as the ladder runs it, for tests that look at it alone."""
+
+from __future__ import annotations
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.solvers.budget import Budget
+from pvdf_fem.solvers.newton import DeferredNewton, NewtonOptions, NewtonResult, newton
+from pvdf_fem.solvers.seed import seed
+
+
+def newton_result(
+    equilibrium: Equilibrium, start: Array | None = None, options: NewtonOptions | None = None
+) -> NewtonResult:
+    """How Newton's method with an exact line search ends, by default from the seed."""
+    options = NewtonOptions() if options is None else options
+    budget = Budget.of(equilibrium.scene)
+    variant = DeferredNewton(equilibrium, options, budget, near=False)
+    return newton(variant, seed(equilibrium) if start is None else start)

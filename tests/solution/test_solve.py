@@ -1,0 +1,238 @@
+"""How a solve goes on from mesh to mesh, why it ends, and what its solution says of that."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
+from xml.etree import ElementTree
+
+import pytest
+
+from pvdf_fem import Scene, modes, solve
+from pvdf_fem.solution import history, refinement
+from pvdf_fem.solution import solve as solving
+from pvdf_fem.solution.history import Stop
+from pvdf_fem.solution.solution import Solution
+from pvdf_fem.solvers import ladder
+from pvdf_fem.solvers.budget import Budget
+from pvdf_fem.solvers.newton import NewtonOptions
+from pvdf_fem.solvers.status import Status
+from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, free_disc
+
+#: The corners of the punch make its charges slow to converge.
+SLOW = RECTANGLE.with_(**LOADS["stuck"], **{"numerics.tolerance": 1e-6})
+BALLOON = free_disc(0.3, poisson_ratio=0.3, patch_radius=0.05, **{"load.kind": "follower"})
+
+
+def within(scene: Scene, max_unknowns: int = 60_000, max_seconds: float = 20.0) -> Solution:
+    """The solution within a budget."""
+    return solve(scene, budget=Budget(max_unknowns=max_unknowns, max_seconds=max_seconds))
+
+
+def worst(solution: Solution) -> float:
+    """Largest estimated error of any charge on the best mesh."""
+    return min(mesh.worst_error for mesh in solution.history)
+
+
+# a heated film in a tension field
+
+
+def test_heated_film_that_wrinkles_has_modes_where_it_has_charges():
+    """Modes of the loaded film take the solver that its law needs, as charges do."""
+    heated = TRIANGLE.with_(
+        **{"film.temperature_change_K": 10.0, "film.compression": "tension-field"}
+    )
+    assert solve(heated).status is Status.CONVERGED
+    found = modes(heated, loaded=True)
+    assert found.status is Status.CONVERGED
+    assert (found.frequencies_Hz > 0.0).all()
+    assert (found.frequency_errors_Hz <= 1e-3 * found.frequencies_Hz).all()
+
+
+# why a solve ends
+
+
+def test_no_equilibrium_found_claims_no_number_of_iterations():
+    advice = Status.MAX_ITERATIONS.advice
+    assert not any(letter.isdecimal() for letter in advice)
+    assert "load.force_N" in advice
+
+
+@pytest.mark.parametrize(
+    ("budget", "stop"),
+    [
+        ({"max_unknowns": 1500}, Stop.UNKNOWNS),
+        ({"max_seconds": 0.1}, Stop.SECONDS),
+    ],
+)
+def test_a_small_budget_misses_the_tolerance_and_names_the_key_to_raise(budget, stop):
+    keys = {f"numerics.{name}": value for name, value in budget.items()}
+    solutions = [within(SLOW, **budget)]
+    if stop is Stop.SECONDS:  # a scene's number of unknowns holds for its first mesh as well
+        solutions.append(solve(SLOW.with_(**keys)))
+    for solution in solutions:
+        assert solution.status is Status.TOLERANCE
+        assert solution.stop is stop
+        assert all(key in solution.reason for key in keys)
+        assert "raise numerics.tolerance" in solution.reason
+        reached = float(re.search(r"to at least (\S+),", solution.reason)[1])
+        assert worst(solution) <= reached <= 1.1 * worst(solution)
+        assert solution.to_json()["stop"] == stop.value
+        assert "charges_pC" not in solution.to_json()
+
+
+def test_newton_that_fails_on_a_finer_mesh_is_why_the_solve_ends(monkeypatch):
+    solve_on = solving.solve_on
+
+    def failing(problem, part, mesh, coarser=None):
+        attempt = solve_on(problem, part, mesh, coarser)
+        if coarser is None:
+            return attempt
+        return replace(attempt, result=replace(attempt.result, status=Status.MAX_ITERATIONS))
+
+    monkeypatch.setattr(solving, "solve_on", failing)
+    solution = solve(SLOW)
+    assert solution.stop is Stop.FINER_FAILED
+    assert solution.status is Status.TOLERANCE
+    assert Stop.FINER_FAILED.value in solution.reason
+    assert "max_unknowns" not in solution.reason
+    assert "max_seconds" not in solution.reason
+    assert [mesh.status for mesh in solution.history] == ["converged", "max_iterations"]
+    assert solution.history[1].worst_error is None
+
+
+@pytest.mark.parametrize("max_unknowns", [4000, 6000, 60_000])
+def test_an_accurate_solution_ended_for_its_accuracy(max_unknowns):
+    """Also on a last mesh after which the budget would have ended the solve."""
+    solution = within(SLOW.with_(**{"numerics.tolerance": 1e-5}), max_unknowns)
+    assert solution.status is Status.CONVERGED
+    assert solution.stop is Stop.ACCURATE
+    assert solution.history[-1].worst_error <= 1e-5
+
+
+def test_a_given_mesh_is_the_only_one():
+    coarse = solve(RECTANGLE.with_(**{"numerics.tolerance": 1e-2}))
+    solution = solve(SLOW, mesh=coarse.mesh)
+    assert solution.status is Status.CONVERGED
+    assert solution.stop is Stop.GIVEN_MESH
+    assert len(solution.history) == 1
+
+
+def test_a_scene_without_an_equilibrium_ends_for_that():
+    solution = solve(RECTANGLE.with_(**{"film.temperature_change_K": 10.0, "load.force_N": 0.0}))
+    assert solution.status is Status.UNSTABLE
+    assert solution.stop is Stop.NO_EQUILIBRIUM
+
+
+# the budget
+
+
+def test_more_budget_gives_a_finer_result():
+    by_unknowns = [within(SLOW, max_unknowns=count) for count in (2000, 5000, 12_000)]
+    by_seconds = [within(SLOW, max_seconds=seconds) for seconds in (0.1, 1.0, 10.0)]
+    for solutions in (by_unknowns, by_seconds):
+        errors = [worst(solution) for solution in solutions]
+        assert errors[0] > 2.0 * errors[1] > 4.0 * errors[2]
+
+
+def test_no_mesh_after_the_first_has_many_more_unknowns_than_the_budget_allows():
+    """Sizes are asked for, and gmsh's elements are a little smaller."""
+    solution = within(SLOW, max_unknowns=5000)
+    assert len(solution.history) > 2
+    assert max(mesh.unknowns for mesh in solution.history[1:]) < 1.1 * 5000
+
+
+def test_counted_work_does_not_depend_on_the_clock(monkeypatch):
+    """On a clock that is a thousand times as fast, the same meshes are made for the same work."""
+    results = []
+    for tick in (1e-3, 1.0):
+        now = iter(range(10**9))
+        clock = SimpleNamespace(perf_counter=lambda now=now, tick=tick: tick * next(now))
+        for module in (history, refinement):
+            monkeypatch.setattr(module, "time", clock)
+        budget = Budget(max_unknowns=60_000, max_seconds=1.0)
+        solution = solve(SLOW, budget=budget)
+        assert sum(mesh.seconds for mesh in solution.history) >= tick
+        meshes = [replace(mesh, seconds=0.0) for mesh in solution.history]
+        results.append((solution.stop, budget.spent_seconds, meshes))
+    assert results[0] == results[1]
+    assert results[0][1] > 0.0
+
+
+# what a solution tells
+
+
+@pytest.fixture
+def balloon(monkeypatch):
+    """Newton's method is given one step only for a pressure that follows the film."""
+    monkeypatch.setattr(ladder, "NewtonOptions", partial(NewtonOptions, max_following=1))
+    return solve(BALLOON)
+
+
+def test_what_failed_before_the_arc_length_stays_in_the_history(balloon):
+    assert balloon.status is Status.CONVERGED
+    newton, dead = balloon.history[0].tried
+    assert newton == ("Newton", "max_iterations", 1)
+    assert dead[:2] == ("dead pressure", "converged")
+    assert "tried on mesh 1: Newton, max_iterations after 1 iterations" in str(balloon)
+    assert f"tried on mesh 1: dead pressure, converged after {dead[2]} iterations" in str(balloon)
+
+
+def test_history_is_plain_data(balloon):
+    printed = json.loads(json.dumps(balloon.to_json()))
+    assert len(printed["history"]) == len(balloon.history)
+    mesh, record = printed["history"][0], balloon.history[0]
+    assert mesh["unknowns"] == record.unknowns
+    assert mesh["worst_error"] == record.worst_error
+    assert mesh["tried"][0] == {"solver": "Newton", "status": "max_iterations", "iterations": 1}
+
+
+def test_a_solution_prints_its_charges_and_its_meshes():
+    solution = solve(SLOW.with_(**{"numerics.tolerance": 1e-5}))
+    head, *lines = str(solution).splitlines()
+    assert head == f"converged: {Stop.ACCURATE.value}"
+    assert lines[1].split() == ["charges", "(material)", "pC", "±", "pC"]
+    rows = [line.split() for line in lines[2 : 2 + len(solution.charges_pC)]]
+    errors = solution.charge_errors_pC
+    assert [name for name, _, _ in rows] == list(solution.charges_pC)
+    for name, charge, error in rows:
+        assert float(charge) == pytest.approx(solution.charges_pC[name], abs=errors[name])
+        assert float(error) == pytest.approx(errors[name], rel=0.05)
+    start = next(i for i, line in enumerate(lines) if line.startswith("mesh "))
+    for mesh, line in zip(solution.history, lines[start + 1 :], strict=False):
+        assert line.split()[1:4] == [str(mesh.elements), str(mesh.unknowns), str(mesh.iterations)]
+        assert line.split()[4] == f"{mesh.worst_error:.1e}"
+    assert f"{solution.unknowns} unknowns" in repr(solution)
+    assert f"{len(solution.history)} meshes" in repr(solution)
+
+
+@pytest.mark.parametrize("scene", [TRIANGLE, SLOW, RECTANGLE.with_(**{"load.force_N": 0.0})])
+def test_a_notebook_shows_well_formed_tables(scene):
+    solution = within(scene, max_unknowns=2000)
+    page = ElementTree.fromstring(f"<div>{solution._repr_html_()}</div>")
+    tables = page.findall("table")
+    assert len(tables) == (2 if solution.status is Status.CONVERGED else 1)
+    for table in tables:
+        assert len({len(row) for row in table.iter("tr")}) == 1
+    assert len(tables[-1].findall("tbody/tr")) == len(solution.history)
+    assert page.find("p/b").text == solution.status.value
+
+
+def test_text_of_a_scene_is_escaped_in_a_notebook():
+    named = [{"name": "<b>&", "x_mm": 10.0, "y_mm": 4.0}]
+    solution = solve(RECTANGLE.with_(electrodes=named, **{"numerics.tolerance": 1e-2}))
+    page = ElementTree.fromstring(f"<div>{solution._repr_html_()}</div>")
+    assert page.find("table/tbody/tr/td").text == "<b>&"
+
+
+def test_a_first_mesh_that_needs_more_unknowns_than_the_scene_allows_is_not_solved():
+    solution = solve(TRIANGLE.with_(**{"numerics.max_unknowns": 1000}))
+    assert solution.status is Status.TOLERANCE
+    assert solution.history == ()
+    for key in ("numerics.max_unknowns", "1000", "numerics.tolerance"):
+        assert key in solution.reason
+    enough = solve(TRIANGLE.with_(**{"numerics.max_unknowns": 3000}))
+    assert enough.status is Status.CONVERGED

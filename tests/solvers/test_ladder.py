@@ -1,0 +1,132 @@
+"""The ladder: the first solver that converges wins, and what the others did stays in the result."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.mesh.gmsh_mesh import mesh_scene
+from pvdf_fem.solution.first_sizes import first_sizes
+from pvdf_fem.solvers import ladder
+from pvdf_fem.solvers.budget import Budget
+from pvdf_fem.solvers.ladder import equilibrate
+from pvdf_fem.solvers.newton import NewtonOptions
+from pvdf_fem.solvers.status import Status
+from tests.helpers.discs import LOADS, TRIANGLE, free_disc, graded_mesh
+
+WRINKLING = {"film.compression": "tension-field", "film.temperature_change_K": 10.0}
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    return graded_mesh(TRIANGLE, 2.5, 12.0)
+
+
+@pytest.mark.parametrize("kind", LOADS)
+def test_a_cold_film_needs_the_first_solver_only(mesh, kind):
+    result = equilibrate(Equilibrium(TRIANGLE.with_(**LOADS[kind]), mesh))
+    assert result.status is Status.CONVERGED
+    assert result.tried == ()
+    assert result.fresh_count == sum(row.fresh for row in result.iterations)
+
+
+def test_a_start_near_by_saves_iterations(mesh):
+    equilibrium = Equilibrium(TRIANGLE, mesh)
+    first = equilibrate(equilibrium)
+    again = equilibrate(equilibrium, 1.001 * first.q)
+    assert again.status is Status.CONVERGED
+    assert len(again.iterations) < len(first.iterations)
+    assert again.q == pytest.approx(first.q, abs=1e-9 * np.abs(first.q).max())
+
+
+@pytest.mark.parametrize("changes", [{}, WRINKLING])
+@pytest.mark.parametrize("kind", LOADS)
+def test_a_film_that_nothing_presses_is_flat(mesh, changes, kind):
+    scene = TRIANGLE.with_(**changes, **LOADS[kind], **{"load.force_N": 0.0})
+    result = equilibrate(Equilibrium(scene, mesh))
+    assert result.status is Status.CONVERGED
+    assert not result.q.any()
+    assert result.iterations == result.tried == ()
+
+
+def test_a_pressure_that_follows_is_reached_from_a_dead_one(monkeypatch):
+    scene = free_disc(0.3, poisson_ratio=0.3, patch_radius=0.05, **{"load.kind": "follower"})
+    equilibrium = Equilibrium(scene, mesh_scene(scene, first_sizes(scene, 2)), 2)
+    directly = equilibrate(equilibrium)
+    assert directly.status is Status.CONVERGED
+    monkeypatch.setattr(ladder, "NewtonOptions", partial(NewtonOptions, max_following=3))
+    result = equilibrate(equilibrium)
+    assert result.status is Status.CONVERGED
+    assert result.q == pytest.approx(directly.q, abs=1e-6 * np.abs(directly.q).max())
+    newton, dead = result.tried
+    assert (newton.solver, newton.status, newton.iterations) == ("Newton", "max_iterations", 3)
+    assert (dead.solver, dead.status) == ("dead pressure", "converged")
+    # each tangent counts once
+    tangents = sum(row.fresh for row in result.iterations)
+    assert result.fresh_count == newton.tangents + dead.tangents + tangents
+
+
+def test_without_a_path_the_dead_pressure_is_not_asked(monkeypatch):
+    scene = free_disc(0.3, poisson_ratio=0.3, patch_radius=0.05, **{"load.kind": "follower"})
+    equilibrium = Equilibrium(scene, mesh_scene(scene, first_sizes(scene, 2)), 2)
+    monkeypatch.setattr(ladder, "NewtonOptions", partial(NewtonOptions, max_following=3))
+    result = equilibrate(equilibrium, follow_path=False)
+    assert result.status is Status.MAX_ITERATIONS
+    assert len(result.iterations) == 3
+    assert result.tried == ()
+
+
+def test_a_film_that_wrinkles_falls_back_on_interior_points(mesh):
+    """From a start so far away that Newton's method for the exact law gives up."""
+    equilibrium = Equilibrium(TRIANGLE.with_(**WRINKLING), mesh)
+    near = equilibrate(equilibrium)
+    result = equilibrate(equilibrium, 1e3 * near.q)
+    assert result.status is Status.CONVERGED
+    assert [(entry.solver, entry.status) for entry in result.tried] == [
+        ("Newton with predicted stress", Status.MAX_ITERATIONS)
+    ]
+    stresses = [equilibrium.state(found.q).stress for found in (near, result)]
+    assert stresses[1] == pytest.approx(stresses[0], abs=1e-6 * np.abs(stresses[0]).max())
+
+
+# the budget
+
+
+def test_a_finer_tolerance_may_cost_more():
+    usual, fine, rough = (
+        Budget.of(TRIANGLE.with_(**{"numerics.tolerance": tolerance}))
+        for tolerance in (1e-3, 1e-5, 1e-1)
+    )
+    assert fine.max_unknowns == pytest.approx(10 * usual.max_unknowns, abs=1)
+    assert fine.max_seconds == pytest.approx(10.0 * usual.max_seconds)
+    assert (rough.max_unknowns, rough.max_seconds) == (usual.max_unknowns, usual.max_seconds)
+
+
+def test_work_counts_iterations_with_a_new_tangent(mesh):
+    budget = Budget(max_unknowns=10_000, max_seconds=1.0)
+    coarse, fine = (Equilibrium(TRIANGLE, mesh, order) for order in (2, 3))
+    budget.spend(coarse, 3)
+    once = budget.spent_seconds
+    budget.spend(coarse, 3)
+    assert budget.spent_seconds == pytest.approx(2.0 * once)
+    assert budget.left_seconds == pytest.approx(1.0 - 2.0 * once)
+    budget.spend(fine, 3)
+    assert budget.spent_seconds > 4.0 * once
+    assert budget.iterations(coarse) > budget.iterations(fine) > 0
+    budget.spend(fine, 10**6)
+    assert budget.left_seconds == 0.0
+
+
+def test_a_film_in_compression_is_given_up_sooner_on_a_small_budget(mesh):
+    """The search for a minimum that is not there ends by the work that it may take."""
+    scene = TRIANGLE.with_(**{"film.temperature_change_K": 10.0, "load.force_N": 1e-2})
+    equilibrium = Equilibrium(scene, mesh, 3)
+    short, long = (
+        equilibrate(equilibrium, budget=Budget(max_unknowns=10_000, max_seconds=seconds))
+        for seconds in (1e-3, 1e3)
+    )
+    assert short.status is long.status is Status.UNSTABLE
+    assert short.fresh_count == NewtonOptions().least_patience < long.fresh_count

@@ -1,0 +1,262 @@
+"""How the house is built: who imports whom, how large a folder is, and which names lead in."""
+
+from __future__ import annotations
+
+import ast
+import graphlib
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PUBLIC = (
+    "Scene",
+    "SceneError",
+    "Solution",
+    "NotConvergedError",
+    "solve",
+    "modes",
+    "gradients",
+    "sweep",
+    "Response",
+    "build_response",
+    "locate",
+    "locate_many",
+)
+
+# A folder, together with the folders in it, imports from itself and from the folders before it.
+# `pvdf_fem.root` stands for files and arrays, `pvdf_fem.door` for `__init__` and `__main__`, which
+# lead into all folders.
+LIBRARY = (
+    "pvdf_fem.root",
+    "pvdf_fem.scene",
+    "pvdf_fem.mesh",
+    "pvdf_fem.film",
+    "pvdf_fem.charges",
+    "pvdf_fem.solvers",
+    "pvdf_fem.solution",
+    "pvdf_fem.sweeps",
+    "pvdf_fem.response",
+    "pvdf_fem.touch",
+    "pvdf_fem.maps",
+    "pvdf_fem.output",
+    "pvdf_fem.cli",
+    "pvdf_fem.door",
+)
+REPORTS = (
+    *LIBRARY,
+    "pvdf_fem.reference",
+    "reports.common",
+    "reports.chapters",
+    "reports.design_study",
+    "reports.locating",
+    "reports.speed",
+    "reports.robustness",
+    "reports",
+)
+# `pvdf_fem.reference` checks the rest, so it shares none of its code.
+MAY_IMPORT = {folder: set(REPORTS[: i + 1]) for i, folder in enumerate(REPORTS)}
+MAY_IMPORT["pvdf_fem.reference"] = {"pvdf_fem.reference", "pvdf_fem.root"}
+
+# Imports inside functions that point upwards, for methods that save users an import.
+UPWARD_WHEN_CALLED = {
+    ("pvdf_fem.solution.solution", "pvdf_fem.output.export"),  # Solution.to_vtu
+}
+MOST_MODULES = {"pvdf_fem": 12, "reports": 15, "tests": 15}
+
+
+class Import(NamedTuple):
+    """A module that imports another one of ours, and whether it waits for a call."""
+
+    importer: str
+    imported: str
+    when_called: bool
+
+
+def name_of(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {
+    name_of(path): path for top in ("pvdf_fem", "reports") for path in ROOT.glob(f"{top}/**/*.py")
+}
+
+
+def folder_of(module: str) -> str:
+    """The folder of the tables above that a module belongs to."""
+    parts = module.split(".")
+    if module in ("pvdf_fem", "pvdf_fem.__main__"):
+        return "pvdf_fem.door"
+    is_folder = MODULES[module].name == "__init__.py"
+    if len(parts) > 2 or (len(parts) == 2 and is_folder):
+        return ".".join(parts[:2])
+    return "pvdf_fem.root" if parts[0] == "pvdf_fem" else "reports"
+
+
+def module_named(name: str) -> str:
+    """The module that has a dotted name, or the one that an attribute of this name stands in."""
+    while name not in MODULES:
+        name = name.rpartition(".")[0]
+    return name
+
+
+def names_imported(statement: ast.stmt) -> Iterator[str]:
+    """The dotted names of ours that a statement imports."""
+    if isinstance(statement, ast.Import):
+        names = [alias.name for alias in statement.names]
+    elif isinstance(statement, ast.ImportFrom):
+        assert statement.level == 0, "imports are absolute"
+        names = [f"{statement.module}.{alias.name}" for alias in statement.names]
+    else:
+        names = []
+    yield from (name for name in names if name.split(".")[0] in ("pvdf_fem", "reports"))
+
+
+def imports_of(module: str) -> Iterator[Import]:
+    """All imports among our modules; those under `TYPE_CHECKING` do not wait for a call."""
+
+    def visit(node: ast.AST, when_called: bool) -> Iterator[Import]:
+        for child in ast.iter_child_nodes(node):
+            inside = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+            if isinstance(child, ast.stmt):
+                for name in names_imported(child):
+                    yield Import(module, module_named(name), when_called)
+            yield from visit(child, when_called or inside)
+
+    yield from visit(ast.parse(MODULES[module].read_text(encoding="utf-8")), False)
+
+
+IMPORTS = sorted({found for module in MODULES for found in imports_of(module)})
+
+
+def test_every_folder_has_its_place_in_the_order():
+    assert {folder_of(module) for module in MODULES} <= set(REPORTS)
+
+
+def test_nothing_imports_upwards():
+    upward = {
+        f"{importer} -> {imported}"
+        for importer, imported, when_called in IMPORTS
+        if folder_of(imported) not in MAY_IMPORT[folder_of(importer)]
+        and not (when_called and (importer, imported) in UPWARD_WHEN_CALLED)
+        # the version stands in the door
+        and not (imported == "pvdf_fem" and names_from_door(importer) == {"__version__"})
+    }
+    assert not upward, "\n".join(sorted(upward))
+
+
+def names_from_door(module: str) -> set[str]:
+    """What a module imports by ``from pvdf_fem import ...``, but for folders and modules."""
+    statements = ast.walk(ast.parse(MODULES[module].read_text(encoding="utf-8")))
+    return {
+        alias.name
+        for statement in statements
+        if isinstance(statement, ast.ImportFrom) and statement.module == "pvdf_fem"
+        for alias in statement.names
+        if f"pvdf_fem.{alias.name}" not in MODULES
+    }
+
+
+def test_the_exceptions_are_imports_that_there_are():
+    waiting = {(importer, imported) for importer, imported, when_called in IMPORTS if when_called}
+    assert waiting >= UPWARD_WHEN_CALLED
+
+
+@pytest.mark.parametrize("of", ["files", "folders"])
+def test_imports_make_no_circle(of):
+    name = folder_of if of == "folders" else str
+    graph: dict[str, set[str]] = {}
+    for importer, imported, _ in IMPORTS:
+        ends = name(importer), name(imported)
+        # `pvdf_fem/__init__.py` runs before every module and imports public names when asked for
+        if "pvdf_fem" in (importer, imported) or (importer, imported) in UPWARD_WHEN_CALLED:
+            continue
+        if of == "files" or ends[0] != ends[1]:
+            graph.setdefault(ends[0], set()).add(ends[1])
+    try:
+        graphlib.TopologicalSorter(graph).prepare()
+    except graphlib.CycleError as error:
+        pytest.fail(" -> ".join(error.args[1]))
+
+
+@pytest.mark.parametrize("top", MOST_MODULES)
+def test_folders_are_small(top):
+    folders = {path.parent for path in ROOT.joinpath(top).glob("**/*.py")}
+    large = {}
+    for folder in folders:
+        modules = [path for path in folder.glob("*.py") if path.name != "__init__.py"]
+        if len(modules) > MOST_MODULES[top]:
+            large[str(folder.relative_to(ROOT))] = len(modules)
+    assert large == {}
+
+
+def test_one_module_imports_gmsh():
+    importers = set()
+    for module, path in MODULES.items():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                names = [node.module or ""]
+            if any(name.split(".")[0] == "gmsh" for name in names):
+                importers.add(module)
+    assert importers == {"pvdf_fem.mesh.gmsh_mesh"}
+
+
+def test_no_module_hides_a_public_name():
+    """Importing a sub-package or module sets it as an attribute of `pvdf_fem`."""
+    at_root = {path.stem for path in ROOT.joinpath("pvdf_fem").iterdir()}
+    assert not at_root & set(PUBLIC)
+
+
+def run(script: str) -> str:
+    """What a script prints in a process of its own, whose imports are only its own."""
+    command = [sys.executable, "-W", "error", "-c", script]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert (result.returncode, result.stderr) == (0, "")
+    return result.stdout
+
+
+def test_public_names_are_functions_and_classes_whatever_was_imported_before():
+    printed = run(
+        "import inspect\n"
+        "import pvdf_fem.response.response, pvdf_fem.response.build\n"
+        "import pvdf_fem.solution.gradients, pvdf_fem.solution.modes, pvdf_fem.solution.solution\n"
+        "import pvdf_fem.sweeps.sweep, pvdf_fem.touch.locate, pvdf_fem.touch.locate_many\n"
+        "import pvdf_fem.cli.locate, pvdf_fem.cli.sweep\n"
+        f"from pvdf_fem import {', '.join(PUBLIC)}\n"
+        f"for public in ({', '.join(PUBLIC)}):\n"
+        "    assert public.__module__.startswith('pvdf_fem.'), public\n"
+        "    kind = 'class' if inspect.isclass(public) else type(public).__name__\n"
+        "    print(kind, public.__name__)\n"
+    )
+    expected = [f"{'class' if name[0].isupper() else 'function'} {name}" for name in PUBLIC]
+    assert printed.splitlines() == expected
+
+
+def test_public_names_are_completed_and_documented_before_they_are_imported():
+    printed = run(
+        "import pydoc, sys\n"
+        "import pvdf_fem\n"
+        "print(*dir(pvdf_fem))\n"
+        "print(*(name for name in ('gmsh', 'scipy', 'skfem') if name in sys.modules))\n"
+        "print(pydoc.plain(pydoc.render_doc(pvdf_fem)))\n"
+    )
+    names, imported, text = printed.split("\n", 2)
+    assert set(PUBLIC) <= set(names.split())
+    assert imported == ""
+    assert set(PUBLIC) <= set(text.partition("PACKAGE CONTENTS")[0].replace("`", " ").split())
+
+
+def test_a_name_that_is_not_public_is_an_attribute_error():
+    printed = run(
+        "import pvdf_fem\n"
+        "try:\n    pvdf_fem.solved\nexcept AttributeError as error:\n    print(error)\n"
+    )
+    assert printed == "module 'pvdf_fem' has no attribute 'solved'\n"
