@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
 from pydantic import AfterValidator, Discriminator, Field, Tag, create_model
 
 from pvdf_fem.scene.outlines.circle import CircleShape
+from pvdf_fem.scene.outlines.ellipse import EllipseShape
 from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.scene.outlines.polygon import PolygonShape, RectangleShape, SquareShape, TriangleShape
 from pvdf_fem.scene.outlines.shape import Shape
@@ -17,7 +18,7 @@ from pvdf_fem.scene.quantity import Length, Section, refusal
 #: Sensors with more electrodes are refused.
 MOST_ELECTRODES = 100
 #: Shapes of probes and electrodes. A new shape is named here.
-_SHAPES: list[type[Shape]] = [RectangleShape, CircleShape, PolygonShape]
+_SHAPES: list[type[Shape]] = [RectangleShape, CircleShape, EllipseShape, PolygonShape]
 _OF_PROBES_ONLY: list[type[Shape]] = [TriangleShape]
 _OF_ELECTRODES_ONLY: list[type[Shape]] = [SquareShape]
 

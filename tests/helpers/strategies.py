@@ -77,7 +77,7 @@ def electrode_lists(draw: st.DrawFn, radius_mm: float) -> list[dict[str, Any]]:
     cells = [(i, j) for i in range(-2, 3) for j in range(-2, 3)]
     places = draw(st.lists(st.sampled_from(cells), min_size=1, max_size=4, unique=True))
     labels = draw(st.lists(names, min_size=len(places), max_size=len(places), unique=True))
-    kinds = ("square", "rectangle", "circle", "polygon")
+    kinds = ("square", "rectangle", "circle", "ellipse", "polygon")
     return [
         {"name": name, "x_mm": i * cell, "y_mm": j * cell}
         | draw(shapes(kinds=kinds, reach_mm=0.49 * cell))
@@ -93,7 +93,7 @@ def probes(draw: st.DrawFn, radius_mm: float) -> dict[str, Any]:
     return {
         "x_mm": distance * math.cos(math.radians(direction)),
         "y_mm": distance * math.sin(math.radians(direction)),
-    } | draw(shapes(("triangle", "rectangle", "circle", "polygon"), share * radius_mm))
+    } | draw(shapes(("triangle", "rectangle", "circle", "ellipse", "polygon"), share * radius_mm))
 
 
 @st.composite

@@ -1,0 +1,106 @@
+"""Ellipses: the outline, and the table of a scene file that makes it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from pydantic import field_validator
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.scene.outlines.disc import ImageOfDisc
+from pvdf_fem.scene.outlines.outline import turn
+from pvdf_fem.scene.outlines.shape import Shape
+from pvdf_fem.scene.quantity import Length, refusal
+
+#: An ellipse is refused whose one axis is a smaller part of the other than this: its ends are too
+#: sharp for the rounding of a mesh.
+THINNEST = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Ellipse(ImageOfDisc):
+    """An ellipse.
+
+    Parameters
+    ----------
+    centre : array_like, shape (2,)
+        Centre in metres, stored read-only.
+    first : array_like, shape (2,)
+        From the centre to the end of one of the axes, in metres, stored read-only.
+    second : float
+        Length of the other semi-axis in metres.
+    """
+
+    centre: Array
+    first: Array
+    second: float
+
+    def __post_init__(self) -> None:
+        for name in ("centre", "first"):
+            vector = np.array(getattr(self, name), dtype=float)
+            vector.setflags(write=False)
+            object.__setattr__(self, name, vector)
+
+    @cached_property
+    def axes(self) -> Array:
+        x, y = self.first
+        across = np.array([-y, x]) * self.second / np.hypot(x, y)
+        return np.stack([self.first, across], axis=-1)
+
+    @cached_property
+    def perimeter(self) -> float:
+        """Length of the outline in m, by the complete elliptic integral of the second kind."""
+        from scipy.special import ellipe  # scenes are read without scipy
+
+        short, long = sorted(np.linalg.norm(self.axes, axis=0))
+        return float(4.0 * long * ellipe(1.0 - (short / long) ** 2))
+
+    @cached_property
+    def reach(self) -> float:
+        """Largest distance of a point of the ellipse from the film's centre, in m.
+
+        At z = exp(it) the derivative of |centre + axes (cos t, sin t)|² is a polynomial of
+        degree 4 over z².
+        """
+        p, q = self.centre @ self.axes
+        a, b = (self.axes**2).sum(axis=0)
+        roots = np.roots([b - a, 2j * q - 2.0 * p, 0.0, 2j * q + 2.0 * p, a - b])
+        angles = np.append(np.angle(roots), 0.0)
+        return float(np.linalg.norm(self.at(angles), axis=1).max())
+
+    @property
+    def lowest(self) -> Array:
+        return self.centre - np.linalg.norm(self.axes, axis=1)
+
+    @cached_property
+    def landmarks(self) -> Array:
+        return self.centre + np.concatenate([self.axes.T, -self.axes.T])
+
+    def mapped(self, frame: Array, shift: Array | float = 0.0) -> Ellipse:
+        return Ellipse(frame @ self.centre + shift, frame @ self.first, self.second)
+
+
+class EllipseShape(Shape):
+    """An ellipse about (x, y), unrotated with its first axis along x."""
+
+    period_deg = 180.0
+    is_mirrored = True
+    size_key = "semi_axes_mm"
+    shape: Literal["ellipse"] = "ellipse"
+    semi_axes_mm: tuple[Length, Length]
+
+    @field_validator("semi_axes_mm")
+    @classmethod
+    def _is_not_thin(cls, value: tuple[float, float]) -> tuple[float, float]:
+        if min(value) < THINNEST * max(value):
+            raise refusal(f"is too thin; give axes whose ratio is {1.0 / THINNEST:g} at the most")
+        return value
+
+    @property
+    def outline(self) -> Ellipse:
+        first, second = self.semi_axes_mm
+        centre = np.array([self.x_mm, self.y_mm]) / 1e3
+        return Ellipse(centre, turn([first / 1e3, 0.0], self.rotation_deg), second / 1e3)
