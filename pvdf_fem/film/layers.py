@@ -20,6 +20,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.film.membrane import principal
 from pvdf_fem.film.plate import Plate, plate_stiffness
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.size_field import element_sizes
@@ -71,8 +72,7 @@ class Layers:
     def of(cls, plate: Plate, expansion: sp.csr_matrix, state: State) -> Layers:
         """The layers of a solution's state."""
         D, film = plate_stiffness(plate.film), plate.film
-        s11, s22, s12 = np.moveaxis(state.stress, -1, 0)
-        largest = 0.5 * (s11 + s22) + np.hypot(0.5 * (s11 - s22), s12)
+        _, largest = principal(state.stress)
         tension = np.maximum(film.thickness * largest.max(axis=1), np.finfo(float).tiny)
         lengths = np.sqrt(np.sqrt(D[0, 0] * D[1, 1]) / tension)
         widths = element_sizes(plate.space.mesh) / lengths
