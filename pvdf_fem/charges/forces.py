@@ -29,17 +29,11 @@ CHANCE = 0.25
 
 @dataclass(frozen=True, eq=False)
 class Forces:
-    """Forces of a solution's electrodes, with their estimated errors.
+    """Forces of a solution's electrodes, with their estimated errors."""
 
-    Attributes
-    ----------
-    values : (goals, 2)
-        X and Y of each electrode in N.
-    errors : (goals, 2)
-        Their estimated errors in N, with signs.
-    """
-
+    #: X and Y of each electrode in N, (goals, 2).
     values: Array
+    #: Their estimated errors in N, with signs, (goals, 2).
     errors: Array
 
     def of(self, rows: Selection | Sequence[int]) -> Forces:

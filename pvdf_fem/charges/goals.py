@@ -23,26 +23,17 @@ from pvdf_fem.scene.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """An electrode whose charge a solution is asked for.
+    """An electrode whose charge a solution is asked for."""
 
-    Attributes
-    ----------
-    outline : Outline
-        In m, in the axes of the electrode's own scene.
-    observable : str
-        A name of `pvdf_fem.charges.observables.OBSERVABLES`.
-    d : (float, float)
-        d31, d32 in C/N.
-    patch : str or None
-        The mesh's subdomain of the electrode; None if the mesh does not follow the electrode.
-    frame : (2, 2)
-        Orthogonal matrix from the axes of the electrode's scene to those of the mesh.
-    """
-
+    #: In m, in the axes of the electrode's own scene.
     outline: Outline
+    #: A name of `pvdf_fem.charges.observables.OBSERVABLES`.
     observable: str
+    #: d31, d32 in C/N, (float, float).
     d: tuple[float, float]
+    #: The mesh's subdomain of the electrode; None if the mesh does not follow the electrode.
     patch: str | None = None
+    #: Orthogonal matrix from the axes of the electrode's scene to those of the mesh, (2, 2).
     frame: Array = field(default_factory=lambda: np.eye(2))
 
     def place(self, points: Array) -> Array:

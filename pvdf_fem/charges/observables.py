@@ -30,20 +30,13 @@ class ElementShares(NamedTuple):
 
 
 class Observable(ABC):
-    """What an electrode makes of the film's stress.
+    """What an electrode makes of the film's stress."""
 
-    Attributes
-    ----------
-    name : str
-        Value of the scene's key ``numerics.observable``.
-    needs_edges : bool
-        Whether electrodes have to be rectangles along the axes of their scene.
-    element_shares : ElementShares
-        Element sizes with which charges reach the usual tolerance in most scenes.
-    """
-
+    #: Value of the scene's key ``numerics.observable``.
     name: ClassVar[str]
+    #: Whether electrodes have to be rectangles along the axes of their scene.
     needs_edges: ClassVar[bool] = False
+    #: Element sizes with which charges reach the usual tolerance in most scenes.
     element_shares: ClassVar[ElementShares]
 
     @abstractmethod

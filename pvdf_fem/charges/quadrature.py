@@ -30,23 +30,15 @@ CHORDS = 32
 
 @dataclass(frozen=True, eq=False)
 class PlacedQuadrature:
-    """Quadrature points in elements of a mesh, in rows of as many points each.
+    """Quadrature points in elements of a mesh, in rows of as many points each."""
 
-    Attributes
-    ----------
-    owners : (n,) int
-        Index of the outline, line or facet that a row of points belongs to.
-    elements : (n,) int
-        The element that a row of points lies in.
-    points : (2, n, points)
-        Local coordinates in the element.
-    weights : (n, points)
-        In m^2 over an area, in m along a line.
-    """
-
+    #: Index of the outline, line or facet that a row of points belongs to, (n,).
     owners: Indices
+    #: The element that a row of points lies in, (n,).
     elements: Indices
+    #: Local coordinates in the element, (2, n, points).
     points: Array
+    #: In m^2 over an area, in m along a line, (n, points).
     weights: Array
 
 

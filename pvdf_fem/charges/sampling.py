@@ -25,25 +25,18 @@ from pvdf_fem.film.space import Space
 
 @dataclass(frozen=True, eq=False)
 class Sampling:
-    """Points at which electrodes sample the stress, in rows that lie in one element each.
+    """Points at which electrodes sample the stress, in rows that lie in one element each."""
 
-    Attributes
-    ----------
-    goals : (n,) int
-        Index of the electrode that a row of points belongs to.
-    axes : tuple of int
-        The forces that the points add to: 0 is X (component 11 or xx), 1 is Y.
-    elements : (n,) int
-    gradients : (n, points, functions, 2)
-        Gradients of the space's functions, 1/m.
-    weights : (n, points)
-        Factors of the stress in m^2. They add up to an electrode's area for each of its forces.
-    """
-
+    #: Index of the electrode that a row of points belongs to, (n,).
     goals: Indices
+    #: The forces that the points add to: 0 is X (component 11 or xx), 1 is Y.
     axes: tuple[int, ...]
+    #: (n,)
     elements: Indices
+    #: Gradients of the space's functions, 1/m, (n, points, functions, 2).
     gradients: Array
+    #: Factors of the stress in m^2. They add up to an electrode's area for each of its forces, (n,
+    #: points).
     weights: Array
 
     def gradient(self, space: Space, x: Array) -> Array:

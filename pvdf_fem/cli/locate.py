@@ -111,25 +111,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(frozen=True)
 class Request:
-    """What was asked for, read from the options.
-
-    Attributes
-    ----------
-    charges_pC : dict
-    sigma, noise_pC : float
-    unknown : tuple of str
-        Of the quantities of a touch.
-    domain : Domain
-        The domain of a model that is to be built.
-    mistakes : tuple of str
-        What is wrong with the options; the other values count only if nothing is.
-    """
+    """What was asked for, read from the options."""
 
     charges_pC: dict[str, float]
     sigma: float
     noise_pC: float
+    #: Of the quantities of a touch.
     unknown: tuple[str, ...]
+    #: The domain of a model that is to be built.
     domain: Domain
+    #: What is wrong with the options; the other values count only if nothing is.
     mistakes: tuple[str, ...]
 
     @classmethod

@@ -38,22 +38,15 @@ UNRESOLVED = 6.0
 
 @dataclass(frozen=True)
 class BendingFit:
-    """Factors of the changes by bending, fitted to random scenes.
+    """Factors of the changes by bending, fitted to random scenes."""
 
-    Attributes
-    ----------
-    rim_at_centre, rim_outside : float
-        Change over l/a by the rim for an electrode at the film's centre, and what the square of an
-        electrode's distance over the film's radius adds to it.
-    probe : float
-        Change over l/b, or (l/b)^2, by the probe.
-    least_gap : float
-        Distance of a probe that touches the rim, over the probe's radius.
-    """
-
+    #: rim_at_centre, rim_outside: Change over l/a by the rim for an electrode at the film's centre,
+    #: and what the square of an electrode's distance over the film's radius adds to it.
     rim_at_centre: float = 0.4
     rim_outside: float = 4.0
+    #: Change over l/b, or (l/b)^2, by the probe.
     probe: float = 0.4
+    #: Distance of a probe that touches the rim, over the probe's radius.
     least_gap: float = 0.1
 
 
@@ -62,28 +55,22 @@ FIT = BendingFit()
 
 @dataclass(frozen=True)
 class BendingEffect:
-    """Where bending acts, and what it changes.
+    """Where bending acts, and what it changes."""
 
-    Attributes
-    ----------
-    rim_tension, probe_tension : float
-        Under load at the rim and at the probe's edge, N/m.
-    rest_length, rim_length, probe_length : float
-        sqrt(D/N) of the flat film and for these, m; infinite without tension.
-    film_radius, probe_radius, electrode_radius : float
-        What to compare them with; of discs of the same area, the smallest electrode's, m.
-    rim, probe : float
-        Relative changes of the worst charge by what happens at the rim and at the probe.
-    """
-
+    #: rim_tension, probe_tension: Under load at the rim and at the probe's edge, N/m.
     rim_tension: float
     probe_tension: float
+    #: rest_length, rim_length, probe_length: sqrt(D/N) of the flat film and for these, m; infinite
+    #: without tension.
     rest_length: float
     rim_length: float
     probe_length: float
+    #: film_radius, probe_radius, electrode_radius: What to compare them with; of discs of the same
+    #: area, the smallest electrode's, m.
     film_radius: float
     probe_radius: float
     electrode_radius: float
+    #: rim, probe: Relative changes of the worst charge by what happens at the rim and at the probe.
     rim: float
     probe: float
 

@@ -41,14 +41,9 @@ ROUNDING = 1e-15
 
 
 class Law(Protocol):
-    """Stress of the elastic strain e in the film's plane, both (..., 3), Voigt.
+    """Stress of the elastic strain e in the film's plane, both (..., 3), Voigt."""
 
-    Attributes
-    ----------
-    stiffness : (3, 3)
-        Plane-stress stiffness in Pa of the taut film.
-    """
-
+    #: Plane-stress stiffness in Pa of the taut film, (3, 3).
     stiffness: Array
 
     def stress(self, strain: Array) -> Array:

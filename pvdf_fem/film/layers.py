@@ -49,23 +49,16 @@ def remaining_part(widths: Array, most: float = 0.06, half_width: float = 6.0) -
 
 @dataclass(frozen=True, eq=False)
 class Layers:
-    """Bending forces a part of which counts as unknown.
-
-    Attributes
-    ----------
-    plate : Plate
-    expansion : sparse matrix (dofs, unknowns)
-    lengths, widths : (elements,)
-        Bending length sqrt(D/N) for the largest tension in an element, m; the element's size over
-        that.
-    values : (values,)
-        Bending forces of the values of ``plate.form.strains``.
-    """
+    """Bending forces a part of which counts as unknown."""
 
     plate: Plate
+    #: (dofs, unknowns)
     expansion: sp.csr_matrix
+    #: lengths, widths: Bending length sqrt(D/N) for the largest tension in an element, m; the
+    #: element's size over that, (elements,).
     lengths: Array
     widths: Array
+    #: Bending forces of the values of ``plate.form.strains``, (values,).
     values: Array
 
     @classmethod

@@ -198,17 +198,11 @@ class Membrane(Term):
 
 @dataclass(frozen=True)
 class PredictedState(State):
-    """A state of a film that wrinkles, whose tangent is made with other stresses and moduli.
+    """A state of a film that wrinkles, whose tangent is made with other stresses and moduli."""
 
-    Attributes
-    ----------
-    root : (elements, points, 3, 3)
-        R with dS/dE = R^T R.
-    damping : float
-        Tension that the tangent has everywhere, over the film's mean tension.
-    """
-
+    #: R with dS/dE = R^T R, (elements, points, 3, 3).
     root: Array
+    #: Tension that the tangent has everywhere, over the film's mean tension.
     damping: float
 
 

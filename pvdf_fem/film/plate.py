@@ -42,34 +42,25 @@ LOWEST_ORDER = 2
 
 @dataclass(frozen=True)
 class Penalty:
-    """The penalty tau of the slopes' jumps along the edges.
+    """The penalty tau of the slopes' jumps along the edges."""
 
-    Attributes
-    ----------
-    regular : float
-        tau over D_nn times the mean of |e|/area of both sides. The form is positive definite from
-        3 on for order 3 and from 6 on for order 4 (measured, isotropic to E1/E2 = 50; inverse
-        inequalities bound them by 9 and 18). One number for all orders, so that the energy of a
-        function is the same in a space of higher order that contains it. A larger one clamps too
-        stiffly where an element of the rim is larger than the bending length.
-    distorted_below : float
-        Elements whose area is compressed to less than this part somewhere, the few curved ones
-        beside a cusp, get the penalty that makes their own form semidefinite.
-    reserve : float
-        Factor on that penalty.
-    turning : float
-        Functions of order 3 turn within an element of height H, beside a clamped edge, more easily
-        than the film outside of its layer of length l. The penalty that makes up for it is that of
-        the layer over 1 - turning l/H, within 6 % for all l/H (measured; without it up to 20 % of
-        the layer's effect are missing at H = 20 l).
-    most_turning : float
-        Where turning l/H is larger, the regular penalty takes over.
-    """
-
+    #: tau over D_nn times the mean of |e|/area of both sides. The form is positive definite from 3
+    #: on for order 3 and from 6 on for order 4 (measured, isotropic to E1/E2 = 50; inverse
+    #: inequalities bound them by 9 and 18). One number for all orders, so that the energy of a
+    #: function is the same in a space of higher order that contains it. A larger one clamps too
+    #: stiffly where an element of the rim is larger than the bending length.
     regular: float = 9.0
+    #: Elements whose area is compressed to less than this part somewhere, the few curved ones
+    #: beside a cusp, get the penalty that makes their own form semidefinite.
     distorted_below: float = 0.8
+    #: Factor on that penalty.
     reserve: float = 1.2
+    #: Functions of order 3 turn within an element of height H, beside a clamped edge, more easily
+    #: than the film outside of its layer of length l. The penalty that makes up for it is that of
+    #: the layer over 1 - turning l/H, within 6 % for all l/H (measured; without it up to 20 % of
+    #: the layer's effect are missing at H = 20 l).
     turning: float = 5.5
+    #: Where turning l/H is larger, the regular penalty takes over.
     most_turning: float = 0.75
 
 
@@ -162,18 +153,14 @@ class BendingForm:
     """The quadratic form G^T B G of the deflections at the scalar dofs.
 
     Forces are computed factor by factor: K w itself would lose (radius/element size)^4 in rounding.
-
-    Attributes
-    ----------
-    strains : sparse matrix G (values, scalar dofs)
-        Curvatures at points of elements; slope jumps and mean moments at points of edges.
-    stiffness : sparse matrix B (values, values)
-    elements : (values,)
-        In which each value is, of an edge between two the first.
     """
 
+    #: Curvatures at points of elements; slope jumps and mean moments at points of edges, (values,
+    #: scalar dofs).
     strains: sp.csr_matrix
+    #: (values, values)
     stiffness: sp.csr_matrix
+    #: In which each value is, of an edge between two the first, (values,).
     elements: Indices
 
     @property

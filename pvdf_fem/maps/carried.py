@@ -39,45 +39,30 @@ class FieldResolution:
 
     With the defaults a field takes about a second, and the errors of charge maps are those of the
     scenes that they interpolate.
-
-    Attributes
-    ----------
-    order : int
-        Polynomial order of the displacement.
-    probe_size : float
-        Size of the elements at the probe over the root of the probe's area.
-    growth : float
-        Growth of the elements' size with the distance from the probe.
-    film_size : float
-        Largest size of an element over the film's radius.
-    places_across : int
-        Places of the raster along the film's diameter: 0.25 mm apart on the thesis's film.
-    inside : float
-        Share of the film's radius beyond which the stress is taken from this share. It is below 1
-        since the mesh ends at chords of the rim.
     """
 
+    #: Polynomial order of the displacement.
     order: int = 3
+    #: Size of the elements at the probe over the root of the probe's area.
     probe_size: float = 1 / 8
+    #: Growth of the elements' size with the distance from the probe.
     growth: float = 0.25
+    #: Largest size of an element over the film's radius.
     film_size: float = 1 / 7
+    #: Places of the raster along the film's diameter: 0.25 mm apart on the thesis's film.
     places_across: int = 361
+    #: Share of the film's radius beyond which the stress is taken from this share. It is below 1
+    #: since the mesh ends at chords of the rim.
     inside: float = 0.98
 
 
 @dataclass(frozen=True, eq=False)
 class CarriedCharge:
-    """The charge that a carried field gives an electrode.
+    """The charge that a carried field gives an electrode."""
 
-    Attributes
-    ----------
-    centroid_mm : ndarray, shape (2,)
-        Centroid of the electrode.
-    spline : NdBSpline
-        Charge in pC over the offset in mm of the centroid from the probe.
-    """
-
+    #: Centroid of the electrode, (2,).
     centroid_mm: Array
+    #: Charge in pC over the offset in mm of the centroid from the probe.
     spline: NdBSpline
 
     def value_and_gradient(self, positions_mm: Array) -> tuple[Array, Array]:
@@ -91,17 +76,11 @@ class CarriedCharge:
 
 @dataclass(frozen=True, eq=False)
 class CarriedField:
-    """Stress about a probe.
+    """Stress about a probe."""
 
-    Attributes
-    ----------
-    offsets_mm : ndarray, shape (n,)
-        Coordinates of the raster, along x and along y.
-    stress : dict of ndarray, shape (2, n, n)
-        For each observable the components xx and yy in Pa on the raster.
-    """
-
+    #: Coordinates of the raster, along x and along y, (n,).
     offsets_mm: Array
+    #: For each observable the components xx and yy in Pa on the raster, (2, n, n).
     stress: dict[str, Array]
 
     # Splines of the forces by observable and shape of the electrode: electrodes often share them.

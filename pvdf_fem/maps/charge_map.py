@@ -39,23 +39,16 @@ class ChargeFunction(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class ChargeMap:
-    """An interpolated charge.
+    """An interpolated charge."""
 
-    Attributes
-    ----------
-    positions_mm : ndarray, shape (n, 2)
-        Places of the probe, more than six, not all on one conic.
-    charges_pC : ndarray, shape (n,)
-    reach_mm : float
-        Radius about the film's centre within which the map is meant to be used.
-    leading : callable, optional
-        Value and gradient of a positive function that is about as steep as the charge; the map
-        interpolates the ratio of the charge to it. The function is 1 if not given.
-    """
-
+    #: Places of the probe, more than six, not all on one conic, (n, 2).
     positions_mm: Array
+    #: (n,)
     charges_pC: Array
+    #: Radius about the film's centre within which the map is meant to be used.
     reach_mm: float
+    #: Value and gradient of a positive function that is about as steep as the charge; the map
+    #: interpolates the ratio of the charge to it. The function is 1 if not given.
     leading: ValueAndGradient | None = None
 
     def value_and_gradient(self, positions_mm: Array) -> tuple[Array, Array]:
@@ -101,19 +94,13 @@ class Calibration:
     """Places of the probe for charge maps: a square lattice about the film's centre.
 
     The lattice keeps all symmetries of film and electrodes, so that few places need a solve.
-
-    Attributes
-    ----------
-    scene : Scene
-        The sensor, and the probe with its orientation.
-    reach_mm : float
-        Maps are to hold within this distance of the film's centre.
-    pitch_mm : float
-        Distance of neighbouring places.
     """
 
+    #: The sensor, and the probe with its orientation.
     scene: Scene
+    #: Maps are to hold within this distance of the film's centre.
     reach_mm: float = 16.0
+    #: Distance of neighbouring places.
     pitch_mm: float = 4.0
 
     @property

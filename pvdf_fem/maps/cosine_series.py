@@ -42,25 +42,18 @@ class CosineSeries:
 
     Q = L(F) Σ_jk a_jk T_j(s) cos 2kθ with the membrane's law L and Chebyshev's polynomials T_j, and
     with the logarithm s of the force, scaled from −1 to 1 over its range.
-
-    Attributes
-    ----------
-    law : MembraneLaw
-    coefficients : ndarray, shape (force terms, cosine terms)
-    forces_N : (least, largest)
-        Range of the data's forces.
-    rms, worst : float
-        Root mean square and largest of the relative errors at the data.
-    left_out : float
-        Root mean square of the relative errors that a fit to all other data makes at each datum
-        (PRESS), in which overfitting shows.
     """
 
     law: MembraneLaw
+    #: (force terms, cosine terms)
     coefficients: Array
+    #: Range of the data's forces, (least, largest).
     forces_N: tuple[float, float]
+    #: rms, worst: Root mean square and largest of the relative errors at the data.
     rms: float
     worst: float
+    #: Root mean square of the relative errors that a fit to all other data makes at each datum
+    #: (PRESS), in which overfitting shows.
     left_out: float
 
     @classmethod

@@ -111,29 +111,21 @@ class MembraneLaw:
 
 @dataclass(frozen=True)
 class Linearity:
-    """How straight a charge-force curve is up to a force.
+    """How straight a charge-force curve is up to a force."""
 
-    Attributes
-    ----------
-    up_to_N : float
-        The largest force among the data.
-    offset_pC, slope_pC_N : float
-        Offset and slope of the straight line through the data by least squares.
-    deviation : float
-        Largest distance from that line, divided by the charges' span (the end-point nonlinearity
-        of sensor data sheets). Zero for two data, whatever the curve.
-    exponent : float
-        Slope of ln Q over ln F: 1 if the charge is in proportion to the force, 2/3 for a membrane.
-    slope_ratio : float
-        Slope between the last two data over that between the first two: 1 for a straight line.
-        NaN for less than three data.
-    """
-
+    #: The largest force among the data.
     up_to_N: float
+    #: offset_pC, slope_pC_N: Offset and slope of the straight line through the data by least
+    #: squares.
     offset_pC: float
     slope_pC_N: float
+    #: Largest distance from that line, divided by the charges' span (the end-point nonlinearity of
+    #: sensor data sheets). Zero for two data, whatever the curve.
     deviation: float
+    #: Slope of ln Q over ln F: 1 if the charge is in proportion to the force, 2/3 for a membrane.
     exponent: float
+    #: Slope between the last two data over that between the first two: 1 for a straight line. NaN
+    #: for less than three data.
     slope_ratio: float
 
 

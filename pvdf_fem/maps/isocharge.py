@@ -30,14 +30,10 @@ _ARRIVED_MM = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class ContourCurve:
-    """A smooth curve: a cubic spline over the chord length through points.
+    """A smooth curve: a cubic spline over the chord length through points."""
 
-    Attributes
-    ----------
-    points_mm : ndarray, shape (n, 2)
-        At least two, different from their neighbours; of a closed curve the last is the first.
-    """
-
+    #: At least two, different from their neighbours; of a closed curve the last is the first, (n,
+    #: 2).
     points_mm: Array
 
     @property
@@ -103,22 +99,14 @@ class ContourCurve:
 
 @dataclass(frozen=True, eq=False)
 class Contour:
-    """All places at which an electrode has a charge.
+    """All places at which an electrode has a charge."""
 
-    Attributes
-    ----------
-    electrode : str
-        Name.
-    charge_pC : float
-    curves : tuple of ContourCurve
-        Empty when the charge occurs nowhere.
-    missing : tuple of str
-        Lines of a mapping on which no point of the contour was found, with the reason.
-    """
-
+    #: Name.
     electrode: str
     charge_pC: float
+    #: Empty when the charge occurs nowhere.
     curves: tuple[ContourCurve, ...]
+    #: Lines of a mapping on which no point of the contour was found, with the reason.
     missing: tuple[str, ...] = ()
 
     def crossings(self, other: Contour) -> Array:

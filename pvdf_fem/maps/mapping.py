@@ -15,39 +15,25 @@ from pvdf_fem.sweeps.store import Record
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """Charges on one line.
+    """Charges on one line."""
 
-    Attributes
-    ----------
-    angle_deg : float
-        Direction, counter-clockwise from +x.
-    distances_mm : ndarray, shape (n,)
-        Distances of the probe from the electrode's centre, growing.
-    charges_pC : ndarray, shape (n,)
-        Charges; NaN where the solve failed.
-    """
-
+    #: Direction, counter-clockwise from +x.
     angle_deg: float
+    #: Distances of the probe from the electrode's centre, growing, (n,).
     distances_mm: Array
+    #: Charges; NaN where the solve failed, (n,).
     charges_pC: Array
 
 
 @dataclass(frozen=True, eq=False)
 class LineMapping:
-    """Charges of an electrode on lines from its centre.
+    """Charges of an electrode on lines from its centre."""
 
-    Attributes
-    ----------
-    electrode : str
-        Name.
-    centre_mm : ndarray, shape (2,)
-        Centre of the electrode.
-    lines : tuple of Line
-        In the order in which a contour passes them.
-    """
-
+    #: Name.
     electrode: str
+    #: Centre of the electrode, (2,).
     centre_mm: Array
+    #: In the order in which a contour passes them.
     lines: tuple[Line, ...]
 
     @classmethod

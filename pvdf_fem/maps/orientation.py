@@ -27,25 +27,17 @@ _GRID = np.cos(np.linspace(math.pi, 0.0, 31))
 
 @dataclass(frozen=True)
 class Orientation:
-    """An orientation, and a force, that agree with measured charges.
+    """An orientation, and a force, that agree with measured charges."""
 
-    Attributes
-    ----------
-    angle_deg : float
-        In [0, 90].
-    angle_range_deg : (lowest, highest)
-        The angles at one standard error of c = cos 2θ to both sides; they are far apart near 0° and
-        90°, and where the charge hardly depends on the angle.
-    force_N, force_error_N : float
-        The force, and its standard error (0 if the force was given).
-    misfit_pC : float
-        Root mean square of the differences between the charges and the series'.
-    """
-
+    #: In [0, 90].
     angle_deg: float
+    #: The angles at one standard error of c = cos 2θ to both sides; they are far apart near 0° and
+    #: 90°, and where the charge hardly depends on the angle, (lowest, highest).
     angle_range_deg: tuple[float, float]
+    #: force_N, force_error_N: The force, and its standard error (0 if the force was given).
     force_N: float
     force_error_N: float
+    #: Root mean square of the differences between the charges and the series'.
     misfit_pC: float
 
     @property

@@ -39,20 +39,13 @@ class PlaceStatus(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class ContourPair:
-    """The crossings of two electrodes' contours.
+    """The crossings of two electrodes' contours."""
 
-    Attributes
-    ----------
-    electrodes : tuple of str
-        Two names.
-    crossings_mm : ndarray, shape (n, 2)
-        All crossings.
-    nearest_mm : ndarray, shape (2, 2)
-        The points of either contour closest to each other; NaN if one has no curve.
-    """
-
+    #: Two names.
     electrodes: tuple[str, str]
+    #: All crossings, (n, 2).
     crossings_mm: Array
+    #: The points of either contour closest to each other; NaN if one has no curve, (2, 2).
     nearest_mm: Array
 
     @property
@@ -70,14 +63,9 @@ class ContourPair:
 
 @dataclass(frozen=True, eq=False)
 class CrossingTriple:
-    """One crossing of each pair of three contours.
+    """One crossing of each pair of three contours."""
 
-    Attributes
-    ----------
-    corners_mm : ndarray, shape (3, 2)
-        The three crossings.
-    """
-
+    #: The three crossings, (3, 2).
     corners_mm: Array
 
     @property
@@ -94,25 +82,16 @@ class CrossingTriple:
 
 @dataclass(frozen=True, eq=False)
 class Triangle:
-    """The place from three electrodes.
+    """The place from three electrodes."""
 
-    Attributes
-    ----------
-    electrodes : tuple of str
-        Three names.
-    pairs : tuple of ContourPair
-        In the order of `itertools.combinations`.
-    candidates : tuple of CrossingTriple
-        Every choice of one crossing per pair, by growing spread.
-    status : PlaceStatus
-    reasons : tuple of str
-        Why there is no place: which contour is missing, or which do not cross and by how much.
-    """
-
+    #: Three names.
     electrodes: tuple[str, ...]
+    #: In the order of `itertools.combinations`.
     pairs: tuple[ContourPair, ...]
+    #: Every choice of one crossing per pair, by growing spread.
     candidates: tuple[CrossingTriple, ...]
     status: PlaceStatus
+    #: Why there is no place: which contour is missing, or which do not cross and by how much.
     reasons: tuple[str, ...] = ()
 
     @property
@@ -218,19 +197,13 @@ def _triangle(
 
 @dataclass(frozen=True, eq=False)
 class Fix:
-    """A place whose charges are, among places nearby, the closest to those measured.
+    """A place whose charges are, among places nearby, the closest to those measured."""
 
-    Attributes
-    ----------
-    position_mm : ndarray, shape (2,)
-    residuals_pC : dict of float
-        Charges at the place less those measured.
-    covariance : ndarray, shape (2, 2)
-        Covariance of the place in mm², for independent errors of the charges of 1 pC.
-    """
-
+    #: (2,)
     position_mm: Array
+    #: Charges at the place less those measured.
     residuals_pC: dict[str, float]
+    #: Covariance of the place in mm², for independent errors of the charges of 1 pC, (2, 2).
     covariance: Array
 
     @property
@@ -245,18 +218,12 @@ class Fix:
 
 @dataclass(frozen=True, eq=False)
 class PlaceFit:
-    """The place by least squares.
+    """The place by least squares."""
 
-    Attributes
-    ----------
-    fixes : tuple of Fix
-        All places that are better than those nearby, the best first. The charges do not determine
-        the place if the second misfit is as small as the first.
-    status : PlaceStatus
-        ``outside`` when the search leaves the reach of the charge functions from every start.
-    """
-
+    #: All places that are better than those nearby, the best first. The charges do not determine
+    #: the place if the second misfit is as small as the first.
     fixes: tuple[Fix, ...]
+    #: ``outside`` when the search leaves the reach of the charge functions from every start.
     status: PlaceStatus
 
     @property
@@ -267,27 +234,18 @@ class PlaceFit:
 
 @dataclass(frozen=True)
 class PlaceSearch:
-    """How least squares search for places.
+    """How least squares search for places."""
 
-    Attributes
-    ----------
-    starts_across : int
-        Places of the raster of starts along the diameter of the disc of the reach.
-    room : float
-        Largest distance from the film's centre that a search passes through, over the reach; charge
-        maps mean nothing beyond.
-    last_step_mm : float
-        A search has arrived after a step shorter than this.
-    most_steps : int
-        Number of steps after which a search is stopped where it is.
-    same_mm : float
-        Places closer than this are the same.
-    """
-
+    #: Places of the raster of starts along the diameter of the disc of the reach.
     starts_across: int = 17
+    #: Largest distance from the film's centre that a search passes through, over the reach; charge
+    #: maps mean nothing beyond.
     room: float = 1.25
+    #: A search has arrived after a step shorter than this.
     last_step_mm: float = 1e-7
+    #: Number of steps after which a search is stopped where it is.
     most_steps: int = 200
+    #: Places closer than this are the same.
     same_mm: float = 1e-3
 
 

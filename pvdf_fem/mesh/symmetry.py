@@ -26,25 +26,17 @@ from pvdf_fem.scene.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class MirroredPart:
-    """A part of the film whose mirror images together are the film.
+    """A part of the film whose mirror images together are the film."""
 
-    Attributes
-    ----------
-    frame : ndarray, shape (2, 2)
-        Orthogonal matrix from the axes of the scene to those of the part.
-    mirrored : tuple of int
-        Coordinates, 0 or 1, whose signs the mirror images change: they are positive in the part.
-    swaps : tuple of mapping
-        For each image, the names of what it brings each electrode onto where that is another one:
-        an electrode of the scene, or one of `images`.
-    images : mapping
-        Outlines, in the part's axes, of electrodes' images where the scene has no electrode, with
-        the electrodes' names.
-    """
-
+    #: Orthogonal matrix from the axes of the scene to those of the part, (2, 2).
     frame: Array = field(default_factory=lambda: np.eye(2))
+    #: Coordinates, 0 or 1, whose signs the mirror images change: they are positive in the part.
     mirrored: tuple[int, ...] = ()
+    #: For each image, the names of what it brings each electrode onto where that is another one: an
+    #: electrode of the scene, or one of `images`.
     swaps: tuple[Mapping[str, str], ...] = ({},)
+    #: Outlines, in the part's axes, of electrodes' images where the scene has no electrode, with
+    #: the electrodes' names.
     images: Mapping[str, tuple[str, Outline]] = field(default_factory=dict)
 
     @cached_property

@@ -93,21 +93,14 @@ def _components(stress: Array) -> dict[str, Array]:
 
 @dataclass(frozen=True)
 class MeshFormat:
-    """A file format and the way it holds patches.
+    """A file format and the way it holds patches."""
 
-    Attributes
-    ----------
-    name : str
-        Name that meshio has for the format.
-    patches : str
-        ``arrays`` for 0/1 cell data of each patch; ``groups`` for named groups without overlap, one
-        for each combination of patches; ``sets`` for named sets, which may overlap.
-    options : tuple
-        Names and values of keyword arguments of meshio's writer.
-    """
-
+    #: Name that meshio has for the format.
     name: str
+    #: ``arrays`` for 0/1 cell data of each patch; ``groups`` for named groups without overlap, one
+    #: for each combination of patches; ``sets`` for named sets, which may overlap.
     patches: Literal["arrays", "groups", "sets"]
+    #: Names and values of keyword arguments of meshio's writer.
     options: tuple[tuple[str, Any], ...] = ()
 
 

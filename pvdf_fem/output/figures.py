@@ -75,16 +75,10 @@ _NO_DATE: dict[str, dict[str, None]] = {
 
 @dataclass(frozen=True)
 class Series:
-    """A named curve or a named set of points.
-
-    Attributes
-    ----------
-    label : str
-    x, y : ndarray, shape (n,)
-        Coordinates; y is NaN where there is no value.
-    """
+    """A named curve or a named set of points."""
 
     label: str
+    #: x, y: Coordinates; y is NaN where there is no value, (n,).
     x: Array
     y: Array
 

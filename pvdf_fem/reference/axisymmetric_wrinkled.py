@@ -33,10 +33,6 @@ class WrinkledMembrane:
     """Deflected membrane that wrinkles; lengths in a, tensions in E h.
 
     Profiles are functions of r/a from 0 to 1.
-
-    Attributes
-    ----------
-    centre_deflection : float
     """
 
     centre_deflection: float

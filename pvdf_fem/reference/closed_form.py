@@ -32,17 +32,12 @@ from pvdf_fem.arrays import Array
 
 @dataclass(frozen=True)
 class PressurisedMembrane:
-    """FvK membrane under uniform dead pressure, scaled with the pressure (see the module).
+    """FvK membrane under uniform dead pressure, scaled with the pressure (see the module)."""
 
-    Attributes
-    ----------
-    centre_deflection : float
-        W0 = w0/(a (p a/(E h))^(1/3)).
-    centre_tension, edge_tension : float
-        Radial tension at the centre and at the rim, in (E h p^2 a^2)^(1/3).
-    """
-
+    #: W0 = w0/(a (p a/(E h))^(1/3)).
     centre_deflection: float
+    #: centre_tension, edge_tension: Radial tension at the centre and at the rim, in (E h p^2
+    #: a^2)^(1/3).
     centre_tension: float
     edge_tension: float
 
@@ -129,17 +124,11 @@ def campbell(pretension: float, poisson_ratio: float) -> PressurisedMembrane:
 
 @dataclass(frozen=True)
 class PointLoadedMembrane:
-    """FvK membrane under a central point load, scaled with the load (see the module).
+    """FvK membrane under a central point load, scaled with the load (see the module)."""
 
-    Attributes
-    ----------
-    centre_deflection : float
-        W0 = w0/(F a^2/(E h))^(1/3).
-    edge_tension : float
-        Radial tension at the rim, in (E h F^2/a^2)^(1/3).
-    """
-
+    #: W0 = w0/(F a^2/(E h))^(1/3).
     centre_deflection: float
+    #: Radial tension at the rim, in (E h F^2/a^2)^(1/3).
     edge_tension: float
 
 

@@ -28,47 +28,32 @@ class ResponseOptions:
 
     The defaults give error bounds of about 1e-4 for the thesis's probes within 12 mm of the centre
     and forces from 0.1 to 5 N.
-
-    Attributes
-    ----------
-    radii : tuple of int
-        Numbers of distances of the rim's places, tried in turn until the tolerance is met.
-    force_polynomials : float
-        Chebyshev polynomials of the force per factor e of the force; their coefficients fall by 4
-        from one to the next.
-    cell : float
-        Cell of the table over the root of the probe's area.
-    disc_cell : float
-        The same for a disc, whose table can be finer as it needs no rotations.
-    largest_cell_mm : float
-        Largest cell.
-    rotation_step : float
-        Way of the corners of the probe from one rotation to the next, over the cell.
-    raster_step : float
-        Step of the raster of the stress over the cell.
-    margin : int
-        Cells by which the table goes beyond the domain.
-    held_out : int
-        Number of random touches for the error.
-    held_out_tolerance : float
-        Tolerance of their full solves over that of the response.
-    safety : float
-        Error bound over the largest error at these touches.
-    elements : ProbeMesh
-        Finite elements for the stress about the probe.
     """
 
+    #: Numbers of distances of the rim's places, tried in turn until the tolerance is met.
     radii: tuple[int, ...] = (4, 5, 6, 7)
+    #: Chebyshev polynomials of the force per factor e of the force; their coefficients fall by 4
+    #: from one to the next.
     force_polynomials: float = 1.75
+    #: Cell of the table over the root of the probe's area.
     cell: float = 1 / 16
+    #: The same for a disc, whose table can be finer as it needs no rotations.
     disc_cell: float = 1 / 28
+    #: Largest cell.
     largest_cell_mm: float = 0.375
+    #: Way of the corners of the probe from one rotation to the next, over the cell.
     rotation_step: float = 0.8
+    #: Step of the raster of the stress over the cell.
     raster_step: float = 0.93
+    #: Cells by which the table goes beyond the domain.
     margin: int = 3
+    #: Number of random touches for the error.
     held_out: int = 40
+    #: Tolerance of their full solves over that of the response.
     held_out_tolerance: float = 0.02
+    #: Error bound over the largest error at these touches.
     safety: float = 5.0
+    #: Finite elements for the stress about the probe.
     elements: ProbeMesh = field(default_factory=ProbeMesh)
 
     def cell_mm(self, scene: Scene) -> float:
@@ -221,28 +206,16 @@ def _circumradius_mm(scene: Scene) -> float:
 
 @dataclass(frozen=True, eq=False)
 class ResponseTable:
-    """The grid of a response's table, and what is solved to fill it.
-
-    Attributes
-    ----------
-    scene : Scene
-    domain : Domain
-    places : RimPlaces
-    raster : PolarRaster
-    forces_N : ndarray
-    axes : tuple of UniformAxis
-        x and y in mm, rotation in degrees.
-    limit_mm : float
-        Distance of the probe from the centre, beyond which charges are continued by parabolas.
-    elements : ProbeMesh
-    """
+    """The grid of a response's table, and what is solved to fill it."""
 
     scene: Scene
     domain: Domain
     places: RimPlaces
     raster: PolarRaster
     forces_N: Array
+    #: x and y in mm, rotation in degrees.
     axes: tuple[UniformAxis, UniformAxis, UniformAxis]
+    #: Distance of the probe from the centre, beyond which charges are continued by parabolas.
     limit_mm: float
     elements: ProbeMesh
 

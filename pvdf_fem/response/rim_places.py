@@ -28,38 +28,24 @@ from pvdf_fem.scene.scene import Probe
 
 @dataclass(frozen=True)
 class Image:
-    """A place as the image of another place at the same distance.
+    """A place as the image of another place at the same distance."""
 
-    Attributes
-    ----------
-    angle : int
-        Index of the other place's angle.
-    mirrored : bool
-        Whether the other place is first mirrored in the x axis.
-    steps : int
-        Number of steps of the grid's angle by which it is then turned.
-    """
-
+    #: Index of the other place's angle.
     angle: int
+    #: Whether the other place is first mirrored in the x axis.
     mirrored: bool
+    #: Number of steps of the grid's angle by which it is then turned.
     steps: int
 
 
 @dataclass(frozen=True, eq=False)
 class RimPlaces:
-    """Places of the film's centre, seen from the probe.
-
-    Attributes
-    ----------
-    probe : Probe
-    reach_mm : float
-        Largest distance for which the stress is interpolated, r in the module's text.
-    radii : int
-        Number of distances, n in the module's text.
-    """
+    """Places of the film's centre, seen from the probe."""
 
     probe: Probe
+    #: Largest distance for which the stress is interpolated, r in the module's text.
     reach_mm: float
+    #: Number of distances, n in the module's text.
     radii: int
 
     @property
@@ -146,20 +132,14 @@ def _lagrange(nodes: Array, x: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class ProbeCharges:
-    """Charges from the modes of the stress about a probe.
-
-    Attributes
-    ----------
-    places : RimPlaces
-    modes : UniformSpline
-        Modes of the stress over ρ in mm and θ, as means along the rays (`PolarRaster.means`): of
-        its trace S11 + S22, and where they count of its deviator (S11 - S22)/2 and S12.
-    amplitudes : ndarray, shape (radii, angles, forces, modes)
-        Amplitudes in Pa of the modes in the stress for each place and force.
-    """
+    """Charges from the modes of the stress about a probe."""
 
     places: RimPlaces
+    #: Modes of the stress over ρ in mm and θ, as means along the rays (`PolarRaster.means`): of its
+    #: trace S11 + S22, and where they count of its deviator (S11 - S22)/2 and S12.
     modes: UniformSpline
+    #: Amplitudes in Pa of the modes in the stress for each place and force, (radii, angles, forces,
+    #: modes).
     amplitudes: Array
 
     @classmethod

@@ -30,19 +30,12 @@ CHUNK = 512
 
 @dataclass(frozen=True)
 class UniformAxis:
-    """A uniform grid along one coordinate.
-
-    Attributes
-    ----------
-    start, step : float
-    count : int
-    periodic : bool
-        Whether the value after the last is the first.
-    """
+    """A uniform grid along one coordinate."""
 
     start: float
     step: float
     count: int
+    #: Whether the value after the last is the first.
     periodic: bool = False
 
     @property
@@ -58,17 +51,12 @@ class UniformSpline:
     At the ends of an axis that is not periodic, the values are continued by parabolas. The error
     there is of third order in the step, and of fourth order a few cells further in. Outside of the
     grid the polynomials of the outermost cells are evaluated.
-
-    Attributes
-    ----------
-    axes : tuple of UniformAxis
-        Each with four values at least.
-    coefficients : ndarray, shape (axes..., functions)
-        Coefficients of the B-splines. Along an axis they begin one step before the first value and
-        end one step after the last, two after the last of a periodic axis.
     """
 
+    #: Each with four values at least.
     axes: tuple[UniformAxis, ...]
+    #: Coefficients of the B-splines. Along an axis they begin one step before the first value and
+    #: end one step after the last, two after the last of a periodic axis, (axes..., functions).
     coefficients: NDArray[np.floating]
 
     @classmethod

@@ -59,25 +59,15 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """A solve on one mesh.
-
-    Attributes
-    ----------
-    problem : Problem
-    equilibrium : Equilibrium
-    result : NewtonResult
-    fields : Fields
-    correction : Correction or None
-        The solution in a richer space, if there is a solution.
-    layers : Layers or None
-        Bending layers that the elements do not resolve.
-    """
+    """A solve on one mesh."""
 
     problem: Problem
     equilibrium: Equilibrium
     result: NewtonResult
     fields: Fields
+    #: The solution in a richer space, if there is a solution.
     correction: Correction | None = None
+    #: Bending layers that the elements do not resolve.
     layers: Layers | None = None
 
     @property

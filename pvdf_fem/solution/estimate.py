@@ -51,26 +51,19 @@ RICH_ITERATIONS = 10
 
 @dataclass(frozen=True)
 class Correction:
-    """A solution corrected in a richer space, and what the error is made of.
+    """A solution corrected in a richer space, and what the error is made of."""
 
-    Attributes
-    ----------
-    rich : Equilibrium
-        The richer equations.
-    start, q : (rich unknowns,)
-        The given solution written in the richer space, and the corrected one.
-    state : State
-        Fields of `start`, where the correction took its tangent.
-    prolong : sparse matrix (rich unknowns, coarse unknowns)
-    result : NewtonResult or None
-        The solve in the richer space, if a linear correction was not enough.
-    """
-
+    #: The richer equations.
     rich: Equilibrium
+    #: start, q: The given solution written in the richer space, and the corrected one, (rich
+    #: unknowns,).
     start: Array
     q: Array
+    #: Fields of `start`, where the correction took its tangent.
     state: State
+    #: (rich unknowns, coarse unknowns)
     prolong: sp.csr_matrix
+    #: The solve in the richer space, if a linear correction was not enough.
     result: NewtonResult | None = None
 
 

@@ -23,20 +23,13 @@ from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
 
 @dataclass(frozen=True, eq=False)
 class Fields:
-    """A discrete solution: equations, unknowns, and the electrodes' forces with their errors.
+    """A discrete solution: equations, unknowns, and the electrodes' forces with their errors."""
 
-    Attributes
-    ----------
-    solved : Equilibrium
-        The equations that were solved, which may be those of a part of the film.
-    q : (unknowns,)
-        Their unknowns.
-    forces : Forces
-        Of the goals, with their errors.
-    """
-
+    #: The equations that were solved, which may be those of a part of the film.
     solved: Equilibrium
+    #: Their unknowns, (unknowns,).
     q: Array
+    #: Of the goals, with their errors.
     forces: Forces
 
     @cached_property

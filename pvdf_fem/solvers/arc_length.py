@@ -36,26 +36,17 @@ Solver = Callable[[Array], NewtonResult]
 
 @dataclass(frozen=True)
 class StepControl:
-    """Lengths of the steps along a path, over the length of its start.
-
-    Attributes
-    ----------
-    first, longest, shortest : float
-    growth : float
-        Factor on the length after a step that took at most `few` corrections.
-    shrinkage : float
-        Factor on the length after a step that failed.
-    few : int
-    max_iterations : int
-        Largest number of corrections of a whole path.
-    """
+    """Lengths of the steps along a path, over the length of its start."""
 
     first: float = 0.5
     longest: float = 1.0
     shortest: float = 1e-4
+    #: Factor on the length after a step that took at most `few` corrections.
     growth: float = 1.6
+    #: Factor on the length after a step that failed.
     shrinkage: float = 0.4
     few: int = 3
+    #: Largest number of corrections of a whole path.
     max_iterations: int = 150
 
 
@@ -117,19 +108,12 @@ def follow(
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """Equilibria between a dead pressure and one that follows.
-
-    Attributes
-    ----------
-    equilibrium : Equilibrium
-    scale : float
-        Size of the unknowns in the norm of the path's length.
-    table : list of Iteration
-        All corrections.
-    """
+    """Equilibria between a dead pressure and one that follows."""
 
     equilibrium: Equilibrium
+    #: Size of the unknowns in the norm of the path's length.
     scale: float
+    #: All corrections.
     table: list[Iteration] = field(default_factory=list)
 
     def start(self, q: Array) -> Point:

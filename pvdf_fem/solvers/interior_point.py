@@ -37,41 +37,27 @@ from pvdf_fem.solvers.newton import factorise
 
 @dataclass(frozen=True)
 class StepRules:
-    """How far a step goes, and how it is centred and corrected.
+    """How far a step goes, and how it is centred and corrected."""
 
-    Attributes
-    ----------
-    to_boundary : float
-        Part of the way to the cones' boundary that a step may go.
-    short : float
-        A predictor shorter than this asks for more centring than Mehrotra's (1 - length)^3.
-    least_centring : float
-    corrections : int
-        Largest number of Gondzio's corrections.
-    farther : float
-        How much longer than the step a correction tries to be.
-    central : (float, float)
-        Eigenvalues of S P over mu that a correction leaves alone.
-    gain : float
-        A correction that gains less than this part of its trial ends them.
-    shortened : float
-        Part of a step that has to be left when the second order is taken into account.
-    exact : float
-        The exact wrinkling strain replaces one that differs by at most this factor.
-    start : float
-        Factor on the mean stress and strain at the start, since under a small probe means say
-        little.
-    """
-
+    #: Part of the way to the cones' boundary that a step may go.
     to_boundary: float = 0.95
+    #: A predictor shorter than this asks for more centring than Mehrotra's (1 - length)^3.
     short: float = 0.5
     least_centring: float = 1e-6
+    #: Largest number of Gondzio's corrections.
     corrections: int = 3
+    #: How much longer than the step a correction tries to be.
     farther: float = 0.3
+    #: Eigenvalues of S P over mu that a correction leaves alone, (float, float).
     central: tuple[float, float] = (0.1, 10.0)
+    #: A correction that gains less than this part of its trial ends them.
     gain: float = 0.1
+    #: Part of a step that has to be left when the second order is taken into account.
     shortened: float = 0.7
+    #: The exact wrinkling strain replaces one that differs by at most this factor.
     exact: float = 2.0
+    #: Factor on the mean stress and strain at the start, since under a small probe means say
+    #: little.
     start: float = 100.0
 
 
@@ -90,29 +76,20 @@ Step = tuple[Array, Array, Array]
 
 @dataclass(frozen=True)
 class Iterate:
-    """Displacement, stress and wrinkling strain on the way.
+    """Displacement, stress and wrinkling strain on the way."""
 
-    Attributes
-    ----------
-    q : (unknowns,)
-    s, p : (elements, points, 3)
-        Stress in Pa and wrinkling strain as vectors of the cone.
-    gap : float
-        Integral of S : P over the work of the load.
-    length : float
-        Part of Newton's step that was taken.
-    factors : SuperLU or None
-        The tangent of that step, factorised.
-    state : State
-        Of `q`.
-    """
-
+    #: (unknowns,)
     q: Array
+    #: s, p: Stress in Pa and wrinkling strain as vectors of the cone, (elements, points, 3).
     s: Array
     p: Array
+    #: Integral of S : P over the work of the load.
     gap: float
+    #: Part of Newton's step that was taken.
     length: float
+    #: The tangent of that step, factorised.
     factors: SuperLU | None
+    #: Of `q`.
     state: State
 
     @property

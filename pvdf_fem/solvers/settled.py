@@ -29,18 +29,11 @@ SLOWEST = 0.8
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """The change of the charges by the steps of an equilibrium's iteration.
-
-    Attributes
-    ----------
-    goals : sequence of Goal
-    equilibrium : Equilibrium
-    start : (unknowns,), optional
-        The solution that the iteration corrects, if it does.
-    """
+    """The change of the charges by the steps of an equilibrium's iteration."""
 
     goals: Sequence[Goal]
     equilibrium: Equilibrium
+    #: The solution that the iteration corrects, if it does, (unknowns,).
     start: Array | None = None
 
     def change(self, before: State, after: State) -> float:

@@ -52,39 +52,27 @@ def barely_loaded(scene: Scene) -> bool:
 
 @dataclass(frozen=True)
 class WrinklingOptions:
-    """When Newton's method for the exact law goes on and when it gives up.
+    """When Newton's method for the exact law goes on and when it gives up."""
 
-    Attributes
-    ----------
-    damping : float
-        Tension that holds slack film in a step, over the mean tension and the size of the last
-        step.
-    stiffening : float
-        Factor on the damping after a step shorter than `stalled`, until a full step is made.
-    stalled : float
-        Length of a step that stalls.
-    largest_step : float
-        A larger step leads nowhere.
-    middling_step, shortest_length : float
-        Nor does a step larger than the one that has to be shortened to the other.
-    max_iterations : int
-        Steps; twice as many where the charges have settled.
-    late, quiet : int
-        From the late step on the iteration ends when the charges were settled that often in a row.
-    line_search_slope : float
-        Part of the slope of the energy at a step's start that may be left at its end.
-    line_search_trials : int
-    """
-
+    #: Tension that holds slack film in a step, over the mean tension and the size of the last step.
     damping: float = 1e-2
+    #: Factor on the damping after a step shorter than `stalled`, until a full step is made.
     stiffening: float = 4.0
+    #: Length of a step that stalls.
     stalled: float = 0.05
+    #: A larger step leads nowhere.
     largest_step: float = 3.0
+    #: middling_step, shortest_length: Nor does a step larger than the one that has to be shortened
+    #: to the other.
     middling_step: float = 0.05
     shortest_length: float = 0.02
+    #: Steps; twice as many where the charges have settled.
     max_iterations: int = 25
+    #: late, quiet: From the late step on the iteration ends when the charges were settled that
+    #: often in a row.
     late: int = 12
     quiet: int = 3
+    #: Part of the slope of the energy at a step's start that may be left at its end.
     line_search_slope: float = 0.5
     line_search_trials: int = 6
 
@@ -208,25 +196,16 @@ class PredictedStress(OfEquilibrium):
 
 @dataclass(frozen=True)
 class InteriorPointOptions:
-    """When interior points give way to Newton's method for the exact law.
+    """When interior points give way to Newton's method for the exact law."""
 
-    Attributes
-    ----------
-    first_gap : float
-        Integral of S : P over the work below which Newton's method is tried.
-    narrowing : float
-        It is tried again when the gap is smaller by this factor.
-    last_gap : float
-        Smallest gap.
-    max_iterations : int
-    least_iterations : int
-        A budget of fewer interior points leads nowhere.
-    """
-
+    #: Integral of S : P over the work below which Newton's method is tried.
     first_gap: float = 1e-6
+    #: It is tried again when the gap is smaller by this factor.
     narrowing: float = 1e-2
+    #: Smallest gap.
     last_gap: float = 1e-15
     max_iterations: int = 300
+    #: A budget of fewer interior points leads nowhere.
     least_iterations: int = 20
 
 

@@ -32,24 +32,16 @@ _READING_KEYS = {"d31_pC_N", "d32_pC_N", "density_kg_m3"}
 
 @dataclass(frozen=True, eq=False)
 class Mechanics:
-    """What the deformation of a scene's film depends on.
+    """What the deformation of a scene's film depends on."""
 
-    Attributes
-    ----------
-    given : str
-        Two scenes with equal texts have the same deformation.
-    turned : str
-        Two scenes with equal texts have the same deformation after a turn or a mirror image.
-    scaled : str
-        The same if thickness and force may differ, too, where only their ratio counts.
-    frame : (2, 2)
-        Orthogonal matrix from the axes of the scene to axes in which all scenes with one `turned`
-        have their probe at the same place.
-    """
-
+    #: Two scenes with equal texts have the same deformation.
     given: str
+    #: Two scenes with equal texts have the same deformation after a turn or a mirror image.
     turned: str
+    #: The same if thickness and force may differ, too, where only their ratio counts.
     scaled: str
+    #: Orthogonal matrix from the axes of the scene to axes in which all scenes with one `turned`
+    #: have their probe at the same place, (2, 2).
     frame: Array
 
 

@@ -16,17 +16,11 @@ from pvdf_fem.sweeps.equivalence import mechanics
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Scenes that one solve serves.
+    """Scenes that one solve serves."""
 
-    Attributes
-    ----------
-    indices : tuple of int
-        The scenes' indices in the plan.
-    frames : (n, 2, 2)
-        For each of them, the orthogonal matrix from its axes to those of the first.
-    """
-
+    #: The scenes' indices in the plan.
     indices: tuple[int, ...]
+    #: For each of them, the orthogonal matrix from its axes to those of the first, (n, 2, 2).
     frames: Array
 
 
@@ -40,25 +34,16 @@ class Steps(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SweepPlan:
-    """The solves that scenes need; ``print`` shows it.
-
-    Attributes
-    ----------
-    scenes : sequence of Scene
-    first : (n,) int
-        For each scene the index of the first one that equals it.
-    stored : frozenset of int
-        Indices of the distinct scenes that need no solve.
-    blocks : tuple of Block
-        The solves that the other distinct scenes need.
-    steps : Steps
-        How many solves those scenes would need with less knowledge of what they share.
-    """
+    """The solves that scenes need; ``print`` shows it."""
 
     scenes: Sequence[Scene]
+    #: For each scene the index of the first one that equals it, (n,).
     first: NDArray[np.int64]
+    #: Indices of the distinct scenes that need no solve.
     stored: frozenset[int]
+    #: The solves that the other distinct scenes need.
     blocks: tuple[Block, ...]
+    #: How many solves those scenes would need with less knowledge of what they share.
     steps: Steps
 
     @property

@@ -36,34 +36,25 @@ class LocateOptions:
     At a fold of the charges two touches close together have almost the same charges, and a search
     on one side of the fold does not see the touch on the other side. A fold is near where the
     longest step along some direction changes the charges by less than a small share of themselves.
-
-    Attributes
-    ----------
-    listed : float
-        A touch is listed unless its chi-square exceeds the least by more than this: at 25 it is
-        e^12 times less likely.
-    same : float
-        Two ends of searches are one touch if chi-square, by its slopes at the better end, differs
-        by less than this between them.
-    same_deg : float
-        They are one touch only if their rotations, too, differ by less than this.
-    fold : float
-        Share of the charges by which the longest step changes them near a fold.
-    resolved : float
-        Standard deviations that this share must exceed: else the errors of the charges hide on
-        which side of the fold the touch is.
-    offsets : tuple of float
-        Starts about the fold, in longest steps along the direction.
-    search, fold_search : SearchOptions
-        Options of the searches, and of those about a fold, where steps shrink slowly.
     """
 
+    #: A touch is listed unless its chi-square exceeds the least by more than this: at 25 it is e^12
+    #: times less likely.
     listed: float = 25.0
+    #: Two ends of searches are one touch if chi-square, by its slopes at the better end, differs by
+    #: less than this between them.
     same: float = 0.1
+    #: They are one touch only if their rotations, too, differ by less than this.
     same_deg: float = 8.0
+    #: Share of the charges by which the longest step changes them near a fold.
     fold: float = 0.02
+    #: Standard deviations that this share must exceed: else the errors of the charges hide on which
+    #: side of the fold the touch is.
     resolved: float = 10.0
+    #: Starts about the fold, in longest steps along the direction.
     offsets: tuple[float, ...] = (-0.3, -0.1, -0.03, 0.0, 0.03, 0.1, 0.3)
+    #: search, fold_search: Options of the searches, and of those about a fold, where steps shrink
+    #: slowly.
     search: SearchOptions = field(default_factory=SearchOptions)
     fold_search: SearchOptions = field(default_factory=lambda: SearchOptions(short=1e-4))
 

@@ -15,27 +15,18 @@ from pvdf_fem.touch.starts import table_of
 
 @dataclass(frozen=True, eq=False)
 class NearestTouches:
-    """The touches of a table by the ratios of their charges.
+    """The touches of a table by the ratios of their charges."""
 
-    Attributes
-    ----------
-    tree : scipy.spatial.cKDTree
-        Charges over their size, and where the rotation is known, the rotation as a point of a
-        circle.
-    at : ndarray, shape (touches, 4)
-        Coordinates x, y, rotation and logarithm of the force.
-    sizes_pC : ndarray, shape (touches,)
-        Norms of the charges.
-    exponents : ndarray, shape (touches,)
-        The power of the force by which the sizes grow.
-    period_deg : float
-        Period of the rotation.
-    """
-
+    #: Charges over their size, and where the rotation is known, the rotation as a point of a
+    #: circle.
     tree: cKDTree
+    #: Coordinates x, y, rotation and logarithm of the force, (touches, 4).
     at: Array
+    #: Norms of the charges, (touches,).
     sizes_pC: Array
+    #: The power of the force by which the sizes grow, (touches,).
     exponents: Array
+    #: Period of the rotation.
     period_deg: float
 
     def starts(

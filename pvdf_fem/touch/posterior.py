@@ -29,22 +29,14 @@ ONE_SIGMA = 0.6827
 
 @dataclass(frozen=True)
 class PosteriorOptions:
-    """The distribution that draws are from.
-
-    Attributes
-    ----------
-    draws : int
-    freedom : float
-        Degrees of freedom of Student's distributions about the maxima of the likelihood.
-    widening : float
-        Their widths over those of the maxima.
-    least_share : float
-        Least share of the draws about a maximum, before all shares are scaled to a sum of 1.
-    """
+    """The distribution that draws are from."""
 
     draws: int = 1024
+    #: Degrees of freedom of Student's distributions about the maxima of the likelihood.
     freedom: float = 3.0
+    #: Their widths over those of the maxima.
     widening: float = 1.3
+    #: Least share of the draws about a maximum, before all shares are scaled to a sum of 1.
     least_share: float = 0.02
 
 

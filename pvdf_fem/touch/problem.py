@@ -29,27 +29,18 @@ from pvdf_fem.response.model import (
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Charges of some touches, to be explained by a model.
-
-    Attributes
-    ----------
-    model : Model
-    electrodes : ndarray of int
-        The model's electrodes that have charges.
-    charges_pC, deviations_pC : ndarray, shape (touches, electrodes)
-        Charges and their standard deviations.
-    unknown : ndarray of int
-        Which of x, y, rotation and force are sought.
-    room_reach, room_force : float
-        How far searches may leave the model's domain: factors of its reach, and of its largest
-        force and, inversely, its least.
-    """
+    """Charges of some touches, to be explained by a model."""
 
     model: Model
+    #: The model's electrodes that have charges.
     electrodes: Indices
+    #: charges_pC, deviations_pC: Charges and their standard deviations, (touches, electrodes).
     charges_pC: Array
     deviations_pC: Array
+    #: Which of x, y, rotation and force are sought.
     unknown: Indices
+    #: room_reach, room_force: How far searches may leave the model's domain: factors of its reach,
+    #: and of its largest force and, inversely, its least.
     room_reach: float = 1.05
     room_force: float = 1.1
 

@@ -33,17 +33,11 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class EllipseCurve:
-    """A whole ellipse as a boundary.
+    """A whole ellipse as a boundary."""
 
-    Attributes
-    ----------
-    centre : ndarray, shape (2,)
-        In m.
-    axes : ndarray, shape (2, 2)
-        The two semi-axes in m, as orthogonal columns.
-    """
-
+    #: In m, (2,).
     centre: Array
+    #: The two semi-axes in m, as orthogonal columns, (2, 2).
     axes: Array
 
 
