@@ -25,6 +25,9 @@ from pvdf_fem.scene.scene import Scene
 #: Least relative error that is stated of a charge, over the mean one of all charges: an estimate
 #: may vanish by chance.
 CHANCE = 0.25
+#: The tolerance of a charge is relative to the charge, but at least to this share of its parts
+#: |d31 X| + |d32 Y|, where they cancel.
+CANCELLED = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +53,10 @@ class Forces:
         All charges are of one displacement and share its error. So none is taken for much better
         than all are in the mean.
         """
-        errors, sizes = np.abs(_charges(self.errors, d)), _charges(np.abs(self.values), np.abs(d))
-        total = sizes.sum()
+        errors, parts = np.abs(_charges(self.errors, d)), _charges(np.abs(self.values), np.abs(d))
+        total = parts.sum()
         mean = errors.sum() / total if total > 0.0 else 0.0
-        return np.asarray(np.maximum(errors, CHANCE * mean * sizes))
+        return np.asarray(np.maximum(errors, CHANCE * mean * parts))
 
 
 def electrode_forces(scene: Scene, membrane: Membrane, x: Array) -> Array:
@@ -125,11 +128,12 @@ def charges_of(goals: Sequence[Goal], forces: Array) -> Array:
 def charge_sizes(
     goals: Sequence[Goal], state: State, forces: Array, space: Space, negligible: float = 1e-6
 ) -> Array:
-    """Size |d31 X| + |d32 Y| in C that the error of each charge is relative to, (goals,).
+    """Size in C that the error of each charge is relative to, (goals,).
 
-    An electrode on slack film, or under a probe that holds it, has next to no charge, and the error
-    of that has no relative meaning. So a size is at least the part `negligible` of that which the
-    film's mean stress would make.
+    This is the charge itself, but at least the part `CANCELLED` of |d31 X| + |d32 Y|. An electrode
+    on slack film, or under a probe that holds it, has next to no charge, and the error of that has
+    no relative meaning. So a size is at least the part `negligible` of that which the film's mean
+    stress would make.
 
     Parameters
     ----------
@@ -143,8 +147,11 @@ def charge_sizes(
     """
     stress = np.abs(state.stress[..., :2]) * space.weights[..., None]
     mean = stress.sum(axis=(0, 1)) / space.weights.sum()
-    d = np.abs(coefficients_of(goals))
-    sizes = np.maximum(_charges(np.abs(forces), d), negligible * areas_of(goals) * (d @ mean))
+    charges, d = charges_of(goals, forces), np.abs(coefficients_of(goals))
+    least = np.maximum(
+        CANCELLED * _charges(np.abs(forces), d), negligible * areas_of(goals) * (d @ mean)
+    )
+    sizes = np.maximum(np.abs(charges), least)
     return np.where(sizes > 0.0, sizes, 1.0)
 
 

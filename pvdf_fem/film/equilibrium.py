@@ -8,10 +8,8 @@ nothing crosses a mirror line.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from copy import copy
 from functools import cached_property, reduce
-from itertools import product
 from operator import add
 
 import numpy as np
@@ -68,17 +66,14 @@ class Equilibrium:
         self.terms: list[Term] = self.model.terms(self.space, len(part.signs))
         rim = self.space.basis.get_dofs(RIM).all()
         self.rim_dofs = (3 * rim[:, None] + np.arange(3)).ravel()
-        self.unknowns = self._unknowns([False] * len(part.mirrored))
+        self.unknowns = self._unknowns()
 
-    def _unknowns(self, odd: Sequence[bool]) -> Unknowns:
-        """The unknowns of displacements that are odd about the mirror lines given, else even."""
+    def _unknowns(self) -> Unknowns:
+        """The unknowns of displacements that are even about the mirror lines."""
         fixed = [self.rim_dofs, *(term.fixed_dofs for term in self.terms)]
         shared = np.concatenate([term.shared_dofs for term in self.terms])
-        for axis, changes_sign in zip(self.part.mirrored, odd, strict=True):
-            nodes = self.space.basis.get_dofs(MIRRORS[axis]).all()
-            fixed += [3 * nodes + i for i in range(3) if (i == axis) != changes_sign]
-        if any(odd):  # a horizontal face cannot go up on one side and down on the other
-            fixed, shared = [*fixed, shared], shared[:0]
+        for axis in self.part.mirrored:
+            fixed.append(3 * self.space.basis.get_dofs(MIRRORS[axis]).all() + axis)
         return Unknowns(self.space.dof_count, np.concatenate(fixed), shared)
 
     def _term(self, kind: type) -> Term | None:
@@ -121,15 +116,6 @@ class Equilibrium:
         """Where entries of elements go, worked out at first use."""
         return Assembly(self.space, self.unknowns)
 
-    def odd_assemblies(self) -> Iterator[Assembly]:
-        """Those of displacements of a part that are odd about one mirror line, or about each.
-
-        With the even ones of `assembly` they make up all displacements of the whole film.
-        """
-        for odd in product((False, True), repeat=len(self.part.mirrored)):
-            if any(odd):
-                yield Assembly(self.space, self._unknowns(odd))
-
     def state(self, q: Array) -> State:
         """Fields of the unknowns `q`."""
         return self.membrane.state(self.unknowns.expand(q))
@@ -138,16 +124,15 @@ class Equilibrium:
         """Internal minus external forces of the unknowns, N."""
         return self.unknowns.fold(reduce(add, (term.residual(state) for term in self.terms)))
 
-    def tangent(self, state: State, assembly: Assembly | None = None) -> sp.csc_matrix:
-        """Derivative of `residual` in N/m, of other unknowns if their `assembly` is given."""
-        assembly = self.assembly if assembly is None else assembly
+    def tangent(self, state: State) -> sp.csc_matrix:
+        """Derivative of `residual` in N/m."""
         by_element = (term.element_tangent(state) for term in self.terms)
         # the membrane, which has all elements, is the first term
         (_, matrices), *others = [local for local in by_element if local is not None]
         for elements, values in others:
             matrices[elements] += values
-        coupled = (term.coupled_tangent(assembly) for term in self.terms)
-        return reduce(add, (c for c in coupled if c is not None), assembly.matrix(matrices))
+        coupled = (term.coupled_tangent(self.assembly) for term in self.terms)
+        return reduce(add, (c for c in coupled if c is not None), self.assembly.matrix(matrices))
 
     def element_action(self, state: State, step: Array) -> Array:
         """Forces in N of elements, (elements, dofs of an element), that a small step makes.

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
+from scipy.sparse.linalg import SuperLU
 from scipy.spatial import cKDTree
 from skfem import MeshTri2
 
@@ -19,7 +20,7 @@ from pvdf_fem.charges.forces import (
     goal_forces,
     goal_gradients,
 )
-from pvdf_fem.charges.goals import Goal
+from pvdf_fem.charges.goals import Goal, coefficients_of
 from pvdf_fem.film.equilibrium import Equilibrium, prolongation
 from pvdf_fem.film.layers import Layers, remaining_part
 from pvdf_fem.film.space import transferred
@@ -44,6 +45,10 @@ ESTIMATE_ITERATIONS = 4
 UNKNOWNS_PER_ELEMENT = {1: 1.5, 2: 6.0, 3: 13.5}
 #: Number of charges that a refined mesh follows, those with the largest errors.
 MOST_DUALS = 32
+#: Part of the sum of all elements' shares, which cannot cancel, that the error of a charge is at
+#: least. Shares at the singular edge of a rigid probe cancel by chance. Measured on 100 solves of
+#: rigid scenes, true errors are 0.02 to 1.5 times the sum, in the median a quarter.
+UNCANCELLED = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,9 +102,9 @@ class Attempt:
 
     @property
     def charge_errors(self) -> Array:
-        """Estimated error of each charge over the sizes of its two contributions, (goals,)."""
-        errors = charges_of(self.problem.goals, self.fields.forces.errors)
-        return np.abs(errors) / self.charge_sizes
+        """Estimated error of each charge, relative to `charge_sizes`, (goals,)."""
+        errors = self.fields.forces.charge_errors(coefficients_of(self.problem.goals))
+        return errors / self.charge_sizes
 
     @cached_property
     def charge_sizes(self) -> Array:
@@ -158,7 +163,11 @@ def _with_errors(attempt: Attempt) -> Attempt:
     if layers is not None:
         changed = result.q + layers.change(result.factors)
         by_layers = _forces(problem, equilibrium, changed) - forces
-        errors = _larger(errors, by_layers, problem.goals)
+        errors = larger(errors, by_layers, problem.goals)
+    if equilibrium.load.rigid:
+        _, shares = _indicators(correction, result.factors, problem.goals)
+        least = _force_errors(UNCANCELLED * shares.sum(axis=0), forces, problem.goals)
+        errors = larger(errors, least, problem.goals)
     # both orders share the elements, and the area that these lack of a round electrode
     defects = area_defects(problem.goals, equilibrium.space, part)[:, None] * np.abs(forces)
     errors += np.where(errors < 0.0, -defects, defects)
@@ -166,10 +175,30 @@ def _with_errors(attempt: Attempt) -> Attempt:
     return replace(attempt, fields=fields, correction=correction, layers=layers)
 
 
-def _larger(errors: Array, others: Array, goals: Sequence[Goal]) -> Array:
+def larger(errors: Array, others: Array, goals: Sequence[Goal]) -> Array:
     """The estimate of the force errors (goals, 2) that makes the larger charge error, by goal."""
     first, second = (np.abs(charges_of(goals, estimate)) for estimate in (errors, others))
     return np.where((first >= second)[:, None], errors, others)
+
+
+def _force_errors(errors: Array, forces: Array, goals: Sequence[Goal]) -> Array:
+    """Errors of forces (goals, 2) that add up to those of the charges, in C, (goals,)."""
+    d = coefficients_of(goals)
+    parts = np.abs(d * forces)
+    total = parts.sum(axis=1, keepdims=True)
+    relative = errors[:, None] / np.where(total > 0.0, total, np.inf)
+    return np.asarray(relative * np.abs(forces) * np.sign(d))
+
+
+def _indicators(
+    correction: Correction, factors: SuperLU, goals: Sequence[Goal], sizes: Array | float = 1.0
+) -> tuple[Array, Array]:
+    """Duals (unknowns, goals) and elements' shares (elements, goals) in the errors over `sizes`."""
+    rich = correction.rich
+    x = rich.unknowns.expand(correction.start)
+    gradients = goal_gradients(goals, rich.membrane, x, rich.part) / sizes
+    dual = duals(correction, factors, gradients)
+    return dual, indicators(correction, dual, gradients)
 
 
 def _equilibrated(
@@ -225,13 +254,11 @@ def refined(attempt: Attempt, tolerance: float, most_unknowns: float) -> SizeFie
     correction, factors = attempt.correction, attempt.result.factors
     if correction is None or factors is None:
         raise ValueError("only a converged attempt can be refined")
-    rich, load = correction.rich, attempt.equilibrium.load
+    mesh, load = attempt.equilibrium.space.mesh, attempt.equilibrium.load
     worst = np.argsort(attempt.charge_errors)[-MOST_DUALS:]
     goals = [attempt.problem.goals[i] for i in worst]
-    x = rich.unknowns.expand(correction.start)
-    gradients = goal_gradients(goals, rich.membrane, x, rich.part) / attempt.charge_sizes[worst]
-    dual = duals(correction, factors, gradients)
-    shares = indicators(correction, dual, gradients).max(axis=1)
+    dual, by_goal = _indicators(correction, factors, goals, attempt.charge_sizes[worst])
+    shares = by_goal.max(axis=1)
     reduction = tolerance / attempt.worst
     most: Array | float = np.inf
     if layers := attempt.layers:
@@ -241,7 +268,7 @@ def refined(attempt: Attempt, tolerance: float, most_unknowns: float) -> SizeFie
         if load.rigid:
             corners = _sizes_at_corners(attempt, shares, reduction)
             most = np.minimum(most, corners)
-    sizes = refined_sizes(rich.space.mesh, shares, reduction, most, load.rigid_patch)
+    sizes = refined_sizes(mesh, shares, reduction, most, load.rigid_patch)
     return sizes.coarsened(most_unknowns / UNKNOWNS_PER_ELEMENT[attempt.problem.order])
 
 

@@ -28,7 +28,7 @@ from pvdf_fem.film.equilibrium import Equilibrium, prolongation
 from pvdf_fem.film.term import State
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.ladder import PATH_ITERATIONS, equilibrate
-from pvdf_fem.solvers.newton import FullSteps, NewtonResult, compressed, negative_pivots, newton
+from pvdf_fem.solvers.newton import FullSteps, NewtonResult, compressed, is_stable, newton
 from pvdf_fem.solvers.settled import Settled
 from pvdf_fem.solvers.status import Status
 
@@ -176,7 +176,7 @@ def _undamped(rich: Equilibrium, start: Array) -> NewtonResult:
     """
     result = newton(FullSteps(rich, RICH_TOLERANCE), start)
     unsure = rich.conservative and compressed(rich.state(start))
-    if unsure and result.factors is not None and negative_pivots(result.factors) > 0:
+    if unsure and result.factors is not None and not is_stable(rich, result.factors):
         return replace(result, status=Status.UNSTABLE)
     return result
 

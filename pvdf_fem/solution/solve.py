@@ -11,10 +11,13 @@ import math
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 
+import numpy as np
 from skfem import MeshTri2
 
+from pvdf_fem.charges.forces import charges_of
 from pvdf_fem.charges.goals import Goal, goals_of
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError
@@ -25,6 +28,7 @@ from pvdf_fem.solution.attempt import (
     UNKNOWNS_PER_ELEMENT,
     Attempt,
     Problem,
+    larger,
     refined,
     solve_on,
 )
@@ -65,7 +69,11 @@ def solve(
     Solution
         Its `status` tells whether there is a result; printed, it tells how the solve went.
     """
-    return solve_goals(scene, goals_of(scene), mesh=mesh, order=order, budget=budget)
+    solution = solve_goals(scene, goals_of(scene), mesh=mesh, order=order, budget=budget)
+    if solution.status is not Status.CONVERGED:
+        return solution
+    cancelled = admissible.cancelled_charges(scene, solution.fields.forces)
+    return replace(solution, warnings=(*solution.warnings, *cancelled))
 
 
 def solve_goals(
@@ -124,8 +132,7 @@ def _on_part(problem: Problem) -> Solution | None:
     with suppress(MeshError):
         attempt, stop = loop.run()
         with problem.clock("solve"):
-            converged = attempt.status is Status.CONVERGED
-            if converged and admissible.keeps_symmetry(attempt.fields):
+            if attempt.status is Status.CONVERGED:
                 return _solution(attempt, stop, loop.history)
     problem.budget.spent_seconds = spent  # the whole film gets all of it
     return None
@@ -133,13 +140,20 @@ def _on_part(problem: Problem) -> Solution | None:
 
 def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> Solution:
     """The attempt as a solution, with the status that it deserves."""
-    problem, fields = attempt.problem, attempt.fields
-    model, status = film_model(problem.scene), _status(attempt, stop)
+    problem, fields, change = attempt.problem, attempt.fields, 0.0
+    if (changes := admissible.changes_by_wrinkles(attempt)) is not None:
+        by_charge = np.abs(charges_of(problem.goals, changes)) / attempt.charge_sizes
+        change = float(by_charge.max(initial=0.0))
+        errors = larger(fields.forces.errors, changes, problem.goals)
+        fields = replace(fields, forces=replace(fields.forces, errors=errors))
+    model, status = film_model(problem.scene), _status(attempt, stop, change)
     reason = status.advice
     if status is Status.TOLERANCE:
         reason = (
             f"{reason}, to at least {_rounded_up(attempt.worst)}, which was reached ({stop.value})"
         )
+    elif status is Status.CONVERGED and change > problem.scene.numerics.tolerance:
+        reason = f"{reason}, but for {change:.1e} of a charge that wrinkles would change"
     return Solution(
         problem.scene,
         status,
@@ -149,7 +163,7 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
         attempt.result.iterations,
         model.left_out,
         model.included,
-        (*model.warnings, *admissible.warnings(fields.solved, fields.solved_state)),
+        (*model.warnings, *admissible.warnings(fields.solved, fields.solved_state, change)),
         problem.clock.seconds(),
         fields,
     )
@@ -161,11 +175,11 @@ def _rounded_up(value: float) -> str:
     return f"{math.ceil(value / unit) * unit:.1e}"
 
 
-def _status(attempt: Attempt, stop: Stop) -> Status:
-    """How the solve ended."""
+def _status(attempt: Attempt, stop: Stop, change: float) -> Status:
+    """How the solve ended; `change` is the relative one of a charge that wrinkles would make."""
     scene, fields, status = attempt.problem.scene, attempt.fields, attempt.result.status
     if status is Status.CONVERGED:
-        status = admissible.refusal(fields, attempt.result.factors) or status
+        status = admissible.refusal(fields, attempt.result.factors, change) or status
     if stop is Stop.GIVEN_MESH:
         return status
     if status is Status.CONVERGED and attempt.worst > scene.numerics.tolerance:

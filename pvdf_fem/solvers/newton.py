@@ -132,9 +132,13 @@ def compressed(state: State) -> bool:
     return bool(np.any((s11 + s22 < 0.0) | (s11 * s22 < s12**2)))
 
 
-def is_minimum(equilibrium: Equilibrium, factors: SuperLU) -> bool:
-    """Whether a tangent is that of a minimum, which is not asked where there is no energy."""
-    return not equilibrium.conservative or negative_pivots(factors) == 0
+def is_stable(equilibrium: Equilibrium, factors: SuperLU) -> bool:
+    """Whether a tangent in compression is that of a minimum, where it can tell.
+
+    It cannot where there is no energy, nor for a membrane: that is unstable on any fine mesh.
+    """
+    tells = equilibrium.conservative and equilibrium.model.bends
+    return not tells or negative_pivots(factors) == 0
 
 
 def balanced(equilibrium: Equilibrium, state: State, factors: SuperLU, allowed: float) -> bool:
@@ -160,6 +164,7 @@ class Tangent:
 
     factors: SuperLU
     convex: bool = False
+    serves: bool = True
     residuals: list[Array] = field(default_factory=list)
     steps: list[Array] = field(default_factory=list)
 
@@ -369,7 +374,7 @@ class DeferredNewton(OfEquilibrium):
 
     def _outdated(self, tangent: Tangent, table: Sequence[Iteration]) -> bool:
         """Whether a new tangent would save more steps than it costs."""
-        if tangent.convex or table[-1].step > self.options.defer_size:
+        if not tangent.serves or table[-1].step > self.options.defer_size:
             return True
         contraction = self.options.contraction
         return not table[-1].fresh and table[-1].step > contraction * table[-2].step
@@ -382,9 +387,13 @@ class DeferredNewton(OfEquilibrium):
         under_compression = compressed(state)
         if size <= self.options.near_size or not under_compression:
             factors = factorise(self.equilibrium.tangent(state))
-            if not under_compression or is_minimum(self.equilibrium, factors):
-                return Tangent(factors)
-        return Tangent(factorise(convex_tangent(self.equilibrium, state)), convex=True)
+            definite = not under_compression or negative_pivots(factors) == 0
+            local = size <= self.options.local_size and is_stable(self.equilibrium, factors)
+            if definite or local:
+                return Tangent(factors, serves=definite)
+        return Tangent(
+            factorise(convex_tangent(self.equilibrium, state)), convex=True, serves=False
+        )
 
     def length(self, step: Step) -> float:
         """Where the energy along the step is least, unless it is small."""
@@ -402,7 +411,7 @@ class DeferredNewton(OfEquilibrium):
         self.factors, under_compression = self._tangent.factors, compressed(state)
         if self._tangent.convex or under_compression:
             self.factors = factorise(self.equilibrium.tangent(state))
-        stable = not under_compression or is_minimum(self.equilibrium, self.factors)
+        stable = not under_compression or is_stable(self.equilibrium, self.factors)
         return Status.CONVERGED if stable else Status.UNSTABLE
 
     def _small(self, table: Sequence[Iteration]) -> bool:

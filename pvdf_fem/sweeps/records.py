@@ -13,6 +13,7 @@ from pvdf_fem.charges.observables import OBSERVABLES, Observable
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import electrode_patch
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.solution.admissible import cancelled_charges
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import solve_goals
 from pvdf_fem.solvers.status import Status
@@ -78,8 +79,16 @@ def _records(
             for name, values in forces.items()
             if all(OBSERVABLES[name].defined_for(goals[row]) for row in rows)
         }
-        errors = {str(scene.numerics.observable): solution.fields.forces.errors[rows].tolist()}
-        records.append(replace(shared, electrodes=electrodes, forces=defined, force_errors=errors))
+        solved = solution.fields.forces.of(rows)
+        records.append(
+            replace(
+                shared,
+                electrodes=electrodes,
+                forces=defined,
+                force_errors={str(scene.numerics.observable): solved.errors.tolist()},
+                warnings=(*shared.warnings, *cancelled_charges(scene, solved)),
+            )
+        )
     return records
 
 

@@ -83,7 +83,7 @@ def scene_of(number: int, seed: int = SEED, tries: int = 200) -> Scene:
     shape = str(random.choice(SHAPES))
     kinds = ["dead", "dead", "follower", "sliding", "stuck"]
     kind = str(random.choice(kinds[:3] if shape == "whole" else kinds))
-    load: Tables = {"load.force_N": _log(random, *RANGES.force_N), "load.kind": kind}
+    load: Tables = {"load.force_N": log_uniform(random, *RANGES.force_N), "load.kind": kind}
     if kind in ("sliding", "stuck"):
         load |= {"load.kind": "rigid", "load.contact": kind}
     radius = film["film.radius_mm"]
@@ -103,21 +103,21 @@ def scenes(count: int, seed: int = SEED) -> list[Scene]:
     return [scene_of(number, seed) for number in range(count)]
 
 
-def _log(random: np.random.Generator, low: float, high: float) -> float:
+def log_uniform(random: np.random.Generator, low: float, high: float) -> float:
     return float(np.exp(random.uniform(np.log(low), np.log(high))))
 
 
 def _film(random: np.random.Generator) -> Tables:
-    modulus, ratio = _log(random, *RANGES.modulus_GPa), float(random.uniform(0.0, 0.499))
+    modulus, ratio = log_uniform(random, *RANGES.modulus_GPa), float(random.uniform(0.0, 0.499))
     film: Tables = {
-        "film.radius_mm": _log(random, *RANGES.radius_mm),
-        "film.thickness_um": _log(random, *RANGES.thickness_um),
+        "film.radius_mm": log_uniform(random, *RANGES.radius_mm),
+        "film.thickness_um": log_uniform(random, *RANGES.thickness_um),
         "film.youngs_modulus_GPa": modulus,
         "film.poisson_ratio": ratio,
         "film.temperature_change_K": _temperature(random),
     }
     if random.random() < 0.25:
-        softer = max(modulus / _log(random, *RANGES.orthotropy), RANGES.modulus_GPa[0])
+        softer = max(modulus / log_uniform(random, *RANGES.orthotropy), RANGES.modulus_GPa[0])
         film["film.youngs_modulus_GPa"] = [modulus, softer]
         if random.random() < 0.5:
             film["film.youngs_modulus_GPa"] = [softer, modulus]
@@ -133,9 +133,9 @@ def _film(random: np.random.Generator) -> Tables:
 def _temperature(random: np.random.Generator) -> float:
     kind = random.choice(["cold", "cold", "none", "rounding", "hot"])
     if kind == "cold":
-        return -_log(random, *RANGES.cooling_K)
+        return -log_uniform(random, *RANGES.cooling_K)
     if kind == "hot":
-        return _log(random, *RANGES.heating_K)
+        return log_uniform(random, *RANGES.heating_K)
     return 0.0 if kind == "none" else -1e-12
 
 
@@ -143,10 +143,10 @@ def _probe(random: np.random.Generator, shape: str, radius: float) -> Tables:
     """Draw a probe at the film's centre, anywhere, or with a small gap to the rim."""
     if shape == "whole":
         return {"shape": "circle", "radius_mm": radius, "x_mm": 0.0, "y_mm": 0.0}
-    probe = _sized(random, shape, _log(random, RANGES.probe_mm, 0.9 * radius))
+    probe = _sized(random, shape, log_uniform(random, RANGES.probe_mm, 0.9 * radius))
     probe["rotation_deg"] = float(random.choice([0.0, 30.0, 90.0, random.uniform(0.0, 360.0)]))
     where, angle = random.choice(["centre", "anywhere", "rim"]), random.uniform(0.0, 2 * np.pi)
-    gap = min(_log(random, *RANGES.gap_mm), 0.01 * radius)
+    gap = min(log_uniform(random, *RANGES.gap_mm), 0.01 * radius)
 
     def at(distance: float) -> Tables:
         x, y = distance * np.cos(angle), distance * np.sin(angle)
@@ -158,7 +158,7 @@ def _probe(random: np.random.Generator, shape: str, radius: float) -> Tables:
     low, high = 0.0, radius
     while high - low > 1e-3 * gap:
         middle = 0.5 * (low + high)
-        fits = 1e3 * _outline(at(middle)).reach <= radius - gap
+        fits = 1e3 * outline_of(at(middle)).reach <= radius - gap
         low, high = (middle, high) if fits else (low, middle)
     return at(low * (float(np.sqrt(random.random())) if where == "anywhere" else 1.0))
 
@@ -169,8 +169,8 @@ def _sized(random: np.random.Generator, shape: str, size: float) -> Tables:
     if shape == "triangle":
         return {"shape": "triangle", "side_mm": size}
     if shape == "polygon":
-        return {"shape": "polygon", "vertices_mm": _star(random, size / 2)}
-    slender = _log(random, *RANGES.aspect) if shape == "needle" else random.uniform(1.0, 5.0)
+        return {"shape": "polygon", "vertices_mm": star(random, size / 2)}
+    slender = log_uniform(random, *RANGES.aspect) if shape == "needle" else random.uniform(1.0, 5.0)
     return {
         "shape": "rectangle",
         "width_mm": size,
@@ -178,14 +178,14 @@ def _sized(random: np.random.Generator, shape: str, size: float) -> Tables:
     }
 
 
-def _star(random: np.random.Generator, size: float) -> list[list[float]]:
+def star(random: np.random.Generator, size: float) -> list[list[float]]:
     count = int(random.integers(4, 9))
     angles = (np.arange(count) + random.uniform(-0.3, 0.3, count)) * 2 * np.pi / count
     radii = size * random.uniform(0.4, 1.0, count)
     return np.stack([radii * np.cos(angles), radii * np.sin(angles)], axis=-1).tolist()
 
 
-def _outline(shape: Tables) -> Outline:
+def outline_of(shape: Tables) -> Outline:
     """The outline in m of a probe's table."""
     outline: Outline = PROBES[shape["shape"]](**shape).outline
     return outline
@@ -195,14 +195,14 @@ def _electrodes(
     random: np.random.Generator, kind: str, radius: float, probe: Tables
 ) -> list[Tables]:
     smallest, largest = RANGES.electrode_mm
-    side = _log(random, smallest, min(largest, 0.5 * radius))
+    side = log_uniform(random, smallest, min(largest, 0.5 * radius))
     farthest = float(np.sqrt(radius**2 - side**2 / 4) - side / 2)
     if kind == "rim":  # each has two corners on the rim
         return [_square("A", farthest, 0.0, side), _square("B", 0.0, farthest, side)]
     if kind == "corner":  # a corner of each touches one of the other
         return [_square("A", side / 2, side / 2, side), _square("B", -side / 2, -side / 2, side)]
     if kind == "disc":  # it touches the rim, or is close to it
-        gap = random.choice([0.0, _log(random, *RANGES.gap_mm)])
+        gap = random.choice([0.0, log_uniform(random, *RANGES.gap_mm)])
         x = radius - side / 2 - float(gap)
         return [{"name": "A", "shape": "circle", "radius_mm": side / 2, "x_mm": x, "y_mm": 0.0}]
     if kind == "edge":
@@ -214,7 +214,7 @@ def _electrodes(
 
 def _beside(random: np.random.Generator, probe: Tables, side: float) -> Tables:
     """An electrode with an edge within a hair's breadth of the probe's, on either side of it."""
-    outline, hair = _outline(probe), RANGES.hair_mm * float(random.choice([-1.0, 1.0]))
+    outline, hair = outline_of(probe), RANGES.hair_mm * float(random.choice([-1.0, 1.0]))
     if isinstance(outline, Circle):
         x, y = (1e3 * outline.centre).tolist()
         radius = 1e3 * outline.radius + hair
