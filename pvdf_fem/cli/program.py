@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from pvdf_fem.files import FileError, printable, require_writable
+from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
 
 #: Largest number of characters in a line of complaint; longer lines are cut.
 LONGEST_LINE = 400
@@ -85,7 +86,8 @@ def run_program(name: str, job: Callable[[], int]) -> int:
     name : str
         Name of the program.
     job : callable
-        Returns an exit code. `InputError`, `FileError` and `OSError` give `ExitCode.BAD_INPUT`.
+        Returns an exit code. `InputError`, `FileError`, `GmshMissingError` and `OSError` give
+        `ExitCode.BAD_INPUT`.
     """
     _prepare_streams()
     try:
@@ -105,7 +107,7 @@ def run_program(name: str, job: Callable[[], int]) -> int:
     except BrokenPipeError:
         _drop_output()
         return ExitCode.BROKEN_PIPE
-    except (InputError, FileError) as error:
+    except (InputError, FileError, GmshMissingError) as error:
         _tell(*map(str, error.args))
         return ExitCode.BAD_INPUT
     except OSError as error:
