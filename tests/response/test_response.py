@@ -124,22 +124,6 @@ def test_a_film_of_twice_the_thickness_needs_twice_the_force(made):
     assert slopes[..., 3] == pytest.approx(jacobian[..., 3] / 2.0, rel=1e-9)
 
 
-def test_a_response_survives_a_file(made, tmp_path):
-    made.save(tmp_path / "triangle.response")
-    again = Response.load(tmp_path / "triangle.response")
-    assert (again.names, again.scene, again.domain) == (made.names, made.scene, made.domain)
-    assert (again.error_bound, again.error_rms) == (made.error_bound, made.error_rms)
-    touches = random_touches(made.domain, 5)
-    for before, after in zip(made.evaluate(touches), again.evaluate(touches), strict=True):
-        assert np.array_equal(before, after)
-
-
-def test_another_file_is_no_response(tmp_path):
-    np.savez(tmp_path / "other.npz", scene="")
-    with pytest.raises(ValueError, match=r"other\.npz: is not a response"):
-        Response.load(tmp_path / "other.npz")
-
-
 @pytest.mark.parametrize(
     "touch", [(8.1, 0, 0, 1), (0, 0, 0, 0.09), (0, 0, 0, 5.1), (np.nan, 0, 0, 1), (0, 0, np.inf, 1)]
 )
