@@ -53,10 +53,7 @@ def read_text(path: Path, most_bytes: int, what: str) -> str:
 
 @contextmanager
 def reading(path: Path, what: str) -> Iterator[BinaryIO]:
-    """A context with a regular file that is open for reading.
-
-    A pipe or a device, which may never end, is refused without reading. See `read_text`.
-    """
+    """A context with a regular file that is open for reading; `read_text` has the details."""
     advice = f"give the path of {what}"
     try:
         # without O_NONBLOCK, opening a pipe waits for a writer
@@ -65,13 +62,11 @@ def reading(path: Path, what: str) -> Iterator[BinaryIO]:
             if not stat.S_ISREG(os.fstat(descriptor).st_mode):
                 raise FileError(f"{path}: is no regular file; {advice}")
             yield file
-    except OSError as error:
-        raise FileError(f"{path}: cannot be read ({error.strerror}); {advice}") from None
-    except ValueError as error:
-        if isinstance(error, FileError):
-            raise
-        # a null character in the path
-        raise FileError(f"{path}: cannot be read ({error}); {advice}") from None
+    except FileError:
+        raise
+    except (OSError, ValueError) as error:  # the latter for a null character in the path
+        reason = getattr(error, "strerror", error)
+        raise FileError(f"{path}: cannot be read ({reason}); {advice}") from None
 
 
 @contextmanager

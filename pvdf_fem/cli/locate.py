@@ -230,7 +230,7 @@ def _alone(scene: Scene) -> Scene:
 
 def _path(scene: Scene, scene_file: str, file: Path | None, request: Request) -> Path:
     """The file of a scene's model: the one that was named, or the default one."""
-    from pvdf_fem.response.cache import response_key
+    from pvdf_fem.response.response_file import response_key
 
     if file:
         return file

@@ -79,15 +79,8 @@ def output_mistakes(path: Path | None, extensions: Sequence[str]) -> list[str]:
 def run_program(name: str, job: Callable[[], int]) -> int:
     """Run a job and return its exit code, or that of the exception that stopped it.
 
-    The exception is told on standard error.
-
-    Parameters
-    ----------
-    name : str
-        Name of the program.
-    job : callable
-        Returns an exit code. `InputError`, `FileError`, `GmshMissingError` and `OSError` give
-        `ExitCode.BAD_INPUT`.
+    The exception is told on standard error: `InputError`, `FileError`, `GmshMissingError` and
+    `OSError`, which give `ExitCode.BAD_INPUT`, and an interrupt of the program `name`.
     """
     _prepare_streams()
     try:

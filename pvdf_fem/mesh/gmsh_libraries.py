@@ -1,13 +1,13 @@
 """The shared libraries that gmsh's wheel loads and does not bring, with Debian's packages of them.
 
-Run as a script, it prints the packages that are missing. The script `run` at the top does so before
-there is any package of Python's, so nothing else is imported here.
+The script `run` runs this before any package of Python is there, to print what is missing.
 """
 
 from __future__ import annotations
 
 import ctypes
 import sys
+from collections.abc import Iterator
 
 PACKAGES = {
     "libGL.so.1": "libgl1",
@@ -30,15 +30,13 @@ class GmshMissingError(ImportError):
     """gmsh cannot be loaded; the text says what to install."""
 
 
-def missing_packages() -> list[str]:
+def missing_packages() -> Iterator[str]:
     """Debian's packages of the libraries that the loader of Linux does not find."""
-    missing = []
     for library, package in PACKAGES.items() if sys.platform == "linux" else ():
         try:
             ctypes.CDLL(library)
         except OSError:
-            missing.append(package)
-    return missing
+            yield package
 
 
 def missing_text(error: Exception) -> str:

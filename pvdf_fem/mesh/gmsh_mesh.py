@@ -16,9 +16,10 @@ from __future__ import annotations
 import re
 import tempfile
 import threading
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -57,9 +58,6 @@ _OPTIONS = {
     # precision of the number of elements along a curve; gmsh's 1e-9 takes most of the time
     "Mesh.LcIntegrationPrecision": 1e-2,
 }
-
-#: A value of one of gmsh's options: a number, a text, or a colour of red, green, blue and alpha.
-Option = float | str | tuple[int, ...]
 
 RIM = "rim"
 FILM = "film"
@@ -195,31 +193,29 @@ def _gmsh() -> Iterator[None]:
     """An empty model with our options, in a session of its own or beside the caller's models."""
     if _NOT_LOADED:
         raise GmshMissingError(_NOT_LOADED)
-    if gmsh.isInitialized():
-        with _beside_others():
-            yield
-        return
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    try:
-        _set_options(_OPTIONS)
+    with ExitStack() as stack:
+        if gmsh.isInitialized():
+            stack.enter_context(_beside_others())
+        else:
+            gmsh.initialize(readConfigFiles=False, interruptible=False)
+            stack.callback(gmsh.finalize)
+        for name, value in _OPTIONS.items():
+            gmsh.option.setNumber(name, value)
         yield
-    finally:
-        gmsh.finalize()
 
 
 @contextmanager
 def _beside_others() -> Iterator[None]:
-    """A model of ours in a session that the caller has begun, with all options at their defaults.
+    """A model of ours in a session that the caller has begun.
 
     Afterwards models, views and options are as before, but for the options that views yet to be
     made begin with: gmsh does not tell these.
     """
     model, views = gmsh.model.getCurrent(), set(gmsh.view.getTags())
-    options = _changed_options()
+    restore = _changed_options()
     gmsh.model.add("pvdf_fem")
     try:
         gmsh.option.restoreDefaults()
-        _set_options(_OPTIONS)
         yield
     finally:
         for tag in set(gmsh.view.getTags()) - views:
@@ -227,37 +223,28 @@ def _beside_others() -> Iterator[None]:
         gmsh.model.remove()
         gmsh.model.setCurrent(model)
         gmsh.option.restoreDefaults()
-        _set_options(options)
+        for set_option in restore:
+            set_option()
 
 
-def _changed_options() -> dict[str, Option]:
-    """The options that have other values than their defaults.
+def _changed_options() -> list[Callable[[], None]]:
+    """What gives the options that are not at their defaults the values that they have now.
 
     gmsh tells which these are by writing a file, in which their values have too few digits.
     """
-    verbosity = gmsh.option.getNumber("General.Verbosity")
+    restore, verbosity = [], gmsh.option.getNumber("General.Verbosity")
     gmsh.option.setNumber("General.Verbosity", 0)  # it tells of the file
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "changed.opt"
         gmsh.write(str(path))
         text = path.read_text(encoding="utf-8", errors="replace")
-    get = {'"': gmsh.option.getString, "{": gmsh.option.getColor}
-    lines = re.findall(
-        r"^([\w.\[\]]+) = (.)(?!.*\((?:read-only|do not change))", text, re.MULTILINE
-    )
-    names = dict(line for line in lines if line[0] != "General.Verbosity")
-    options = {name: get.get(first, gmsh.option.getNumber)(name) for name, first in names.items()}
-    return {**options, "General.Verbosity": verbosity}  # set last, so that nothing tells before
-
-
-def _set_options(options: Mapping[str, Option]) -> None:
-    for name, value in options.items():
-        if isinstance(value, str):
-            gmsh.option.setString(name, value)
-        elif isinstance(value, tuple):
-            gmsh.option.setColor(name, *value)
-        else:
-            gmsh.option.setNumber(name, value)
+    line = r"^([\w.\[\]]+) = (.)(?!.*\((?:read-only|do not change))"
+    for name, first in re.findall(line, text, re.MULTILINE):
+        kind = {'"': "String", "{": "Color"}.get(first, "Number")
+        value = getattr(gmsh.option, f"get{kind}")(name)
+        values = value if kind == "Color" else [value]
+        restore.append(partial(getattr(gmsh.option, f"set{kind}"), name, *values))
+    return [*restore, partial(gmsh.option.setNumber, "General.Verbosity", verbosity)]
 
 
 def _fragment(shapes: dict[str, Outline], unit: float, part: MirroredPart) -> dict[str, list[int]]:

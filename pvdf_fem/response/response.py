@@ -7,8 +7,8 @@ full solves of random touches, and stores the error with it.
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -31,21 +31,16 @@ ROUNDING = 1e-9
 _VALUE_AND_SLOPES: Indices = np.array([0, 2, 4, 6, 1])
 
 
-@lru_cache
-def _roots(low: float, high: float) -> tuple[float, float]:
-    return low**POWER, high**POWER
-
-
 def scaled_force(domain: Domain, force_N: Array) -> tuple[Array, Array]:
     """The argument of Chebyshev polynomials, -1 to 1 over a domain's forces, and its derivative."""
-    low, high = _roots(*domain.force_N)
+    low, high = (limit**POWER for limit in domain.force_N)
     scaled = 2.0 / (high - low) * force_N**POWER
     return scaled - (low + high) / (high - low), POWER * scaled / force_N
 
 
 def force_nodes_N(domain: Domain, count: int) -> Array:
     """Forces at the Chebyshev points of a domain, from the largest to the least."""
-    low, high = _roots(*domain.force_N)
+    low, high = (limit**POWER for limit in domain.force_N)
     nodes = np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))
     return (0.5 * (low + high) + 0.5 * (high - low) * nodes) ** (1.0 / POWER)
 
@@ -158,23 +153,19 @@ class Response:
     def save(self, path: Path | str) -> None:
         """Write the response to a file, which replaces an older one only when it is complete.
 
-        Raises
-        ------
-        FileError
-            When the file cannot be written.
+        Raises `FileError` when the file cannot be written.
         """
         coefficients = self.spline.coefficients
-        contents = {
-            "scene": self.scene,
-            "reach_mm": self.domain.reach_mm,
-            "force_N": self.domain.force_N,
-            "error_bound": self.error_bound,
-            "error_rms": self.error_rms,
-            "rows": [astuple(axis) for axis in self.spline.axes],
-            "polynomials": self._polynomial_count,
-            "dtype": coefficients.dtype.newbyteorder("<").str,
-        }
-        write(Path(path), Contents.model_validate(contents), coefficients)
+        contents = Contents(
+            scene=self.scene,
+            domain=self.domain,
+            error_bound=self.error_bound,
+            error_rms=self.error_rms,
+            axes=self.spline.axes,
+            polynomials=self._polynomial_count,
+            dtype=coefficients.dtype.newbyteorder("<").str,
+        )
+        write(Path(path), contents, coefficients)
 
     @classmethod
     def load(cls, path: Path | str) -> Response:
@@ -183,11 +174,9 @@ class Response:
         Raises
         ------
         FileError
-            When the file cannot be read; `response_file.ResponseError`, which is one, when it is
-            damaged or no response of this version.
+            When the file cannot be read; as `ResponseError`, when it holds no sound response.
         """
-        contents, coefficients = read(Path(path))
-        names = tuple(electrode.name for electrode in contents.scene.electrode_list)
-        domain = Domain(contents.reach_mm, contents.force_N)
-        spline = UniformSpline(contents.axes, coefficients)
-        return cls(names, contents.scene, domain, contents.error_bound, contents.error_rms, spline)
+        file, coefficients = read(Path(path))
+        names = tuple(electrode.name for electrode in file.scene.electrode_list)
+        spline = UniformSpline(file.axes, coefficients)
+        return cls(names, file.scene, file.domain, file.error_bound, file.error_rms, spline)

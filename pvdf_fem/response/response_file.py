@@ -6,98 +6,76 @@ The digest is that of everything after its line, so that no damage goes unnotice
 from __future__ import annotations
 
 import hashlib
+import math
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    NonNegativeFloat,
-    PlainSerializer,
-    PlainValidator,
-    PositiveFloat,
-    PositiveInt,
-    ValidationError,
-    model_validator,
-)
+from pydantic import BaseModel, ConfigDict, Field, PlainSerializer, PlainValidator, model_validator
 
-from pvdf_fem.files import FileError, printable, reading, replacing
+from pvdf_fem.files import FileError, reading, replacing
+from pvdf_fem.response.model import Domain
 from pvdf_fem.response.uniform_spline import UniformAxis
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.sweeps.store import NUMERICAL_FOLDERS, key
 
 FORMAT = b"pvdf_fem response 2, SHA-256 "
-ADVICE = "delete it and build it again"
 
 
 class ResponseError(FileError):
     """A file holds no sound response; the text names the file and says what to do."""
 
 
+def response_key(scene: Scene, domain: Domain) -> str:
+    """Hash of all that a response depends on: scene, domain, and the code that builds it.
+
+    A file that is named by it is never loaded when it is stale.
+    """
+    text = f"{key(scene, (*NUMERICAL_FOLDERS, 'response'))} {domain.reach_mm} {domain.force_N}"
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
 def _scene(value: object) -> Scene:
     return value if isinstance(value, Scene) else Scene.parse(str(value))
-
-
-Row = tuple[float, PositiveFloat, Annotated[int, Field(ge=4)], bool]
 
 
 class Contents(BaseModel):
     """A response without its coefficients."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, revalidate_instances="always")
 
     scene: Annotated[Scene, PlainValidator(_scene), PlainSerializer(Scene.to_toml)]
-    reach_mm: PositiveFloat
-    force_N: tuple[PositiveFloat, PositiveFloat]
-    error_bound: NonNegativeFloat
-    error_rms: NonNegativeFloat
-    #: Start, step, count and periodicity of the axes x and y in mm and rotation in degrees.
-    rows: tuple[Row, Row, Row]
+    domain: Domain
+    error_bound: float = Field(ge=0.0)
+    error_rms: float = Field(ge=0.0)
+    axes: tuple[UniformAxis, ...]
     #: Number of polynomials of the force.
-    polynomials: PositiveInt
+    polynomials: int = Field(ge=1)
     #: Type of the coefficients.
-    dtype: Literal["<f4", "<f8"]
-
-    @property
-    def axes(self) -> tuple[UniformAxis, ...]:
-        """The axes of the spline."""
-        return tuple(UniformAxis(*row) for row in self.rows)
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """The shape of the coefficients."""
-        functions = self.polynomials * len(self.scene.electrode_list)
-        return (*(axis.count + (3 if axis.periodic else 2) for axis in self.axes), functions)
+    dtype: str = Field(pattern="^<f[48]$")
 
     @model_validator(mode="after")
     def _agree(self) -> Self:
-        reach = (1.0 - 1e-9) * self.reach_mm
-        agree = {
-            "the scene has no probe": self.scene.probe is not None,
-            "the reach is beyond the rim": self.reach_mm < self.scene.film.radius_mm,
-            "the forces are no range": self.force_N[0] < self.force_N[1],
-            "the axes end within the reach": all(
-                axis.start <= -reach and reach <= axis.start + axis.step * (axis.count - 1)
-                for axis in self.axes[:2]
-            ),
-            "only the rotation is periodic": [axis.periodic for axis in self.axes]
-            == [False, False, True],
-        }
-        if wrong := [text for text, right in agree.items() if not right]:
-            raise ValueError(wrong[0])
+        (x, y, rotation), reach = self.axes, self.domain.reach_mm
+        low, high = self.domain.force_N
+        sound = (
+            self.scene.probe is not None
+            and 0.0 < reach < self.scene.film.radius_mm
+            and 0.0 < low < high < math.inf
+            and all(0.0 < axis.step < math.inf and axis.count >= 4 for axis in self.axes)
+            and all(a.start < -0.999 * reach for a in (x, y))
+            and all(a.start + a.step * (a.count - 1) > 0.999 * reach for a in (x, y))
+            and (x.periodic, y.periodic, rotation.periodic) == (False, False, True)
+            and math.isfinite(rotation.start)
+        )
+        if not sound:
+            raise ValueError("scene, domain and axes are not those of a response")
         return self
 
 
 def write(path: Path, contents: Contents, coefficients: NDArray[np.floating]) -> None:
-    """Write a response; an older file is replaced only when this one is complete.
-
-    Raises
-    ------
-    FileError
-        When the file cannot be written.
-    """
+    """Write a response; `FileError` when that is not possible."""
     content = contents.model_dump_json().encode() + b"\n"
     content += coefficients.astype(contents.dtype, copy=False).tobytes()
     with replacing(path) as temporary:
@@ -109,34 +87,24 @@ def _head(content: bytes) -> bytes:
 
 
 def read(path: Path) -> tuple[Contents, NDArray[np.floating]]:
-    """A response that was written, with its coefficients.
-
-    Raises
-    ------
-    FileError
-        When the file cannot be read; `ResponseError` when it holds no sound response.
-    """
+    """A response that was written, with its coefficients; see `Response.load`."""
     with reading(path, "a response") as file:
         head = file.read(len(_head(b"")))
         content = file.read() if head.startswith(FORMAT) else b""
+    advice = "delete it and build it again"
     if not head.startswith(FORMAT):
-        raise ResponseError(f"{path}: is not a response of this version; {ADVICE}")
+        raise ResponseError(f"{path}: is not a response of this version; {advice}")
     if head != _head(content):
-        raise ResponseError(f"{path}: is damaged, as its digest shows; {ADVICE}")
+        raise ResponseError(f"{path}: is damaged, as its digest shows; {advice}")
     try:
-        end = content.index(b"\n")
-        contents = Contents.model_validate_json(content[:end])
-        coefficients = np.frombuffer(content, contents.dtype, offset=end + 1)
-        coefficients = coefficients.reshape(contents.shape)
+        text, _, _ = content.partition(b"\n")
+        contents = Contents.model_validate_json(text)
+        coefficients = np.frombuffer(content, contents.dtype, offset=len(text) + 1)
+        rows = (axis.count + (3 if axis.periodic else 2) for axis in contents.axes)
+        functions = contents.polynomials * len(contents.scene.electrode_list)
+        coefficients = coefficients.reshape(*rows, functions)
         if not np.isfinite(coefficients).all():
             raise ValueError("a coefficient is not finite")
     except (ValueError, OverflowError) as error:
-        raise ResponseError(f"{path}: is wrong: {_reason(error)}; {ADVICE}") from error
+        raise ResponseError(f"{path}: holds what no response can be; {advice}") from error
     return contents, coefficients.astype(coefficients.dtype.newbyteorder("="))
-
-
-def _reason(error: Exception) -> str:
-    if isinstance(error, ValidationError):
-        first: Any = error.errors(include_url=False, include_context=False)[0]
-        error = ValueError(" ".join([*map(str, first["loc"]), first["msg"]]))
-    return printable(str(error))[:200]

@@ -40,7 +40,7 @@ def wrong_charges(rng: Random) -> Input:
     rng.shuffle(items)
     if rng.random() < 0.05:
         items = [*items, *(f"E{i}=1" for i in range(5000))]
-    return _located(",".join(items), True)
+    return _located(",".join(items), True, "charges")
 
 
 def damaged_charges(rng: Random) -> Input:
@@ -49,8 +49,8 @@ def damaged_charges(rng: Random) -> Input:
     return _located(data.decode("utf-8", "surrogateescape"))
 
 
-def _located(text: str, invalid: bool = False) -> Input:
-    return Input("locate", (FILE, f"--charges={text}"), _SCENE, invalid, "charges")
+def _located(text: str, invalid: bool = False, named: str = "") -> Input:
+    return Input("locate", (FILE, f"--charges={text}"), _SCENE, invalid, named)
 
 
 def wrong_charge_list(text: str) -> str:

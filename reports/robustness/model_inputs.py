@@ -17,21 +17,6 @@ from reports.robustness.inputs import FILE, Input, Random
 #: What a complaint about the input's file names.
 NAMED = "input.dat: "
 _NUMBERS: tuple[Any, ...] = (0, -1, -1.5, 1e400, float("nan"), 10**400, "x", None, [], {}, 5e5)
-_AXES: tuple[Any, ...] = (
-    0,
-    -1.0,
-    float("nan"),
-    1e400,
-    1e300,
-    10**12,
-    10**400,
-    3,
-    5,
-    7,
-    "x",
-    None,
-    [],
-)
 
 
 def damaged_model(rng: Random) -> Input:
@@ -94,24 +79,31 @@ def _scene(rng: Random, header: Header) -> None:
 
 
 def _domain(rng: Random, header: Header) -> None:
-    key = rng.choice(["reach_mm", "force_N"])
-    if key == "reach_mm":
-        header[key] = rng.choice([*_NUMBERS, 44.0, 10.001])
-        return
-    ranges = ([5.0, 0.1], [0.1, 0.1], [0.0, 1.0], [1.0], [1.0, 2.0, 3.0], [-1.0, 1.0], "0.1,5")
-    header[key] = rng.choice([*ranges, [0.1, float("nan")], [1e400, 1e400], None, {}])
+    domain = header["domain"]
+    if rng.random() < 0.1:
+        header["domain"] = rng.choice([None, [], {}, 1, [8.0, [0.1, 5.0]]])
+    elif rng.random() < 0.5:
+        domain["reach_mm"] = rng.choice([*_NUMBERS, 44.0, 10.1])
+    else:
+        ranges = ([5.0, 0.1], [0.1, 0.1], [0.0, 1.0], [1.0], [1.0, 2.0, 3.0], [-1.0, 1.0], "0.1,5")
+        wrong: list[Any] = [*ranges, [0.1, float("nan")], [0.1, 1e400], [1e400, 1e400], None, {}]
+        domain["force_N"] = rng.choice(wrong)
 
 
 def _errors(rng: Random, header: Header) -> None:
     header[rng.choice(["error_bound", "error_rms"])] = rng.choice(_NUMBERS[1:-1])
 
 
-def _rows(rng: Random, header: Header) -> None:
-    row = rng.choice(header["rows"])
-    place = rng.randrange(1, 4)
-    row[place] = rng.choice(_AXES) if place < 3 else not row[3]
-    if place == 1 and row[1] in (5, 7, 3, 1e300, 10**12):  # a step that there may be
-        row[1] = -row[1]
+def _axes(rng: Random, header: Header) -> None:
+    number, axis = rng.choice(list(enumerate(header["axes"])))
+    name = rng.choice(list(axis))
+    wrong: dict[str, list[Any]] = {
+        "start": [float("nan"), 1e400, "x", None, *([0.0, -7.9, 3.0] if number < 2 else [])],
+        "step": [0, -1.0, float("nan"), 1e400, "x", None, [], *([0.1] if number < 2 else [])],
+        "count": [0, -7, 3, 5, 7, 10**12, 10**400, 4.5, float("nan"), "x", None, {}],
+        "periodic": [not axis["periodic"], "x", None, 2, 0.5],
+    }
+    axis[name] = rng.choice(wrong[name])
 
 
 def _functions(rng: Random, header: Header) -> None:
@@ -140,7 +132,7 @@ def _other_length(rng: Random, numbers: bytes) -> bytes:
 
 
 _WRONG_HEADERS: tuple[Callable[[Random, Header], None], ...] = (
-    *(_scene, _domain, _errors, _rows, _functions, _keys),
+    *(_scene, _domain, _errors, _axes, _functions, _keys),
 )
 _WRONG_NUMBERS: tuple[Callable[[Random, bytes], bytes], ...] = (_not_finite, _other_length)
 

@@ -19,10 +19,10 @@ from pvdf_fem.response.build import (
     full_charges,
     random_touches,
 )
-from pvdf_fem.response.cache import response_key
 from pvdf_fem.response.model import Domain
 from pvdf_fem.response.probe_stress import PolarRaster, ProbeMesh
 from pvdf_fem.response.response import Response
+from pvdf_fem.response.response_file import response_key
 from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces
 from pvdf_fem.response.uniform_spline import UniformAxis, UniformSpline
 from pvdf_fem.solvers.ladder import equilibrate
