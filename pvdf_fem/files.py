@@ -7,6 +7,7 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
 
 
 class FileError(ValueError):
@@ -35,6 +36,24 @@ def read_text(path: Path, most_bytes: int, what: str) -> str:
     FileError
         When the file cannot be read, is too large or is not UTF-8.
     """
+    with reading(path, what) as file:
+        raw = file.read(most_bytes + 1)
+        size = max(len(raw), os.fstat(file.fileno()).st_size)
+    if size > most_bytes:
+        raise FileError(
+            f"{path}: has {size} bytes, more than {most_bytes}; give the path of {what}"
+        )
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        text = f"{path}: line {line} is not UTF-8 text; save the file as UTF-8"
+        raise FileError(text) from None
+
+
+@contextmanager
+def reading(path: Path, what: str) -> Iterator[BinaryIO]:
+    """A context with a regular file that is open for reading; `read_text` has the details."""
     advice = f"give the path of {what}"
     try:
         # without O_NONBLOCK, opening a pipe waits for a writer
@@ -42,23 +61,12 @@ def read_text(path: Path, most_bytes: int, what: str) -> str:
         with open(descriptor, "rb") as file:
             if not stat.S_ISREG(os.fstat(descriptor).st_mode):
                 raise FileError(f"{path}: is no regular file; {advice}")
-            raw = file.read(most_bytes + 1)
-            size = max(len(raw), os.fstat(descriptor).st_size)
-    except OSError as error:
-        raise FileError(f"{path}: cannot be read ({error.strerror}); {advice}") from None
-    except ValueError as error:
-        if isinstance(error, FileError):
-            raise
-        # a null character in the path
-        raise FileError(f"{path}: cannot be read ({error}); {advice}") from None
-    if size > most_bytes:
-        raise FileError(f"{path}: has {size} bytes, more than {most_bytes}; {advice}")
-    try:
-        return raw.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = raw.count(b"\n", 0, error.start) + 1
-        text = f"{path}: line {line} is not UTF-8 text; save the file as UTF-8"
-        raise FileError(text) from None
+            yield file
+    except FileError:
+        raise
+    except (OSError, ValueError) as error:  # the latter for a null character in the path
+        reason = getattr(error, "strerror", error)
+        raise FileError(f"{path}: cannot be read ({reason}); {advice}") from None
 
 
 @contextmanager

@@ -1,9 +1,10 @@
 """Thousands of damaged inputs, none of which may be accepted as valid.
 
-    python -m reports.fuzz [--count N] [--seed N] [--processes N]
+    python -m reports.fuzz [--count N] [--seed N] [--processes N] [--corpus NAME ...]
 
-Gives every program damaged scene and sweep files, changes, measurements, stores and command lines
-(`reports.robustness.inputs`), in this process and stopped where work on a valid input would begin.
+Gives every program damaged scene and sweep files, changes, measurements, charges, stores, response
+models and command lines (`reports.robustness.corpora`), in this process and stopped where work on a
+valid input would begin.
 Some inputs are given to processes of their own too. Prints counts by corpus and every input that
 was handled badly: an exception, another exit code than 2, a complaint that does not name key and
 value, is not printable or is longer than a screen, a file left behind, more than `REFUSAL_SECONDS`,
@@ -17,7 +18,6 @@ import io
 import os
 import random
 import signal
-import sqlite3
 import subprocess
 import sys
 import tempfile
@@ -25,10 +25,9 @@ import time
 import tomllib
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -39,14 +38,16 @@ from pvdf_fem.cli.program import (
     MOST_LINES,
     ArgumentParser,
     ExitCode,
-    run_program,
 )
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.sweeps.store import Record, Store, StoreError
+from pvdf_fem.sweeps.store import Record
 from reports import benchmark, compare, error_vs_time, thesis
 from reports.common.options import number_of
-from reports.robustness.damage import decayed
-from reports.robustness.inputs import CORPORA, FILE, Input
+from reports.robustness import kept
+from reports.robustness.charge_inputs import wrong_charge_list
+from reports.robustness.corpora import CORPORA
+from reports.robustness.inputs import FILE, Input
+from reports.robustness.kept import Accepted
 from reports.robustness.oracle import (
     lost_values,
     spread,
@@ -59,10 +60,6 @@ from reports.robustness.oracle import (
 REFUSAL_SECONDS = 1.0
 #: Seconds after which a program that still works on an input is stopped.
 HANG_SECONDS = 20
-
-
-class Accepted(BaseException):
-    """Raised where the work on a valid input begins; its argument is what the work was given."""
 
 
 @dataclass(frozen=True)
@@ -84,49 +81,6 @@ class Program:
     begins: tuple[str, ...]
 
 
-def _store(arguments: Sequence[str]) -> int:
-    """Read and write a damaged store; raise `Accepted` with a record that it did not keep."""
-    path, seed = Path(arguments[0]), int(arguments[1])
-    scenes, records, data = _kept()
-    path.write_bytes(decayed(random.Random(seed), data))
-
-    def use() -> int:
-        with Store(path) as store:
-            for scene, record in zip(scenes, records, strict=True):
-                if (read_back := store.get(scene)) not in (None, record):
-                    raise Accepted(read_back)
-            store.put([(scenes[0], records[1])])
-            if store.get(scenes[0]) != records[1]:
-                raise StoreError(f"{path}: keeps nothing")
-        raise Accepted(None)
-
-    try:
-        return run_program("store", use)
-    finally:
-        for side in path.parent.glob(f"{path.name}-*"):
-            side.unlink()
-
-
-@cache
-def _kept() -> tuple[list[Scene], list[Record], bytes]:
-    """Scenes, their records and the bytes of their store."""
-    scenes = [Scene().with_(**{"load.force_N": 0.1 * i}) for i in range(40)]
-    forces = {"material": [[0.123456789, 9.87654321]] * 4}
-    records = [
-        Record("converged", "", tuple("ABCD"), forces, forces, 1.0 + i, 99, 9, (), 0.1)
-        for i in range(len(scenes))
-    ]
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "store.db"
-        with Store(path) as store:
-            for scene, record in zip(scenes, records, strict=True):
-                store.put([(scene, record)])
-        with sqlite3.connect(path) as rows:
-            rows.execute("PRAGMA journal_mode = DELETE")
-        rows.close()
-        return scenes, records, path.read_bytes()
-
-
 PROGRAMS = {
     "solve": Program(cli.main, ("solve",), ("pvdf_fem.solution.solve.solve",)),
     "mesh": Program(cli.main, ("mesh",), ("pvdf_fem.mesh.gmsh_mesh.mesh_scene",)),
@@ -137,7 +91,9 @@ PROGRAMS = {
     "thesis": Program(thesis.main, (), ("reports.thesis.Thesis.read",)),
     "benchmark": Program(benchmark.main, (), ("reports.benchmark.yardstick",)),
     "error_vs_time": Program(error_vs_time.main, (), ("reports.error_vs_time.Peers",)),
-    "store": Program(_store, (), ()),
+    "locate_model": Program(cli.main, ("locate",), ("pvdf_fem.touch.probes.weigh",)),
+    "response": Program(kept.load_response, (), ()),
+    "store": Program(kept.use_store, (), ()),
 }
 
 
@@ -245,12 +201,17 @@ def _refusal_faults(sample: Input, code: int, out: str, err: str) -> list[str]:
 def _accepted_faults(sample: Input, value: Any) -> list[str]:
     if sample.invalid:
         return [f"accepted, though invalid: {sample.named or sample.arguments!r:.80}"]
+    if sample.program in ("locate_model", "response"):
+        text = kept.changed_response(value)
+        return [f"accepted: {text}"] if text else []
     if isinstance(value, Scene):
         tables = tomllib.loads(value.to_toml())
         mistakes = [wrong_scene(tables)]
         if not any(argument == "--set" for argument in sample.arguments):
             written = tomllib.loads(sample.data.decode("utf-8-sig"))
             mistakes += [wrong_scene(written), lost_values(written, tables)]
+        if sample.program == "locate":
+            mistakes += [wrong_charge_list(a.partition("=")[2]) for a in sample.arguments[1:2]]
         return [f"accepted: {text}" for text in mistakes if text]
     if sample.program == "sweep":
         scenes = [tomllib.loads(scene.to_toml()) for scene in spread(value)]
@@ -326,8 +287,8 @@ class Counts:
         return f"{label:<22}{n:>8}{refused:>9}{accepted:>7}{faulty:>5}{slowest:>8.3f} s"
 
 
-def fuzz(count: int, seed: int, processes: int = 0) -> Counts:
-    """Give inputs of all corpora to their programs.
+def fuzz(count: int, seed: int, processes: int = 0, names: Collection[str] = ()) -> Counts:
+    """Give inputs of corpora to their programs.
 
     Parameters
     ----------
@@ -336,13 +297,16 @@ def fuzz(count: int, seed: int, processes: int = 0) -> Counts:
     seed : int
     processes : int
         About as many refused inputs of ``pvdf-fem`` are given to processes of their own too.
+    names : collection of str
+        Names of the corpora, all if there are none.
     """
+    chosen = {c: share for c, share in CORPORA.items() if not names or c.__name__ in names}
     rng, counts = random.Random(seed), Counts()
     interval = max(1, count // processes) if processes else 0
     due = 0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        corpora = rng.choices(list(CORPORA), list(CORPORA.values()), k=count)
+        corpora = rng.choices(list(chosen), list(chosen.values()), k=count)
         for number, corpus in enumerate(corpora):
             sample = corpus(rng)
             result = verdict(sample, folder)
@@ -358,7 +322,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run and print; returns 1 if an input was handled badly."""
     options = _options(arguments)
     start = time.perf_counter()
-    counts = fuzz(options.count, options.seed, options.processes)
+    counts = fuzz(options.count, options.seed, options.processes, options.corpus)
     print(*counts.complaints[:50], *counts.lines(), sep="\n")
     print(f"{counts.faults.total()} handled badly, {time.perf_counter() - start:.0f} s")
     return 1 if counts.complaints else 0
@@ -375,6 +339,15 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         default=100,
         metavar="N",
         help="how many are given to a process of their own too (default: 100)",
+    )
+    names = [corpus.__name__ for corpus in CORPORA]
+    parser.add_argument(
+        "--corpus",
+        action="append",
+        default=[],
+        choices=names,
+        metavar="NAME",
+        help=f"only this one; may be given several times: {', '.join(names)}",
     )
     return parser.parse_args(arguments)
 

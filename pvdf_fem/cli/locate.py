@@ -190,7 +190,7 @@ def model_of(scene: Scene, scene_file: str, file: Path | None, request: Request)
     Raises
     ------
     ValueError
-        For a file that is none, or is of another scene.
+        For a file that holds no sound model, or that of another scene.
     """
     from tqdm import tqdm
 
@@ -198,7 +198,7 @@ def model_of(scene: Scene, scene_file: str, file: Path | None, request: Request)
     from pvdf_fem.response.response import Response
 
     alone = _alone(scene)
-    path = file or _default_path(alone, scene_file, request)
+    path = _path(scene, scene_file, file, request)
     if path.exists():
         model = Response.load(path)
         if _alone(model.scene) != alone:
@@ -228,10 +228,13 @@ def _alone(scene: Scene) -> Scene:
     return scene.with_(**place, **{"load.force_N": 1.0})
 
 
-def _default_path(scene: Scene, scene_file: str, request: Request) -> Path:
-    from pvdf_fem.response.cache import response_key
+def _path(scene: Scene, scene_file: str, file: Path | None, request: Request) -> Path:
+    """The file of a scene's model: the one that was named, or the default one."""
+    from pvdf_fem.response.response_file import response_key
 
-    name = response_key(scene, request.domain)[:16]
+    if file:
+        return file
+    name = response_key(_alone(scene), request.domain)[:16]
     return Path(scene_file).with_name(f"{Path(scene_file).stem}-{name}.response")
 
 
@@ -254,7 +257,9 @@ def located(
     touch = touch_of(next(iter(scenes.values())))
     known = {name: value for name, value in touch.items() if name not in request.unknown}
     _require(scenes, request, known, file)
-    models = {name: model_of(scene, name, file, request) for name, scene in scenes.items()}
+    # files that are there come first, so that a damaged one is told before any model is built
+    order = sorted(scenes, key=lambda name: not _path(scenes[name], name, file, request).exists())
+    models = {name: model_of(scenes[name], name, file, request) for name in order}
     matches = weigh(
         models,
         request.charges_pC,
@@ -289,7 +294,7 @@ def _require(
         names = [electrode.name for electrode in scene.electrode_list]
         mistakes += charge_mistakes(names, request.charges_pC, request.sigma, request.noise_pC)
     for name, scene in scenes.items():
-        path = file or _default_path(_alone(scene), name, request)
+        path = _path(scene, name, file, request)
         if path.is_file():  # the domain is the file's
             continue
         require_writable(path)

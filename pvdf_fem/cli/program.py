@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from pvdf_fem.files import FileError, printable, require_writable
+from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
 
 #: Largest number of characters in a line of complaint; longer lines are cut.
 LONGEST_LINE = 400
@@ -78,14 +79,8 @@ def output_mistakes(path: Path | None, extensions: Sequence[str]) -> list[str]:
 def run_program(name: str, job: Callable[[], int]) -> int:
     """Run a job and return its exit code, or that of the exception that stopped it.
 
-    The exception is told on standard error.
-
-    Parameters
-    ----------
-    name : str
-        Name of the program.
-    job : callable
-        Returns an exit code. `InputError`, `FileError` and `OSError` give `ExitCode.BAD_INPUT`.
+    The exception is told on standard error: `InputError`, `FileError`, `GmshMissingError` and
+    `OSError`, which give `ExitCode.BAD_INPUT`, and an interrupt of the program `name`.
     """
     _prepare_streams()
     try:
@@ -105,7 +100,7 @@ def run_program(name: str, job: Callable[[], int]) -> int:
     except BrokenPipeError:
         _drop_output()
         return ExitCode.BROKEN_PIPE
-    except (InputError, FileError) as error:
+    except (InputError, FileError, GmshMissingError) as error:
         _tell(*map(str, error.args))
         return ExitCode.BAD_INPUT
     except OSError as error:

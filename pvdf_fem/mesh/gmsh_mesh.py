@@ -13,16 +13,20 @@ film of 1 mm and of 1 m.
 
 from __future__ import annotations
 
+import re
+import tempfile
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 
-import gmsh
 import numpy as np
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Indices
+from pvdf_fem.mesh.gmsh_libraries import GmshMissingError, missing_text
 from pvdf_fem.mesh.six_node import SIDES, bulge, compression, with_sorted_vertices
 from pvdf_fem.mesh.size_field import SPARE, SizeField, Sizes, element_sizes
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
@@ -30,12 +34,21 @@ from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import EllipseCurve, Line, Outline
 from pvdf_fem.scene.scene import Scene
 
+_NOT_LOADED = ""
+try:
+    import gmsh
+except (ImportError, OSError) as error:  # everything but meshing does without
+    _NOT_LOADED = missing_text(error)
+
 #: A node counts as on a mirror line that is nearer than this, relative to the film's radius.
 ON_LINE = 1e-8
 #: gmsh has one state for all threads, of which the worker of a cluster may have several.
 _ONE_MODEL = threading.Lock()
 _OPTIONS = {
     "General.Terminal": 0,
+    "General.Verbosity": 1,
+    # errors are exceptions
+    "General.AbortOnError": 2,
     "General.NumThreads": 1,
     # the other sources of element sizes are switched off
     "Mesh.MeshSizeFromPoints": 0,
@@ -103,6 +116,8 @@ def mesh_scene(
     ------
     MeshError
         When gmsh fails, a patch has got no element, or elements fold although they are straight.
+    GmshMissingError
+        When gmsh cannot be loaded.
     """
     smallest = min((shape.perimeter for shape in outlines(scene).values()), default=0.0)
     for _ in range(attempts):
@@ -175,13 +190,61 @@ def _arcs(tolerance: float) -> int:
 
 @contextmanager
 def _gmsh() -> Iterator[None]:
-    gmsh.initialize(argv=["", "-v", "1"], readConfigFiles=False, interruptible=False)
-    try:
+    """An empty model with our options, in a session of its own or beside the caller's models."""
+    if _NOT_LOADED:
+        raise GmshMissingError(_NOT_LOADED)
+    with ExitStack() as stack:
+        if gmsh.isInitialized():
+            stack.enter_context(_beside_others())
+        else:
+            gmsh.initialize(readConfigFiles=False, interruptible=False)
+            stack.callback(gmsh.finalize)
         for name, value in _OPTIONS.items():
             gmsh.option.setNumber(name, value)
         yield
+
+
+@contextmanager
+def _beside_others() -> Iterator[None]:
+    """A model of ours in a session that the caller has begun.
+
+    Afterwards models, views and options are as before, but for the options that views yet to be
+    made begin with: gmsh does not tell these.
+    """
+    model, views = gmsh.model.getCurrent(), set(gmsh.view.getTags())
+    restore = _changed_options()
+    gmsh.model.add("pvdf_fem")
+    try:
+        gmsh.option.restoreDefaults()
+        yield
     finally:
-        gmsh.finalize()
+        for tag in set(gmsh.view.getTags()) - views:
+            gmsh.view.remove(tag)
+        gmsh.model.remove()
+        gmsh.model.setCurrent(model)
+        gmsh.option.restoreDefaults()
+        for set_option in restore:
+            set_option()
+
+
+def _changed_options() -> list[Callable[[], None]]:
+    """What gives the options that are not at their defaults the values that they have now.
+
+    gmsh tells which these are by writing a file, in which their values have too few digits.
+    """
+    restore, verbosity = [], gmsh.option.getNumber("General.Verbosity")
+    gmsh.option.setNumber("General.Verbosity", 0)  # it tells of the file
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "changed.opt"
+        gmsh.write(str(path))
+        text = path.read_text(encoding="utf-8", errors="replace")
+    line = r"^([\w.\[\]]+) = (.)(?!.*\((?:read-only|do not change))"
+    for name, first in re.findall(line, text, re.MULTILINE):
+        kind = {'"': "String", "{": "Color"}.get(first, "Number")
+        value = getattr(gmsh.option, f"get{kind}")(name)
+        values = value if kind == "Color" else [value]
+        restore.append(partial(getattr(gmsh.option, f"set{kind}"), name, *values))
+    return [*restore, partial(gmsh.option.setNumber, "General.Verbosity", verbosity)]
 
 
 def _fragment(shapes: dict[str, Outline], unit: float, part: MirroredPart) -> dict[str, list[int]]:

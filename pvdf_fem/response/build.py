@@ -166,13 +166,8 @@ def random_touches(domain: Domain, count: int, seed: int = 0) -> Array:
     u = np.random.default_rng(seed).uniform(size=(count, 4))
     distance, angle = domain.reach_mm * np.sqrt(u[:, 0]), 2.0 * np.pi * u[:, 1]
     low, high = domain.force_N
-    columns = (
-        distance * np.cos(angle),
-        distance * np.sin(angle),
-        360.0 * u[:, 2],
-        low * (high / low) ** u[:, 3],
-    )
-    return np.stack(columns, axis=-1)
+    x, y, forces = distance * np.cos(angle), distance * np.sin(angle), low * (high / low) ** u[:, 3]
+    return np.stack([x, y, 360.0 * u[:, 2], forces], axis=-1)
 
 
 def full_charges(
@@ -180,10 +175,7 @@ def full_charges(
 ) -> tuple[Array, Array]:
     """Charges in pC of full solves, (n, electrodes), and their sizes |d31 X| + |d32 Y|.
 
-    Raises
-    ------
-    NotConvergedError
-        When a solve fails.
+    Raises `NotConvergedError` when a solve fails.
     """
     scenes = [scene_of_touch(scene, touch, tolerance) for touch in touches]
     records = solve_all(scenes, processes=processes)

@@ -30,17 +30,11 @@ FEW_TOUCHES = 32
 
 @dataclass(frozen=True)
 class Domain:
-    """Touches that a model holds for.
+    """Touches that a model holds for."""
 
-    Attributes
-    ----------
-    reach_mm : float
-        Largest distance of the probe's centroid from the film's centre.
-    force_N : tuple of float
-        Least and largest force.
-    """
-
+    #: Largest distance of the probe's centroid from the film's centre.
     reach_mm: float
+    #: Least and largest force.
     force_N: tuple[float, float]
 
     @cached_property

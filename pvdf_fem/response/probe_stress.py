@@ -7,11 +7,12 @@ is not smooth in space. A response interpolates these fields between few places 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.interpolate import krogh_interpolate
 from skfem import MeshTri2, asm
 from skfem.models import mass
 
@@ -30,25 +31,17 @@ from pvdf_fem.solvers.status import Status
 
 @dataclass(frozen=True)
 class ProbeMesh:
-    """Finite elements for the stress about a probe.
+    """Finite elements for the stress about a probe."""
 
-    Attributes
-    ----------
-    order : int
-        Polynomial order of the displacement.
-    probe_size, disc_size : float
-        Size of the elements along the probe's edge over the root of the probe's area; that of a
-        disc, whose edge is round, and that of other probes.
-    growth : float
-        Growth of the size per distance from the edge.
-    film_size : float
-        Largest size over the film's radius.
-    """
-
+    #: Polynomial order of the displacement.
     order: int = 3
+    #: Size of the elements along the edge of a probe over the root of its area.
     probe_size: float = 1 / 13
+    #: The same for a disc, whose edge is round.
     disc_size: float = 1 / 18
+    #: Growth of the size per distance from the edge.
     growth: float = 0.13
+    #: Largest size over the film's radius.
     film_size: float = 1 / 20
 
     def mesh(self, scene: Scene) -> MeshTri2:
@@ -68,25 +61,16 @@ class PolarRaster:
     The stress has a kink at the probe's edge. Its mean along a ray has none, so that is what is
     tabulated, from a few samples of the stress in every step of ρ. The values of ρ begin below
     zero: there the field continues smoothly, on the opposite ray.
-
-    Attributes
-    ----------
-    reach_mm : float
-        Largest ρ.
-    step_mm : float
-        Distance of neighbours along ρ.
-    angles : int
-        Number of values of θ, from 0 in equal steps; even.
-    negative : int
-        Number of values of ρ below zero; with them the origin does not feel the end of a spline.
-    parts : int
-        Parts of a step of ρ, each with two samples.
     """
 
+    #: Largest ρ, and the distance of neighbours along ρ.
     reach_mm: float
     step_mm: float
+    #: Number of values of θ, from 0 in equal steps; even.
     angles: int
+    #: Number of values of ρ below zero; with them the origin does not feel the end of a spline.
     negative: int = 6
+    #: Parts of a step of ρ, each with two samples.
     parts: int = 4
 
     @property
@@ -119,16 +103,8 @@ class PolarRaster:
         """Means 2/ρ² ∫ S r dr from 0 to ρ of a field S along rays.
 
         By Gauss's theorem the integral of S over an area is half the integral, along the area's
-        boundary, of this mean times the normal component of the place.
-
-        Parameters
-        ----------
-        samples : ndarray, shape (..., samples, θ)
-            The field at `samples_mm`.
-
-        Returns
-        -------
-        ndarray, shape (..., ρ, θ)
+        boundary, of this mean times the normal component of the place. The field has the shape
+        (..., samples, θ) at `samples_mm`, its means have (..., ρ, θ).
         """
         rho, weights = self._rule
         products = samples * (rho * weights)[:, None]
@@ -151,32 +127,12 @@ def mean_stress_about_probe(
     elements: ProbeMesh,
     inside: float = 0.98,
 ) -> Array:
-    """Means of the stress along rays from a probe under several forces.
+    """`PolarRaster.means` (forces, 3, ρ, θ) of the stress 11, 22, 12 in Pa about a probe.
 
-    Parameters
-    ----------
-    scene : Scene
-        With a probe, whose rotation stays. Its electrodes only make the mesh finer.
-    place_mm : ndarray, shape (2,)
-        Where the probe is put.
-    forces : sequence of float
-        In N. Each solution starts from those of the forces before.
-    raster : PolarRaster
-        Its axes are those of the film.
-    elements : ProbeMesh
-        Element sizes and order.
-    inside : float
-        Share of the film's radius. At points further out the stress is taken from there.
-
-    Returns
-    -------
-    ndarray, shape (forces, 3, ρ, θ)
-        `PolarRaster.means` of the second Piola-Kirchhoff stress 11, 22, 12 in Pa.
-
-    Raises
-    ------
-    NotConvergedError
-        When there is no solution.
+    The stress is the second Piola-Kirchhoff stress, with the scene's probe put at `place_mm`, (2,),
+    without turning it. Each force in N starts from the solutions of those before. Electrodes only
+    make the mesh finer. At points beyond the share `inside` of the film's radius the stress is
+    taken from there. Raises `NotConvergedError` when there is no solution.
     """
     x, y = map(float, place_mm)
     scene = scene.with_(**{"probe.x_mm": x, "probe.y_mm": y})
@@ -186,7 +142,7 @@ def mean_stress_about_probe(
     points = 1e-3 * (raster.samples_mm + place_mm)
     share = np.linalg.norm(points, axis=-1, keepdims=True) / scene.film.radius
     sampled = points * inside / np.maximum(share, inside)
-    sample, project = space.interpolation(sampled.reshape(-1, 2).T), _Projection(space)
+    sample, project = space.interpolation(sampled.reshape(-1, 2).T), _projection(space)
     try:
         fields = [sample @ project(stress) for stress in _stresses(equilibrium, forces)]
     except NotConvergedError as error:
@@ -229,27 +185,21 @@ def _solved(
 
 def _extrapolated(solutions: list[tuple[float, Array]], force: float) -> Array:
     """The unknowns by a polynomial of log F through the last three solutions."""
-    last = solutions[-3:]
-    nodes = np.log([known for known, _ in last])
-    q = np.zeros_like(last[-1][1])
-    for i, (_, values) in enumerate(last):
-        others = np.delete(nodes, i)
-        q = q + np.prod((np.log(force) - others) / (nodes[i] - others)) * values
-    return q
+    forces, unknowns = zip(*solutions[-3:], strict=True)
+    return np.asarray(krogh_interpolate(np.log(forces), np.array(unknowns), np.log(force)))
 
 
-class _Projection:
-    """The L2 projection of fields that jump between elements on continuous ones."""
+def _projection(space: Space) -> Callable[[Array], Array]:
+    """The L2 projection on continuous fields of fields that jump between elements.
 
-    def __init__(self, space: Space) -> None:
-        self._space = space
-        self._factors = factorise(asm(mass, space.basis).tocsc())
+    It makes nodal values (scalar dofs, components) of values (elements, points, components).
+    """
+    factors = factorise(asm(mass, space.basis).tocsc())
 
-    def __call__(self, values: Array) -> Array:
-        """Nodal values (scalar dofs, components) of values (elements, points, components)."""
-        space = self._space
-        weighted = values * space.weights[..., None]
-        moments = np.matmul(space.values.swapaxes(1, 2), weighted)
+    def project(values: Array) -> Array:
+        moments = np.matmul(space.values.swapaxes(1, 2), values * space.weights[..., None])
         right = np.zeros((space.basis.N, values.shape[-1]))
         np.add.at(right, space.nodes, moments)
-        return self._factors.solve(right)
+        return factors.solve(right)
+
+    return project

@@ -8,9 +8,8 @@ full solves of random touches, and stores the error with it.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -18,7 +17,8 @@ from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.response.model import FORCE, QUANTITIES, Domain, all_within
-from pvdf_fem.response.uniform_spline import UniformAxis, UniformSpline
+from pvdf_fem.response.response_file import Contents, read, write
+from pvdf_fem.response.uniform_spline import UniformSpline
 from pvdf_fem.scene.scene import Scene
 
 #: Charges are smooth in this power of the force, both where the pretension carries it and where the
@@ -26,27 +26,21 @@ from pvdf_fem.scene.scene import Scene
 POWER = 1.0 / 6.0
 #: Share by which a touch may exceed the domain, as rounding makes it.
 ROUNDING = 1e-9
-FORMAT = "pvdf_fem response 1"
 # Rows of the products (value and derivatives by x, y, rotation) x (value and derivative by force):
 # the value, and the derivatives by x, y, rotation and force.
 _VALUE_AND_SLOPES: Indices = np.array([0, 2, 4, 6, 1])
 
 
-@lru_cache
-def _roots(low: float, high: float) -> tuple[float, float]:
-    return low**POWER, high**POWER
-
-
 def scaled_force(domain: Domain, force_N: Array) -> tuple[Array, Array]:
     """The argument of Chebyshev polynomials, -1 to 1 over a domain's forces, and its derivative."""
-    low, high = _roots(*domain.force_N)
+    low, high = (limit**POWER for limit in domain.force_N)
     scaled = 2.0 / (high - low) * force_N**POWER
     return scaled - (low + high) / (high - low), POWER * scaled / force_N
 
 
 def force_nodes_N(domain: Domain, count: int) -> Array:
     """Forces at the Chebyshev points of a domain, from the largest to the least."""
-    low, high = _roots(*domain.force_N)
+    low, high = (limit**POWER for limit in domain.force_N)
     nodes = np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))
     return (0.5 * (low + high) + 0.5 * (high - low) * nodes) ** (1.0 / POWER)
 
@@ -157,21 +151,21 @@ class Response:
         return np.concatenate([values, slopes], axis=1)
 
     def save(self, path: Path | str) -> None:
-        """Write the response to a file, which replaces an older one only when it is complete."""
-        path = Path(path)
-        axes = [[axis.start, axis.step, axis.count, axis.periodic] for axis in self.spline.axes]
-        arrays: dict[str, Any] = {
-            "format": FORMAT,
-            "scene": self.scene.to_toml(),
-            "domain": [self.domain.reach_mm, *self.domain.force_N],
-            "errors": [self.error_bound, self.error_rms],
-            "axes": axes,
-            "coefficients": self.spline.coefficients,
-        }
-        part = path.with_name(path.name + ".part")
-        with part.open("wb") as file:
-            np.savez_compressed(file, **arrays)
-        part.replace(path)
+        """Write the response to a file, which replaces an older one only when it is complete.
+
+        Raises `FileError` when the file cannot be written.
+        """
+        coefficients = self.spline.coefficients
+        contents = Contents(
+            scene=self.scene,
+            domain=self.domain,
+            error_bound=self.error_bound,
+            error_rms=self.error_rms,
+            axes=self.spline.axes,
+            polynomials=self._polynomial_count,
+            dtype=coefficients.dtype.newbyteorder("<").str,
+        )
+        write(Path(path), contents, coefficients)
 
     @classmethod
     def load(cls, path: Path | str) -> Response:
@@ -179,24 +173,10 @@ class Response:
 
         Raises
         ------
-        ValueError
-            When the file is not a response of this version.
+        FileError
+            When the file cannot be read; as `ResponseError`, when it holds no sound response.
         """
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                arrays = {name: file[name] for name in file.files}
-            if str(arrays["format"]) != FORMAT:
-                raise KeyError
-        except (KeyError, ValueError, AttributeError) as error:
-            reason = "is not a response of this version; build it again"
-            raise ValueError(f"{path}: {reason}") from error
-        scene = Scene.parse(str(arrays["scene"]), str(path))
-        reach, low, high = arrays["domain"].tolist()
-        bound, rms = arrays["errors"].tolist()
-        axes = tuple(
-            UniformAxis(start, step, int(count), bool(periodic))
-            for start, step, count, periodic in arrays["axes"].tolist()
-        )
-        names = tuple(electrode.name for electrode in scene.electrode_list)
-        spline = UniformSpline(axes, arrays["coefficients"])
-        return cls(names, scene, Domain(reach, (low, high)), bound, rms, spline)
+        file, coefficients = read(Path(path))
+        names = tuple(electrode.name for electrode in file.scene.electrode_list)
+        spline = UniformSpline(file.axes, coefficients)
+        return cls(names, file.scene, file.domain, file.error_bound, file.error_rms, spline)

@@ -123,11 +123,11 @@ def _dirichlet(angle: Array, count: int) -> Array:
 
 def _lagrange(nodes: Array, x: Array) -> Array:
     """Lagrange polynomials (n, nodes) at x (n,)."""
-    numerators = x[:, None, None] - nodes
-    denominators = nodes[:, None] - nodes
-    diagonal = np.eye(len(nodes), dtype=bool)
-    factors = np.where(diagonal, 1.0, numerators / np.where(diagonal, 1.0, denominators))
-    return factors.prod(axis=-1)
+    columns = []
+    for i, node in enumerate(nodes):
+        others = np.delete(nodes, i)
+        columns.append(np.prod((x[:, None] - others) / (node - others), axis=-1))
+    return np.stack(columns, axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,18 +154,10 @@ class ProbeCharges:
     ) -> ProbeCharges:
         """The charges from stress fields of the places that are not images of others.
 
-        Parameters
-        ----------
-        places : RimPlaces
-        raster : PolarRaster
-            With a multiple of the places' angles.
-        fields : sequence of ndarray, each of shape (forces, 3, ρ, θ)
-            In the order of `RimPlaces.unique_centres_mm`.
-        uniaxial : bool
-            Whether d31 differs from d32, so that the deviator counts.
-        least_mode : float
-            Modes with a smaller norm, relative to the largest, are left out. At 1e-6 that is an
-            error of 3e-5 in the charge of an electrode on the other side of the film.
+        The fields, each (forces, 3, ρ, θ), are in the order of `RimPlaces.unique_centres_mm`; the
+        raster has a multiple of the places' angles. The deviator counts only if `uniaxial`: d31
+        differs from d32. Modes whose norm is below `least_mode` of the largest are left out. At
+        1e-6 that is an error of 3e-5 in the charge of an electrode on the film's other side.
         """
         stress, scale = _all_places(places, fields, uniaxial=uniaxial)
         shape = stress.shape
@@ -190,21 +182,9 @@ class ProbeCharges:
         d_pC_N: tuple[float, float],
         chunk: int = 2000,
     ) -> Array:
-        """Charges with the probe at positions (n, 2), turned by `rotation` in radians.
+        """Charges (n, forces, electrodes) with the probe at positions (n, 2), turned in radians.
 
-        Parameters
-        ----------
-        electrodes : sequence of Outline
-        positions_mm : ndarray, shape (n, 2)
-        rotation : float
-        d_pC_N : tuple of float
-            d31 and d32.
-        chunk : int
-            Number of positions whose integrals are one sparse matrix.
-
-        Returns
-        -------
-        ndarray, shape (n, forces, electrodes)
+        `d_pC_N` are d31 and d32. The integrals of `chunk` positions are one sparse matrix.
         """
         d31, d32 = d_pC_N
         c, s = np.cos(rotation), np.sin(rotation)
@@ -213,12 +193,8 @@ class ProbeCharges:
         amplitudes = np.tensordot(weights, self.amplitudes, axes=2)
         charges = []
         for electrode in electrodes:
-            forces = np.concatenate(
-                [
-                    self._forces(electrode, positions_mm[i : i + chunk], turn)
-                    for i in range(0, len(positions_mm), chunk)
-                ]
-            )
+            chunks = [positions_mm[i : i + chunk] for i in range(0, len(positions_mm), chunk)]
+            forces = np.concatenate([self._forces(electrode, places, turn) for places in chunks])
             by_mode = 0.5 * (d31 + d32) * forces[:, 0]
             if forces.shape[1] == 3:
                 # the deviator, turned into the film's axes
@@ -232,10 +208,8 @@ class ProbeCharges:
         points, normals = electrode.boundary_rule(12)
         from_probe = (1e3 * points - positions_mm[:, None]) @ turn
         factors = 0.5e-3 * np.einsum("nqi,qi->nq", from_probe, normals @ turn)
-        rho, theta = (
-            np.linalg.norm(from_probe, axis=-1),
-            np.arctan2(from_probe[..., 1], from_probe[..., 0]),
-        )
+        rho = np.linalg.norm(from_probe, axis=-1)
+        theta = np.arctan2(from_probe[..., 1], from_probe[..., 0])
         forces = self.modes.sums(np.stack([rho, theta], axis=-1), factors)
         return forces.reshape(len(positions_mm), -1, self.amplitudes.shape[-1])
 

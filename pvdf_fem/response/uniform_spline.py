@@ -71,13 +71,13 @@ class UniformSpline:
             coefficients = np.moveaxis(along, 0, i)
         return cls(tuple(axes), np.ascontiguousarray(coefficients, dtype))
 
-    def __call__(self, points: Array) -> Array:
-        """Values (n, functions) at points (n, axes)."""
-        return self._in_chunks(points, self._stencil.value)[:, 0]
-
     def with_gradient(self, points: Array) -> Array:
         """Values, then derivatives by each coordinate, (n, 1 + axes, functions)."""
-        return self._in_chunks(points, self._stencil.value_and_gradient)
+        if len(points) > CHUNK:
+            firsts = range(0, len(points), CHUNK)
+            return np.concatenate([self.with_gradient(points[i : i + CHUNK]) for i in firsts])
+        weights, rows = self._weights(points, self._stencil.value_and_gradient)
+        return np.matmul(weights, self._stencil.coefficients.take(rows, axis=0))
 
     def sums(self, points: Array, factors: Array) -> Array:
         """Sums (n, functions) over m of the values at points (n, m, axes) times factors (n, m)."""
@@ -88,16 +88,6 @@ class UniformSpline:
         starts = rows.shape[1] * m * np.arange(n + 1)
         shape = (n, len(coefficients))
         return sp.csr_matrix((products.ravel(), rows.ravel(), starts), shape) @ coefficients
-
-    def _in_chunks(self, points: Array, polynomials: Array) -> Array:
-        if len(points) <= CHUNK:
-            return self._evaluate(points, polynomials)
-        firsts = range(0, len(points), CHUNK)
-        return np.concatenate([self._evaluate(points[i : i + CHUNK], polynomials) for i in firsts])
-
-    def _evaluate(self, points: Array, polynomials: Array) -> Array:
-        weights, rows = self._weights(points, polynomials)
-        return np.matmul(weights, self._stencil.coefficients.take(rows, axis=0))
 
     def _weights(self, points: Array, polynomials: Array) -> tuple[Array, Indices]:
         """Weights (n, results, 4^axes) of coefficients in rows (n, 4^axes), at points (n, axes)."""

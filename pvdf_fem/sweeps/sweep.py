@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.sweeps.grid import Grid
 from pvdf_fem.sweeps.plan import SweepPlan, plan
@@ -143,6 +144,8 @@ def records(
 def _solved(task: tuple[list[Scene], Any]) -> list[Record]:
     try:
         return records_of(*task)
+    except GmshMissingError:  # no scene can be solved
+        raise
     except Exception as error:  # must not end the solves of the other scenes
         return _crashed(task[0], f"{type(error).__name__}: {error}")
 

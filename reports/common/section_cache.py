@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 
 from pvdf_fem import Scene
 from pvdf_fem.files import replacing
@@ -42,9 +43,10 @@ def cached_section(
         digest.update(f"{scene!r} {results[scene]!r}".encode())
     path = results.folder / f"section-{name}-{digest.hexdigest()[:32]}.json"
     if path.is_file():
-        section = _SECTION.validate_json(path.read_bytes())
-        if all((out / block.file).is_file() for block in section.blocks):
-            return section
+        with suppress(ValidationError):  # a damaged file is replaced
+            section = _SECTION.validate_json(path.read_bytes())
+            if all((out / block.file).is_file() for block in section.blocks):
+                return section
     text = _SECTION.dump_json(make())
     for outdated in results.folder.glob(f"section-{name}-{32 * '?'}.*"):
         outdated.unlink(missing_ok=True)

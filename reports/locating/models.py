@@ -17,9 +17,9 @@ from pvdf_fem import Scene
 from pvdf_fem.maps.isocharge import contour
 from pvdf_fem.maps.triangulation import triangulate
 from pvdf_fem.response.build import build_response
-from pvdf_fem.response.cache import response_key
 from pvdf_fem.response.model import Domain, Model
 from pvdf_fem.response.response import Response
+from pvdf_fem.response.response_file import response_key
 from reports.chapters.calibration import DIRECTIONS_DEG
 from reports.common.results import MATERIAL, Results
 from reports.common.thesis_data import Thesis

@@ -351,20 +351,3 @@ def damaged_medians(rng: Random) -> Input:
     """A saved file of run times after accidents."""
     data = damaged(rng, b'{"unit_seconds": 0.5, "medians": {"triangle, 0.001": 3.5, "b": 2.0}}')
     return Input("benchmark", ("--against", FILE), data)
-
-
-#: Corpora with the relative numbers of their inputs.
-CORPORA: dict[Corpus, float] = {
-    wrong_value: 4.0,
-    wrong_change: 2.0,
-    unknown_key: 1.0,
-    damaged_scene: 7.0,
-    damaged_change: 2.0,
-    wrong_sweep: 2.0,
-    damaged_sweep: 3.0,
-    wrong_cell: 1.0,
-    damaged_measurements: 1.5,
-    wrong_option: 0.5,
-    damaged_medians: 0.5,
-    damaged_store: 0.5,
-}

@@ -24,6 +24,9 @@ from pvdf_fem.scene.scene_file import MOST_BYTES
 from reports import fuzz
 from reports.common.measurements import MeasurementError, read_measurements
 from reports.robustness import inputs as fuzz_inputs
+from reports.robustness import kept
+from reports.robustness.charge_inputs import wrong_charge_list
+from reports.robustness.corpora import CORPORA
 from reports.robustness.inputs import FILE, Input
 from reports.robustness.oracle import documented, lost_values, wrong_scene
 from tests.helpers.strategies import tables
@@ -39,7 +42,7 @@ def test_damaged_inputs_of_every_corpus() -> None:
     counts = fuzz.fuzz(400, seed=5)
     assert counts.complaints == []
     assert counts.inputs.total() == 400
-    assert set(counts.inputs) == {corpus.__name__ for corpus in fuzz_inputs.CORPORA}
+    assert set(counts.inputs) == {corpus.__name__ for corpus in CORPORA}
     # accidents in comments harm nothing
     assert counts.accepted["damaged_scene"] > 0
     assert counts.refused["damaged_scene"] > 0
@@ -52,10 +55,20 @@ def test_damaged_inputs_of_every_corpus() -> None:
         (Input("solve", (FILE,), b"film = 1", named="film = 2: "), "does not name"),
         (Input("mesh", (FILE, "{folder}/new/a.msh"), VALID, named="a.stl"), "does not name"),
         (Input("store", (FILE, "no number"), b""), "traceback"),
+        (Input("locate", (FILE, "--charges=A=1,B=2"), VALID, invalid=True), "accepted, though"),
     ],
 )
 def test_faults_are_found(given_input: Input, fault: str, tmp_path: Path) -> None:
     assert fault in fuzz.verdict(given_input, tmp_path).faults[0]
+
+
+def test_the_oracles_find_wrong_charges_and_changed_responses() -> None:
+    wrong = ("A=nan", "A=1,A=2", "E=1", "A=1_0", "A=0", "A", "A=1e13", "")
+    assert all(wrong_charge_list(text) for text in wrong)
+    assert wrong_charge_list("A=1, B = -2.5e-3") == ""
+    assert kept.changed_response(kept.response()) == ""
+    thick = kept.response().with_thickness(30.0)
+    assert kept.changed_response({"scene.toml": thick}).startswith("scene = ")
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,8 @@ from pathlib import Path
 import gmsh
 import pytest
 
+from pvdf_fem.mesh.gmsh_libraries import PACKAGES
+
 ROOT = Path(__file__).resolve().parents[2]
 
 # Imported by Python at start: plays an interpreter on a machine where something is missing.
@@ -40,10 +42,12 @@ def executable(path: Path, text: str) -> None:
 
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
-    """A checkout with a space in its path that holds the script and nothing to install."""
+    """A checkout with a space in its path that holds the scripts and nothing to install."""
     folder = tmp_path / "a checkout"
-    folder.mkdir()
+    libraries = Path("pvdf_fem", "mesh", "gmsh_libraries.py")
+    (folder / libraries).parent.mkdir(parents=True)
     shutil.copy(ROOT / "run", folder)
+    shutil.copy(ROOT / libraries, folder / libraries)
     return folder
 
 
@@ -74,12 +78,8 @@ def run(checkout: Path, tmp_path: Path) -> Run:
     return call
 
 
-def library_names() -> list[str]:
-    return re.findall(r"^(lib\S+\.so\.\d+) ", (ROOT / "run").read_text(), re.MULTILINE)
-
-
 def test_missing_libraries_give_the_line_to_type(run: Run, checkout: Path) -> None:
-    done = run("report", defect=NO_GLU_AND_GOMP.format(names=library_names()))
+    done = run("report", defect=NO_GLU_AND_GOMP.format(names=list(PACKAGES)))
     assert done.returncode == 1
     assert "gmsh" in done.stderr
     line = (
@@ -120,4 +120,4 @@ def test_table_of_libraries_covers_what_gmsh_loads() -> None:
     python_has = {"libc.so.6", "libdl.so.2", "libm.so.6", "libpthread.so.0", "librt.so.1"}
     with_libstdc = {"libgcc_s.so.1"}
     only_for_windows_on_screen = {"libgtk-3.so.0", "libXrandr.so.2"}  # opened late, if there
-    assert loaded - python_has - with_libstdc - only_for_windows_on_screen == set(library_names())
+    assert loaded - python_has - with_libstdc - only_for_windows_on_screen == set(PACKAGES)

@@ -19,10 +19,10 @@ from pvdf_fem.response.build import (
     full_charges,
     random_touches,
 )
-from pvdf_fem.response.cache import response_key
 from pvdf_fem.response.model import Domain
 from pvdf_fem.response.probe_stress import PolarRaster, ProbeMesh
 from pvdf_fem.response.response import Response
+from pvdf_fem.response.response_file import response_key
 from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces
 from pvdf_fem.response.uniform_spline import UniformAxis, UniformSpline
 from pvdf_fem.solvers.ladder import equilibrate
@@ -122,22 +122,6 @@ def test_a_film_of_twice_the_thickness_needs_twice_the_force(made):
     expected, jacobian = made.evaluate(touches)
     assert found == pytest.approx(expected, rel=1e-9)
     assert slopes[..., 3] == pytest.approx(jacobian[..., 3] / 2.0, rel=1e-9)
-
-
-def test_a_response_survives_a_file(made, tmp_path):
-    made.save(tmp_path / "triangle.response")
-    again = Response.load(tmp_path / "triangle.response")
-    assert (again.names, again.scene, again.domain) == (made.names, made.scene, made.domain)
-    assert (again.error_bound, again.error_rms) == (made.error_bound, made.error_rms)
-    touches = random_touches(made.domain, 5)
-    for before, after in zip(made.evaluate(touches), again.evaluate(touches), strict=True):
-        assert np.array_equal(before, after)
-
-
-def test_another_file_is_no_response(tmp_path):
-    np.savez(tmp_path / "other.npz", scene="")
-    with pytest.raises(ValueError, match=r"other\.npz: is not a response"):
-        Response.load(tmp_path / "other.npz")
 
 
 @pytest.mark.parametrize(

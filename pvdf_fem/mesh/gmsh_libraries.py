@@ -1,0 +1,50 @@
+"""The shared libraries that gmsh's wheel loads and does not bring, with Debian's packages of them.
+
+The script `run` runs this before any package of Python is there, to print what is missing.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+from collections.abc import Iterator
+
+PACKAGES = {
+    "libGL.so.1": "libgl1",
+    "libGLU.so.1": "libglu1-mesa",
+    "libX11.so.6": "libx11-6",
+    "libXcursor.so.1": "libxcursor1",
+    "libXext.so.6": "libxext6",
+    "libXfixes.so.3": "libxfixes3",
+    "libXft.so.2": "libxft2",
+    "libXinerama.so.1": "libxinerama1",
+    "libXrender.so.1": "libxrender1",
+    "libfontconfig.so.1": "libfontconfig1",
+    "libgomp.so.1": "libgomp1",
+    "libstdc++.so.6": "libstdc++6",
+    "libz.so.1": "zlib1g",
+}
+
+
+class GmshMissingError(ImportError):
+    """gmsh cannot be loaded; the text says what to install."""
+
+
+def missing_packages() -> Iterator[str]:
+    """Debian's packages of the libraries that the loader of Linux does not find."""
+    for library, package in PACKAGES.items() if sys.platform == "linux" else ():
+        try:
+            ctypes.CDLL(library)
+        except OSError:
+            yield package
+
+
+def missing_text(error: Exception) -> str:
+    """What to do after an exception that the import of gmsh raised."""
+    packages = " ".join(missing_packages())
+    what = f"what it misses: apt-get install {packages}" if packages else "it again"
+    return f"gmsh, which makes the meshes, cannot be loaded ({error}); install {what}"
+
+
+if __name__ == "__main__":
+    print(*missing_packages(), sep="\n")

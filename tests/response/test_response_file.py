@@ -1,0 +1,158 @@
+"""Files of responses: what was written is read, and nothing else."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pvdf_fem import Response, build_response
+from pvdf_fem.cli.main import main
+from pvdf_fem.files import FileError
+from pvdf_fem.response.model import Domain
+from pvdf_fem.response.response_file import FORMAT, ResponseError
+from pvdf_fem.response.uniform_spline import UniformSpline
+from reports.robustness import kept, model_inputs
+from reports.robustness.damage import decayed
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_a_response_survives_a_file(tmp_path: Path, dtype: type[np.floating]) -> None:
+    made = kept.response()
+    spline = UniformSpline(made.spline.axes, made.spline.coefficients.astype(dtype))
+    made = replace(made, spline=spline).with_thickness(0.1 + 0.2)
+    made.save(tmp_path / "triangle.response")
+    again = Response.load(tmp_path / "triangle.response")
+    assert (again.names, again.scene, again.domain) == (made.names, made.scene, made.domain)
+    assert (again.error_bound, again.error_rms) == (made.error_bound, made.error_rms)
+    touches = [[1.0, -2.0, 33.0, made.domain.force_N[1]]]
+    for before, after in zip(made.evaluate(touches), again.evaluate(touches), strict=True):
+        assert np.array_equal(before, after)
+    assert os.listdir(tmp_path) == ["triangle.response"]
+
+
+def test_numbers_of_any_type_are_written(tmp_path: Path) -> None:
+    """A response that takes minutes must not be lost for the type of an argument of its build."""
+    domain = Domain(np.int64(8), [np.float32(0.5), 5])  # type: ignore[arg-type]
+    replace(kept.response(), domain=domain, error_bound=np.float32(0.25)).save(tmp_path / "a")
+    again = Response.load(str(tmp_path / "a"))
+    assert (again.domain, again.error_bound) == (Domain(8.0, (0.5, 5.0)), 0.25)
+
+
+def refusal(path: Path) -> str:
+    with pytest.raises(ResponseError) as caught:
+        Response.load(path)
+    (line,) = str(caught.value).splitlines()
+    assert line.startswith(f"{path}: ")
+    assert line.endswith("; delete it and build it again")
+    assert len(line) < len(str(path)) + 300
+    return line
+
+
+def test_damage_is_found_wherever_it_is(tmp_path: Path) -> None:
+    path, data, rng = tmp_path / "a.response", kept.response_bytes(), random.Random(3)
+    damaged = [decayed(rng, data) for _ in range(200)]
+    damaged += [data[:i] + bytes([data[i] ^ 4]) + data[i + 1 :] for i in range(0, len(data), 97)]
+    damaged += [data[:length] for length in range(0, len(data), 501)]
+    damaged += [data + b"\0", data + b"\n", b"\n" + data]
+    for wrong in damaged:
+        path.write_bytes(wrong)
+        refusal(path)
+
+
+def test_content_is_checked_though_its_digest_is_right(tmp_path: Path) -> None:
+    path, rng = tmp_path / "a.response", random.Random(4)
+    for _ in range(400):
+        path.write_bytes(model_inputs.wrong_model(rng).data)
+        assert "holds what no response can be" in refusal(path)
+
+
+def test_other_files_and_older_versions_are_told_apart(tmp_path: Path) -> None:
+    path = tmp_path / "a.response"
+    for make in model_inputs._FOREIGN:
+        path.write_bytes(make())
+        assert "is not a response of this version" in refusal(path)
+    path.write_bytes(FORMAT)
+    assert "is damaged" in refusal(path)
+
+
+def test_what_is_no_file_is_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "endless").symlink_to("/dev/zero")
+    for name in ("", "pipe", "endless", "missing"):
+        with pytest.raises(FileError, match=r": (is no regular file|cannot be read .*); give"):
+            Response.load(tmp_path / name)
+
+
+def test_a_command_with_a_damaged_model_says_so_in_a_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.response"
+    command = ["locate", str(kept.SCENE), "--charges", "A=9,B=7,C=6,D=6", "--model", str(path)]
+    for data, told in ((kept.response_bytes()[:-1], "is damaged"), (b"PK", "is not a response")):
+        path.write_bytes(data)
+        assert main(command) == 2
+        out, err = capsys.readouterr()
+        assert (out, err.count("\n")) == ("", 1)
+        assert err.startswith(f"{path}: {told}")
+    path.write_bytes(kept.response_bytes())
+    assert main([*command, "--json"]) in (0, 3)
+    assert "touches" in json.loads(capsys.readouterr().out)
+
+
+SAVER = """
+import sys
+from dataclasses import replace
+from pvdf_fem import Response
+from reports.robustness import kept
+bound = float(sys.argv[2])
+response = replace(kept.response(), error_bound=bound)
+for _ in range(150):
+    response.save(sys.argv[1])
+    assert Response.load(sys.argv[1]).error_bound in (1.0, 2.0)
+"""
+
+
+def test_two_processes_save_the_same_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.response"
+    savers = [
+        subprocess.Popen(
+            [sys.executable, "-c", SAVER, str(path), bound], cwd=ROOT, stderr=subprocess.PIPE
+        )
+        for bound in ("1", "2")
+    ]
+    for saver in savers:
+        _, err = saver.communicate(timeout=100)
+        assert (saver.returncode, err.decode()) == (0, "")
+    assert Response.load(path).error_bound in (1.0, 2.0)
+    assert os.listdir(tmp_path) == ["a.response"]
+
+
+def test_a_damaged_model_is_told_before_another_is_built(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of two probes, the second one has a model, which is damaged."""
+    from pvdf_fem.cli import locate as cli_locate
+
+    for name, shape in (("first", "circle"), ("second", "triangle")):
+        (tmp_path / f"{name}.toml").write_text(f'[probe]\nshape = "{shape}"\n')
+    path = cli_locate._path
+
+    def path_of(scene, name, file, request):  # type: ignore[no-untyped-def]
+        return path(scene, name, file, request).with_name(f"{Path(name).stem}.response")
+
+    monkeypatch.setattr(cli_locate, "_path", path_of)
+    monkeypatch.setattr(sys.modules[build_response.__module__], "build_response", None)
+    (tmp_path / "second.response").write_bytes(kept.response_bytes()[:-1])
+    first, second = (str(tmp_path / f"{name}.toml") for name in ("first", "second"))
+    assert main(["locate", first, "--or", second, "--charges", "A=9,B=7,C=6"]) == 2
+    assert "second.response: is damaged" in capsys.readouterr().err
