@@ -115,7 +115,7 @@ def test_all_mistakes_of_a_file_are_told_at_once(tmp_path):
     ("axes", "reason"),
     [
         ([{"load.force_N": [1]}, {"load.force_N": [2]}], "axes[1] = "),
-        ([{"load.force_N": [1], "name": "electrode"}], "dataset's own dimension"),
+        ([{"load.force_N": [1], "name": "electrode"}], "is the dataset's own name"),
         ([{"load.force_N": list(range(2000))}, {"film.d31_pC_N": list(range(2000))}], "4000000"),
     ],
 )

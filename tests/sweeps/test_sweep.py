@@ -153,13 +153,13 @@ def test_two_processes_may_use_one_store(tmp_path):
 
 
 def test_a_process_that_dies_is_replaced(tmp_path):
-    tasks = {number: (tmp_path / "died", number) for number in range(6)}
+    tasks = [(number, (tmp_path / "died", number)) for number in range(6)]
     results = dict(on_processes(deaths.die_once, tasks, 2))
     assert results == {number: 10 * number for number in range(6)}
 
 
 def test_a_task_that_always_kills_its_process_has_no_result():
-    results = dict(on_processes(deaths.die, dict(enumerate(range(5))), 2))
+    results = dict(on_processes(deaths.die, enumerate(range(5)), 2))
     assert isinstance(results.pop(3), Died)
     assert results == {number: 10 * number for number in (0, 1, 2, 4)}
 
