@@ -121,14 +121,18 @@ def same_file(path: Path, other: Path) -> bool:
         return os.path.realpath(path) == os.path.realpath(other)
 
 
-def make_directory(path: Path, first: str) -> None:
-    """Make a directory and those above it.
+def make_directory(path: Path, first: str, *others: Path) -> None:
+    """Make a directory, and those above it, for files none of which is to overwrite `others`.
 
     Raises
     ------
     FileError
-        When the directory cannot be made, or the file named `first` could not be written in it.
+        When the directory cannot be made or holds one of `others`, or when the file named `first`
+        could not be written in it.
     """
+    for other in others:
+        if same_file(path, other.parent):
+            raise FileError(f"{path}: holds {other.name}, which is read; name another directory")
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:

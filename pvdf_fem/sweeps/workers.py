@@ -175,8 +175,8 @@ def _by_workers(
     running: dict[Any, int] = {}
 
     def submit() -> None:
-        most = max(1, 2 * sum(client.nthreads().values()))
-        for number, task in itertools.islice(tasks, most - len(running)):
+        room = max(1, 2 * sum(client.nthreads().values())) - len(running)
+        for number, task in itertools.islice(tasks, max(room, 0)):
             future = client.submit(function, task, pure=False)
             running[future] = number
             completed.add(future)
