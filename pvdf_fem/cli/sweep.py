@@ -116,11 +116,11 @@ def _sweep(options: argparse.Namespace) -> int:
             if options.plan:
                 return ExitCode.CONVERGED
             return _run(grid, plan, store, output, options)
-    except (StoreError, ClusterError) as error:
-        raise InputError(str(error)) from error
     except ClusterLostError as error:
         print(error, file=sys.stderr)
         return ExitCode.NOT_CONVERGED
+    except (StoreError, ClusterError) as error:
+        raise InputError(str(error)) from error
 
 
 def _run(

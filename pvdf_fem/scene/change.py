@@ -15,26 +15,20 @@ from pvdf_fem.scene.scene_file import problem
 # Keys that a shape keeps when it becomes another one.
 _PLACE = {"name", "shape", "x_mm", "y_mm", "rotation_deg"}
 _KEY = re.compile(r"[^.[\]]+(?:\.[^.[\]]+|\[[0-9]{1,9}\])*")
-_INDEX = re.compile("[0-9]{1,9}")
 _BY_INDEX = "electrodes are addressed by index in a list [[electrodes]], as in electrodes[0].x_mm"
 
 
 @lru_cache(maxsize=1024)
-def steps_of(key: str) -> tuple[str, ...]:
-    """The names and indices that a dotted key consists of; none if it is no key."""
-    if not _KEY.fullmatch(key):
-        return ()
-    steps = re.findall(r"[^.[\]]+", key)
-    return tuple(str(int(step)) if _INDEX.fullmatch(step) else step for step in steps)
+def steps_of(key: str) -> tuple[Any, ...]:
+    """The names and the indices, as int, that a dotted key consists of; none if it is no key."""
+    steps = re.findall(r"[^.[\]]+", key) if _KEY.fullmatch(key) else []
+    return tuple(int(step) if re.fullmatch("[0-9]{1,9}", step) else step for step in steps)
 
 
 def spelled(key: str) -> str:
     """The one spelling of a key: ``electrodes.0.x_mm`` becomes ``electrodes[0].x_mm``."""
-    steps = steps_of(key)
-    if not steps:
-        return key
-    rest = (f"[{step}]" if _INDEX.fullmatch(step) else f".{step}" for step in steps[1:])
-    return steps[0] + "".join(rest)
+    rest = (f"[{step}]" if isinstance(step, int) else f".{step}" for step in steps_of(key))
+    return "".join(rest).removeprefix(".") or key
 
 
 def change(tables: dict[str, Any], changes: Mapping[str, Any]) -> list[str]:
@@ -51,17 +45,16 @@ def change(tables: dict[str, Any], changes: Mapping[str, Any]) -> list[str]:
     Returns
     -------
     list of str
-        A complaint for each key that leads through a scalar or past the end of a list, and for
-        each that another one spells otherwise.
+        A complaint for each key that leads nowhere, or that another one spells otherwise.
     """
     changes = {_encodable(key): value for key, value in changes.items()}
-    keys: dict[tuple[str, ...], str] = {}
+    keys: dict[tuple[Any, ...], str] = {}
     problems = []
     for key, value in changes.items():
         steps = steps_of(key)
         if not steps:
             reason = "is no key; write one such as film.radius_mm or electrodes[0].x_mm"
-            problems.append(problem(key[:80], value, reason))
+            problems.append(problem(key[:80] or '""', value, reason))
         elif keys.setdefault(steps, key) != key:
             reason = f"is the same key as {keys[steps]}; remove one"
             problems.append(problem(key[:80], value, reason))
@@ -77,29 +70,20 @@ def change(tables: dict[str, Any], changes: Mapping[str, Any]) -> list[str]:
     return problems
 
 
-def _put(tables: dict[str, Any], steps: tuple[str, ...], value: Any) -> None:
+def _put(tables: dict[str, Any], steps: tuple[Any, ...], value: Any) -> None:
     node: Any = tables
-    by_index = isinstance(node.get("electrodes"), list) and _INDEX.fullmatch("".join(steps[1:2]))
-    if steps[0] == "electrodes" and len(steps) > 2 and not by_index:
+    listed = isinstance(node.get("electrodes"), list) and int in map(type, steps[1:2])
+    if steps[0] == "electrodes" and len(steps) > 2 and not listed:
         raise ValueError(_BY_INDEX)
     for step in steps[:-1]:
-        node = node[_index(step)] if isinstance(node, list) else node.setdefault(step, {})
-    last = steps[-1]
-    if isinstance(node, list):
-        node[_index(last)] = value
-        return
+        node = node[step] if isinstance(node, list) else node.setdefault(str(step), {})
+    last = steps[-1] if isinstance(node, list) else str(steps[-1])
     if last == "shape" and node.get("shape") != value:
         for size in node.keys() - _PLACE:
             del node[size]
     if last == "kind" and value != "rigid":
         node.pop("contact", None)
     node[last] = value
-
-
-def _index(step: str) -> int:
-    if not _INDEX.fullmatch(step):
-        raise ValueError(step)
-    return int(step)
 
 
 def _encodable(key: Any) -> Any:

@@ -22,14 +22,7 @@ from pvdf_fem.scene.change import plain, spelled, steps_of
 from pvdf_fem.scene.mistakes import MOST_MISTAKES
 from pvdf_fem.scene.quantity import Finite, Length, Number, Section
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import (
-    SceneError,
-    choose,
-    parse_toml,
-    problem,
-    quote,
-    read_scene_text,
-)
+from pvdf_fem.scene.scene_file import SceneError, choose, parse_toml, problem, read_scene_text
 from pvdf_fem.sweeps.lines import MappingScheme
 
 #: Largest number of scenes in a grid.
@@ -40,8 +33,9 @@ MOST_AXES = 63
 OWN_NAMES = {"charge_pC", "charge_error_pC", "deflection_max_mm", "status", "electrode"}
 _TOO_MANY = f"at most {MOST_SCENES} are allowed, give fewer values"
 _SECTIONS = tuple(Scene.model_fields)
-# Names that NetCDF keeps for itself; texts have a dimension such as `string4`.
-_RESERVED = re.compile(r"byte|char|u?short|u?int(64)?|float|real|double|bool|string\d*")
+# NetCDF keeps some names for itself; texts have a dimension such as `string4`.
+_RESERVED = r"(byte|char|u?short|u?int(64)?|float|real|double|bool|string\d*)"
+_NAME = re.compile(rf"(?!{_RESERVED}$)\w[^/']{{0,59}}(?<! )")
 
 
 class Range(Section):
@@ -55,13 +49,12 @@ class Range(Section):
     def __len__(self) -> int:
         return self.count
 
-    @property
-    def values(self) -> list[float]:
+    def __iter__(self) -> Iterator[float]:  # type: ignore[override]
         """The numbers; ends are exact."""
         if self.spacing == "linear":
-            return np.linspace(self.start, self.stop, self.count).tolist()
+            return iter(np.linspace(self.start, self.stop, self.count).tolist())
         inner = np.geomspace(self.start, self.stop, self.count)[1:-1]
-        return [self.start, *inner.tolist(), self.stop]
+        return iter([self.start, *inner.tolist(), self.stop])
 
 
 class Lines(Section):
@@ -92,6 +85,11 @@ class SweepAxis:
 
     def __len__(self) -> int:
         return len(next(iter(self.values.values())))
+
+    @property
+    def expanded(self) -> SweepAxis:
+        """The axis with the numbers of its ranges."""
+        return replace(self, values={key: tuple(along) for key, along in self.values.items()})
 
     def __getitem__(self, index: int) -> dict[str, Any]:
         """The changes to the base scene at an index of the axis."""
@@ -130,16 +128,16 @@ class Grid:
             With all mistakes.
         """
         if len(axes) > MOST_AXES:
-            many = f"axes: are {len(axes)}; at most {MOST_AXES} are allowed, put keys together"
-            raise SceneError([many], source)
+            reason = f"is the number of axes; at most {MOST_AXES} are allowed, put keys together"
+            raise SceneError([problem("axes", len(axes), reason)], source)
         problems: list[str] = []
         read = [_axis(f"axes[{i}]", table, scene, problems) for i, table in enumerate(axes)]
         valid = [axis for axis in read if axis]
         if not problems:
-            problems += [*_clashes(valid), *_overridden(valid)]
+            problems += list(_clashes(valid)) or _overridden(valid)
         if problems:
             raise SceneError(problems[:MOST_MISTAKES], source)
-        return cls(scene, tuple(_expanded(axis) for axis in valid))
+        return cls(scene, tuple(axis.expanded for axis in valid))
 
     @classmethod
     def load(cls, path: Path | str) -> Self:
@@ -211,7 +209,7 @@ class Grid:
             except SceneError as error:
                 problems |= dict.fromkeys(error.problems)
                 refused += 1
-                if len(problems) > MOST_MISTAKES or refused == MOST_MISTAKES:
+                if refused == MOST_MISTAKES:
                     break
                 continue
             sections = ((name, getattr(scene, name)) for name in _SECTIONS)
@@ -241,8 +239,8 @@ def _axis(
     values: dict[str, Any] = {}
     for key, value in _flat(varied):
         if spelled(key) in values:
-            reason = "is the same key as one before; remove one"
-            problems.append(problem(f"{where}.{key}", value, reason))
+            again = "is the same key as one before; remove one"
+            problems.append(problem(f"{where}.{key}", value, again))
         values[spelled(key)] = _values(f"{where}.{key}", value, problems)
     lengths = {key: len(along) for key, along in values.items()}
     if not values:
@@ -256,14 +254,10 @@ def _axis(
 
 
 def _is_name(name: Any) -> bool:
-    """Whether a name of an axis can be the name of a dimension and of a variable in NetCDF."""
-    return (
-        isinstance(name, str)
-        and name.isprintable()
-        and unicodedata.is_normalized("NFC", name)
-        and re.fullmatch(r"\w[^/']{0,59}(?<! )", name) is not None
-        and not _RESERVED.fullmatch(name)
-    )
+    """Whether a dimension and a variable of a NetCDF file can have a name."""
+    if not isinstance(name, str) or not unicodedata.is_normalized("NFC", name):
+        return False
+    return name.isprintable() and _NAME.fullmatch(name) is not None
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -350,7 +344,7 @@ def _clashes(axes: Sequence[SweepAxis]) -> Iterator[str]:
             reason = "is the dataset's own name or that of another key; choose another"
             yield problem(f"axes[{i}].name", axis.name, reason)
     if (count := math.prod(map(len, axes))) > MOST_SCENES:
-        yield f"axes: the number of their scenes is {quote(count)}; {_TOO_MANY}"
+        yield problem("axes", count, f"is the number of their scenes; {_TOO_MANY}")
 
 
 def _overridden(axes: Sequence[SweepAxis]) -> Iterator[str]:
@@ -365,20 +359,10 @@ def _overridden(axes: Sequence[SweepAxis]) -> Iterator[str]:
                     yield problem(f"axes[{i}]", key, reason)
 
 
-def _has(value: Any, steps: Sequence[str]) -> bool:
-    for step in steps:
-        if isinstance(value, list):
-            value = dict(zip(map(str, range(len(value))), value, strict=True))
-        if not isinstance(value, Mapping) or step not in value:
-            return False
-        value = value[step]
+def _has(value: Any, steps: Sequence[Any]) -> bool:
+    try:
+        for step in steps:
+            value = value[step]
+    except (LookupError, TypeError):
+        return False
     return True
-
-
-def _expanded(axis: SweepAxis) -> SweepAxis:
-    """The axis with the numbers of its ranges."""
-    numbers = {
-        key: tuple(along.values) if isinstance(along, Range) else along
-        for key, along in axis.values.items()
-    }
-    return replace(axis, values=numbers)

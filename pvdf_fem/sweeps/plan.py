@@ -53,6 +53,10 @@ class SweepPlan:
         """Number of distinct scenes that are to be solved."""
         return sum(len(block.indices) for block in self.blocks)
 
+    def scenes_of(self, block: int) -> list[Scene]:
+        """The scenes of a block."""
+        return [self.scenes[i] for i in self.blocks[block].indices]
+
     def __str__(self) -> str:
         distinct = self.missing + len(self.stored)
         given, turned, scaled = self.steps

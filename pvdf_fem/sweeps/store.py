@@ -10,6 +10,7 @@ a byte of a file beside the store, so the system ends it together with its proce
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
@@ -17,11 +18,11 @@ import sqlite3
 import sys
 import zlib
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -54,17 +55,6 @@ _ADVICE = {
 
 class StoreError(FileError):
     """A file cannot serve as a store; the text names the file and says what to do."""
-
-
-def _is_unwritable(error: BaseException | None) -> bool:
-    code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_OK) & 0xFF
-    return code in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
-
-
-def _misused(error: sqlite3.ProgrammingError) -> str:
-    if "closed" in str(error):
-        return "is closed; open another one on the file"
-    return "belongs to another thread; open one in each thread"
 
 
 @dataclass(frozen=True)
@@ -173,7 +163,10 @@ class Store:
         try:
             self._connect("")
         except StoreError as error:
-            if not (_is_unwritable(error.__cause__) and path.is_file()):
+            number = getattr(error.__cause__, "sqlite_errorcode", 0) & 0xFF
+            if not (
+                number in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN) and path.is_file()
+            ):
                 raise
             try:
                 self._connect("?mode=ro")
@@ -257,9 +250,14 @@ class Store:
 
     def _error(self, error: Exception) -> StoreError:
         if isinstance(error, sqlite3.ProgrammingError):
-            return StoreError(f"{self._path}: this Store {_misused(error)}")
-        code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
-        advice = _ADVICE.get(code, "name another file or see to its disk")
+            closed = "is closed; open another one on the file"
+            reason = (
+                closed if "closed" in str(error) else "belongs to another thread; open one in each"
+            )
+            return StoreError(f"{self._path}: this Store {reason}")
+        damaged = isinstance(error, UnicodeDecodeError)
+        code = sqlite3.SQLITE_CORRUPT if damaged else getattr(error, "sqlite_errorcode", 0)
+        advice = _ADVICE.get(code & 0xFF, "name another file or see to its disk")
         return StoreError(f"{self._path}: {error}; {advice}")
 
     def claim(self, solve: str) -> bool:
@@ -275,24 +273,17 @@ class Store:
             raise StoreError(f"{self._path}: can only be read, and scenes are missing; {advice}")
         if sys.platform == "win32":
             return True
-        if self._claims is None:
-            self._claims = self._opened_claims()
         digest = hashlib.sha256((self._code + code_version() + solve).encode()).hexdigest()
         try:
+            if self._claims is None:
+                self._claims = os.open(self._claims_path, os.O_RDWR | os.O_CREAT, 0o666)
+                give_permissions(self._path, self._claims_path)
             fcntl.lockf(self._claims, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, int(digest[:15], 16))
-        except (BlockingIOError, PermissionError):
+        except OSError as error:
+            if self._claims is None or error.errno not in (errno.EAGAIN, errno.EACCES):
+                raise self._error(error) from error
             return False
         return True
-
-    def _opened_claims(self) -> int:
-        path = self._claims_path
-        try:
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-        except OSError as error:
-            reason = f"{path} cannot be made ({error.strerror})"
-            raise StoreError(f"{self._path}: {reason}; name another file") from error
-        give_permissions(self._path, path)
-        return descriptor
 
     @property
     def _claims_path(self) -> Path:
@@ -300,16 +291,12 @@ class Store:
 
     def end_claims(self) -> None:
         """End all claims of this process."""
-        if self._claims is None or sys.platform == "win32":
-            return
-        descriptor, self._claims = self._claims, None
-        try:
-            fcntl.lockf(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            self._claims_path.unlink(missing_ok=True)
-        except OSError:  # another process has claims
-            pass
-        finally:
-            os.close(descriptor)
+        if self._claims is not None and sys.platform != "win32":
+            with suppress(OSError):  # when another process has claims
+                fcntl.lockf(self._claims, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                self._claims_path.unlink(missing_ok=True)
+            os.close(self._claims)
+            self._claims = None
 
     def close(self) -> None:
         """Close the file."""
@@ -322,12 +309,7 @@ class Store:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 

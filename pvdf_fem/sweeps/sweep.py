@@ -153,7 +153,7 @@ def _shared(
             if first := next(tasks, None):
                 for number, result in run(_solved, itertools.chain([first], tasks)):
                     left.remove(number)
-                    yield number, _kept(_scenes(todo, number), result, store)
+                    yield number, _kept(todo.scenes_of(number), result, store)
             left -= stored.keys()
             yield from stored.items()
             if left:
@@ -168,19 +168,12 @@ def _claimed(
 ) -> Iterator[tuple[int, Task]]:
     """Blocks to be solved here and their tasks; those that are in the store join `stored`."""
     for number in left:
-        block, scenes = todo.blocks[number], _scenes(todo, number)
-        if store is not None:
-            claimed = store.claim(block.mechanics)
-            if all(scene in store for scene in scenes):
-                stored[number] = [record for scene in scenes if (record := store.get(scene))]
-                continue
-            if not claimed:
-                continue
-        yield number, (scenes, block.frames)
-
-
-def _scenes(todo: SweepPlan, number: int) -> list[Scene]:
-    return [todo.scenes[i] for i in todo.blocks[number].indices]
+        block, scenes = todo.blocks[number], todo.scenes_of(number)
+        is_claimed = store is None or store.claim(block.mechanics)
+        if store is not None and all(scene in store for scene in scenes):
+            stored[number] = [record for scene in scenes if (record := store.get(scene))]
+        elif is_claimed:
+            yield number, (scenes, block.frames)
 
 
 def _kept(scenes: list[Scene], result: list[Record] | Died, store: Store | None) -> list[Record]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import itertools
-import logging
 import os
+import signal
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, CancelledError, wait
-from contextlib import contextmanager, suppress
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, TypeVar
@@ -24,17 +24,15 @@ Result = TypeVar("Result")
 
 # Deaths of processes without a result between them after which the next task is run alone.
 MOST_DEATHS = 2
-#: Seconds after which a process without tasks ends.
-IDLE = 300.0
-# Variables for the number of threads of linear algebra.
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+_LIBRARIES = ("OMP", "OPENBLAS", "MKL", "BLIS")
+_ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in _LIBRARIES}
 
 
 class ClusterError(RuntimeError):
     """A cluster cannot be used; the text says why and what to do."""
 
 
-class ClusterLostError(RuntimeError):
+class ClusterLostError(ClusterError):
     """A cluster stopped while it worked; the text says what to do."""
 
 
@@ -69,7 +67,8 @@ def on_processes(
             yield number, function(task)
         return
     tasks, again, deaths = iter(tasks), deque[tuple[int, Task]](), 0
-    running: dict[Any, tuple[int, Task]] = {}
+    running: dict[Future[Result], tuple[int, Task]] = {}
+    ids: Iterable[int] = ()
     try:
         while True:
             alone = deaths > MOST_DEATHS
@@ -77,7 +76,8 @@ def on_processes(
                 item = again.popleft() if again else next(tasks, None)
                 if item is None:
                     break
-                running[_submitted(function, item[1], count)] = item
+                future, ids = _submitted(function, item[1], count)
+                running[future] = item
             if not running:
                 return
             done, _ = wait(running, return_when=FIRST_COMPLETED)
@@ -94,25 +94,25 @@ def on_processes(
                     again.append((number, task))
             deaths += died
     finally:
-        if running:
-            _executor(count).shutdown(kill_workers=True)
+        for process in list(ids) if running else ():  # a shutdown may log an exception
+            with suppress(ProcessLookupError):
+                os.kill(process, signal.SIGKILL)
+        wait(running)
 
 
 def _has_died(future: Any) -> bool:
     return isinstance(future.exception(), TerminatedWorkerError)
 
 
-def _submitted(function: Callable[[Task], Result], task: Task, count: int) -> Any:
-    while True:
-        with suppress(TerminatedWorkerError):  # of a process that died a moment ago
-            return _executor(count).submit(function, task)
-
-
-def _executor(count: int) -> Any:
-    """The processes of this one, which stay for later calls."""
-    threads = dict.fromkeys(_THREADS, "1")
+def _submitted(
+    function: Callable[[Task], Result], task: Task, count: int
+) -> tuple[Future[Result], Iterable[int]]:
+    """The future result of a process, and the ids of all, which stay for later calls for 300 s."""
     ends = {"initializer": _end_with, "initargs": (os.getpid(),)}
-    return get_reusable_executor(count, timeout=IDLE, env=threads, **ends)
+    while True:
+        executor = get_reusable_executor(count, timeout=300, env=_ONE_THREAD, **ends)
+        with suppress(TerminatedWorkerError):  # of a process that died a moment ago
+            return executor.submit(function, task), executor._processes
 
 
 def _end_with(parent: int) -> None:
@@ -144,28 +144,30 @@ def on_cluster(
     Raises
     ------
     ClusterError
-        When dask is not installed or no scheduler answers.
-    ClusterLostError
-        When the scheduler stops.
+        When dask is not installed or no scheduler answers; `ClusterLostError` when it stops.
     """
     try:
+        # otherwise a scheduler that stops is logged with its traceback
+        quiet = dict.fromkeys(
+            ("distributed", "distributed.client", "tornado", "asyncio"), "critical"
+        )
+        import_module("dask.config").set(logging=quiet)
         distributed: Any = import_module("distributed")
     except ImportError as error:
         advice = "install it with: pip install 'pvdf-fem[cluster]'"
         raise ClusterError(f"--scheduler {scheduler}: dask is missing; {advice}") from error
-    with _without_logs():
+    try:
+        client = distributed.Client(scheduler, timeout=20, set_as_default=False)
+    except (OSError, ValueError) as error:
+        advice = "start `dask scheduler` there, or correct the address"
+        raise ClusterError(f"--scheduler {scheduler}: {error}; {advice}") from error
+    with client:
         try:
-            client = distributed.Client(scheduler, timeout=20, set_as_default=False)
-        except (OSError, ValueError) as error:
-            advice = "start `dask scheduler` there, or correct the address"
-            raise ClusterError(f"--scheduler {scheduler}: {error}; {advice}") from error
-        with client:
-            try:
-                yield from _by_workers(client, function, iter(tasks))
-            except (OSError, CancelledError) as error:
-                advice = "start it again, then repeat the command: what is solved is in the store"
-                text = f"--scheduler {scheduler}: does not answer any more; {advice}"
-                raise ClusterLostError(text) from error
+            yield from _by_workers(client, function, iter(tasks))
+        except (OSError, CancelledError) as error:
+            advice = "start it again, then repeat the command: what is solved is in the store"
+            text = f"--scheduler {scheduler}: does not answer any more; {advice}"
+            raise ClusterLostError(text) from error
 
 
 def _by_workers(
@@ -189,18 +191,3 @@ def _by_workers(
         yield number, Died(f"{type(error).__name__}: {error}") if error else future.result()
         future.release()
         submit()
-
-
-@contextmanager
-def _without_logs() -> Iterator[None]:
-    """A context in which Dask's libraries log nothing: they would log tracebacks."""
-    names = [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]
-    loggers = [logging.getLogger(name) for name in [*names, "tornado", "asyncio"]]
-    levels = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        for logger, level in zip(loggers, levels, strict=True):
-            logger.setLevel(level)
