@@ -91,7 +91,7 @@ def give_permissions(path: Path, other: Path) -> None:
     if hasattr(os, "chown"):
         with suppress(OSError):
             os.chown(other, status.st_uid, status.st_gid)
-    with suppress(PermissionError):
+    with suppress(PermissionError, FileNotFoundError):
         other.chmod(stat.S_IMODE(status.st_mode))
 
 

@@ -187,9 +187,11 @@ class Store:
             raise
 
     def _open(self) -> None:
+        self._execute("BEGIN")  # another process may make the store at this moment
         (kind,) = self._execute("PRAGMA application_id")
         (schema,) = self._execute("PRAGMA user_version")
         (tables,) = self._execute("SELECT count(*) FROM sqlite_master")
+        self._execute("COMMIT")
         used = tables or kind or schema or self.read_only
         if used and (kind, schema) != (APPLICATION_ID, SCHEMA):
             raise StoreError(

@@ -1,9 +1,11 @@
 """Results survive: equal after a reload, refused when the file is not ours, solved once."""
 
+import multiprocessing
 import os
 import sqlite3
 import subprocess
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
@@ -199,3 +201,22 @@ def test_a_claim_is_for_one_process(tmp_path):
             run = subprocess.run(command, cwd=root, capture_output=True, text=True, check=True)
             assert run.stdout.strip() == printed
         assert not (tmp_path / "s.db-claims").exists()
+
+
+def _open_at(path, moment):
+    while time.time() < moment:
+        pass
+    Store(path).close()
+
+
+def test_processes_may_make_a_store_at_the_same_moment(tmp_path):
+    """One of them found tables without the number of a store, and refused the file."""
+    fork = multiprocessing.get_context("fork")
+    for number in range(40):
+        arguments = (tmp_path / f"{number}.db", time.time() + 0.03)
+        processes = [fork.Process(target=_open_at, args=arguments) for _ in range(3)]
+        for process in processes:
+            process.start()
+        for process in processes:
+            process.join()
+        assert [process.exitcode for process in processes] == [0, 0, 0]
