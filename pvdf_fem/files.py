@@ -73,6 +73,7 @@ def reading(path: Path, what: str) -> Iterator[BinaryIO]:
 def replacing(path: Path) -> Iterator[Path]:
     """A context with the path of a temporary file, which replaces `path` at the end.
 
+    A file that is replaced leaves its permissions and, where possible, its owner to the new one.
     After an exception the temporary file is removed, and `path` stays as it was.
 
     Raises
@@ -84,28 +85,62 @@ def replacing(path: Path) -> Iterator[Path]:
         temporary = _beside(path)
         try:
             yield temporary
+            with suppress(FileNotFoundError):
+                give_permissions(path, temporary)
             temporary.replace(os.path.realpath(path))  # a symbolic link stays one
         finally:
             with suppress(OSError):
                 temporary.unlink(missing_ok=True)
 
 
-def require_writable(path: Path) -> None:
-    """Raise `FileError` for a path that `replacing` could not write."""
+def give_permissions(path: Path, other: Path) -> None:
+    """Give another file the owner, as far as the system lets us, and the permissions of one."""
+    status = path.stat()
+    if hasattr(os, "chown"):
+        with suppress(OSError):
+            os.chown(other, status.st_uid, status.st_gid)
+    with suppress(PermissionError, FileNotFoundError):
+        other.chmod(stat.S_IMODE(status.st_mode))
+
+
+def require_writable(path: Path, *others: Path | None) -> None:
+    """Raise `FileError` for a path that `replacing` could not write, or that is one of `others`."""
+    require_distinct(path, *others)
     with _as_file_error(path):
         temporary = _beside(path)
         temporary.touch()
         temporary.unlink()
 
 
-def make_directory(path: Path, first: str) -> None:
-    """Make a directory and those above it.
+def require_distinct(path: Path, *others: Path | None) -> None:
+    """Raise `FileError` for a path that would overwrite one of `others`, by whatever name."""
+    for other in others:
+        if other is not None and same_file(path, other):
+            raise FileError(
+                f"{path}: would overwrite {other}, which is the same file; name another"
+            )
+
+
+def same_file(path: Path, other: Path) -> bool:
+    """Whether two paths lead to one file or directory, through links of any kind."""
+    try:
+        return os.path.samefile(path, other)
+    except OSError:  # one does not exist
+        return os.path.realpath(path) == os.path.realpath(other)
+
+
+def make_directory(path: Path, first: str, *others: Path) -> None:
+    """Make a directory, and those above it, for files none of which is to overwrite `others`.
 
     Raises
     ------
     FileError
-        When the directory cannot be made, or the file named `first` could not be written in it.
+        When the directory cannot be made or holds one of `others`, or when the file named `first`
+        could not be written in it.
     """
+    for other in others:
+        if same_file(path, other.parent):
+            raise FileError(f"{path}: holds {other.name}, which is read; name another directory")
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _benchmark(options: argparse.Namespace) -> int:
     earlier = _medians(options.against) if options.against else {}
     if options.save:
-        require_writable(options.save)
+        require_writable(options.save, options.against)
     unknowns, unit = yardstick(options.rounds)
     print(f"one factorisation of {unknowns} unknowns, SuperLU: {unit:.3f} s")
     medians, failed = {}, []

@@ -62,7 +62,7 @@ def _compare(options: argparse.Namespace) -> int:
         measured = read_measurements(options.file)
     except MeasurementError as error:
         raise InputError(*error.problems) from None
-    make_directory(options.out, "index.html")
+    make_directory(options.out, "index.html", options.file)
     results = Results(options.out / "results", options.processes)
     scenes = _scenes(measured, options.contact)
     with tqdm(total=results.missing(scenes), unit="solve", disable=None) as bar:

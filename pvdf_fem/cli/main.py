@@ -189,13 +189,14 @@ def _add_json(parser: argparse.ArgumentParser) -> None:
 
 def _scene(options: argparse.Namespace, *mistakes: str) -> Scene:
     """The scene with its changes; raises `InputError` with the given mistakes and its own."""
+    from pvdf_fem.scene.change import spelled
     from pvdf_fem.scene.scene import Scene, SceneError
 
     problems, changes = list(mistakes), {}
     for text in options.changes:
         try:
             key, value = _change(text)
-            changes[key] = value
+            changes[spelled(key)] = value
         except InputError as error:
             problems += error.args
     try:
@@ -229,9 +230,10 @@ def _change(text: str) -> tuple[str, Any]:
 
 
 def _solve(options: argparse.Namespace) -> int:
-    mistakes = output_mistakes(options.vtu, [".vtu"])
+    mistakes = output_mistakes(options.vtu, [".vtu"], options.scene)
     if options.plot:
-        mistakes += output_mistakes(options.plot, _plot_extensions())
+        others = options.scene, options.vtu
+        mistakes += output_mistakes(options.plot, _plot_extensions(), *others)
     scene = _scene(options, *mistakes)
     from pvdf_fem.solution.solve import solve
     from pvdf_fem.solvers.status import Status
@@ -249,7 +251,7 @@ def _solve(options: argparse.Namespace) -> int:
 def _mesh(options: argparse.Namespace) -> int:
     from pvdf_fem.output.export import FORMATS, write_mesh
 
-    scene = _scene(options, *output_mistakes(options.file, list(FORMATS)))
+    scene = _scene(options, *output_mistakes(options.file, list(FORMATS), options.scene))
     from pvdf_fem.film.models import film_model
     from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
     from pvdf_fem.solution.first_sizes import ORDER, first_sizes

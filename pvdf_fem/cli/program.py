@@ -63,14 +63,19 @@ def add_command(
     return parser
 
 
-def output_mistakes(path: Path | None, extensions: Sequence[str]) -> list[str]:
-    """Reasons for which a file could not be written; `extensions` are those of known formats."""
+def output_mistakes(
+    path: Path | None, extensions: Sequence[str], *others: Path | None
+) -> list[str]:
+    """Reasons for which a file could not be written.
+
+    `extensions` are those of known formats, and `others` are files that it must not overwrite.
+    """
     if path is None:
         return []
     if path.suffix.lower() not in extensions:
         return [f"{path}: has no extension of a known format; choose from {' '.join(extensions)}"]
     try:
-        require_writable(path)
+        require_writable(path, *others)
     except FileError as error:
         return [str(error)]
     return []

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.cli.program import ExitCode, InputError, add_command, output_mistakes
+from pvdf_fem.files import require_distinct
 
 if TYPE_CHECKING:
     from pvdf_fem.sweeps.grid import Grid
@@ -46,8 +47,10 @@ examples:
   dask scheduler & dask worker tcp://localhost:8786 --nworkers 8 --nthreads 1 &
   pvdf-fem sweep sweep.toml --scheduler tcp://localhost:8786
 
+Several sweeps may use one store at the same time; they share the solves.
+
 exit codes: 0 all converged, 2 bad input, 3 some scenes have no charges (their
-`status` in the file says why), 130 interrupted"""
+`status` in the file says why) or the Dask scheduler stopped, 130 interrupted"""
 
 
 def add_to(commands: Any) -> None:
@@ -81,8 +84,9 @@ def add_to(commands: Any) -> None:
 def _sweep(options: argparse.Namespace) -> int:
     from pvdf_fem.scene.scene_file import SceneError
 
-    output = options.output or Path(options.sweep.with_suffix(".nc").name)
-    mistakes = [] if options.plan else output_mistakes(output, [".nc"])
+    output = options.output or Path(f"{options.sweep.stem}.nc")
+    unused = options.plan and not options.output
+    mistakes = [] if unused else output_mistakes(output, [".nc"], options.sweep)
     if options.processes == 0 or options.processes < -1:
         mistakes.append(f"--processes {options.processes}: give 1 or more, or -1 for all cores")
     from pvdf_fem.sweeps.grid import Grid
@@ -96,9 +100,11 @@ def _sweep(options: argparse.Namespace) -> int:
         raise InputError(*mistakes)
     from pvdf_fem.sweeps.store import Store, StoreError
     from pvdf_fem.sweeps.sweep import planned
-    from pvdf_fem.sweeps.workers import ClusterError
+    from pvdf_fem.sweeps.workers import ClusterError, ClusterLostError
 
     path = options.store or output.with_suffix(".db")
+    require_distinct(path, output, *grid.files)
+    require_distinct(output, *grid.files)
     try:
         if options.plan and not path.exists():
             print(planned(scenes))
@@ -110,6 +116,9 @@ def _sweep(options: argparse.Namespace) -> int:
             if options.plan:
                 return ExitCode.CONVERGED
             return _run(grid, plan, store, output, options)
+    except ClusterLostError as error:
+        print(error, file=sys.stderr)
+        return ExitCode.NOT_CONVERGED
     except (StoreError, ClusterError) as error:
         raise InputError(str(error)) from error
 

@@ -13,6 +13,7 @@ film of 1 mm and of 1 m.
 
 from __future__ import annotations
 
+import os
 import re
 import tempfile
 import threading
@@ -44,6 +45,12 @@ except (ImportError, OSError) as error:  # everything but meshing does without
 ON_LINE = 1e-8
 #: gmsh has one state for all threads, of which the worker of a cluster may have several.
 _ONE_MODEL = threading.Lock()
+if hasattr(os, "register_at_fork"):  # forks while another thread meshes would copy a lock for ever
+    os.register_at_fork(
+        before=_ONE_MODEL.acquire,
+        after_in_parent=_ONE_MODEL.release,
+        after_in_child=_ONE_MODEL.release,
+    )
 _OPTIONS = {
     "General.Terminal": 0,
     "General.Verbosity": 1,

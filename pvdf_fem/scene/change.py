@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,21 @@ from pvdf_fem.scene.scene_file import problem
 
 # Keys that a shape keeps when it becomes another one.
 _PLACE = {"name", "shape", "x_mm", "y_mm", "rotation_deg"}
+_KEY = re.compile(r"[^.[\]]+(?:\.[^.[\]]+|\[[0-9]{1,9}\])*")
+_BY_INDEX = "electrodes are addressed by index in a list [[electrodes]], as in electrodes[0].x_mm"
+
+
+@lru_cache(maxsize=1024)
+def steps_of(key: str) -> tuple[Any, ...]:
+    """The names and the indices, as int, that a dotted key consists of; none if it is no key."""
+    steps = re.findall(r"[^.[\]]+", key) if _KEY.fullmatch(key) else []
+    return tuple(int(step) if re.fullmatch("[0-9]{1,9}", step) else step for step in steps)
+
+
+def spelled(key: str) -> str:
+    """The one spelling of a key: ``electrodes.0.x_mm`` becomes ``electrodes[0].x_mm``."""
+    rest = (f"[{step}]" if isinstance(step, int) else f".{step}" for step in steps_of(key))
+    return "".join(rest).removeprefix(".") or key
 
 
 def change(tables: dict[str, Any], changes: Mapping[str, Any]) -> list[str]:
@@ -29,29 +45,39 @@ def change(tables: dict[str, Any], changes: Mapping[str, Any]) -> list[str]:
     Returns
     -------
     list of str
-        A complaint for each key that leads through a scalar or past the end of a list.
+        A complaint for each key that leads nowhere, or that another one spells otherwise.
     """
     changes = {_encodable(key): value for key, value in changes.items()}
-    paths = {key: re.split(r"[.[]", key.replace("]", "")) for key in changes}
+    keys: dict[tuple[Any, ...], str] = {}
     problems = []
+    for key, value in changes.items():
+        steps = steps_of(key)
+        if not steps:
+            reason = "is no key; write one such as film.radius_mm or electrodes[0].x_mm"
+            problems.append(problem(key[:80] or '""', value, reason))
+        elif keys.setdefault(steps, key) != key:
+            reason = f"is the same key as {keys[steps]}; remove one"
+            problems.append(problem(key[:80], value, reason))
     # whole sections first, then the keys that decide which other keys there are
-    for key in sorted(paths, key=lambda k: (len(paths[k]), paths[k][-1] not in ("shape", "kind"))):
-        value = _plain(changes[key])
+    for steps in sorted(keys, key=lambda steps: (len(steps), steps[-1] not in ("shape", "kind"))):
+        key = keys[steps]
         try:
-            _put(tables, paths[key], value)
-        except (AttributeError, LookupError, TypeError, ValueError):
-            problems.append(problem(key[:80], value, "leads nowhere; use a key of this scene"))
+            _put(tables, steps, plain(changes[key]))
+        except (AttributeError, LookupError, TypeError, ValueError) as error:
+            by_index = _BY_INDEX in error.args
+            reason = _BY_INDEX if by_index else "leads nowhere; use a key of this scene"
+            problems.append(problem(key[:80], changes[key], reason))
     return problems
 
 
-def _put(tables: dict[str, Any], path: list[str], value: Any) -> None:
+def _put(tables: dict[str, Any], steps: tuple[Any, ...], value: Any) -> None:
     node: Any = tables
-    for step in path[:-1]:
-        node = node[_index(step)] if isinstance(node, list) else node.setdefault(step, {})
-    last = path[-1]
-    if isinstance(node, list):
-        node[_index(last)] = value
-        return
+    listed = isinstance(node.get("electrodes"), list) and int in map(type, steps[1:2])
+    if steps[0] == "electrodes" and len(steps) > 2 and not listed:
+        raise ValueError(_BY_INDEX)
+    for step in steps[:-1]:
+        node = node[step] if isinstance(node, list) else node.setdefault(str(step), {})
+    last = steps[-1] if isinstance(node, list) else str(steps[-1])
     if last == "shape" and node.get("shape") != value:
         for size in node.keys() - _PLACE:
             del node[size]
@@ -60,25 +86,19 @@ def _put(tables: dict[str, Any], path: list[str], value: Any) -> None:
     node[last] = value
 
 
-def _index(step: str) -> int:
-    if not step.isdecimal():
-        raise ValueError(step)
-    return int(step)
-
-
 def _encodable(key: Any) -> Any:
     """A key without unpaired surrogates, which pydantic would not name in its complaint."""
     return key.encode("utf-8", "backslashreplace").decode() if isinstance(key, str) else key
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """A value as a TOML parser would give it."""
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json", exclude_none=True)
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, Mapping):
-        return {_encodable(key): _plain(item) for key, item in value.items()}
+        return {_encodable(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     return value

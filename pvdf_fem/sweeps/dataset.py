@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections import Counter
 from collections.abc import Iterable
@@ -13,7 +14,6 @@ import xarray
 
 from pvdf_fem import __version__
 from pvdf_fem.files import replacing
-from pvdf_fem.scene.scene_file import quote
 from pvdf_fem.sweeps.grid import Grid
 from pvdf_fem.sweeps.plan import SweepPlan
 from pvdf_fem.sweeps.store import Record
@@ -87,19 +87,16 @@ def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) 
 
 
 def _coordinates(grid: Grid) -> dict[str, Any]:
-    keys = [key for axis in grid.axes for key in axis.values]
-    ends = Counter(_end(key) for key in keys)
+    ends = Counter(_end(key) for axis in grid.axes for key in axis.values)
+    # xarray takes a coordinate with the name of a dimension for its index
+    ends.update(axis.name for axis in grid.axes)
     coordinates: dict[str, Any] = {}
     for axis in grid.axes:
         for key, values in axis.values.items():
             name = _end(key) if ends[_end(key)] == 1 else key
-            # xarray takes a coordinate with the name of its dimension for the index, so there
-            # can be one only
             if len(axis.values) == 1:
                 name = axis.name
-            elif name == axis.name:
-                name = key
-            coordinates[name] = (axis.name, _plain(values), {"key": key, **_unit(key)})
+            coordinates[name] = (axis.name, _labels(values), {"key": key, **_unit(key)})
         for name, further in axis.beside.items():
             coordinates[name] = (axis.name, list(further), _unit(name))
     return coordinates
@@ -109,11 +106,14 @@ def _end(key: str) -> str:
     return key.rpartition(".")[-1]
 
 
-def _plain(values: tuple[Any, ...]) -> list[Any]:
-    """Values as numbers or as texts; a list or a table as a scene file shows it."""
+def _labels(values: tuple[Any, ...]) -> list[Any]:
+    """Values as numbers or as texts; tables and lists in full."""
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
         return [float(value) for value in values]
-    return [value if isinstance(value, str) else quote(value) for value in values]
+    return [
+        value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+        for value in values
+    ]
 
 
 def _unit(key: str) -> dict[str, str]:

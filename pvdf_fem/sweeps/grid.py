@@ -8,14 +8,17 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
+import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, ValidationError
 
+from pvdf_fem.scene.change import plain, spelled, steps_of
 from pvdf_fem.scene.mistakes import MOST_MISTAKES
 from pvdf_fem.scene.quantity import Finite, Length, Number, Section
 from pvdf_fem.scene.scene import Scene
@@ -24,7 +27,15 @@ from pvdf_fem.sweeps.lines import MappingScheme
 
 #: Largest number of scenes in a grid.
 MOST_SCENES = 1_000_000
+#: Largest number of axes; numpy's arrays have at most 64 dimensions, of which one is `electrode`.
+MOST_AXES = 63
+#: Names of the variables and of the further dimension of `pvdf_fem.sweeps.dataset.dataset`.
+OWN_NAMES = {"charge_pC", "charge_error_pC", "deflection_max_mm", "status", "electrode"}
+_TOO_MANY = f"at most {MOST_SCENES} are allowed, give fewer values"
 _SECTIONS = tuple(Scene.model_fields)
+# NetCDF keeps some names for itself; texts have a dimension such as `string4`.
+_RESERVED = r"(byte|char|u?short|u?int(64)?|float|real|double|bool|string\d*)"
+_NAME = re.compile(rf"(?!{_RESERVED}$)\w[^/']{{0,59}}(?<! )")
 
 
 class Range(Section):
@@ -35,13 +46,15 @@ class Range(Section):
     count: Annotated[int, Field(strict=True, ge=2, le=MOST_SCENES)]
     spacing: Literal["linear", "log"] = "linear"
 
-    @property
-    def values(self) -> list[float]:
+    def __len__(self) -> int:
+        return self.count
+
+    def __iter__(self) -> Iterator[float]:  # type: ignore[override]
         """The numbers; ends are exact."""
         if self.spacing == "linear":
-            return np.linspace(self.start, self.stop, self.count).tolist()
+            return iter(np.linspace(self.start, self.stop, self.count).tolist())
         inner = np.geomspace(self.start, self.stop, self.count)[1:-1]
-        return [self.start, *inner.tolist(), self.stop]
+        return iter([self.start, *inner.tolist(), self.stop])
 
 
 class Lines(Section):
@@ -73,6 +86,11 @@ class SweepAxis:
     def __len__(self) -> int:
         return len(next(iter(self.values.values())))
 
+    @property
+    def expanded(self) -> SweepAxis:
+        """The axis with the numbers of its ranges."""
+        return replace(self, values={key: tuple(along) for key, along in self.values.items()})
+
     def __getitem__(self, index: int) -> dict[str, Any]:
         """The changes to the base scene at an index of the axis."""
         return {key: values[index] for key, values in self.values.items()}
@@ -80,10 +98,11 @@ class SweepAxis:
 
 @dataclass(frozen=True)
 class Grid:
-    """A base scene and its axes; see `Grid.of`."""
+    """A base scene and its axes, and the files that they come from; see `Grid.of`."""
 
     scene: Scene
     axes: tuple[SweepAxis, ...]
+    files: tuple[Path, ...] = ()
 
     @classmethod
     def of(cls, scene: Scene, axes: Sequence[Mapping[str, Any]], source: str = "") -> Self:
@@ -108,14 +127,17 @@ class Grid:
         SceneError
             With all mistakes.
         """
+        if len(axes) > MOST_AXES:
+            reason = f"is the number of axes; at most {MOST_AXES} are allowed, put keys together"
+            raise SceneError([problem("axes", len(axes), reason)], source)
         problems: list[str] = []
         read = [_axis(f"axes[{i}]", table, scene, problems) for i, table in enumerate(axes)]
-        valid = tuple(axis for axis in read if axis)
+        valid = [axis for axis in read if axis]
         if not problems:
-            problems += _clashes(valid)
+            problems += list(_clashes(valid)) or _overridden(valid)
         if problems:
             raise SceneError(problems[:MOST_MISTAKES], source)
-        return cls(scene, valid)
+        return cls(scene, tuple(axis.expanded for axis in valid))
 
     @classmethod
     def load(cls, path: Path | str) -> Self:
@@ -136,10 +158,11 @@ class Grid:
             problem(key, value, f"is no key there; {choose(key, ['scene', 'axes'])}")
             for key, value in table.items()
         ]
-        scene = Scene()
+        scene, files = Scene(), [path]
         try:
             if isinstance(given, str):
-                scene = Scene.load(path.parent / given)
+                files.append(path.parent / given)
+                scene = Scene.load(files[-1])
             elif isinstance(given, Mapping):
                 scene = scene.with_(**given)
             else:
@@ -158,7 +181,7 @@ class Grid:
                 problems += error.problems
         if problems:
             raise SceneError(problems[:MOST_MISTAKES], str(path))
-        return grid
+        return replace(grid, files=tuple(files))
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -173,10 +196,10 @@ class Grid:
         Raises
         ------
         SceneError
-            With the mistakes of all scenes, each once.
+            With the mistakes of the first `MOST_MISTAKES` scenes that have any, each once.
         """
         known: dict[Any, Any] = {}
-        scenes, problems = [], dict[str, None]()
+        scenes, problems, refused = [], dict[str, None](), 0
         for indices in itertools.product(*map(range, self.shape)):
             changes: dict[str, Any] = {}
             for axis, index in zip(self.axes, indices, strict=True):
@@ -185,7 +208,8 @@ class Grid:
                 scene = self.scene.with_(**changes)
             except SceneError as error:
                 problems |= dict.fromkeys(error.problems)
-                if len(problems) > MOST_MISTAKES:
+                refused += 1
+                if refused == MOST_MISTAKES:
                     break
                 continue
             sections = ((name, getattr(scene, name)) for name in _SECTIONS)
@@ -203,15 +227,21 @@ def _axis(
     count = len(problems)
     varied = dict(table)
     name = varied.pop("name", None)
-    if name is not None and not (isinstance(name, str) and name.isprintable() and name.strip()):
-        problems.append(problem(f"{where}.name", name, "is no name; give printable characters"))
+    if name is not None and not _is_name(name):
+        reason = "is no name that NetCDF can hold; give at most 60 letters, digits and _"
+        problems.append(problem(f"{where}.name", name, reason))
     if "mapping" in varied:
         lines = varied.pop("mapping")
         if varied:
             reason = "cannot vary together with a mapping; give it an axis of its own"
             problems += [problem(f"{where}.{key}", value, reason) for key, value in _flat(varied)]
         return _mapping_axis(f"{where}.mapping", lines, scene, name or "place", problems)
-    values = {key: _values(f"{where}.{key}", value, problems) for key, value in _flat(varied)}
+    values: dict[str, Any] = {}
+    for key, value in _flat(varied):
+        if spelled(key) in values:
+            again = "is the same key as one before; remove one"
+            problems.append(problem(f"{where}.{key}", value, again))
+        values[spelled(key)] = _values(f"{where}.{key}", value, problems)
     lengths = {key: len(along) for key, along in values.items()}
     if not values:
         problems.append(f"{where} = (nothing): has no key of a scene; add one, with its values")
@@ -223,6 +253,13 @@ def _axis(
     return SweepAxis(name or next(iter(values)).split(".")[-1], values, {})
 
 
+def _is_name(name: Any) -> bool:
+    """Whether a dimension and a variable of a NetCDF file can have a name."""
+    if not isinstance(name, str) or not unicodedata.is_normalized("NFC", name):
+        return False
+    return name.isprintable() and _NAME.fullmatch(name) is not None
+
+
 def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """The dotted keys of nested tables, down to lists and ranges."""
     for key, value in table.items():
@@ -232,7 +269,7 @@ def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any
             yield f"{prefix}{key}", value
 
 
-def _values(where: str, value: Any, problems: list[str]) -> tuple[Any, ...]:
+def _values(where: str, value: Any, problems: list[str]) -> tuple[Any, ...] | Range:
     """The values of a key along an axis; none if they have mistakes, which join the problems."""
     if isinstance(value, Mapping):
         try:
@@ -244,12 +281,12 @@ def _values(where: str, value: Any, problems: list[str]) -> tuple[Any, ...]:
             reason = "both ends of equal ratios need one sign, and not 0; change them or spacing"
             problems.append(problem(f"{where}.start", numbers.start, reason))
             return ()
-        return tuple(numbers.values)
+        return numbers
     if not isinstance(value, list | tuple | np.ndarray) or not len(value):
         reason = "must be a list, or a table of start, stop and count; put it in brackets"
         problems.append(problem(where, value, reason))
         return ()
-    return tuple(value.tolist() if isinstance(value, np.ndarray) else value)
+    return tuple(plain(value))
 
 
 def _mapping_axis(
@@ -257,6 +294,8 @@ def _mapping_axis(
 ) -> SweepAxis | None:
     try:
         lines = Lines.model_validate(value)
+        if (count := len(lines.angles_deg) * len(lines.distances_mm)) > MOST_SCENES:
+            raise ValueError(f"angles_deg: make {count} places; {_TOO_MANY}")
         scheme = MappingScheme(scene, **lines.model_dump())
     except ValidationError as error:
         problems += _mistakes(where, error, Lines)
@@ -292,6 +331,7 @@ def _mistakes(where: str, error: ValidationError, model: type[Section]) -> Itera
 def _clashes(axes: Sequence[SweepAxis]) -> Iterator[str]:
     """Complaints about names and keys that two axes have, and about a grid that is too large."""
     names, keys = set[str](), set[str]()
+    coordinates = {name for axis in axes for name in (*axis.values, *axis.beside)}
     for i, axis in enumerate(axes):
         if axis.name in names:
             reason = "an axis before has this name; name the axis"
@@ -300,8 +340,29 @@ def _clashes(axes: Sequence[SweepAxis]) -> Iterator[str]:
             yield problem(f"axes[{i}]", key, "an axis before has this key; remove it from one")
         names.add(axis.name)
         keys |= axis.values.keys()
-        if axis.name == "electrode":
-            reason = "is the name of the dataset's own dimension; choose another"
+        if axis.name in OWN_NAMES or axis.name in coordinates - axis.values.keys():
+            reason = "is the dataset's own name or that of another key; choose another"
             yield problem(f"axes[{i}].name", axis.name, reason)
     if (count := math.prod(map(len, axes))) > MOST_SCENES:
-        yield f"axes: make {count} scenes; at most {MOST_SCENES} are allowed, give fewer values"
+        yield problem("axes", count, f"is the number of their scenes; {_TOO_MANY}")
+
+
+def _overridden(axes: Sequence[SweepAxis]) -> Iterator[str]:
+    """Complaints about keys of tables that vary, too: they would not have the tables' values."""
+    tables = {steps_of(key): values for axis in axes for key, values in axis.values.items()}
+    for i, axis in enumerate(axes):
+        for key in axis.values:
+            steps = steps_of(key)
+            for depth in range(1, len(steps)):
+                if any(_has(value, steps[depth:]) for value in tables.get(steps[:depth], ())):
+                    reason = "a table that varies has this key; remove it from one"
+                    yield problem(f"axes[{i}]", key, reason)
+
+
+def _has(value: Any, steps: Sequence[Any]) -> bool:
+    try:
+        for step in steps:
+            value = value[step]
+    except (LookupError, TypeError):
+        return False
+    return True

@@ -7,6 +7,7 @@ every 4 mm on them, its orientation fixed. How far out the thesis went it does n
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -58,7 +59,7 @@ class MappingScheme:
                 reason = f"no place within reach_mm = {self.reach_mm:g} of the film's centre"
                 raise ValueError(f"angles_deg {angle:g}: {reason}; change the angle or the reach")
 
-    @property
+    @cached_property
     def centre_mm(self) -> Array:
         """Centre of the electrode, shape (2,)."""
         electrodes = {electrode.name: electrode for electrode in self.scene.electrode_list}

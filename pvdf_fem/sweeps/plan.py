@@ -18,6 +18,8 @@ from pvdf_fem.sweeps.equivalence import mechanics
 class Block:
     """Scenes that one solve serves."""
 
+    #: What the solve depends on: `Mechanics.scaled` of all its scenes.
+    mechanics: str
     #: The scenes' indices in the plan.
     indices: tuple[int, ...]
     #: For each of them, the orthogonal matrix from its axes to those of the first, (n, 2, 2).
@@ -50,6 +52,10 @@ class SweepPlan:
     def missing(self) -> int:
         """Number of distinct scenes that are to be solved."""
         return sum(len(block.indices) for block in self.blocks)
+
+    def scenes_of(self, block: int) -> list[Scene]:
+        """The scenes of a block."""
+        return [self.scenes[i] for i in self.blocks[block].indices]
 
     def __str__(self) -> str:
         distinct = self.missing + len(self.stored)
@@ -93,7 +99,8 @@ def plan(scenes: Sequence[Scene], stored: Sequence[bool] | None = None) -> Sweep
         indices.append(index)
         frames.append(film.frame)
     blocks = tuple(
-        Block(tuple(indices), _relative(np.array(frames))) for indices, frames in alike.values()
+        Block(text, tuple(indices), _relative(np.array(frames)))
+        for text, (indices, frames) in alike.items()
     )
     return SweepPlan(scenes, first, known, blocks, Steps(len(given), len(turned), len(blocks)))
 

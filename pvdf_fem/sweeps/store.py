@@ -3,28 +3,37 @@
 Each scene has a row. The row's key is a hash of the scene, numerics included, and of the source of
 every module that numbers depend on, so that results of older code are never taken for new ones.
 Rows are committed as soon as their scenes are solved, those of one solve together.
+
+Programs that use a store at the same time claim a solve before they begin it. A claim is a lock on
+a byte of a file beside the store, so the system ends it together with its process.
 """
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
+import os
 import sqlite3
+import sys
 import zlib
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.charges.forces import Forces
-from pvdf_fem.files import FileError
+from pvdf_fem.files import FileError, give_permissions
 from pvdf_fem.scene.scene import Scene
+
+if sys.platform != "win32":
+    import fcntl
 
 # SQLite's application id of our files: "pvdf" in ASCII.
 APPLICATION_ID = 0x70766466
@@ -33,6 +42,15 @@ SCHEMA = 2
 # Folders of modules, and packages, on which the numbers of a record depend.
 NUMERICAL_FOLDERS = ("scene", "mesh", "film", "charges", "solvers", "solution", "sweeps")
 NUMERICAL_PACKAGES = ("gmsh", "numpy", "scikit-fem", "scipy")
+
+
+_REMOVE = "name another file or remove this one"
+_ADVICE = {
+    sqlite3.SQLITE_CORRUPT: _REMOVE,
+    sqlite3.SQLITE_NOTADB: _REMOVE,
+    sqlite3.SQLITE_BUSY: "wait until no other program writes to it",
+    sqlite3.SQLITE_READONLY: "make it writable, or name another file",
+}
 
 
 class StoreError(FileError):
@@ -126,7 +144,8 @@ class Store:
     Parameters
     ----------
     path : Path
-        The file, which is made if there is none. Several processes may use one file.
+        The file, which is made if there is none. Several processes may use one file. Where it
+        cannot be written it is opened for reading.
     code : str
         Hash of the code outside this package that makes the records, if there is any.
 
@@ -138,8 +157,27 @@ class Store:
 
     def __init__(self, path: Path, code: str = "") -> None:
         self._path, self._code = path, code
+        self._claims: int | None = None
+        if str(path) == ":memory:":
+            raise StoreError(f"{path}: is no file and would be lost; name a file")
         try:
-            self._rows = sqlite3.connect(path, timeout=60.0, isolation_level=None)
+            self._connect("")
+        except StoreError as error:
+            number = getattr(error.__cause__, "sqlite_errorcode", 0) & 0xFF
+            if not (
+                number in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN) and path.is_file()
+            ):
+                raise
+            try:
+                self._connect("?mode=ro")
+            except StoreError:  # nor can SQLite's files beside it be made
+                self._connect("?immutable=1")
+
+    def _connect(self, mode: str) -> None:
+        self.read_only = bool(mode)
+        name = Path(os.path.abspath(self._path)).as_uri() + mode
+        try:
+            self._rows = sqlite3.connect(name, timeout=60.0, isolation_level=None, uri=True)
         except sqlite3.Error as error:
             raise self._error(error) from error
         try:
@@ -149,17 +187,22 @@ class Store:
             raise
 
     def _open(self) -> None:
+        self._execute("BEGIN")  # another process may make the store at this moment
         (kind,) = self._execute("PRAGMA application_id")
         (schema,) = self._execute("PRAGMA user_version")
         (tables,) = self._execute("SELECT count(*) FROM sqlite_master")
-        if (tables or kind or schema) and (kind, schema) != (APPLICATION_ID, SCHEMA):
+        self._execute("COMMIT")
+        used = tables or kind or schema or self.read_only
+        if used and (kind, schema) != (APPLICATION_ID, SCHEMA):
             raise StoreError(
                 f"{self._path}: not a store of pvdf_fem, version {SCHEMA}; name another file "
                 "or remove this one"
             )
         state = self._execute("PRAGMA quick_check(1)")
         if state != ("ok",):
-            raise self._error(sqlite3.DatabaseError(f"damaged: {state[0]}"))
+            raise StoreError(f"{self._path}: damaged: {state[0]}; {_REMOVE}")
+        if self.read_only:
+            return
         self._execute("PRAGMA journal_mode = WAL")
         self._execute("BEGIN IMMEDIATE")
         self._execute(f"PRAGMA application_id = {APPLICATION_ID}")
@@ -208,23 +251,67 @@ class Store:
             raise self._error(error) from error
 
     def _error(self, error: Exception) -> StoreError:
-        damaged = not isinstance(error, sqlite3.OperationalError)
-        advice = "remove this one" if damaged else "see to its disk"
-        return StoreError(f"{self._path}: {error}; name another file or {advice}")
+        if isinstance(error, sqlite3.ProgrammingError):
+            closed = "is closed; open another one on the file"
+            reason = (
+                closed if "closed" in str(error) else "belongs to another thread; open one in each"
+            )
+            return StoreError(f"{self._path}: this Store {reason}")
+        damaged = isinstance(error, UnicodeDecodeError)
+        code = sqlite3.SQLITE_CORRUPT if damaged else getattr(error, "sqlite_errorcode", 0)
+        advice = _ADVICE.get(code & 0xFF, "name another file or see to its disk")
+        return StoreError(f"{self._path}: {error}; {advice}")
+
+    def claim(self, solve: str) -> bool:
+        """Claim a solve for this process; False if another process has claimed it.
+
+        Raises
+        ------
+        StoreError
+            When the file can only be read, so that the solve's records would be lost.
+        """
+        if self.read_only:
+            advice = "make it writable, or name another file"
+            raise StoreError(f"{self._path}: can only be read, and scenes are missing; {advice}")
+        if sys.platform == "win32":
+            return True
+        digest = hashlib.sha256((self._code + code_version() + solve).encode()).hexdigest()
+        try:
+            if self._claims is None:
+                self._claims = os.open(self._claims_path, os.O_RDWR | os.O_CREAT, 0o666)
+                give_permissions(self._path, self._claims_path)
+            fcntl.lockf(self._claims, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, int(digest[:15], 16))
+        except OSError as error:
+            if self._claims is None or error.errno not in (errno.EAGAIN, errno.EACCES):
+                raise self._error(error) from error
+            return False
+        return True
+
+    @property
+    def _claims_path(self) -> Path:
+        return Path(f"{os.path.realpath(self._path)}-claims")
+
+    def end_claims(self) -> None:
+        """End all claims of this process."""
+        if self._claims is not None and sys.platform != "win32":
+            with suppress(OSError):  # when another process has claims
+                fcntl.lockf(self._claims, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                self._claims_path.unlink(missing_ok=True)
+            os.close(self._claims)
+            self._claims = None
 
     def close(self) -> None:
         """Close the file."""
-        self._rows.close()
+        self.end_claims()
+        try:
+            self._rows.close()
+        except sqlite3.Error as error:
+            raise self._error(error) from error
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 

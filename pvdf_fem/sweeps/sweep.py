@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from pvdf_fem.arrays import Array
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.sweeps.grid import Grid
@@ -21,7 +24,11 @@ if TYPE_CHECKING:
 #: records are not stored, so that the next run tries the scenes again.
 CRASHED = "crashed"
 
+#: Seconds between two looks at what other processes have solved.
+WAIT = 0.2
+
 Progress = Callable[[int, int], None]
+Task = tuple[list[Scene], Array]
 
 
 def silent(done: int, total: int) -> None:
@@ -118,10 +125,6 @@ def records(
             record = store.get(todo.scenes[index])
             assert record is not None  # rows are never removed
             yield index, record
-    tasks = {
-        number: ([todo.scenes[i] for i in block.indices], block.frames)
-        for number, block in enumerate(todo.blocks)
-    }
     run = (
         partial(on_cluster, scheduler=scheduler)
         if scheduler
@@ -129,19 +132,61 @@ def records(
     )
     done, total = 0, todo.missing
     progress(done, total)
-    for number, result in run(_solved, tasks):
+    for number, result in _shared(todo, store, run):
         indices = todo.blocks[number].indices
-        if isinstance(result, Died):
-            result = _crashed(tasks[number][0], result.reason)
-        if store is not None:
-            pairs = zip((todo.scenes[i] for i in indices), result, strict=True)
-            store.put((scene, record) for scene, record in pairs if record.status != CRASHED)
         done += len(indices)
         progress(done, total)
         yield from zip(indices, result, strict=True)
 
 
-def _solved(task: tuple[list[Scene], Any]) -> list[Record]:
+def _shared(
+    todo: SweepPlan, store: Store | None, run: Callable[..., Iterator[tuple[int, Any]]]
+) -> Iterator[tuple[int, list[Record]]]:
+    """Numbers of blocks with their records, which join the store, as they come.
+
+    A block that another process solves at the same time is left until the store has its records.
+    """
+    left = set(range(len(todo.blocks)))
+    try:
+        while left:
+            stored: dict[int, list[Record]] = {}
+            tasks = _claimed(todo, sorted(left), store, stored)
+            if first := next(tasks, None):
+                for number, result in run(_solved, itertools.chain([first], tasks)):
+                    left.remove(number)
+                    yield number, _kept(todo.scenes_of(number), result, store)
+            left -= stored.keys()
+            yield from stored.items()
+            if left:
+                time.sleep(WAIT)
+    finally:
+        if store is not None:
+            store.end_claims()
+
+
+def _claimed(
+    todo: SweepPlan, left: list[int], store: Store | None, stored: dict[int, list[Record]]
+) -> Iterator[tuple[int, Task]]:
+    """Blocks to be solved here and their tasks; those that are in the store join `stored`."""
+    for number in left:
+        block, scenes = todo.blocks[number], todo.scenes_of(number)
+        is_claimed = store is None or store.claim(block.mechanics)
+        if store is not None and all(scene in store for scene in scenes):
+            stored[number] = [record for scene in scenes if (record := store.get(scene))]
+        elif is_claimed:
+            yield number, (scenes, block.frames)
+
+
+def _kept(scenes: list[Scene], result: list[Record] | Died, store: Store | None) -> list[Record]:
+    """The records of scenes, which join the store unless the scenes crashed."""
+    records = _crashed(scenes, result.reason) if isinstance(result, Died) else result
+    if store is not None:
+        pairs = zip(scenes, records, strict=True)
+        store.put((scene, record) for scene, record in pairs if record.status != CRASHED)
+    return records
+
+
+def _solved(task: Task) -> list[Record]:
     try:
         return records_of(*task)
     except GmshMissingError:  # no scene can be solved

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import itertools
-import warnings
-from collections.abc import Callable, Iterator, Mapping
+import os
+import signal
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, TypeVar
 
 import joblib
+from joblib.externals.loky import get_reusable_executor
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 Task = TypeVar("Task")
@@ -17,10 +24,16 @@ Result = TypeVar("Result")
 
 # Deaths of processes without a result between them after which the next task is run alone.
 MOST_DEATHS = 2
+_LIBRARIES = ("OMP", "OPENBLAS", "MKL", "BLIS")
+_ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in _LIBRARIES}
 
 
 class ClusterError(RuntimeError):
     """A cluster cannot be used; the text says why and what to do."""
+
+
+class ClusterLostError(ClusterError):
+    """A cluster stopped while it worked; the text says what to do."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +44,7 @@ class Died:
 
 
 def on_processes(
-    function: Callable[[Task], Result], tasks: Mapping[int, Task], processes: int
+    function: Callable[[Task], Result], tasks: Iterable[tuple[int, Task]], processes: int
 ) -> Iterator[tuple[int, Result | Died]]:
     """Numbers of tasks and their results as they come.
 
@@ -42,50 +55,79 @@ def on_processes(
     ----------
     function : callable
         Makes a result from a task; must not raise.
-    tasks : mapping of int to task
+    tasks : iterable of (int, Task)
+        Read as far as processes are free.
     processes : int
         Number of processes, -1 for all cores; 1 works in this one. Each process has one thread of
-        linear algebra.
+        linear algebra, and ends when this one does.
     """
-    left, deaths = dict(tasks), 0
-    while left:
-        alone = deaths > MOST_DEATHS
-        now = dict(itertools.islice(left.items(), 1)) if alone else left
-        try:
-            for number, result in _parallel(function, now, 2 if alone else processes):
-                del left[number]
-                deaths = 0
-                yield number, result
-        except TerminatedWorkerError:
-            deaths += 1
-            if alone:
-                number = next(iter(now))
-                del left[number]
-                yield number, Died("its process died")
+    count = joblib.effective_n_jobs(processes)
+    if count == 1:
+        for number, task in tasks:
+            yield number, function(task)
+        return
+    tasks, again, deaths = iter(tasks), deque[tuple[int, Task]](), 0
+    running: dict[Future[Result], tuple[int, Task]] = {}
+    ids: Iterable[int] = ()
+    try:
+        while True:
+            alone = deaths > MOST_DEATHS
+            while len(running) < (1 if alone else 2 * count):
+                item = again.popleft() if again else next(tasks, None)
+                if item is None:
+                    break
+                future, ids = _submitted(function, item[1], count)
+                running[future] = item
+            if not running:
+                return
+            done, _ = wait(running, return_when=FIRST_COMPLETED)
+            if died := any(map(_has_died, done)):  # then all processes end
+                done, _ = wait(running)
+            for future in sorted(done, key=_has_died):
+                number, task = running.pop(future)
+                if not _has_died(future):
+                    deaths = 0
+                    yield number, future.result()
+                elif alone:
+                    yield number, Died("its process died")
+                else:
+                    again.append((number, task))
+            deaths += died
+    finally:
+        for process in list(ids) if running else ():  # a shutdown may log an exception
+            with suppress(ProcessLookupError):
+                os.kill(process, signal.SIGKILL)
+        wait(running)
 
 
-def _parallel(
-    function: Callable[[Task], Result], tasks: Mapping[int, Task], processes: int
-) -> Iterator[tuple[int, Result]]:
-    calls = (joblib.delayed(_numbered)(function, *item) for item in list(tasks.items()))
-    with joblib.parallel_config("loky", inner_max_num_threads=1):
-        parallel = joblib.Parallel(processes, return_as="generator_unordered", batch_size=1)
-        results = parallel(calls)
-        try:
-            for result in results:  # noqa: UP028, "yield from" would close it, with a warning
-                yield result
-        finally:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # joblib warns of tasks that are cut short
-                results.close()
+def _has_died(future: Any) -> bool:
+    return isinstance(future.exception(), TerminatedWorkerError)
 
 
-def _numbered(function: Callable[[Task], Result], number: int, task: Task) -> tuple[int, Result]:
-    return number, function(task)
+def _submitted(
+    function: Callable[[Task], Result], task: Task, count: int
+) -> tuple[Future[Result], Iterable[int]]:
+    """The future result of a process, and the ids of all, which stay for later calls for 300 s."""
+    ends = {"initializer": _end_with, "initargs": (os.getpid(),)}
+    while True:
+        executor = get_reusable_executor(count, timeout=300, env=_ONE_THREAD, **ends)
+        with suppress(TerminatedWorkerError):  # of a process that died a moment ago
+            return executor.submit(function, task), executor._processes
+
+
+def _end_with(parent: int) -> None:
+    """End this process soon after its parent, which may have been killed."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def on_cluster(
-    function: Callable[[Task], Result], tasks: Mapping[int, Task], scheduler: str
+    function: Callable[[Task], Result], tasks: Iterable[tuple[int, Task]], scheduler: str
 ) -> Iterator[tuple[int, Result | Died]]:
     """Numbers of tasks and their results as they come from the workers of a Dask cluster.
 
@@ -94,16 +136,22 @@ def on_cluster(
     Parameters
     ----------
     function : callable
-    tasks : mapping of int to task
+    tasks : iterable of (int, Task)
+        Read as far as workers are free.
     scheduler : str
         Its address, such as ``tcp://127.0.0.1:8786``.
 
     Raises
     ------
     ClusterError
-        When dask is not installed or no scheduler answers.
+        When dask is not installed or no scheduler answers; `ClusterLostError` when it stops.
     """
     try:
+        # otherwise a scheduler that stops is logged with its traceback
+        quiet = dict.fromkeys(
+            ("distributed", "distributed.client", "tornado", "asyncio"), "critical"
+        )
+        import_module("dask.config").set(logging=quiet)
         distributed: Any = import_module("distributed")
     except ImportError as error:
         advice = "install it with: pip install 'pvdf-fem[cluster]'"
@@ -114,10 +162,32 @@ def on_cluster(
         advice = "start `dask scheduler` there, or correct the address"
         raise ClusterError(f"--scheduler {scheduler}: {error}; {advice}") from error
     with client:
-        futures = {client.submit(function, task, pure=False): n for n, task in tasks.items()}
-        for future in distributed.as_completed(futures, loop=client.loop):
-            reason = future.exception()
-            died = reason is not None
-            number = futures[future]
-            yield number, Died(f"{type(reason).__name__}: {reason}") if died else future.result()
-            future.release()
+        try:
+            yield from _by_workers(client, function, iter(tasks))
+        except (OSError, CancelledError) as error:
+            advice = "start it again, then repeat the command: what is solved is in the store"
+            text = f"--scheduler {scheduler}: does not answer any more; {advice}"
+            raise ClusterLostError(text) from error
+
+
+def _by_workers(
+    client: Any, function: Callable[[Task], Result], tasks: Iterator[tuple[int, Task]]
+) -> Iterator[tuple[int, Result | Died]]:
+    completed = import_module("distributed").as_completed(loop=client.loop)
+    running: dict[Any, int] = {}
+
+    def submit() -> None:
+        room = max(1, 2 * sum(client.nthreads().values())) - len(running)
+        for number, task in itertools.islice(tasks, max(room, 0)):
+            future = client.submit(function, task, pure=False)
+            running[future] = number
+            completed.add(future)
+
+    submit()
+    for future in completed:
+        number, error = running.pop(future), future.exception()
+        if future.cancelled():
+            raise CancelledError
+        yield number, Died(f"{type(error).__name__}: {error}") if error else future.result()
+        future.release()
+        submit()

@@ -7,6 +7,8 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from pvdf_fem.files import same_file
+
 OUT = Path(__file__).resolve().parents[1] / "out"
 
 
@@ -26,8 +28,15 @@ def number_of(what: str, most: int = 1000) -> Callable[[str], int]:
 def add_out(parser: argparse.ArgumentParser, folder: str = "") -> None:
     """Add ``--out``; its default is `folder` within ``reports/out``."""
     parser.add_argument(
-        "--out", type=Path, default=OUT / folder, metavar="DIR", help="output directory"
+        "--out", type=_out, default=OUT / folder, metavar="DIR", help="output directory"
     )
+
+
+def _out(text: str) -> Path:
+    path = Path(text)
+    if same_file(path, OUT.with_name("data")):
+        raise argparse.ArgumentTypeError(f"{text} holds the thesis's data; name another directory")
+    return path
 
 
 def add_processes(parser: argparse.ArgumentParser) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from reports.robustness import charge_inputs, inputs, model_inputs
+from reports.robustness import charge_inputs, inputs, model_inputs, sweep_inputs
 from reports.robustness.inputs import Corpus
 
 #: Corpora with the relative numbers of their inputs.
@@ -26,4 +26,6 @@ CORPORA: dict[Corpus, float] = {
     model_inputs.wrong_model: 2.0,
     model_inputs.foreign_model: 0.5,
     model_inputs.foreign_store: 0.5,
+    sweep_inputs.hostile_sweep: 2.0,
+    sweep_inputs.valid_sweep: 1.0,
 }

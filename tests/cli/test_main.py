@@ -7,7 +7,7 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -227,6 +227,59 @@ def test_outputs_are_checked_before_the_solve(
     assert "a.stl" in run.mistakes[0]
     assert ".msh" in run.mistakes[0]
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
+
+
+@pytest.mark.usefixtures("no_solve")
+@pytest.mark.parametrize("link", [Path.symlink_to, Path.hardlink_to])
+def test_an_output_never_overwrites_an_input_or_another_output(
+    scene: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    link: Callable[[Path, Path], None],
+) -> None:
+    for name in ("a.vtu", "a.png", "a.msh", "a.nc"):
+        link(tmp_path / name, scene)
+    (tmp_path / "b.vtu").write_text("b")
+    link(tmp_path / "b.svg", tmp_path / "b.vtu")
+    sweep = tmp_path / "sweep.toml"
+    sweep.write_text('scene = "scene.toml"\n[[axes]]\nload.force_N = [1.0]\n')
+    link(tmp_path / "s.nc", sweep)
+    new = tmp_path / "new.nc"
+    commands: list[tuple[list[object], str, Path]] = [
+        (["solve", scene, "--vtu", tmp_path / "a.vtu"], "a.vtu", scene),
+        (["solve", scene, "--plot", tmp_path / "a.png"], "a.png", scene),
+        (["solve", scene, "--vtu", tmp_path / "b.vtu", "--plot", tmp_path / "b.svg"], "b.svg", new),
+        (["mesh", scene, tmp_path / "a.msh"], "a.msh", scene),
+        (["sweep", sweep, "--output", tmp_path / "a.nc"], "a.nc", scene),
+        (["sweep", sweep, "--output", tmp_path / "s.nc"], "s.nc", sweep),
+        (["sweep", sweep, "--output", new, "--store", tmp_path / "a.nc"], "a.nc", scene),
+        (["sweep", sweep, "--output", new, "--store", sweep], "sweep.toml", sweep),
+        (["sweep", sweep, "--output", new, "--store", new], "new.nc", new),
+        (["sweep", sweep, "--plan", "--store", scene], "scene.toml", scene),
+    ]
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    for arguments, output, overwritten in commands:
+        (mistake,) = Run(arguments, capsys).mistakes
+        assert mistake.startswith(f"{tmp_path / output}: would overwrite ")
+        assert overwritten == new or str(overwritten) in mistake
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_a_sweep_of_no_file_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments in ([], ["--plan"], ["--plan", "--output", "."]):
+        assert all(": " in line for line in Run(["sweep", ".", *arguments], capsys).mistakes)
+
+
+@pytest.mark.usefixtures("no_solve")
+def test_a_change_of_one_key_in_two_spellings_is_one_change(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "list.toml"
+    path.write_text('[[electrodes]]\nname = "A"\nx_mm = 9\ny_mm = 0\n')
+    values = ("electrodes[0].x_mm=-1e9", "electrodes.0.x_mm=1e9", "electrodes[0].x_mm=2e9")
+    changes = [word for value in values for word in ("--set", value)]
+    (mistake,) = Run(["solve", path, *changes], capsys).mistakes
+    assert mistake.startswith("electrodes[0].x_mm = 2000000000.0: ")
 
 
 def test_files_are_written(scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -152,6 +152,28 @@ def test_replacing_keeps_a_link_and_follows_it(tmp_path: Path) -> None:
     assert len(list(tmp_path.rglob("*"))) == 3
 
 
+@pytest.mark.parametrize("mode", [0o600, 0o644, 0o664])
+def test_a_new_version_of_a_file_keeps_its_permissions_and_owner(tmp_path: Path, mode: int) -> None:
+    path, other = tmp_path / "a.txt", 65534 if os.geteuid() == 0 else os.geteuid()
+    path.write_text("old")
+    os.chown(path, other, -1)
+    path.chmod(mode)
+    with replacing(path) as part:
+        part.write_text("new")
+    status = path.stat()
+    assert (status.st_mode & 0o777, status.st_uid, path.read_text()) == (mode, other, "new")
+
+
+def test_a_new_file_has_the_usual_permissions(tmp_path: Path) -> None:
+    before = os.umask(0o027)
+    try:
+        with replacing(tmp_path / "a.txt") as part:
+            part.write_text("new")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "a.txt").stat().st_mode & 0o777 == 0o640
+
+
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError, SystemExit])
 def test_replacing_removes_what_an_exception_leaves(
     tmp_path: Path, error: type[BaseException]
@@ -211,6 +233,26 @@ def test_reports_refuse_an_impossible_directory(
     (line,) = capsys.readouterr().err.splitlines()
     assert str(tmp_path / out) in line
     assert told in line
+
+
+def test_reports_do_not_write_among_what_they_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    link = tmp_path / "link"
+    link.symlink_to(ROOT / "reports" / "data")
+    for program in (thesis, error_vs_time):
+        with pytest.raises(SystemExit) as end:
+            program.main(["--out", str(link)])
+        assert end.value.code == 2
+        assert "holds the thesis's data; name another" in capsys.readouterr().err
+    measured = tmp_path / "charges.csv"
+    measured.write_bytes((ROOT / "reports" / "data" / "example_measurements.csv").read_bytes())
+    assert compare.main([str(measured), "--out", str(tmp_path)]) == 2
+    assert f"{tmp_path}: holds charges.csv, which is read" in capsys.readouterr().err
+    saved = tmp_path / "saved.json"
+    saved.write_text('{"medians": {"a": 1.0}}')
+    assert benchmark.main(["--against", str(saved), "--save", str(saved)]) == 2
+    assert f"would overwrite {saved}" in capsys.readouterr().err
 
 
 def test_saved_run_times_are_checked_first(

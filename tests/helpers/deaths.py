@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from pathlib import Path
 
 
@@ -21,3 +22,9 @@ def die(number: int) -> int:
     if number == 3:
         os.kill(os.getpid(), signal.SIGKILL)
     return 10 * number
+
+
+def wait(folder: str) -> None:
+    """Leave a file named like the process, then wait for ten minutes."""
+    Path(folder, str(os.getpid())).touch()
+    time.sleep(600.0)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import time
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pvdf_fem import Scene, SceneError
-from pvdf_fem.sweeps.grid import Grid
+from pvdf_fem.scene.scene_file import quote
+from pvdf_fem.sweeps.grid import OWN_NAMES, Grid
 from pvdf_fem.sweeps.lines import MappingScheme
 
 GEOMETRY = Path(__file__).parents[2] / "geometry"
+LINES = {"electrode": "A", "angles_deg": list(range(2000))}
 BASE = Scene().with_(**{"probe.shape": "triangle"})
 
 
@@ -115,14 +119,63 @@ def test_all_mistakes_of_a_file_are_told_at_once(tmp_path):
     ("axes", "reason"),
     [
         ([{"load.force_N": [1]}, {"load.force_N": [2]}], "axes[1] = "),
-        ([{"load.force_N": [1], "name": "electrode"}], "dataset's own dimension"),
+        ([{"load.force_N": [1], "name": "electrode"}], "is the dataset's own name"),
         ([{"load.force_N": list(range(2000))}, {"film.d31_pC_N": list(range(2000))}], "4000000"),
+        ([{"load.force_N": [1], "name": "x_mm"}, {"load.kind": ["dead"], "name": "x_mm"}], "name"),
+        ([{"load.force_N": [1], "name": "angle_deg"}, {"mapping": LINES}], '"angle_deg": is the'),
+        ([{"load.force_N": [1], "name": "probe.x_mm"}, {"mapping": LINES}], '"probe.x_mm": is the'),
+        ([{"electrodes[0].x_mm": [9], "electrodes.0.x_mm": [8]}], "axes[0].electrodes.0.x_mm = "),
+        ([{"electrodes[0].x_mm": [9]}, {"electrodes.00.x_mm": [8], "name": "b"}], "axes[1] = "),
+        ([{"probe": [{"x_mm": 1}]}, {"probe.x_mm": [2]}], 'axes[1] = "probe.x_mm": a table that'),
+        ([{"probe": [{}], "probe.x_mm": [1]}, {"probe": [{}], "name": "b"}], "has this key"),
+        ([{"mapping": {**LINES, "distances_mm": list(range(500_000))}}], "make 1000000000 places"),
+        (
+            [{"load.force_N": [1], "name": f"n{i}"} for i in range(64)],
+            "axes = 64: is the number",
+        ),
     ],
 )
 def test_axes_that_clash_are_refused(axes, reason):
     with pytest.raises(SceneError, match=None) as error:
         Grid.of(BASE, axes)
     assert reason in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "name", [*sorted(OWN_NAMES), "a/b", "it's", "int", "string7", "-a", "a ", "e\u0301", 61 * "a"]
+)
+def test_names_that_a_file_cannot_hold_are_refused(name):
+    with pytest.raises(SceneError) as error:
+        Grid.of(BASE, [{"load.force_N": [1.0]}, {"film.d31_pC_N": [8.0], "name": name}])
+    (problem,) = error.value.problems
+    assert problem.startswith(f"axes[1].name = {quote(name)}: ")
+
+
+def test_tables_may_vary_beside_keys_that_they_leave_alone():
+    probes = [{"shape": "triangle"}, {"shape": "circle", "radius_mm": 2.0}]
+    scenes = Grid.of(BASE, [{"probe": probes}, {"probe.x_mm": [0.0, 3.0]}]).scenes()
+    assert [(s.probe.shape, s.probe.x_mm) for s in scenes[1:3]] == [("triangle", 3), ("circle", 0)]
+
+
+def test_grids_that_are_too_large_are_not_expanded():
+    """Sixty axes of a million took 2.4 GB, and the decimal digits of their product an exception."""
+    steps = {"start": 1.0, "stop": 2.0, "count": 1_000_000}
+    axes = [{"load.force_N": steps, "name": f"n{i}"} for i in range(60)]
+    tracemalloc.start()
+    try:
+        with pytest.raises(SceneError, match=r"axes = an integer of \d+ bits: is the num"):
+            Grid.of(BASE, axes)
+        assert tracemalloc.get_traced_memory()[1] < 5e6
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_wrong_key_of_many_scenes_is_told_soon():
+    axes = [{"film.d33_pC_N": [8.0]}, {"load.force_N": {"start": 1, "stop": 2, "count": 100_000}}]
+    start = time.process_time()
+    with pytest.raises(SceneError, match="did you mean"):
+        Grid.of(BASE, axes).scenes()
+    assert time.process_time() - start < 5.0
 
 
 def test_mistakes_of_scenes_are_told_once_each():

@@ -1,9 +1,15 @@
 """Results survive: equal after a reload, refused when the file is not ours, solved once."""
 
+import multiprocessing
+import os
 import sqlite3
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
@@ -112,3 +118,105 @@ def test_a_failed_scene_is_a_record_and_the_rest_goes_on():
     failed, solved = solve_all([slack, SCENE], processes=1)
     assert (failed.status, failed.forces) == ("unstable", {})
     assert solved.converged
+
+
+@contextmanager
+def unprivileged():
+    """Root, too, may then write only what others may write."""
+    root = os.geteuid() == 0
+    if root:
+        os.seteuid(65534)
+    try:
+        yield
+    finally:
+        if root:
+            os.seteuid(0)
+
+
+@pytest.mark.parametrize(("file", "folder"), [(0o444, 0o755), (0o666, 0o555), (0o444, 0o777)])
+@pytest.mark.parametrize("in_use", [True, False])
+def test_a_store_that_cannot_be_written_is_read(file, folder, in_use):
+    with TemporaryDirectory() as name:  # the folders of tmp_path are for their owner only
+        path = Path(name) / "s.db"
+        writer = Store(path)
+        writer.put([(SCENE, record())])
+        if not in_use:
+            writer.close()
+        path.chmod(file)
+        Path(name).chmod(folder)
+        with unprivileged(), Store(path) as store:
+            assert store.read_only
+            assert store.get(SCENE) == record()
+            assert solve_all([SCENE], store, processes=1) == [record()]
+            with pytest.raises(StoreError, match="can only be read, and scenes are missing"):
+                solve_all([SCENE.with_(**{"load.force_N": 2.0})], store, processes=1)
+            with pytest.raises(StoreError, match="make it writable, or name another file"):
+                store.put([(SCENE, record())])
+        Path(name).chmod(0o755)
+        writer.close()
+
+
+def test_a_misused_store_says_what_is_wrong(tmp_path):
+    store = Store(tmp_path / "s.db")
+    uses = [lambda: store.get(SCENE), lambda: store.put([(SCENE, record())]), store.close]
+    with ThreadPoolExecutor(1) as other:
+        for use in uses:
+            with pytest.raises(StoreError, match="belongs to another thread; open one in each"):
+                other.submit(use).result()
+    store.put([(SCENE, record())])
+    store.close()
+    store.close()
+    for use in uses[:2]:
+        with pytest.raises(StoreError, match="is closed; open another one on the file"):
+            use()
+
+
+def test_a_store_in_memory_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in (":memory:", "./:memory:"):
+        with pytest.raises(StoreError, match="would be lost"):
+            Store(Path(name))
+    with Store(Path("file:s.db?mode=memory")) as store:
+        store.put([(SCENE, record())])
+    assert [file.name for file in tmp_path.iterdir()] == ["file:s.db?mode=memory"]
+
+
+def test_a_claim_is_for_one_process(tmp_path):
+    code = (
+        "import sys\n"
+        "from pathlib import Path\n"
+        "from pvdf_fem.sweeps.store import Store\n"
+        "with Store(Path(sys.argv[1])) as store:\n"
+        "    print(store.claim('a'), store.claim('b'))\n"
+    )
+    path = tmp_path / "s.db"
+    (tmp_path / "link.db").symlink_to(path)
+    with Store(path) as store:
+        for claims, printed in ((["a"], "False True"), ([], "False True"), (None, "True True")):
+            if claims is None:
+                store.end_claims()
+            assert all(store.claim(name) for name in claims or ())
+            command = [sys.executable, "-c", code, tmp_path / "link.db"]
+            root = Path(__file__).parents[2]
+            run = subprocess.run(command, cwd=root, capture_output=True, text=True, check=True)
+            assert run.stdout.strip() == printed
+        assert not (tmp_path / "s.db-claims").exists()
+
+
+def _open_at(path, moment):
+    while time.time() < moment:
+        pass
+    Store(path).close()
+
+
+def test_processes_may_make_a_store_at_the_same_moment(tmp_path):
+    """One of them found tables without the number of a store, and refused the file."""
+    fork = multiprocessing.get_context("fork")
+    for number in range(40):
+        arguments = (tmp_path / f"{number}.db", time.time() + 0.03)
+        processes = [fork.Process(target=_open_at, args=arguments) for _ in range(3)]
+        for process in processes:
+            process.start()
+        for process in processes:
+            process.join()
+        assert [process.exitcode for process in processes] == [0, 0, 0]

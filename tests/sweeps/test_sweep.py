@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import os
 import random
 import signal
+import subprocess
+import sys
 import time
 import tracemalloc
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,12 +20,14 @@ import xarray
 from pvdf_fem import Scene, solve
 from pvdf_fem.cli import main as cli
 from pvdf_fem.sweeps import sweep
-from pvdf_fem.sweeps.dataset import write_netcdf
+from pvdf_fem.sweeps.dataset import dataset, write_netcdf
+from pvdf_fem.sweeps.grid import MOST_AXES, OWN_NAMES
 from pvdf_fem.sweeps.store import Record, Store, key
 from pvdf_fem.sweeps.workers import Died, on_processes
 from tests.helpers import deaths
 from tests.helpers.sweep_cases import AXES, BASE, made_up, run
 
+GEOMETRY = Path(__file__).parents[2] / "geometry"
 AGAIN = multiprocessing.get_context("forkserver")
 AGAIN.set_forkserver_preload(["tests.helpers.sweep_cases", "pvdf_fem.sweeps.dataset"])
 
@@ -55,9 +61,53 @@ def test_axes_with_the_same_end_of_a_key_have_coordinates_of_their_own(invented)
     for name, (dimension, scene_key) in expected.items():
         attributes = {"key": scene_key, "units": "mm"}
         assert (data[name].dims, data[name].attrs) == ((dimension,), attributes)
+    assert data.charge_pC.dims == ("place", "side_mm", "square", "electrode")
     named_as_key = [{"probe.x_mm": [0.0, 1.0], "probe.y_mm": [2.0, 3.0], "name": "x_mm"}]
     coordinates = sweep.sweep(BASE, named_as_key, processes=1).coords
     assert set(coordinates) == {"probe.x_mm", "y_mm", "electrode"}
+
+
+def test_an_axis_with_the_name_of_another_s_coordinate_keeps_its_labels(invented, tmp_path):
+    axes = [
+        {"load.force_N": [1.0, 2.0], "name": "y_mm"},
+        {"probe.x_mm": [3.0, 4.0], "probe.y_mm": [5.0, 6.0], "name": "place"},
+    ]
+    for given in (axes, axes[::-1]):
+        data = sweep.sweep(BASE, given, processes=1)
+        labels = {name: values.values.tolist() for name, values in data.coords.items()}
+        del labels["electrode"]
+        assert labels == {"y_mm": [1.0, 2.0], "x_mm": [3.0, 4.0], "probe.y_mm": [5.0, 6.0]}
+        assert data.y_mm.attrs == {"key": "load.force_N", "units": "N"}
+        write_netcdf(data, tmp_path / "data.nc")
+
+
+def test_tables_along_an_axis_are_labelled_in_full(invented):
+    corners = [[0.0, 0.0], [3.0, 0.0], [3.0, 1.0], [1.0, 1.0], [1.0, 2.0], [0.0, 2.25]]
+    probes = [{"shape": "circle"}, {"shape": "polygon", "vertices_mm": corners}]
+    data = sweep.sweep(BASE, [{"probe": probes}], processes=1)
+    assert [json.loads(label) for label in data.probe.values] == probes
+
+
+def test_the_dataset_s_own_names_are_those_that_axes_may_not_have(invented):
+    data = sweep.sweep(BASE, [{"load.force_N": [1.0]}], processes=1)
+    assert {*data.variables, *data.dims} - {"force_N"} == OWN_NAMES
+
+
+def test_as_many_axes_as_are_allowed_can_be_written(tmp_path):
+    electrodes = [{"name": f"E{i}", "x_mm": 2.0 * i, "y_mm": 0, "side_mm": 1} for i in range(16)]
+    base = Scene().with_(electrodes=electrodes)
+    keys = [f"electrodes[{i}].{k}" for i in range(16) for k in ("x_mm", "y_mm", "side_mm", "name")]
+    tables = base.model_dump()["electrodes"]
+    axes = [
+        {key: [tables[i // 4][key.split(".")[1]]], "name": f"n{i}"}
+        for i, key in enumerate(keys[:MOST_AXES])
+    ]
+    grid = sweep.Grid.of(base, axes)
+    todo = sweep.planned(grid.scenes())
+    data = dataset(grid, todo, [(0, Record("unstable", "", ()))])
+    write_netcdf(data, tmp_path / "data.nc")
+    with xarray.open_dataset(tmp_path / "data.nc") as read:
+        assert read.identical(data)
 
 
 def test_a_dataset_names_its_axes_units_and_states(tmp_path):
@@ -137,29 +187,74 @@ def _stored(path):
         return {key(scene) for scene in sweep.Grid.of(BASE, AXES).scenes() if scene in store}
 
 
-def test_two_processes_may_use_one_store(tmp_path):
-    path = tmp_path / "s.db"
-    both = [AGAIN.Process(target=run, args=(path, tmp_path / "log", 0.01)) for _ in range(2)]
-    for process in both:
-        process.start()
+def _started(*arguments):
+    process = AGAIN.Process(target=run, args=arguments)
+    process.start()
+    return process
+
+
+def test_two_processes_share_the_solves_of_one_store(tmp_path):
+    path, logs = tmp_path / "s.db", [tmp_path / "one", tmp_path / "two"]
+    both = [_started(path, log, 0.1) for log in logs]
     for process in both:
         process.join()
     assert [process.exitcode for process in both] == [0, 0]
     assert len(_stored(path)) == 48
+    solved = [log.read_text().splitlines() for log in logs]
+    assert len(solved[0] + solved[1]) == len({*solved[0], *solved[1]}) == 24
+    assert min(map(len, solved)) >= 8
+    assert [file.name for file in tmp_path.glob("s.db*")] == ["s.db"]
     log = tmp_path / "again"
     log.touch()
     assert run(path, log).identical(run(tmp_path / "alone.db"))
     assert log.read_text() == ""
 
 
+def test_claims_end_with_a_killed_process(tmp_path):
+    path, log = tmp_path / "s.db", tmp_path / "log"
+    hangs = _started(path, tmp_path / "begun", 600.0)
+    while not (tmp_path / "s.db-claims").exists():
+        time.sleep(0.01)
+    time.sleep(0.5)
+    other = _started(path, log, 0.0)
+    while len(_stored(path)) < 46:  # all but the two scenes of the solve that hangs
+        time.sleep(0.05)
+    other.join(0.5)
+    assert other.is_alive()
+    os.kill(hangs.pid, signal.SIGKILL)
+    other.join(20.0)
+    assert other.exitcode == 0
+    assert len(_stored(path)) == 48
+    hangs.join()
+
+
+def test_processes_end_with_a_parent_that_is_killed(tmp_path):
+    """Though a task would take ten minutes."""
+    code = (
+        "from pvdf_fem.sweeps.workers import on_processes\n"
+        "from tests.helpers.deaths import wait\n"
+        f"list(on_processes(wait, enumerate([{str(tmp_path)!r}] * 2), 2))\n"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", code], cwd=GEOMETRY.parent)
+    while len(list(tmp_path.iterdir())) < 2:
+        assert parent.poll() is None
+        time.sleep(0.05)
+    parent.kill()
+    parent.wait()
+    deadline = time.monotonic() + 10.0
+    while workers := [file for file in tmp_path.iterdir() if Path(f"/proc/{file.name}").exists()]:
+        assert time.monotonic() < deadline, workers
+        time.sleep(0.1)
+
+
 def test_a_process_that_dies_is_replaced(tmp_path):
-    tasks = {number: (tmp_path / "died", number) for number in range(6)}
+    tasks = [(number, (tmp_path / "died", number)) for number in range(6)]
     results = dict(on_processes(deaths.die_once, tasks, 2))
     assert results == {number: 10 * number for number in range(6)}
 
 
 def test_a_task_that_always_kills_its_process_has_no_result():
-    results = dict(on_processes(deaths.die, dict(enumerate(range(5))), 2))
+    results = dict(on_processes(deaths.die, enumerate(range(5)), 2))
     assert isinstance(results.pop(3), Died)
     assert results == {number: 10 * number for number in (0, 1, 2, 4)}
 
@@ -193,6 +288,43 @@ def test_a_scheduler_that_is_not_there_is_bad_input(tmp_path, monkeypatch, capsy
     assert cli.main(["sweep", "s.toml", "--scheduler", "nonsense://x"]) == 2
     assert "--scheduler nonsense://x: " in capsys.readouterr().err
     assert not (tmp_path / "s.nc").exists()
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_scheduler_that_stops_is_told_in_a_line(tmp_path):
+    pytest.importorskip("distributed")
+    address, command = "tcp://127.0.0.1:38786", [sys.executable, "-m"]
+    (tmp_path / "s.toml").write_text(
+        "[scene.probe]\n[scene.numerics]\ntolerance = 1e-5\n"
+        "[[axes]]\nprobe.x_mm = { start = 0, stop = 9, count = 1000 }\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(GEOMETRY.parent)}
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment}
+    dask = [*command, "distributed.cli.dask_scheduler", "--port", "38786", "--no-dashboard"]
+    scheduler = subprocess.Popen(dask, **quiet)
+    dask = [*command, "distributed.cli.dask_worker", address, "--no-nanny", "--no-dashboard"]
+    worker = subprocess.Popen(dask, cwd=tmp_path, **quiet)
+    swept = subprocess.Popen(
+        [*command, "pvdf_fem", "sweep", "s.toml", "--scheduler", address, "--quiet"],
+        cwd=tmp_path,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        wal = tmp_path / "s.db-wal"
+        while not (wal.exists() and wal.stat().st_size > 20_000):  # some solves are stored
+            assert swept.poll() is None, swept.communicate()
+            time.sleep(0.1)
+        scheduler.kill()
+        out, err = swept.communicate(timeout=60)
+    finally:
+        for process in (scheduler, worker, swept):
+            process.kill()
+            process.wait()
+    assert (swept.returncode, out, err.count("\n")) == (3, "", 1)
+    assert err.startswith(f"--scheduler {address}: does not answer any more; start it again")
 
 
 def test_the_command_prints_its_plan_and_writes_the_dataset(
