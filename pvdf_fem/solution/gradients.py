@@ -21,62 +21,169 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
+from scipy.sparse.linalg import SuperLU
 
-from pvdf_fem.arrays import COMPLEX_STEP, Array, Indices
+from pvdf_fem.arrays import COMPLEX_STEP, Array
 from pvdf_fem.charges.forces import charge_gradients, electrode_forces
-from pvdf_fem.charges.quadrature import PlacedQuadrature, facet_quadrature
+from pvdf_fem.charges.quadrature import facet_quadrature
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.laws import StVenantKirchhoff
 from pvdf_fem.film.loads import LOADS
 from pvdf_fem.film.membrane import IDENTITY, Membrane
 from pvdf_fem.film.models import film_model
-from pvdf_fem.film.space import Space, shape_values
+from pvdf_fem.film.space import shape_values
 from pvdf_fem.scene.film import Film, plane_stress
 from pvdf_fem.scene.scene import Probe, Scene
-from pvdf_fem.solution.solution import Solution
-from pvdf_fem.solvers.newton import factorise
+from pvdf_fem.solution.estimate import corrected
+from pvdf_fem.solution.solution import NotConvergedError, Solution
+from pvdf_fem.solution.solve import solve
+from pvdf_fem.solvers.budget import Budget
+from pvdf_fem.solvers.newton import NewtonResult, factorise
+from pvdf_fem.solvers.status import Status
 
 PLACE = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg")
 #: Gauss points on an edge, exact for the product of two functions of order 4 on a straight one.
 EDGE_POINTS = 5
+#: Error over what the next order takes away, more than which corners leave in few derivatives.
+SATURATION = 1.3
+#: Least error that is stated of a derivative, over the mean one: an estimate may vanish by chance.
+CHANCE = 0.35
+#: Derivatives count as no smaller than this part of the largest charge over the parameter's scale.
+NEGLIGIBLE = 1e-3
+TINY = np.finfo(float).tiny
+
+
+class Gradients(dict[str, dict[str, float]]):
+    """Derivatives of charges by key and electrode, in pC per unit of the key.
+
+    Attributes
+    ----------
+    errors : dict
+        Their estimated discretisation errors, absolute, by key and electrode.
+    relative_errors : dict
+        By key the largest error over the largest derivative, since that of one electrode may vanish
+        by cancellation. Where all nearly do, over a thousandth of the largest charge per scale of
+        the parameter: the probe's perimeter over 2 pi, a radian, or the parameter's value.
+    solution : Solution
+        Whose charges are differentiated.
+    """
+
+    errors: dict[str, dict[str, float]]
+    relative_errors: dict[str, float]
+    solution: Solution
 
 
 def gradients(
-    solution: Solution, parameters: Sequence[str] | None = None
-) -> dict[str, dict[str, float]]:
-    """Derivative of each charge with respect to parameters of the scene.
+    solution: Solution | Scene,
+    parameters: Sequence[str] | None = None,
+    *,
+    tolerance: float | None = None,
+) -> Gradients:
+    """Derivative of each charge with respect to parameters of the scene, with estimated errors.
 
     Parameters
     ----------
-    solution : Solution
-        A converged one.
+    solution : Solution or Scene
+        A converged one, or a scene that is solved first.
     parameters : sequence of str, optional
         Keys of the scene file as in `Scene.with_`, by default all of `parameters_of` the scene.
+    tolerance : float, optional
+        Largest of the `Gradients.relative_errors` wanted. Where the solution's mesh leaves larger
+        ones, the scene is solved again to smaller errors of its charges. By default the derivatives
+        are those of the solution, whatever their errors.
 
     Returns
     -------
-    dict
-        For each key the derivatives by electrode, in pC per unit of the key: in pC/mm for
-        ``probe.x_mm``.
+    Gradients
+        A dict: for each key the derivatives by electrode, in pC per unit of the key, which is pC/mm
+        for ``probe.x_mm``.
 
     Raises
     ------
     NotConvergedError
-        When the solution is not converged.
+        When the solution is not converged, or no mesh meets the tolerance.
     ValueError
-        For a key that is not among `parameters_of` the scene.
+        For a key that is not among `parameters_of` the scene, or a tolerance out of range.
     """
-    scene = solution.scene
+    scene = solution if isinstance(solution, Scene) else solution.scene
     known = parameters_of(scene)
     wanted = known if parameters is None else tuple(parameters)
     for key in wanted:
         if key not in known:
             raise ValueError(f"parameters: {key!r} {_refusal(scene, key)}; take some of {known}")
-    rates = _rates(_Adjoint.of(solution))
+    if tolerance is not None and not 0.0 < tolerance < 1.0:
+        raise ValueError(f"tolerance = {tolerance!r}: is out of range; give a number from 0 to 1")
+    found = _gradients_of(solve(scene) if isinstance(solution, Scene) else solution, wanted)
+    while tolerance and max(found.relative_errors.values(), default=0.0) > tolerance:
+        found = _gradients_of(_finer(found, tolerance), wanted)
+    return found
+
+
+def _finer(found: Gradients, tolerance: float, least: float = 2e-8) -> Solution:
+    """A solution whose derivatives should be within the tolerance: errors fall as charges' do.
+
+    Errors of charges below `least` are not tried.
+    """
+    worst, key = max((error, key) for key, error in found.relative_errors.items())
+    scene, reason = found.solution.scene, "rounding allows no better mesh"
+    aim = 0.5 * tolerance / worst * scene.numerics.tolerance
+    if aim > least:
+        # the tolerance must not choose anew whether the film bends
+        bends = film_model(scene).bends
+        finer = solve(scene.with_(**{"numerics.tolerance": aim, "film.bending": bends}))
+        if finer.status is Status.CONVERGED:
+            return finer
+        reason = f"with charges to {aim:.1e}: {finer.reason}"
+    raise NotConvergedError(
+        f"{Status.TOLERANCE}: derivatives by {key} have errors of {worst:.1e}; raise"
+        f" tolerance = {tolerance:g} ({reason})"
+    )
+
+
+def _gradients_of(solution: Solution, wanted: Sequence[str]) -> Gradients:
+    """Derivatives of the solution's charges, and what the next order changes as their errors.
+
+    All are of one displacement and share its error, so one that nearly vanishes does so by chance:
+    none is taken for much smaller, over its `unit`, than the mean.
+    """
+    scene, keys = solution.scene, parameters_of(solution.scene)
+    adjoint, rich = _adjoints(solution)
+    coarse, better = _rates(adjoint), _rates(rich)
+    rates = np.array([coarse[key]() for key in keys])
+    errors = np.abs([better[key]() for key in keys] - rates)
+    sizes = np.abs(adjoint.forces) @ np.abs([scene.film.d31, scene.film.d32])
+    unit = sizes / np.array([[_scale(scene, key)] for key in keys])
+    by_place = np.isin(keys, PLACE)
+    for group in (by_place, ~by_place):
+        means = errors[group].sum(axis=1) / np.maximum(unit[group].sum(axis=1), TINY)
+        floor = CHANCE * means.sum() / max(len(means), 1)
+        errors[group] = np.maximum(errors[group], floor * unit[group])
+    errors *= SATURATION * film_model(scene).saturation
+    largest = np.maximum(np.abs(rates), NEGLIGIBLE * unit).max(axis=1, initial=TINY)
     names = [electrode.name for electrode in scene.electrode_list]
-    return {key: dict(zip(names, (1e12 * rates[key]()).tolist(), strict=True)) for key in wanted}
+    found = Gradients()
+    found.errors, found.relative_errors, found.solution = {}, {}, solution
+    for key in wanted:
+        row = keys.index(key)
+        for values, table in ((rates, found), (errors, found.errors)):
+            table[key] = dict(zip(names, (1e12 * values[row]).tolist(), strict=True))
+        found.relative_errors[key] = float(errors[row].max() / largest[row])
+    return found
+
+
+def _scale(scene: Scene, key: str) -> float:
+    """A change of a parameter that matters, in units of its key."""
+    if scene.probe is not None and key in PLACE:
+        if key == "probe.rotation_deg":
+            return float(np.degrees(1.0)) if scene.probe.period_deg else np.inf
+        return 1e3 * scene.probe.outline.perimeter / (2.0 * np.pi)
+    value: Any = scene
+    for name in key.split("."):
+        value = value[int(name)] if name.isdecimal() else getattr(value, name)
+    return abs(value) or 1.0
 
 
 def parameters_of(scene: Scene) -> tuple[str, ...]:
@@ -118,18 +225,16 @@ class _Adjoint:
     equilibrium: Equilibrium
     x: Array  # the displacement, (dofs,)
     forces: Array  # X and Y, (electrodes, 2)
-    unknowns: Array  # λ for the charges in C, (unknowns, electrodes)
-    dofs: Array  # λ at all dofs, (dofs, electrodes)
+    dofs: Array  # λ of the charges in C at all dofs, (dofs, electrodes)
 
     @classmethod
-    def of(cls, solution: Solution) -> _Adjoint:
-        """One solve per electrode with a new tangent; Newton's last may be an earlier one."""
-        scene, fields = solution.scene, solution.fields
-        equilibrium, x = fields.equilibrium, fields.displacement
-        goals = charge_gradients(scene, equilibrium.membrane, x)
-        spread = equilibrium.unknowns.expansion
-        unknowns = factorise(equilibrium.tangent(fields.state)).solve(spread.T @ goals, "T")
-        return cls(scene, equilibrium, x, fields.forces.values, unknowns, spread @ unknowns)
+    def of(cls, equilibrium: Equilibrium, q: Array, factors: SuperLU) -> _Adjoint:
+        """One solve per electrode with the tangent's `factors` at the unknowns `q`."""
+        scene, membrane = equilibrium.scene, equilibrium.membrane
+        x, spread = equilibrium.unknowns.expand(q), equilibrium.unknowns.expansion
+        forces = electrode_forces(scene, membrane, x)
+        unknowns = factors.solve(spread.T @ charge_gradients(scene, membrane, x), "T")
+        return cls(scene, equilibrium, x, forces, spread @ unknowns)
 
     def work(self, forces: Array) -> Array:
         """λ · f of forces f on the dofs, (electrodes,)."""
@@ -143,6 +248,19 @@ class _Adjoint:
         d = [self.scene.film.d31, self.scene.film.d32]
         explicit = electrode_forces(self.scene, membrane, self.x) @ d
         return explicit - self.work(membrane.internal_forces(membrane.state(self.x)))
+
+
+def _adjoints(solution: Solution) -> tuple[_Adjoint, _Adjoint]:
+    """The adjoint solutions of a solution, and those of the order above on the same mesh."""
+    fields, solved = solution.fields, solution.fields.equilibrium
+    q = solved.unknowns.restrict(fields.displacement)
+    factors = factorise(solved.tangent(fields.state))  # Newton's last may be of an earlier state
+    rich = Equilibrium(solution.scene, solved.space.mesh, solved.space.order + 1)
+    correction = corrected(solved, q, factors, rich, Budget.of(solution.scene))
+    if isinstance(correction, NewtonResult):
+        raise NotConvergedError(f"{correction.status}: {correction.status.advice}")
+    rich_factors = factorise(rich.tangent(rich.state(correction.q)))
+    return _Adjoint.of(solved, q, factors), _Adjoint.of(rich, correction.q, rich_factors)
 
 
 def _rates(adjoint: _Adjoint) -> dict[str, Callable[[], Array]]:
@@ -191,51 +309,39 @@ def _stiffness_rate(film: Film, key: str) -> Array:
 
 
 def _swept(adjoint: _Adjoint, key: str) -> Array:
-    """The integral p ∮ (λ · t) (V · n) ds in C per unit of the key, (electrodes,)."""
+    """The integral p ∮ (λ · t) (V · n) ds in C per unit of the key, (electrodes,).
+
+    It is the mean of that in the elements inside of the outline and in those outside, as the traces
+    of the displacement's gradient differ by its error. Where the outline is the clamped rim, λ is
+    zero and nothing is swept.
+    """
     probe, load = adjoint.scene.probe, adjoint.equilibrium.load
     assert probe is not None
-    space = adjoint.equilibrium.space
-    inner, outer, normals = _traces(space, load.patch)
-    # traces of the displacement gradient from both sides differ by the discretisation error
-    F = IDENTITY + 0.5 * sum(_gradient(side, space, adjoint.x) for side in (inner, outer))
-    shapes = shape_values(space.basis.elem, inner.points)
-    nodal = adjoint.dofs.reshape(-1, 3, adjoint.dofs.shape[1])[space.nodes[inner.elements]]
-    works = np.einsum("fqa,facn,fqc->fqn", shapes, nodal, load.direction(F))
-    points = np.moveaxis(space.mesh.mapping().F(inner.points, inner.elements), 0, -1)
-    swept = inner.weights * (_velocity(probe, key, points) * normals).sum(axis=-1)
-    return load.pressure * np.einsum("fq,fqn->n", swept, works)
-
-
-def _traces(space: Space, patch: Indices) -> tuple[PlacedQuadrature, PlacedQuadrature, Array]:
-    """Quadrature on a patch's outline, in the elements inside and outside, and normals outwards.
-
-    Normals are (edges, points, 2). Where the outline is the clamped rim, λ is zero and nothing is
-    swept.
-    """
-    mesh = space.mesh
-    facets, count = np.unique(mesh.t2f[:, patch], return_counts=True)
+    space, mesh = adjoint.equilibrium.space, adjoint.equilibrium.space.mesh
+    facets, count = np.unique(mesh.t2f[:, load.patch], return_counts=True)
     facets = facets[(count == 1) & (mesh.f2t[1, facets] >= 0)]
-    pair = mesh.f2t[:, facets]
-    inside, outside = np.where(np.isin(pair[0], patch), pair, pair[::-1])
-    (inner, tangents), (outer, _) = (
-        facet_quadrature(mesh, facets, elements, EDGE_POINTS) for elements in (inside, outside)
-    )
+    elements = mesh.f2t[:, facets].ravel()
+    traces, tangents = facet_quadrature(mesh, np.tile(facets, 2), elements, EDGE_POINTS)
+    nodes = space.nodes[elements]
+    slopes = space.gradients_at(elements, traces.points)
+    F = IDENTITY + np.matmul(adjoint.x.reshape(-1, 3)[nodes][:, None].swapaxes(2, 3), slopes)
+    nodal = adjoint.dofs.reshape(-1, 3, adjoint.dofs.shape[1])[nodes]
+    shapes = shape_values(space.basis.elem, traces.points)
+    works = np.einsum("fqa,facn,fqc->fqn", shapes, nodal, load.direction(F))
+    points = np.moveaxis(mesh.mapping().F(traces.points, elements), 0, -1)
     normals = np.stack([tangents[..., 1], -tangents[..., 0]], axis=-1)
-    middle = mesh.p[:, mesh.t[:, inside]].mean(axis=1).T[:, None]
-    outwards = np.moveaxis(mesh.mapping().F(inner.points, inside), 0, -1) - middle
-    normals *= np.sign((normals * outwards).sum(axis=-1, keepdims=True))
-    return inner, outer, normals
-
-
-def _gradient(side: PlacedQuadrature, space: Space, x: Array) -> Array:
-    """Displacement gradient (edges, points, 3, 2) of the dofs `x`."""
-    nodal = x.reshape(-1, 3)[space.nodes[side.elements]][:, None]
-    return np.matmul(nodal.swapaxes(2, 3), space.gradients_at(side.elements, side.points))
+    from_middle = points - mesh.p[:, mesh.t[:, elements]].mean(axis=1).T[:, None]
+    signs = np.sign((normals * from_middle).sum(axis=-1))
+    signs[~np.isin(elements, load.patch)] *= -1.0
+    swept = signs * traces.weights * (_velocity(probe, key, points) * normals).sum(axis=-1)
+    return 0.5 * load.pressure * np.einsum("fq,fqn->n", swept, works)
 
 
 def _velocity(probe: Probe, key: str, points: Array) -> Array:
     """Velocity of a probe's points (..., 2) in m, in m per unit of the key."""
     if key != "probe.rotation_deg":
         return np.full_like(points, 1e-3 * np.eye(2)[PLACE.index(key)])
+    if probe.period_deg == 0.0:  # a disc turns into itself
+        return np.zeros_like(points)
     x, y = np.moveaxis(points - 1e-3 * np.array([probe.x_mm, probe.y_mm]), -1, 0)
     return np.radians(1.0) * np.stack([-y, x], axis=-1)
