@@ -18,9 +18,8 @@ reference area: e_z for a dead load, F1 x F2 for a follower load.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -35,6 +34,7 @@ from pvdf_fem.film.loads import LOADS
 from pvdf_fem.film.membrane import IDENTITY, Membrane
 from pvdf_fem.film.models import film_model
 from pvdf_fem.film.space import shape_values
+from pvdf_fem.film.term import State
 from pvdf_fem.scene.film import Film, plane_stress
 from pvdf_fem.scene.scene import Probe, Scene
 from pvdf_fem.solution.estimate import corrected
@@ -45,10 +45,9 @@ from pvdf_fem.solvers.newton import NewtonResult, factorise
 from pvdf_fem.solvers.status import Status
 
 PLACE = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg")
-#: Gauss points on an edge, exact for the product of two functions of order 4 on a straight one.
-EDGE_POINTS = 5
-#: Error over what the next order takes away, more than which corners leave in few derivatives.
-SATURATION = 1.3
+COEFFICIENTS = ("film.d31_pC_N", "film.d32_pC_N")
+#: Error over what the next order takes away, of which corners leave it the least.
+SATURATION = 1.5
 #: Least error that is stated of a derivative, over the mean one: an estimate may vanish by chance.
 CHANCE = 0.35
 #: Derivatives count as no smaller than this part of the largest charge over the parameter's scale.
@@ -123,10 +122,7 @@ def gradients(
 
 
 def _finer(found: Gradients, tolerance: float, least: float = 2e-8) -> Solution:
-    """A solution whose derivatives should be within the tolerance: errors fall as charges' do.
-
-    Errors of charges below `least` are not tried.
-    """
+    """The solution to finer charges, not below `least`; errors of derivatives fall as theirs do."""
     worst, key = max((error, key) for key, error in found.relative_errors.items())
     scene, reason = found.solution.scene, "rounding allows no better mesh"
     aim = 0.5 * tolerance / worst * scene.numerics.tolerance
@@ -151,9 +147,8 @@ def _gradients_of(solution: Solution, wanted: Sequence[str]) -> Gradients:
     """
     scene, keys = solution.scene, parameters_of(solution.scene)
     adjoint, rich = _adjoints(solution)
-    coarse, better = _rates(adjoint), _rates(rich)
-    rates = np.array([coarse[key]() for key in keys])
-    errors = np.abs([better[key]() for key in keys] - rates)
+    rates, better = (np.array([_rate(of, key) for key in keys]) for of in (adjoint, rich))
+    errors = np.abs(better - rates)
     sizes = np.abs(adjoint.forces) @ np.abs([scene.film.d31, scene.film.d32])
     unit = sizes / np.array([[_scale(scene, key)] for key in keys])
     by_place = np.isin(keys, PLACE)
@@ -197,57 +192,50 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
     if scene.probe is not None:
         place = () if LOADS[scene.load.kind].rigid else PLACE
         probe = (*place, "load.force_N")
-    film: tuple[str, ...] = ()
-    if film_model(scene).film_is_differentiable:
-        film = ("film.thickness_um", "film.temperature_change_K", *_moduli(scene.film))
-    return (*probe, *film, "film.d31_pC_N", "film.d32_pC_N")
+    film = _film_keys(scene.film) if film_model(scene).film_is_differentiable else ()
+    return (*probe, *film, *COEFFICIENTS)
 
 
-def _moduli(film: Film) -> tuple[str, ...]:
+def _film_keys(film: Film) -> tuple[str, ...]:
     key = "film.youngs_modulus_GPa"
-    pair = isinstance(film.youngs_modulus_GPa, tuple)
-    return (*((f"{key}.0", f"{key}.1") if pair else (key,)), "film.poisson_ratio")
+    moduli = (f"{key}.0", f"{key}.1") if isinstance(film.youngs_modulus_GPa, tuple) else (key,)
+    return ("film.thickness_um", "film.temperature_change_K", *moduli, "film.poisson_ratio")
 
 
 def _refusal(scene: Scene, key: str) -> str:
     if scene.probe is not None and key in PLACE:
         return "of a rigid probe has no derivative here: the tractions at its edge are singular"
-    if key in ("film.thickness_um", "film.temperature_change_K", *_moduli(scene.film)):
+    if key in _film_keys(scene.film):
         return "of a film that bends or wrinkles has no derivative here"
     return "is not a parameter of this scene that charges are differentiated by"
 
 
 @dataclass(frozen=True, eq=False)
 class _Adjoint:
-    """A solution with the adjoint solutions of its charges."""
+    """A displacement with the adjoint solutions of its charges."""
 
-    scene: Scene
     equilibrium: Equilibrium
-    x: Array  # the displacement, (dofs,)
-    forces: Array  # X and Y, (electrodes, 2)
-    dofs: Array  # λ of the charges in C at all dofs, (dofs, electrodes)
+    #: Of the displacement.
+    state: State
+    #: X and Y in N, (electrodes, 2).
+    forces: Array
+    #: λ of the charges in C at the dofs, (dofs, electrodes).
+    dofs: Array
 
     @classmethod
     def of(cls, equilibrium: Equilibrium, q: Array, factors: SuperLU) -> _Adjoint:
         """One solve per electrode with the tangent's `factors` at the unknowns `q`."""
-        scene, membrane = equilibrium.scene, equilibrium.membrane
-        x, spread = equilibrium.unknowns.expand(q), equilibrium.unknowns.expansion
-        forces = electrode_forces(scene, membrane, x)
-        unknowns = factors.solve(spread.T @ charge_gradients(scene, membrane, x), "T")
-        return cls(scene, equilibrium, x, forces, spread @ unknowns)
-
-    def work(self, forces: Array) -> Array:
-        """λ · f of forces f on the dofs, (electrodes,)."""
-        return forces @ self.dofs
+        scene, membrane, state = equilibrium.scene, equilibrium.membrane, equilibrium.state(q)
+        spread = equilibrium.unknowns.expansion
+        unknowns = factors.solve(spread.T @ charge_gradients(scene, membrane, state.dofs), "T")
+        forces = electrode_forces(scene, membrane, state.dofs)
+        return cls(equilibrium, state, forces, spread @ unknowns)
 
     def of_stress(self, membrane: Membrane) -> Array:
-        """∂Q/∂θ - λ · ∂R/∂θ of a stress that `membrane` has where the strain stays, (electrodes,).
-
-        Charges and residual are linear in the stress.
-        """
-        d = [self.scene.film.d31, self.scene.film.d32]
-        explicit = electrode_forces(self.scene, membrane, self.x) @ d
-        return explicit - self.work(membrane.internal_forces(membrane.state(self.x)))
+        """∂Q/∂θ - λ · ∂R/∂θ, (electrodes,), where the stress becomes that of `membrane`."""
+        scene, x = self.equilibrium.scene, self.state.dofs
+        explicit = electrode_forces(scene, membrane, x) @ [scene.film.d31, scene.film.d32]
+        return explicit - membrane.internal_forces(membrane.state(x)) @ self.dofs
 
 
 def _adjoints(solution: Solution) -> tuple[_Adjoint, _Adjoint]:
@@ -263,37 +251,25 @@ def _adjoints(solution: Solution) -> tuple[_Adjoint, _Adjoint]:
     return _Adjoint.of(solved, q, factors), _Adjoint.of(rich, correction.q, rich_factors)
 
 
-def _rates(adjoint: _Adjoint) -> dict[str, Callable[[], Array]]:
-    """Functions that give dQ/dθ in C per unit of the key, (electrodes,)."""
-    film, membrane = adjoint.scene.film, adjoint.equilibrium.membrane
-    state = membrane.state(adjoint.x)
-
-    def by_force() -> Array:
-        return adjoint.work(adjoint.equilibrium.load.with_force(1.0).forces(state))
-
-    def by_thickness() -> Array:
-        return -adjoint.work(membrane.internal_forces(state)) / film.thickness_um
-
-    def by_temperature() -> Array:
+def _rate(adjoint: _Adjoint, key: str) -> Array:
+    """dQ/dθ in C per unit of the key, (electrodes,)."""
+    equilibrium, state = adjoint.equilibrium, adjoint.state
+    film, membrane = equilibrium.film, equilibrium.membrane
+    if key in PLACE:
+        return _swept(adjoint, key)
+    if key == "load.force_N":
+        return equilibrium.load.with_force(1.0).forces(state) @ adjoint.dofs
+    if key == "film.thickness_um":
+        return -membrane.internal_forces(state) @ adjoint.dofs / film.thickness_um
+    if key == "film.temperature_change_K":
         # the stress is linear in the temperature: the difference over 1 K is the derivative
-        degree = {"temperature_change_K": film.temperature_change_K + 1.0}
-        warmer = Membrane(membrane.space, film.model_copy(update=degree))
-        return adjoint.of_stress(warmer) - adjoint.of_stress(membrane)
-
-    def by_modulus(key: str) -> Array:
-        # the stress is linear in the stiffness, whose rate takes its place
-        law = StVenantKirchhoff(_stiffness_rate(film, key))
-        return adjoint.of_stress(Membrane(membrane.space, film, law))
-
-    return {
-        **{key: partial(_swept, adjoint, key) for key in PLACE},
-        "load.force_N": by_force,
-        "film.thickness_um": by_thickness,
-        "film.temperature_change_K": by_temperature,
-        **{key: partial(by_modulus, key) for key in _moduli(film)},
-        "film.d31_pC_N": lambda: 1e-12 * adjoint.forces[:, 0],
-        "film.d32_pC_N": lambda: 1e-12 * adjoint.forces[:, 1],
-    }
+        warmer = film.model_copy(update={"temperature_change_K": film.temperature_change_K + 1.0})
+        return adjoint.of_stress(Membrane(membrane.space, warmer)) - adjoint.of_stress(membrane)
+    if key in COEFFICIENTS:
+        return 1e-12 * adjoint.forces[:, COEFFICIENTS.index(key)]
+    # the stress is linear in the stiffness, whose rate takes its place
+    law = StVenantKirchhoff(_stiffness_rate(film, key))
+    return adjoint.of_stress(Membrane(membrane.space, film, law))
 
 
 def _stiffness_rate(film: Film, key: str) -> Array:
@@ -308,31 +284,29 @@ def _stiffness_rate(film: Film, key: str) -> Array:
     return 1e9 * plane_stress(E[0], E[1], nu12, film.shear_modulus_GPa).imag / COMPLEX_STEP
 
 
-def _swept(adjoint: _Adjoint, key: str) -> Array:
+def _swept(adjoint: _Adjoint, key: str, gauss_points: int = 5) -> Array:
     """The integral p ∮ (λ · t) (V · n) ds in C per unit of the key, (electrodes,).
 
-    It is the mean of that in the elements inside of the outline and in those outside, as the traces
-    of the displacement's gradient differ by its error. Where the outline is the clamped rim, λ is
-    zero and nothing is swept.
+    The mean of the traces from both sides. Along the clamped rim λ is zero, nothing is swept.
     """
-    probe, load = adjoint.scene.probe, adjoint.equilibrium.load
+    load, space = adjoint.equilibrium.load, adjoint.equilibrium.space
+    probe, mesh, x = adjoint.equilibrium.scene.probe, space.mesh, adjoint.state.dofs
     assert probe is not None
-    space, mesh = adjoint.equilibrium.space, adjoint.equilibrium.space.mesh
     facets, count = np.unique(mesh.t2f[:, load.patch], return_counts=True)
     facets = facets[(count == 1) & (mesh.f2t[1, facets] >= 0)]
-    elements = mesh.f2t[:, facets].ravel()
-    traces, tangents = facet_quadrature(mesh, np.tile(facets, 2), elements, EDGE_POINTS)
+    pair, (start, end) = mesh.f2t[:, facets], mesh.p[:, mesh.facets[:, facets]].swapaxes(0, 1)
+    inside = np.where(np.isin(pair[0], load.patch), *pair)
+    (a, b), (c, d) = end - start, mesh.p[:, mesh.t[:, inside]].mean(axis=1) - start
+    signs, elements = np.tile(np.sign(a * d - b * c), 2)[:, None], pair.ravel()
+    traces, tangents = facet_quadrature(mesh, np.tile(facets, 2), elements, gauss_points)
     nodes = space.nodes[elements]
     slopes = space.gradients_at(elements, traces.points)
-    F = IDENTITY + np.matmul(adjoint.x.reshape(-1, 3)[nodes][:, None].swapaxes(2, 3), slopes)
+    F = IDENTITY + np.matmul(x.reshape(-1, 3)[nodes][:, None].swapaxes(2, 3), slopes)
     nodal = adjoint.dofs.reshape(-1, 3, adjoint.dofs.shape[1])[nodes]
     shapes = shape_values(space.basis.elem, traces.points)
     works = np.einsum("fqa,facn,fqc->fqn", shapes, nodal, load.direction(F))
     points = np.moveaxis(mesh.mapping().F(traces.points, elements), 0, -1)
     normals = np.stack([tangents[..., 1], -tangents[..., 0]], axis=-1)
-    from_middle = points - mesh.p[:, mesh.t[:, elements]].mean(axis=1).T[:, None]
-    signs = np.sign((normals * from_middle).sum(axis=-1))
-    signs[~np.isin(elements, load.patch)] *= -1.0
     swept = signs * traces.weights * (_velocity(probe, key, points) * normals).sum(axis=-1)
     return 0.5 * load.pressure * np.einsum("fq,fqn->n", swept, works)
 

@@ -276,10 +276,7 @@ class _ModalProblem:
     def solve_on(self, mesh: MeshTri2, coarser: _Attempt | None) -> _Attempt:
         """Modes with their errors, or why there are none."""
         order = max(2, film_model(self.scene).lowest_order + 1)
-        coarse, rich = (
-            Equilibrium(self.scene, mesh, order),
-            Equilibrium(self.scene, mesh, order + 1),
-        )
+        coarse, rich = (Equilibrium(self.scene, mesh, p) for p in (order, order + 1))
         q, q_rich = np.zeros(coarse.unknowns.count), np.zeros(rich.unknowns.count)
         iterations = 0
         tried: tuple[Tried, ...] = ()
