@@ -49,7 +49,7 @@ COEFFICIENTS = ("film.d31_pC_N", "film.d32_pC_N")
 #: Error over what the next order takes away, of which corners leave it the least.
 SATURATION = 1.5
 #: Least error that is stated of a derivative, over the mean one: an estimate may vanish by chance.
-CHANCE = 0.35
+CHANCE = 0.5
 #: Derivatives count as no smaller than this part of the largest charge over the parameter's scale.
 NEGLIGIBLE = 1e-3
 TINY = np.finfo(float).tiny
@@ -143,7 +143,7 @@ def _gradients_of(solution: Solution, wanted: Sequence[str]) -> Gradients:
     """Derivatives of the solution's charges, and what the next order changes as their errors.
 
     All are of one displacement and share its error, so one that nearly vanishes does so by chance:
-    none is taken for much smaller, over its `unit`, than the mean.
+    none is taken for much smaller, over its `unit`, than the mean of its electrode and of all.
     """
     scene, keys = solution.scene, parameters_of(solution.scene)
     adjoint, rich = _adjoints(solution)
@@ -151,11 +151,12 @@ def _gradients_of(solution: Solution, wanted: Sequence[str]) -> Gradients:
     errors = np.abs(better - rates)
     sizes = np.abs(adjoint.forces) @ np.abs([scene.film.d31, scene.film.d32])
     unit = sizes / np.array([[_scale(scene, key)] for key in keys])
+    relative = np.divide(errors, unit, out=np.zeros_like(errors), where=unit > 0.0)
     by_place = np.isin(keys, PLACE)
     for group in (by_place, ~by_place):
-        means = errors[group].sum(axis=1) / np.maximum(unit[group].sum(axis=1), TINY)
-        floor = CHANCE * means.sum() / max(len(means), 1)
-        errors[group] = np.maximum(errors[group], floor * unit[group])
+        means = relative[group].sum(axis=0) / max(group.sum(), 1)
+        floors = CHANCE * np.maximum(means, means @ sizes / max(sizes.sum(), TINY))
+        errors[group] = np.maximum(errors[group], floors * unit[group])
     errors *= SATURATION * film_model(scene).saturation
     largest = np.maximum(np.abs(rates), NEGLIGIBLE * unit).max(axis=1, initial=TINY)
     names = [electrode.name for electrode in scene.electrode_list]
