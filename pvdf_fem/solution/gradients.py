@@ -18,65 +18,168 @@ reference area: e_z for a dead load, F1 x F2 for a follower load.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from typing import Any
 
 import numpy as np
+from scipy.sparse.linalg import SuperLU
 
-from pvdf_fem.arrays import COMPLEX_STEP, Array, Indices
+from pvdf_fem.arrays import COMPLEX_STEP, Array
 from pvdf_fem.charges.forces import charge_gradients, electrode_forces
-from pvdf_fem.charges.quadrature import PlacedQuadrature, facet_quadrature
+from pvdf_fem.charges.quadrature import facet_quadrature
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.laws import StVenantKirchhoff
 from pvdf_fem.film.loads import LOADS
 from pvdf_fem.film.membrane import IDENTITY, Membrane
 from pvdf_fem.film.models import film_model
-from pvdf_fem.film.space import Space, shape_values
+from pvdf_fem.film.space import shape_values
+from pvdf_fem.film.term import State
 from pvdf_fem.scene.film import Film, plane_stress
 from pvdf_fem.scene.scene import Probe, Scene
-from pvdf_fem.solution.solution import Solution
-from pvdf_fem.solvers.newton import factorise
+from pvdf_fem.solution.estimate import corrected
+from pvdf_fem.solution.solution import NotConvergedError, Solution
+from pvdf_fem.solution.solve import solve
+from pvdf_fem.solvers.budget import Budget
+from pvdf_fem.solvers.newton import NewtonResult, factorise
+from pvdf_fem.solvers.status import Status
 
 PLACE = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg")
-#: Gauss points on an edge, exact for the product of two functions of order 4 on a straight one.
-EDGE_POINTS = 5
+COEFFICIENTS = ("film.d31_pC_N", "film.d32_pC_N")
+#: Error over what the next order takes away, of which corners leave it the least.
+SATURATION = 1.5
+#: Least error that is stated of a derivative, over the mean one: an estimate may vanish by chance.
+CHANCE = 0.5
+#: Derivatives count as no smaller than this part of the largest charge over the parameter's scale.
+NEGLIGIBLE = 1e-3
+TINY = np.finfo(float).tiny
+
+
+class Gradients(dict[str, dict[str, float]]):
+    """Derivatives of charges by key and electrode, in pC per unit of the key.
+
+    Attributes
+    ----------
+    errors : dict
+        Their estimated discretisation errors, absolute, by key and electrode.
+    relative_errors : dict
+        By key the largest error over the largest derivative, since that of one electrode may vanish
+        by cancellation. Where all nearly do, over a thousandth of the largest charge per scale of
+        the parameter: the probe's perimeter over 2 pi, a radian, or the parameter's value.
+    solution : Solution
+        Whose charges are differentiated.
+    """
+
+    errors: dict[str, dict[str, float]]
+    relative_errors: dict[str, float]
+    solution: Solution
 
 
 def gradients(
-    solution: Solution, parameters: Sequence[str] | None = None
-) -> dict[str, dict[str, float]]:
-    """Derivative of each charge with respect to parameters of the scene.
+    solution: Solution | Scene,
+    parameters: Sequence[str] | None = None,
+    *,
+    tolerance: float | None = None,
+) -> Gradients:
+    """Derivative of each charge with respect to parameters of the scene, with estimated errors.
 
     Parameters
     ----------
-    solution : Solution
-        A converged one.
+    solution : Solution or Scene
+        A converged one, or a scene that is solved first.
     parameters : sequence of str, optional
         Keys of the scene file as in `Scene.with_`, by default all of `parameters_of` the scene.
+    tolerance : float, optional
+        Largest of the `Gradients.relative_errors` wanted. Where the solution's mesh leaves larger
+        ones, the scene is solved again to smaller errors of its charges. By default the derivatives
+        are those of the solution, whatever their errors.
 
     Returns
     -------
-    dict
-        For each key the derivatives by electrode, in pC per unit of the key: in pC/mm for
-        ``probe.x_mm``.
+    Gradients
+        A dict: for each key the derivatives by electrode, in pC per unit of the key, which is pC/mm
+        for ``probe.x_mm``.
 
     Raises
     ------
     NotConvergedError
-        When the solution is not converged.
+        When the solution is not converged, or no mesh meets the tolerance.
     ValueError
-        For a key that is not among `parameters_of` the scene.
+        For a key that is not among `parameters_of` the scene, or a tolerance out of range.
     """
-    scene = solution.scene
+    scene = solution if isinstance(solution, Scene) else solution.scene
     known = parameters_of(scene)
     wanted = known if parameters is None else tuple(parameters)
     for key in wanted:
         if key not in known:
             raise ValueError(f"parameters: {key!r} {_refusal(scene, key)}; take some of {known}")
-    rates = _rates(_Adjoint.of(solution))
+    if tolerance is not None and not 0.0 < tolerance < 1.0:
+        raise ValueError(f"tolerance = {tolerance!r}: is out of range; give a number from 0 to 1")
+    found = _gradients_of(solve(scene) if isinstance(solution, Scene) else solution, wanted)
+    while tolerance and max(found.relative_errors.values(), default=0.0) > tolerance:
+        found = _gradients_of(_finer(found, tolerance), wanted)
+    return found
+
+
+def _finer(found: Gradients, tolerance: float, least: float = 2e-8) -> Solution:
+    """The solution to finer charges, not below `least`; errors of derivatives fall as theirs do."""
+    worst, key = max((error, key) for key, error in found.relative_errors.items())
+    scene, reason = found.solution.scene, "rounding allows no better mesh"
+    aim = 0.5 * tolerance / worst * scene.numerics.tolerance
+    if aim > least:
+        # the tolerance must not choose anew whether the film bends
+        bends = film_model(scene).bends
+        finer = solve(scene.with_(**{"numerics.tolerance": aim, "film.bending": bends}))
+        if finer.status is Status.CONVERGED:
+            return finer
+        reason = f"with charges to {aim:.1e}: {finer.reason}"
+    raise NotConvergedError(
+        f"{Status.TOLERANCE}: derivatives by {key} have errors of {worst:.1e}; raise"
+        f" tolerance = {tolerance:g} ({reason})"
+    )
+
+
+def _gradients_of(solution: Solution, wanted: Sequence[str]) -> Gradients:
+    """Derivatives of the solution's charges, and what the next order changes as their errors.
+
+    All are of one displacement and share its error, so one that nearly vanishes does so by chance:
+    none is taken for much smaller, over its `unit`, than the mean of its electrode and of all.
+    """
+    scene, keys = solution.scene, parameters_of(solution.scene)
+    adjoint, rich = _adjoints(solution)
+    rates, better = (np.array([_rate(of, key) for key in keys]) for of in (adjoint, rich))
+    errors = np.abs(better - rates)
+    sizes = np.abs(adjoint.forces) @ np.abs([scene.film.d31, scene.film.d32])
+    unit = sizes / np.array([[_scale(scene, key)] for key in keys])
+    relative = np.divide(errors, unit, out=np.zeros_like(errors), where=unit > 0.0)
+    by_place = np.isin(keys, PLACE)
+    for group in (by_place, ~by_place):
+        means = relative[group].sum(axis=0) / max(group.sum(), 1)
+        floors = CHANCE * np.maximum(means, means @ sizes / max(sizes.sum(), TINY))
+        errors[group] = np.maximum(errors[group], floors * unit[group])
+    errors *= SATURATION * film_model(scene).saturation
+    largest = np.maximum(np.abs(rates), NEGLIGIBLE * unit).max(axis=1, initial=TINY)
     names = [electrode.name for electrode in scene.electrode_list]
-    return {key: dict(zip(names, (1e12 * rates[key]()).tolist(), strict=True)) for key in wanted}
+    found = Gradients()
+    found.errors, found.relative_errors, found.solution = {}, {}, solution
+    for key in wanted:
+        row = keys.index(key)
+        for values, table in ((rates, found), (errors, found.errors)):
+            table[key] = dict(zip(names, (1e12 * values[row]).tolist(), strict=True))
+        found.relative_errors[key] = float(errors[row].max() / largest[row])
+    return found
+
+
+def _scale(scene: Scene, key: str) -> float:
+    """A change of a parameter that matters, in units of its key."""
+    if scene.probe is not None and key in PLACE:
+        if key == "probe.rotation_deg":
+            return float(np.degrees(1.0)) if scene.probe.period_deg else np.inf
+        return 1e3 * scene.probe.outline.perimeter / (2.0 * np.pi)
+    value: Any = scene
+    for name in key.split("."):
+        value = value[int(name)] if name.isdecimal() else getattr(value, name)
+    return abs(value) or 1.0
 
 
 def parameters_of(scene: Scene) -> tuple[str, ...]:
@@ -90,92 +193,84 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
     if scene.probe is not None:
         place = () if LOADS[scene.load.kind].rigid else PLACE
         probe = (*place, "load.force_N")
-    film: tuple[str, ...] = ()
-    if film_model(scene).film_is_differentiable:
-        film = ("film.thickness_um", "film.temperature_change_K", *_moduli(scene.film))
-    return (*probe, *film, "film.d31_pC_N", "film.d32_pC_N")
+    film = _film_keys(scene.film) if film_model(scene).film_is_differentiable else ()
+    return (*probe, *film, *COEFFICIENTS)
 
 
-def _moduli(film: Film) -> tuple[str, ...]:
+def _film_keys(film: Film) -> tuple[str, ...]:
     key = "film.youngs_modulus_GPa"
-    pair = isinstance(film.youngs_modulus_GPa, tuple)
-    return (*((f"{key}.0", f"{key}.1") if pair else (key,)), "film.poisson_ratio")
+    moduli = (f"{key}.0", f"{key}.1") if isinstance(film.youngs_modulus_GPa, tuple) else (key,)
+    return ("film.thickness_um", "film.temperature_change_K", *moduli, "film.poisson_ratio")
 
 
 def _refusal(scene: Scene, key: str) -> str:
     if scene.probe is not None and key in PLACE:
         return "of a rigid probe has no derivative here: the tractions at its edge are singular"
-    if key in ("film.thickness_um", "film.temperature_change_K", *_moduli(scene.film)):
+    if key in _film_keys(scene.film):
         return "of a film that bends or wrinkles has no derivative here"
     return "is not a parameter of this scene that charges are differentiated by"
 
 
 @dataclass(frozen=True, eq=False)
 class _Adjoint:
-    """A solution with the adjoint solutions of its charges."""
+    """A displacement with the adjoint solutions of its charges."""
 
-    scene: Scene
     equilibrium: Equilibrium
-    x: Array  # the displacement, (dofs,)
-    forces: Array  # X and Y, (electrodes, 2)
-    unknowns: Array  # λ for the charges in C, (unknowns, electrodes)
-    dofs: Array  # λ at all dofs, (dofs, electrodes)
+    #: Of the displacement.
+    state: State
+    #: X and Y in N, (electrodes, 2).
+    forces: Array
+    #: λ of the charges in C at the dofs, (dofs, electrodes).
+    dofs: Array
 
     @classmethod
-    def of(cls, solution: Solution) -> _Adjoint:
-        """One solve per electrode with a new tangent; Newton's last may be an earlier one."""
-        scene, fields = solution.scene, solution.fields
-        equilibrium, x = fields.equilibrium, fields.displacement
-        goals = charge_gradients(scene, equilibrium.membrane, x)
+    def of(cls, equilibrium: Equilibrium, q: Array, factors: SuperLU) -> _Adjoint:
+        """One solve per electrode with the tangent's `factors` at the unknowns `q`."""
+        scene, membrane, state = equilibrium.scene, equilibrium.membrane, equilibrium.state(q)
         spread = equilibrium.unknowns.expansion
-        unknowns = factorise(equilibrium.tangent(fields.state)).solve(spread.T @ goals, "T")
-        return cls(scene, equilibrium, x, fields.forces.values, unknowns, spread @ unknowns)
-
-    def work(self, forces: Array) -> Array:
-        """λ · f of forces f on the dofs, (electrodes,)."""
-        return forces @ self.dofs
+        unknowns = factors.solve(spread.T @ charge_gradients(scene, membrane, state.dofs), "T")
+        forces = electrode_forces(scene, membrane, state.dofs)
+        return cls(equilibrium, state, forces, spread @ unknowns)
 
     def of_stress(self, membrane: Membrane) -> Array:
-        """∂Q/∂θ - λ · ∂R/∂θ of a stress that `membrane` has where the strain stays, (electrodes,).
-
-        Charges and residual are linear in the stress.
-        """
-        d = [self.scene.film.d31, self.scene.film.d32]
-        explicit = electrode_forces(self.scene, membrane, self.x) @ d
-        return explicit - self.work(membrane.internal_forces(membrane.state(self.x)))
+        """∂Q/∂θ - λ · ∂R/∂θ, (electrodes,), where the stress becomes that of `membrane`."""
+        scene, x = self.equilibrium.scene, self.state.dofs
+        explicit = electrode_forces(scene, membrane, x) @ [scene.film.d31, scene.film.d32]
+        return explicit - membrane.internal_forces(membrane.state(x)) @ self.dofs
 
 
-def _rates(adjoint: _Adjoint) -> dict[str, Callable[[], Array]]:
-    """Functions that give dQ/dθ in C per unit of the key, (electrodes,)."""
-    film, membrane = adjoint.scene.film, adjoint.equilibrium.membrane
-    state = membrane.state(adjoint.x)
+def _adjoints(solution: Solution) -> tuple[_Adjoint, _Adjoint]:
+    """The adjoint solutions of a solution, and those of the order above on the same mesh."""
+    fields, solved = solution.fields, solution.fields.equilibrium
+    q = solved.unknowns.restrict(fields.displacement)
+    factors = factorise(solved.tangent(fields.state))  # Newton's last may be of an earlier state
+    rich = Equilibrium(solution.scene, solved.space.mesh, solved.space.order + 1)
+    correction = corrected(solved, q, factors, rich, Budget.of(solution.scene))
+    if isinstance(correction, NewtonResult):
+        raise NotConvergedError(f"{correction.status}: {correction.status.advice}")
+    rich_factors = factorise(rich.tangent(rich.state(correction.q)))
+    return _Adjoint.of(solved, q, factors), _Adjoint.of(rich, correction.q, rich_factors)
 
-    def by_force() -> Array:
-        return adjoint.work(adjoint.equilibrium.load.with_force(1.0).forces(state))
 
-    def by_thickness() -> Array:
-        return -adjoint.work(membrane.internal_forces(state)) / film.thickness_um
-
-    def by_temperature() -> Array:
+def _rate(adjoint: _Adjoint, key: str) -> Array:
+    """dQ/dθ in C per unit of the key, (electrodes,)."""
+    equilibrium, state = adjoint.equilibrium, adjoint.state
+    film, membrane = equilibrium.film, equilibrium.membrane
+    if key in PLACE:
+        return _swept(adjoint, key)
+    if key == "load.force_N":
+        return equilibrium.load.with_force(1.0).forces(state) @ adjoint.dofs
+    if key == "film.thickness_um":
+        return -membrane.internal_forces(state) @ adjoint.dofs / film.thickness_um
+    if key == "film.temperature_change_K":
         # the stress is linear in the temperature: the difference over 1 K is the derivative
-        degree = {"temperature_change_K": film.temperature_change_K + 1.0}
-        warmer = Membrane(membrane.space, film.model_copy(update=degree))
-        return adjoint.of_stress(warmer) - adjoint.of_stress(membrane)
-
-    def by_modulus(key: str) -> Array:
-        # the stress is linear in the stiffness, whose rate takes its place
-        law = StVenantKirchhoff(_stiffness_rate(film, key))
-        return adjoint.of_stress(Membrane(membrane.space, film, law))
-
-    return {
-        **{key: partial(_swept, adjoint, key) for key in PLACE},
-        "load.force_N": by_force,
-        "film.thickness_um": by_thickness,
-        "film.temperature_change_K": by_temperature,
-        **{key: partial(by_modulus, key) for key in _moduli(film)},
-        "film.d31_pC_N": lambda: 1e-12 * adjoint.forces[:, 0],
-        "film.d32_pC_N": lambda: 1e-12 * adjoint.forces[:, 1],
-    }
+        warmer = film.model_copy(update={"temperature_change_K": film.temperature_change_K + 1.0})
+        return adjoint.of_stress(Membrane(membrane.space, warmer)) - adjoint.of_stress(membrane)
+    if key in COEFFICIENTS:
+        return 1e-12 * adjoint.forces[:, COEFFICIENTS.index(key)]
+    # the stress is linear in the stiffness, whose rate takes its place
+    law = StVenantKirchhoff(_stiffness_rate(film, key))
+    return adjoint.of_stress(Membrane(membrane.space, film, law))
 
 
 def _stiffness_rate(film: Film, key: str) -> Array:
@@ -190,52 +285,38 @@ def _stiffness_rate(film: Film, key: str) -> Array:
     return 1e9 * plane_stress(E[0], E[1], nu12, film.shear_modulus_GPa).imag / COMPLEX_STEP
 
 
-def _swept(adjoint: _Adjoint, key: str) -> Array:
-    """The integral p ∮ (λ · t) (V · n) ds in C per unit of the key, (electrodes,)."""
-    probe, load = adjoint.scene.probe, adjoint.equilibrium.load
-    assert probe is not None
-    space = adjoint.equilibrium.space
-    inner, outer, normals = _traces(space, load.patch)
-    # traces of the displacement gradient from both sides differ by the discretisation error
-    F = IDENTITY + 0.5 * sum(_gradient(side, space, adjoint.x) for side in (inner, outer))
-    shapes = shape_values(space.basis.elem, inner.points)
-    nodal = adjoint.dofs.reshape(-1, 3, adjoint.dofs.shape[1])[space.nodes[inner.elements]]
-    works = np.einsum("fqa,facn,fqc->fqn", shapes, nodal, load.direction(F))
-    points = np.moveaxis(space.mesh.mapping().F(inner.points, inner.elements), 0, -1)
-    swept = inner.weights * (_velocity(probe, key, points) * normals).sum(axis=-1)
-    return load.pressure * np.einsum("fq,fqn->n", swept, works)
+def _swept(adjoint: _Adjoint, key: str, gauss_points: int = 5) -> Array:
+    """The integral p ∮ (λ · t) (V · n) ds in C per unit of the key, (electrodes,).
 
-
-def _traces(space: Space, patch: Indices) -> tuple[PlacedQuadrature, PlacedQuadrature, Array]:
-    """Quadrature on a patch's outline, in the elements inside and outside, and normals outwards.
-
-    Normals are (edges, points, 2). Where the outline is the clamped rim, λ is zero and nothing is
-    swept.
+    The mean of the traces from both sides. Along the clamped rim λ is zero, nothing is swept.
     """
-    mesh = space.mesh
-    facets, count = np.unique(mesh.t2f[:, patch], return_counts=True)
+    load, space = adjoint.equilibrium.load, adjoint.equilibrium.space
+    probe, mesh, x = adjoint.equilibrium.scene.probe, space.mesh, adjoint.state.dofs
+    assert probe is not None
+    facets, count = np.unique(mesh.t2f[:, load.patch], return_counts=True)
     facets = facets[(count == 1) & (mesh.f2t[1, facets] >= 0)]
-    pair = mesh.f2t[:, facets]
-    inside, outside = np.where(np.isin(pair[0], patch), pair, pair[::-1])
-    (inner, tangents), (outer, _) = (
-        facet_quadrature(mesh, facets, elements, EDGE_POINTS) for elements in (inside, outside)
-    )
+    pair, (start, end) = mesh.f2t[:, facets], mesh.p[:, mesh.facets[:, facets]].swapaxes(0, 1)
+    inside = np.where(np.isin(pair[0], load.patch), *pair)
+    (a, b), (c, d) = end - start, mesh.p[:, mesh.t[:, inside]].mean(axis=1) - start
+    signs, elements = np.tile(np.sign(a * d - b * c), 2)[:, None], pair.ravel()
+    traces, tangents = facet_quadrature(mesh, np.tile(facets, 2), elements, gauss_points)
+    nodes = space.nodes[elements]
+    slopes = space.gradients_at(elements, traces.points)
+    F = IDENTITY + np.matmul(x.reshape(-1, 3)[nodes][:, None].swapaxes(2, 3), slopes)
+    nodal = adjoint.dofs.reshape(-1, 3, adjoint.dofs.shape[1])[nodes]
+    shapes = shape_values(space.basis.elem, traces.points)
+    works = np.einsum("fqa,facn,fqc->fqn", shapes, nodal, load.direction(F))
+    points = np.moveaxis(mesh.mapping().F(traces.points, elements), 0, -1)
     normals = np.stack([tangents[..., 1], -tangents[..., 0]], axis=-1)
-    middle = mesh.p[:, mesh.t[:, inside]].mean(axis=1).T[:, None]
-    outwards = np.moveaxis(mesh.mapping().F(inner.points, inside), 0, -1) - middle
-    normals *= np.sign((normals * outwards).sum(axis=-1, keepdims=True))
-    return inner, outer, normals
-
-
-def _gradient(side: PlacedQuadrature, space: Space, x: Array) -> Array:
-    """Displacement gradient (edges, points, 3, 2) of the dofs `x`."""
-    nodal = x.reshape(-1, 3)[space.nodes[side.elements]][:, None]
-    return np.matmul(nodal.swapaxes(2, 3), space.gradients_at(side.elements, side.points))
+    swept = signs * traces.weights * (_velocity(probe, key, points) * normals).sum(axis=-1)
+    return 0.5 * load.pressure * np.einsum("fq,fqn->n", swept, works)
 
 
 def _velocity(probe: Probe, key: str, points: Array) -> Array:
     """Velocity of a probe's points (..., 2) in m, in m per unit of the key."""
     if key != "probe.rotation_deg":
         return np.full_like(points, 1e-3 * np.eye(2)[PLACE.index(key)])
+    if probe.period_deg == 0.0:  # a disc turns into itself
+        return np.zeros_like(points)
     x, y = np.moveaxis(points - 1e-3 * np.array([probe.x_mm, probe.y_mm]), -1, 0)
     return np.radians(1.0) * np.stack([-y, x], axis=-1)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
 from pvdf_fem import NotConvergedError, Scene, solve
+from pvdf_fem.film.models import film_model
 from pvdf_fem.solution.gradients import gradients, parameters_of
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, graded_mesh
+from tests.helpers.random_scenes import random_scene
 
 OBSERVABLES = ("material", "thesis-edge")
 PLACE = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg")
@@ -107,8 +111,10 @@ def test_piezoelectric_coefficients(turned):
 def test_a_disc_has_no_orientation():
     scene = TURNED.with_(**{"probe.shape": "circle", "probe.radius_mm": 4.0})
     found = gradients(solve(scene), PLACE)
-    turning, moving = (max(map(abs, found[key].values())) for key in PLACE[::-2])
-    assert turning < 1e-6 * moving
+    assert set(found["probe.rotation_deg"].values()) == {0.0}
+    assert set(found.errors["probe.rotation_deg"].values()) == {0.0}
+    assert found.relative_errors["probe.rotation_deg"] == 0.0
+    assert min(found.errors["probe.x_mm"].values()) > 0.0
 
 
 def test_a_film_without_a_probe_has_only_its_own_parameters():
@@ -139,3 +145,68 @@ def test_no_solution_has_no_gradients():
     slack = RECTANGLE.with_(**{"film.temperature_change_K": 10.0, "load.force_N": 0.0})
     with pytest.raises(NotConvergedError, match="unstable"):
         gradients(solve(slack))
+
+
+@pytest.mark.parametrize("seed", range(2, 10))
+def test_errors_are_of_the_right_size(seed):
+    """Against a much finer tolerance, whose own errors count for it and against it."""
+    scene = random_scene(np.random.default_rng(seed), **{"numerics.tolerance": 5e-3})
+    coarse = gradients(scene)
+    fine = gradients(scene.with_(**{"numerics.tolerance": 1e-4}))
+    found, expected, stated, left = (
+        np.array([list(table[key].values()) for key in coarse])
+        for table in (coarse, fine, coarse.errors, fine.errors)
+    )
+    true = np.abs(found - expected)
+    assert np.all(stated >= 0.3 * (true - left))
+    assert np.mean(stated <= 10.0 * (true + left)) > 0.6
+
+
+def test_errors_do_not_depend_on_what_else_is_asked_for(turned):
+    every, one = gradients(turned), gradients(turned, ["probe.rotation_deg"])
+    assert list(one) == list(one.errors) == list(one.relative_errors) == ["probe.rotation_deg"]
+    assert one.errors["probe.rotation_deg"] == every.errors["probe.rotation_deg"]
+    assert one.solution is turned
+    assert json.loads(json.dumps(one)) == one
+
+
+def test_tolerance_of_their_own(turned):
+    """By the rotation a charge changes so little that its derivative needs finer charges."""
+    key, tolerance = "probe.rotation_deg", 3e-2
+    rough, found = gradients(turned, [key]), gradients(TURNED, [key], tolerance=tolerance)
+    expected = gradients(solve(TURNED.with_(**{"numerics.tolerance": 1e-5})), [key])
+    limit = tolerance * max(map(abs, expected[key].values()))
+    errors = [
+        {name: abs(value - expected[key][name]) for name, value in table[key].items()}
+        for table in (rough, found)
+    ]
+    assert rough.relative_errors[key] > tolerance
+    assert max(errors[0].values()) > limit
+    assert found.relative_errors[key] <= tolerance
+    assert max(errors[1].values()) <= limit
+    assert found.solution.scene.numerics.tolerance < TURNED.numerics.tolerance
+    assert gradients(turned, [key], tolerance=0.5).solution is turned
+
+
+def test_a_finer_tolerance_keeps_the_model():
+    """At the usual tolerance this film is a membrane; but for finer charges it would bend."""
+    auto = TURNED.with_(**{"film.bending": "auto", "film.thickness_um": 5.0})
+    found = gradients(auto, ["film.thickness_um"], tolerance=2e-4)
+    assert found.relative_errors["film.thickness_um"] <= 2e-4
+    assert not found.solution.included
+    finer = found.solution.scene.with_(**{"film.bending": "auto"})
+    assert film_model(finer).bends
+
+
+def test_unreachable_tolerance_names_what_to_change():
+    few = TURNED.with_(**{"numerics.max_unknowns": 4000})
+    match = r"tolerance_not_reached: .*probe\.rotation_deg .*tolerance = 0\.0001 .*max_unknowns"
+    with pytest.raises(NotConvergedError, match=match):
+        gradients(few, tolerance=1e-4)
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -1e-3, 1.0, float("nan")])
+def test_tolerance_out_of_range_is_refused_before_meshing(tolerance, monkeypatch):
+    monkeypatch.setattr("pvdf_fem.solution.gradients.solve", None)
+    with pytest.raises(ValueError, match=r"tolerance = .*give a number from 0 to 1"):
+        gradients(TURNED, tolerance=tolerance)
