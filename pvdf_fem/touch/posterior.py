@@ -118,7 +118,8 @@ class _Mixture:
         """Density (n,) at values, but for a factor that all mixtures have."""
         apart = _nearest(values - self.about[:, None], self.periods)
         inverse, freedom = np.linalg.inv(self.roots), self.options.freedom
-        square = np.square(np.matmul(apart, inverse.swapaxes(1, 2))).sum(axis=2)
+        scaled = np.matmul(apart, inverse.swapaxes(1, 2))
+        square = np.einsum("kni,kni->kn", scaled, scaled)
         heights = self.shares * np.abs(np.linalg.det(inverse))
         density: Array = heights @ (1.0 + square / freedom) ** (-0.5 * (freedom + values.shape[1]))
         return density
@@ -176,6 +177,8 @@ def posterior(
 
 def _nearest(apart: Array, periods: Array) -> Array:
     """Differences (..., unknown) less whole periods."""
+    if not periods.any():
+        return apart
     return apart - periods * np.round(apart / np.where(periods > 0.0, periods, np.inf))
 
 

@@ -279,12 +279,14 @@ def ring_of_folds(count, seed):
 
 
 def test_errors_that_are_told_are_calibrated_along_folds():
-    """Those by the curvature alone hold 58 % of errors here, and ±6 % are 2.6 of 400's own."""
-    touches, locations = ring_of_folds(400, seed=1)
-    told = [found.to_json()["touches"][0]["standard_deviations"] for found in locations]
-    errors = np.abs([found.best.values for found in locations] - touches)[:, [0, 1, 3]]
+    """Those by the curvature alone hold a third of the errors of touches found near the edge; ±12 % are two of 56's own."""
+    touches, locations = ring_of_folds(300, seed=1)
+    best = np.array([found.best.values for found in locations])
+    outer = np.flatnonzero(np.hypot(best[:, 0], best[:, 1]) > 11.5)
+    told = [locations[k].to_json()["touches"][0]["standard_deviations"] for k in outer]
+    errors = np.abs(best - touches)[outer][:, [0, 1, 3]]
     within = errors < [list(sizes.values()) for sizes in told]
-    assert within.mean(axis=0) == pytest.approx(0.6827, abs=0.06)
+    assert within.mean(axis=0) == pytest.approx(0.6827, abs=0.12)
 
 
 def test_draws_follow_ridges_of_the_likelihood():
