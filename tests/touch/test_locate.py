@@ -279,7 +279,7 @@ def ring_of_folds(count, seed):
 
 
 def test_errors_that_are_told_are_calibrated_along_folds():
-    """Those by the curvature alone hold a third of the errors of touches found near the edge; ±12 % are two of 56's own."""
+    """By the curvature alone a third is within them near the edge; ±12 % are two of 56's own."""
     touches, locations = ring_of_folds(300, seed=1)
     best = np.array([found.best.values for found in locations])
     outer = np.flatnonzero(np.hypot(best[:, 0], best[:, 1]) > 11.5)
