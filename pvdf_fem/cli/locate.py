@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 DESCRIPTION = """\
 The touch that gave some charges: position, force and rotation of the scene's
-probe with their standard deviations, and all other touches that may have given
-them; then how close the true touch is to the first with a probability of 68 %,
-whichever of them it is. What is not sought is known: probe.x_mm, probe.y_mm,
+probe, and all other touches that may have given them. The true touch is within
+the ± of each with a probability of 68 %, so that an unlikely touch has a large
+one. What is not sought is known: probe.x_mm, probe.y_mm,
 probe.rotation_deg and load.force_N of the scene.
 
 A model of the charges is needed, over all places within --reach and forces in
@@ -328,7 +328,7 @@ def location_lines(found: Location) -> list[str]:
     lines = []
     for number, touch in enumerate(found.touches, start=1):
         several = f" {number} of {len(found.touches)}" if len(found.touches) > 1 else ""
-        lines += [f"touch{several}", *_touch_lines(touch, found.degrees_of_freedom)]
+        lines += [f"touch{several}", *_touch_lines(touch, found)]
     if found.touches:
         errors = [
             f"{short} {found.deviations[name]:.2g} {_UNITS[short]}"
@@ -340,13 +340,15 @@ def location_lines(found: Location) -> list[str]:
     return lines + [f"remark      {text}" for text in found.remarks]
 
 
-def _touch_lines(touch: Touch, freedom: int) -> list[str]:
-    lines = []
+def _touch_lines(touch: Touch, found: Location) -> list[str]:
+    lines, deviations = [], found.deviations_of(touch)
+    freedom = found.degrees_of_freedom
     for short, name in NAMES.items():
         value = getattr(touch, name)
         if name in touch.unknown:
-            deviation = touch.deviations[name]
-            digits = max(0, 1 - math.floor(math.log10(deviation))) if deviation > 0 else 9
+            deviation = deviations[name]
+            sharp = min(deviation, touch.deviations[name])
+            digits = max(0, 1 - math.floor(math.log10(sharp))) if sharp > 0 else 9
             lines.append(
                 f"  {short:<8}  {value:>12.{min(digits, 9)}f} ± {deviation:.2g} {_UNITS[short]}"
             )

@@ -21,7 +21,7 @@ from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model, X, Y, period_deg, touch_of
 from pvdf_fem.touch.descent import Descent, SearchOptions, descend, joined
 from pvdf_fem.touch.location import Location
-from pvdf_fem.touch.mistakes import charge_mistakes, known_mistakes
+from pvdf_fem.touch.mistakes import charge_mistakes, deviation_mistakes, known_mistakes
 from pvdf_fem.touch.problem import Problem
 from pvdf_fem.touch.starts import starts
 from pvdf_fem.touch.touch import Touch
@@ -108,8 +108,7 @@ def locate(
     mistakes = [*charge_mistakes(model.names, charges_pC, sigma, noise_pC)]
     default = touch_of(model.scene)
     mistakes += known_mistakes(model.domain, unknown, known or {}, default)
-    if not (mistakes or model.error_bound or noise_pC or np.min(_relative(sigma, charges_pC))):
-        mistakes.append("sigma = 0: the model has no error of its own; give a positive one")
+    mistakes += deviation_mistakes(model.error_bound, sigma, noise_pC)
     if mistakes:
         raise ValueError("\n".join(mistakes))
     electrodes = np.array([model.names.index(name) for name in charges_pC])

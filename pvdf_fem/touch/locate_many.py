@@ -4,17 +4,50 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model, X, Y, period_deg
 from pvdf_fem.touch.descent import Descent, descend
 from pvdf_fem.touch.locate import DEFAULTS, deviations, edges, extents, p_values, search
-from pvdf_fem.touch.mistakes import charge_mistakes
+from pvdf_fem.touch.mistakes import LARGEST_PC, LEAST_PC, charge_mistakes, deviation_mistakes
 from pvdf_fem.touch.nearest import NearestTouches, nearest_touches
 from pvdf_fem.touch.problem import Problem
 from pvdf_fem.touch.touch import DETERMINED, SIGNIFICANCE
+
+#: Rows that are located together: they take some 3 kB each while searches are under way.
+CHUNK = 8192
+
+
+class RowStatus(StrEnum):
+    """What became of a row of charges."""
+
+    LOCATED = "located"
+    NOT_FINITE = "not_finite"
+    TOO_LARGE = "too_large"
+    ZERO = "zero_charge"
+    OUTSIDE = "known_outside_domain"
+    NOT_FOUND = "no_touch_found"
+
+    @property
+    def meaning(self) -> str:
+        """The status in words, with what to change."""
+        return MEANINGS[self]
+
+
+MEANINGS = {
+    RowStatus.LOCATED: "the likeliest touch was found",
+    RowStatus.NOT_FINITE: "a charge, or what is known of the touch, is no finite number",
+    RowStatus.TOO_LARGE: f"a charge exceeds {LARGEST_PC:g} pC; give charges in pC",
+    RowStatus.ZERO: f"a charge below {LEAST_PC:g} pC has no deviation without noise_pC, and if all"
+    " are, no touch",
+    RowStatus.OUTSIDE: "the known force is outside of the model's domain; build one for it",
+    RowStatus.NOT_FOUND: "no search ended: the charges fit no touch of the model's domain",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,12 +57,14 @@ class Touches:
     Attributes
     ----------
     values : ndarray, shape (n, 4)
-        x and y in mm, rotation in degrees, force in N; NaN where no search ended.
+        x and y in mm, rotation in degrees, force in N; NaN unless located, as all other numbers.
     unknown : tuple of str
         What was sought; the order of the covariances.
+    status : ndarray of RowStatus, shape (n,)
+        What became of each row.
     covariances : ndarray, shape (n, unknown, unknown)
-        As for `Touch`: by the likelihood's curvature. Calibrated ones, which take other touches
-        into account, are those of `Location`.
+        As for `Touch`: by the likelihood's curvature at this touch alone. Where the likelihood has
+        a ridge or other maxima, errors are larger: calibrated ones are those of `Location`.
     determined : ndarray of bool, shape (n,)
         Whether the charges determine every unknown.
     chi_square, p_value : ndarray, shape (n,)
@@ -40,11 +75,39 @@ class Touches:
 
     values: Array
     unknown: tuple[str, ...]
+    status: NDArray[np.object_]
     covariances: Array
     determined: Mask
     chi_square: Array
     p_value: Array
     at_edge: Mask
+
+    @classmethod
+    def empty(cls, status: NDArray[np.object_], unknown: tuple[str, ...]) -> Touches:
+        """Room for touches, none of which is located."""
+        n, k = len(status), len(unknown)
+        numbers = [np.full(shape, np.nan) for shape in ((n, 4), (n, k, k), n, n)]
+        values, covariances, chi_square, p_value = numbers
+        determined, at_edge = np.zeros((2, n), dtype=bool)
+        return cls(values, unknown, status, covariances, determined, chi_square, p_value, at_edge)
+
+    def put(self, rows: Indices, problem: Problem, ends: Descent) -> None:
+        """Write down the ends of searches for some rows."""
+        sought = problem.unknown
+        self.status[rows[~ends.arrived]] = RowStatus.NOT_FOUND
+        rows, ends = rows[ends.arrived], ends.take(np.flatnonzero(ends.arrived))
+        values = ends.at.copy()
+        if ROTATION in sought:
+            values[:, ROTATION] %= period_deg(problem.model)
+        values[:, FORCE] = np.exp(values[:, FORCE])
+        scale = np.where(sought == FORCE, values[:, FORCE:], 1.0)
+        extent = extents(problem.model)[sought]
+        covariances, self.determined[rows] = _covariances(ends.slopes[:, :, sought], extent)
+        self.values[rows] = values
+        self.covariances[rows] = covariances * (scale[:, :, None] * scale[:, None])
+        self.chi_square[rows] = ends.chi_square
+        self.p_value[rows] = p_values(ends.chi_square, len(problem.electrodes) - len(sought))
+        self.at_edge[rows] = [bool(limits) for limits in edges(problem, ends.at)]
 
     @property
     def explained(self) -> Mask:
@@ -54,11 +117,11 @@ class Touches:
 
 def locate_many(
     model: Model,
-    charges_pC: Array,
+    charges_pC: ArrayLike | Mapping[str, Sequence[float]],
     sigma: float = 0.01,
     *,
-    rotations_deg: Array | None = None,
-    forces_N: Array | None = None,
+    rotations_deg: ArrayLike | None = None,
+    forces_N: ArrayLike | None = None,
     electrodes: Sequence[str] | None = None,
     noise_pC: float = 0.0,
     significance: float = SIGNIFICANCE,
@@ -68,18 +131,19 @@ def locate_many(
 
     Each search starts from the touch of a table whose charges have the nearest ratios. Where its
     end does not explain the charges, searches from several touches of the table follow, and at last
-    searches from everywhere, as in `locate`.
+    searches from everywhere, as in `locate`. A row that cannot be used changes no other row.
 
     Parameters
     ----------
     model : Model
-    charges_pC : ndarray, shape (n, electrodes)
+    charges_pC : array_like, shape (n, electrodes), or mapping
+        Rows, or the charges of all rows by the electrode's name.
     sigma : float
         Relative standard deviation of all charges.
-    rotations_deg, forces_N : ndarray, shape (n,), optional
+    rotations_deg, forces_N : array_like, shape (n,), optional
         Known rotations and forces; sought if not given.
     electrodes : sequence of str, optional
-        The columns of `charges_pC`; by default the model's.
+        The columns of `charges_pC`; by default the model's, or the names of the mapping.
     noise_pC : float
         As for `locate`.
     significance : float
@@ -91,66 +155,130 @@ def locate_many(
     Raises
     ------
     ValueError
-        For shapes that do not match, and as `locate` for the first row.
+        For shapes that do not match, electrodes that the model does not have or that are named
+        twice, and deviations as `locate` refuses them.
     """
-    names = tuple(electrodes or model.names)
-    charges = np.asarray(charges_pC, dtype=float)
-    known = {"rotations_deg": rotations_deg, "forces_N": forces_N}
-    _require_rows(model, names, charges, sigma, noise_pC, known)
+    names, charges = _table(model, charges_pC, electrodes)
+    mistakes = [*charge_mistakes(model.names, dict.fromkeys(names, 1.0), sigma, noise_pC)]
+    mistakes += deviation_mistakes(model.error_bound, sigma, noise_pC)
+    quantities = {ROTATION: ("rotations_deg", rotations_deg), FORCE: ("forces_N", forces_N)}
+    known = {}
+    for i, (name, values) in quantities.items():
+        if values is not None:
+            known[i] = _numbers(values)
+            if known[i].shape != charges.shape[:1]:
+                mistakes.append(f"{name} of shape {known[i].shape}: give one per row")
+    if mistakes:
+        raise ValueError("\n".join(mistakes))
     columns = np.array([model.names.index(name) for name in names])
-    held = {ROTATION: rotations_deg, FORCE: None if forces_N is None else np.log(forces_N)}
-    sought = np.array([i for i in range(len(QUANTITIES)) if held.get(i) is None])
-    spread = deviations(model, charges, np.array(sigma), noise_pC)
-    problem = Problem(model, columns, charges, spread, sought)
-    table = nearest_touches(model, tuple(columns.tolist()), rotations_deg is not None)
-    ends = _nearest_end(problem, table, np.arange(len(charges)), held, 1)
-    freedom = len(names) - len(sought)
+    sought = np.array([i for i in range(len(QUANTITIES)) if i not in known])
+    status = _status(model, charges, known, noise_pC)
+    found = Touches.empty(status, tuple(QUANTITIES[i] for i in sought))
+    usable = np.flatnonzero(status == RowStatus.LOCATED)
+    for first in range(0, len(usable), CHUNK):
+        rows = usable[first : first + CHUNK]
+        spread = deviations(model, charges[rows], np.array(sigma), noise_pC)
+        problem = Problem(model, columns, charges[rows], spread, sought)
+        held = {i: values[rows] for i, values in known.items()}
+        if FORCE in held:
+            held[FORCE] = np.log(held[FORCE])
+        found.put(rows, problem, _ends(problem, held, significance, retries))
+    return found
+
+
+def _table(
+    model: Model,
+    charges_pC: ArrayLike | Mapping[str, ArrayLike],
+    electrodes: Sequence[str] | None,
+) -> tuple[tuple[str, ...], Array]:
+    """Names of electrodes, and their charges (n, electrodes); NaN for what is no number."""
+    if not hasattr(charges_pC, "keys"):
+        names = tuple(model.names if electrodes is None else electrodes)
+        charges = _numbers(charges_pC, len(names))
+        if charges.ndim != 2 or charges.shape[1] != len(names):
+            raise ValueError(f"charges_pC of shape {charges.shape}: give (n, {len(names)})")
+    else:
+        by_name: Any = charges_pC
+        names = tuple(by_name.keys() if electrodes is None else electrodes)
+        if missing := [name for name in names if name not in by_name]:
+            raise ValueError(f"charges_pC: has no {missing[0]}; choose from {', '.join(by_name)}")
+        columns = [_numbers(by_name[name]) for name in names]
+        if len({column.shape for column in columns}) > 1:
+            raise ValueError("charges_pC: columns differ in length; give one charge per row")
+        charges = np.stack(columns, axis=1) if columns else np.empty((0, 0))
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise ValueError(f"electrodes: {', '.join(twice)} named twice; name each once")
+    return names, charges
+
+
+def _numbers(values: Any, width: int = 0) -> Array:
+    """Values, or rows of a `width`, as floats; NaN for a value, or in a row, that is none."""
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        if not width:
+            return np.array([_number(value) for value in values])
+    rows = np.full((len(values), width), np.nan)
+    for row, given in zip(rows, values, strict=True):
+        if not isinstance(given, str) and np.size(given) == width:
+            row[:] = _numbers(given)
+    return rows
+
+
+def _number(value: Any) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        return float("nan")
+
+
+def _status(
+    model: Model, charges: Array, known: Mapping[int, Array], noise_pC: float
+) -> NDArray[np.object_]:
+    """What keeps rows from being located; `RowStatus.LOCATED` for those that can be."""
+    size = np.abs(charges)
+    small = size < LEAST_PC
+    lowest, highest = model.domain.force_N
+    forces = known.get(FORCE, np.full(len(charges), lowest))
+    # the first reasons win
+    reasons = {
+        RowStatus.OUTSIDE: ~((lowest <= forces) & (forces <= highest)),
+        RowStatus.ZERO: small.all(axis=1) if noise_pC else small.any(axis=1),
+        RowStatus.TOO_LARGE: (size > LARGEST_PC).any(axis=1),
+        RowStatus.NOT_FINITE: ~np.isfinite(np.column_stack([charges, *known.values()])).all(axis=1),
+    }
+    status = np.full(len(charges), RowStatus.LOCATED, dtype=object)
+    for reason, rows in reasons.items():
+        status[rows] = reason
+    return status
+
+
+def _ends(
+    problem: Problem, held: Mapping[int, Array], significance: float, retries: int
+) -> Descent:
+    """The best end found for each row of the charges."""
+    table = nearest_touches(problem.model, tuple(problem.electrodes.tolist()), ROTATION in held)
+    ends = _nearest_end(problem, table, np.arange(len(problem.charges_pC)), held, 1)
+    freedom = len(problem.electrodes) - len(problem.unknown)
     if (rows := _unexplained(ends, freedom, significance)).size:
         _improve(ends, rows, _nearest_end(problem, table, rows, held, retries))
     for row in _unexplained(ends, freedom, significance):
         _search_everywhere(problem, ends, int(row))
-    return _touches(problem, ends, tuple(QUANTITIES[i] for i in sought))
-
-
-def _require_rows(
-    model: Model,
-    names: tuple[str, ...],
-    charges: Array,
-    sigma: float,
-    noise_pC: float,
-    known: Mapping[str, Array | None],
-) -> None:
-    if charges.ndim != 2 or charges.shape[1] != len(names):
-        raise ValueError(f"charges_pC of shape {charges.shape}: give (n, {len(names)})")
-    for name, values in known.items():
-        if values is not None and np.shape(values) != charges.shape[:1]:
-            raise ValueError(f"{name} of shape {np.shape(values)}: give one per row")
-    lowest, highest = model.domain.force_N
-    forces = known["forces_N"]
-    if forces is not None and not np.all((lowest <= forces) & (forces <= highest)):
-        raise ValueError(f"forces_N: one is out of the model's {lowest:g} to {highest:g} N")
-    if not np.isfinite(charges).all() or not np.all(charges.any(axis=1)):
-        raise ValueError("charges_pC: a row is not finite or all zero; leave it out")
-    first = dict(zip(names, charges[0].tolist(), strict=True)) if len(charges) else {}
-    mistakes = [*charge_mistakes(model.names, first, sigma, noise_pC)]
-    if mistakes:
-        raise ValueError("\n".join(mistakes))
+    return ends
 
 
 def _nearest_end(
     problem: Problem,
     table: NearestTouches,
     rows: Indices,
-    held: Mapping[int, Array | None],
+    held: Mapping[int, Array],
     count: int,
 ) -> Descent:
     """The best end of searches from `count` starts each, for some rows of the charges."""
-    rotations = held[ROTATION]
-    known = None if rotations is None else rotations[rows]
+    known = held[ROTATION][rows] if ROTATION in held else None
     at = table.starts(problem.charges_pC[rows], known, count)
     for quantity, values in held.items():
-        if values is not None:
-            at[..., quantity] = values[rows, None]
+        at[..., quantity] = values[rows, None]
     at = at.reshape(-1, 4)
     # neighbouring touches in sequence share the coefficients that the model reads
     order = np.lexsort((at[:, Y], at[:, X]))
@@ -179,22 +307,6 @@ def _search_everywhere(problem: Problem, ends: Descent, row: int) -> None:
     charges, spread = problem.charges_pC[[row]], problem.deviations_pC[[row]]
     others = search(replace(problem, charges_pC=charges, deviations_pC=spread), known, DEFAULTS)
     _improve(ends, np.array([row]), others.take(np.array([others.ranking.argmin()])))
-
-
-def _touches(problem: Problem, ends: Descent, unknown: tuple[str, ...]) -> Touches:
-    values, sought = ends.at.copy(), problem.unknown
-    if ROTATION in sought:
-        values[:, ROTATION] %= period_deg(problem.model)
-    values[:, FORCE] = np.exp(values[:, FORCE])
-    scale = np.where(sought == FORCE, values[:, FORCE:], 1.0)
-    extent = extents(problem.model)[sought]
-    covariances, determined = _covariances(ends.slopes[:, :, sought], extent)
-    covariances *= scale[:, :, None] * scale[:, None]
-    values[~ends.arrived] = np.nan
-    chi_square = np.where(ends.arrived, ends.chi_square, np.nan)
-    at_edge = np.array([bool(limits) for limits in edges(problem, ends.at)], dtype=bool)
-    p_value = p_values(chi_square, len(problem.electrodes) - len(unknown))
-    return Touches(values, unknown, covariances, determined, chi_square, p_value, at_edge)
 
 
 def _covariances(slopes: Array, extent: Array) -> tuple[Array, Mask]:

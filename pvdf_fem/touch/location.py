@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import Any
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.response.model import QUANTITIES
 from pvdf_fem.touch.posterior import Posterior, posterior
 from pvdf_fem.touch.problem import Problem
 from pvdf_fem.touch.touch import Touch
@@ -59,17 +58,20 @@ class Location:
         errors are normal. All touches count, those on a ridge of the likelihood and about its
         other maxima, too.
         """
-        sizes = self.posterior.deviations(self._best).tolist()
+        return self.deviations_of(self.best)
+
+    def deviations_of(self, touch: Touch) -> dict[str, float]:
+        """The same of another touch: large where another one is likelier."""
+        sizes = self.posterior.deviations(self._sought(touch)).tolist()
         return dict(zip(self.unknown, sizes, strict=True))
 
     @property
     def covariance(self) -> Array:
         """Covariance (unknown, unknown) with the squares of these on its diagonal."""
-        return self.posterior.covariance(self._best)
+        return self.posterior.covariance(self._sought(self.best))
 
-    @property
-    def _best(self) -> Array:
-        return self.best.values[[QUANTITIES.index(name) for name in self.unknown]]
+    def _sought(self, touch: Touch) -> Array:
+        return touch.values[self.problem.unknown]
 
     @property
     def ambiguous(self) -> bool:
@@ -110,7 +112,14 @@ class Location:
             "ambiguous": self.ambiguous,
             "remarks": list(self.remarks),
             "deviations": self.deviations if self.touches else {},
-            "touches": [touch.to_json() for touch in self.touches],
+            "touches": [
+                {
+                    **touch.to_json(),
+                    "standard_deviations": self.deviations_of(touch),
+                    "covariance": self.posterior.covariance(self._sought(touch)).tolist(),
+                }
+                for touch in self.touches
+            ],
         }
 
 

@@ -7,6 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from pvdf_fem.response.model import QUANTITIES, Domain
 
+#: Charges beyond this many pC are in another unit, or none.
+LARGEST_PC = 1e12
+#: Charges below this many pC count as zero.
+LEAST_PC = 1e-12
+
 
 def charge_mistakes(
     names: Sequence[str],
@@ -20,7 +25,7 @@ def charge_mistakes(
     for name, charge in charges_pC.items():
         if name not in names:
             yield f"charges.{name}: no such electrode; choose from {', '.join(names)}"
-        elif not abs(charge) <= 1e12:
+        elif not abs(charge) <= LARGEST_PC:
             yield f"charges.{name} = {charge}: give a charge in pC"
     by_name = sigma if isinstance(sigma, Mapping) else {"": sigma}
     for name in charges_pC if isinstance(sigma, Mapping) else ():
@@ -33,6 +38,15 @@ def charge_mistakes(
         yield f"noise_pC = {noise_pC}: give a standard deviation in pC, not negative"
     elif not noise_pC and any(charge == 0.0 for charge in charges_pC.values()):
         yield "noise_pC = 0: a charge of 0 has no deviation then; give that of the amplifier"
+
+
+def deviation_mistakes(
+    error_bound: float, sigma: float | Mapping[str, float], noise_pC: float
+) -> Iterator[str]:
+    """Whether there is no standard deviation at all."""
+    least = min(sigma.values(), default=0.0) if isinstance(sigma, Mapping) else sigma
+    if not (error_bound or noise_pC or least):
+        yield "sigma = 0: the model has no error of its own; give a positive one"
 
 
 def known_mistakes(

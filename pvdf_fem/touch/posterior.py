@@ -6,15 +6,19 @@ errors. Bayes' rule does: with all places, rotations and magnitudes of the force
 domain equally likely before, regions with 68.3 % of the posterior probability hold 68.3 % of such
 touches, whatever the likelihood's shape (Rubin, Ann. Statist. 12, 1984).
 
-The integrals are sums over draws from Student's distributions about the likelihood's maxima, each
-draw weighing likelihood over density (importance sampling: Geweke, Econometrica 57, 1989).
+The integrals are sums over draws, each weighing likelihood over density (importance sampling:
+Geweke, Econometrica 57, 1989). The first draws are from Student's distributions about the
+likelihood's maxima, which hardly reach the ends of a bent ridge. Later ones are from such
+distributions about draws that weigh much, each as wide as the likelihood's curvature there makes
+it. All draws are weighed by the density of all distributions together (Cornuet et al., Scand. J.
+Statist. 39, 2012).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from functools import lru_cache, reduce
 
 import numpy as np
 
@@ -31,12 +35,17 @@ ONE_SIGMA = 0.6827
 class PosteriorOptions:
     """The distribution that draws are from."""
 
-    draws: int = 1024
-    #: Degrees of freedom of Student's distributions about the maxima of the likelihood.
+    #: Draws in each round.
+    draws: int = 384
+    #: Rounds after the first.
+    rounds: int = 2
+    #: Distributions of a round after the first.
+    centres: int = 16
+    #: Degrees of freedom of Student's distributions.
     freedom: float = 3.0
-    #: Their widths over those of the maxima.
+    #: Their widths over those by the curvature.
     widening: float = 1.3
-    #: Least share of the draws about a maximum, before all shares are scaled to a sum of 1.
+    #: Least share of the first draws about a maximum, before all are scaled to a sum of 1.
     least_share: float = 0.02
 
 
@@ -87,6 +96,49 @@ class Posterior:
         return _nearest(self.values - about, self.periods)
 
 
+@dataclass(frozen=True, eq=False)
+class _Mixture:
+    """Student's distributions, to draw coordinates (n, unknown) of touches from."""
+
+    about: Array  # their centres, (centres, unknown)
+    roots: Array  # square roots of their covariances, (centres, unknown, unknown)
+    shares: Array  # (centres,)
+    periods: Array  # as those of a `Posterior`
+    options: PosteriorOptions
+
+    def draw(self, seed: int) -> Array:
+        """Draws less those farther than half a period, which would count a rotation twice."""
+        normal, radius, level = _standard(len(self.periods), seed, self.options)
+        centre = np.searchsorted(np.cumsum(self.shares)[:-1], level)
+        steps = radius[:, None] * np.matmul(self.roots[centre], normal[:, :, None])[:, :, 0]
+        once = (_nearest(steps, self.periods) == steps).all(axis=1)
+        return (self.about[centre] + steps)[once]
+
+    def density(self, values: Array) -> Array:
+        """Density (n,) at values, but for a factor that all mixtures have."""
+        apart = _nearest(values - self.about[:, None], self.periods)
+        inverse, freedom = np.linalg.inv(self.roots), self.options.freedom
+        scaled = np.matmul(apart, inverse.swapaxes(1, 2))
+        square = np.einsum("kni,kni->kn", scaled, scaled)
+        heights = self.shares * np.abs(np.linalg.det(inverse))
+        density: Array = heights @ (1.0 + square / freedom) ** (-0.5 * (freedom + values.shape[1]))
+        return density
+
+    def about_draws(self, values: Array, weights: Array, slopes: Array) -> _Mixture:
+        """About draws picked by weight; where charges hardly change, as wide as all draws are."""
+        count, widening = self.options.centres, self.options.widening
+        level = (np.arange(count) + 0.5) / count
+        rows = np.searchsorted(np.cumsum(weights)[:-1], level)
+        apart = _nearest(values - values[weights.argmax()], self.periods)
+        apart -= weights @ apart
+        spread = np.sqrt(weights @ np.square(apart) + np.square(self.roots[0]).sum(axis=1))
+        J = slopes[rows] * spread
+        covariances = np.linalg.inv(J.swapaxes(1, 2) @ J + np.eye(len(spread)))
+        roots = widening * spread[:, None] * np.linalg.cholesky(covariances)
+        shares = np.full(count, 1.0 / count)
+        return replace(self, about=values[rows], roots=roots, shares=shares)
+
+
 def posterior(
     problem: Problem, touches: Sequence[Touch], options: PosteriorOptions = DEFAULTS
 ) -> Posterior:
@@ -95,53 +147,45 @@ def posterior(
     `touches` are the maxima of the likelihood.
     """
     unknown = problem.unknown
-    coordinates = np.array([touch.values for touch in touches])
-    scale = np.where(unknown == FORCE, coordinates[:, FORCE, None], 1.0)
-    coordinates[:, FORCE] = np.log(coordinates[:, FORCE])
+    maxima = np.array([touch.values for touch in touches])
+    scale = np.where(unknown == FORCE, maxima[:, FORCE, None], 1.0)
+    maxima[:, FORCE] = np.log(maxima[:, FORCE])
+    periods = np.where(unknown == ROTATION, period_deg(problem.model), 0.0)
     roots = options.widening * np.array([touch.root for touch in touches]) / scale[:, :, None]
     shares: Array = np.maximum([touch.weight for touch in touches], options.least_share)
-    shares = shares / shares.sum()
-
-    normal, radius, level = _standard(len(unknown), options)
-    maximum = np.searchsorted(np.cumsum(shares)[:-1], level)
-    at = coordinates[maximum]
-    steps = radius[:, None] * np.matmul(roots[maximum], normal[:, :, None])[:, :, 0]
-    at[:, unknown] += steps
-    periods = np.where(unknown == ROTATION, period_deg(problem.model), 0.0)
-    # draws more than half a period from their maximum would count a rotation twice
-    once = (_nearest(steps, periods) == steps).all(axis=1)
-    inside = once & (problem.inside(at) == at).all(axis=1)
-    # if the first maximum is beyond the domain, all draws may be
-    at = at[inside if inside.any() else once]
-    residuals = problem.linearised(at)[:, :, 0]
-    apart = _nearest(at[:, None, unknown] - coordinates[:, unknown], periods)
-    logs = -0.5 * np.square(residuals).sum(axis=1) - _log_density(
-        apart, roots, shares, options.freedom
-    )
-    weights = np.exp(logs - logs.max())
-    values = at[:, unknown]
+    mixture = _Mixture(maxima[:, unknown], roots, shares / shares.sum(), periods, options)
+    mixtures, at, system = [mixture], np.empty((0, 4)), np.empty((0, len(problem.electrodes), 5))
+    values, weights = mixture.about, mixture.shares
+    for seed in range(1 + options.rounds):
+        if seed:
+            mixtures.append(mixture.about_draws(values, weights, system[:, :, 1 + unknown]))
+        values = mixtures[-1].draw(seed)
+        new = np.tile(maxima[0], (len(values), 1))
+        new[:, unknown] = values
+        at, system = np.concatenate([at, new]), np.concatenate([system, problem.linearised(new)])
+        values = at[:, unknown]
+        density = reduce(np.add, (each.density(values) for each in mixtures))
+        logs = -0.5 * np.square(system[:, :, 0]).sum(axis=1) - np.log(density)
+        inside = (problem.inside(at) == at).all(axis=1)
+        # if the first maximum is beyond the domain, all draws may be
+        logs[~inside & inside.any()] = -np.inf
+        weights = np.exp(logs - logs.max())
+        weights /= weights.sum()
     values[:, unknown == FORCE] = np.exp(values[:, unknown == FORCE])
-    return Posterior(values, weights / weights.sum(), periods)
+    return Posterior(values, weights, periods)
 
 
 def _nearest(apart: Array, periods: Array) -> Array:
     """Differences (..., unknown) less whole periods."""
+    if not periods.any():
+        return apart
     return apart - periods * np.round(apart / np.where(periods > 0.0, periods, np.inf))
 
 
-@lru_cache(maxsize=4)
-def _standard(dimension: int, options: PosteriorOptions) -> tuple[Array, Array, Array]:
+@lru_cache(maxsize=16)
+def _standard(dimension: int, seed: int, options: PosteriorOptions) -> tuple[Array, Array, Array]:
     """Normal draws (n, dimension), the radii that make them Student's, and levels from 0 to 1."""
-    draw = np.random.default_rng(0)
+    draw = np.random.default_rng(seed)
     normal = draw.standard_normal((options.draws, dimension))
     radius = np.sqrt(options.freedom / draw.chisquare(options.freedom, options.draws))
     return normal, radius, (np.arange(options.draws) + 0.5) / options.draws
-
-
-def _log_density(apart: Array, roots: Array, shares: Array, freedom: float) -> Array:
-    """Logarithm of the draws' density at distances `apart` (n, maxima, unknown) from maxima."""
-    scaled = np.einsum("kij,nkj->nki", np.linalg.inv(roots), apart)
-    _, volume = np.linalg.slogdet(roots)
-    tails = 0.5 * (freedom + roots.shape[1]) * np.log1p(np.square(scaled).sum(axis=2) / freedom)
-    density: Array = np.logaddexp.reduce(np.log(shares) - volume - tails, axis=1)
-    return density

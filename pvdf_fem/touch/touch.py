@@ -104,7 +104,7 @@ class Touch:
 
     @property
     def deviations(self) -> dict[str, float]:
-        """Standard deviation of each unknown."""
+        """Standard deviation of each unknown by this covariance; see `Location.deviations`."""
         return dict(zip(self.unknown, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
     @property
@@ -124,11 +124,12 @@ class Touch:
         return not self.p_value < SIGNIFICANCE
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values for JSON, None for what is infinite or not defined."""
+        """Plain values for JSON, None for what is infinite or not defined.
+
+        Errors are left to the location, as they depend on its other touches.
+        """
         return {
             **{name: float(getattr(self, name)) for name in QUANTITIES},
-            "standard_deviations": {k: finite(v) for k, v in self.deviations.items()},
-            "covariance": [[finite(v) for v in row] for row in self.covariance.tolist()],
             "condition": finite(self.condition),
             "chi_square": self.chi_square,
             "p_value": finite(self.p_value),

@@ -267,6 +267,36 @@ def test_errors_are_calibrated_where_the_likelihood_has_two_maxima():
     assert np.mean(alone, axis=0)[1] < 0.5
 
 
+def ring_of_folds(count, seed):
+    """Touches of a disc 9 to 12 mm from the centre, where charges' rise turns, and locations."""
+    model, draw = bumps("circle", width_mm=4.0), np.random.default_rng(seed)
+    r, a = np.sqrt(81.0 + 63.0 * draw.random(count)), 2.0 * np.pi * draw.random(count)
+    force = 0.1 * 50.0 ** draw.random(count)
+    touches = np.stack([r * np.cos(a), r * np.sin(a), np.zeros(count), force], axis=1)
+    factors = 1.0 + 0.01 * draw.standard_normal((count, 4))
+    pairs = zip(touches, factors, strict=True)
+    return touches, [locate(model, charges_of(model, touch, factor)) for touch, factor in pairs]
+
+
+def test_errors_that_are_told_are_calibrated_along_folds():
+    """By the curvature alone a third is within them near the edge; ±12 % are two of 56's own."""
+    touches, locations = ring_of_folds(300, seed=1)
+    best = np.array([found.best.values for found in locations])
+    outer = np.flatnonzero(np.hypot(best[:, 0], best[:, 1]) > 11.5)
+    told = [locations[k].to_json()["touches"][0]["standard_deviations"] for k in outer]
+    errors = np.abs(best - touches)[outer][:, [0, 1, 3]]
+    within = errors < [list(sizes.values()) for sizes in told]
+    assert within.mean(axis=0) == pytest.approx(0.6827, abs=0.12)
+
+
+def test_draws_follow_ridges_of_the_likelihood():
+    """From the maxima alone a tenth of the posteriors had fewer than 30 effective draws."""
+    _, locations = ring_of_folds(60, seed=2)
+    effective = [found.posterior.effective for found in locations]
+    assert np.percentile(effective, 10) > 60.0
+    assert np.median(effective) > 250.0
+
+
 def test_where_charges_are_linear_the_posterior_is_normal():
     model, touch = bumps("rectangle", 6), np.array([3.0, -4.0, 25.0, 0.7])
     found = locate(model, charges_of(model, touch), 1e-3, unknown=ALL)
@@ -318,8 +348,6 @@ def test_many_with_known_forces_find_the_place(noisy):
     )
     assert found.unknown == ("x_mm", "y_mm")
     assert found.values == pytest.approx(some, abs=1e-4)
-    with pytest.raises(ValueError, match="forces_N: one is out of the model"):
-        locate_many(model, np.ones((1, 4)), forces_N=np.array([7.0]))
 
 
 def test_many_with_an_unknown_rotation_explain_the_charges():
@@ -468,9 +496,8 @@ def test_without_any_error_there_is_no_likelihood():
     [
         (np.ones((2, 3)), np.zeros(2), r"give \(n, 4\)"),
         (np.ones((2, 4)), np.zeros(3), "give one per row"),
-        (np.full((2, 4), np.inf), np.zeros(2), "not finite"),
     ],
 )
-def test_rows_that_cannot_be_used_are_refused(charges, rotations, message):
+def test_tables_that_do_not_match_are_refused(charges, rotations, message):
     with pytest.raises(ValueError, match=message):
         locate_many(bumps(), charges, rotations_deg=rotations)
