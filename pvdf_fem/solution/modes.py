@@ -9,8 +9,8 @@ a rigid punch moves as one; the punch itself has no mass.
 Frequencies converge from above, with the fourth power of the element size for quadratic elements.
 The mesh starts from that law for the flat film and is refined until the estimated errors are below
 ``numerics.tolerance``. Elements of the next order on the same mesh change a frequency through the
-film's stress and through the mode's shape. The estimate is the sum of both sizes: the first can
-have either sign, so that the changes may cancel by chance.
+film's stress and through the mode's shape. The estimate is the change of both, and at least a part
+of the sum of their sizes: the first can have either sign, so that they may cancel by chance.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from scipy.sparse.linalg import LinearOperator, SuperLU, eigs, eigsh
 from skfem import Basis, MeshTri2
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.charges.forces import CHANCE
 from pvdf_fem.film.bending_effect import bending_effect, layer_size
 from pvdf_fem.film.equilibrium import Equilibrium, prolongation
 from pvdf_fem.film.loads import LOADS
@@ -306,7 +307,9 @@ class _ModalProblem:
         shapes = prolongation(coarse, rich) @ modes[1]
         energy, inertia = ((shapes * (matrix @ shapes)).sum(axis=0) for matrix in pencils[1])
         same_shape = np.sqrt(energy / inertia) / (2.0 * np.pi)
-        errors = np.abs(modes[0] - same_shape) + np.abs(same_shape - reference[0])
+        by_stress, by_shape = modes[0] - same_shape, same_shape - reference[0]
+        least = CHANCE * (np.abs(by_stress) + np.abs(by_shape))
+        errors = np.maximum(np.abs(by_stress + by_shape), least)
         spectrum = Spectrum(coarse, q, modes[0], errors, modes[1])
         return _Attempt(coarse, Status.CONVERGED, spectrum, iterations, tried)
 
