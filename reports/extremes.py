@@ -13,13 +13,11 @@ runs find them there. 300 scenes take about ten minutes on two cores.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -32,7 +30,7 @@ from reports.common.options import add_out, add_processes, number_of
 from reports.common.page import Cell, Column, Page, Picture, Section, Table
 from reports.robustness.figures import draw_scenes, draw_times
 from reports.robustness.laws import laws
-from reports.robustness.runs import CRASHED, DIED, HUNG, TIME_LIMIT, Ending, endings_of
+from reports.robustness.runs import CRASHED, DIED, HUNG, TIME_LIMIT, Ending, kept_endings
 from reports.robustness.scenes import SEED, scenes
 
 #: A result is wrong if it differs from the finer one by more than this multiple of their errors.
@@ -114,7 +112,7 @@ def _report(options: argparse.Namespace) -> int:
 def _drawn(options: argparse.Namespace) -> list[DrawnScene]:
     """Solve all scenes, and as films that wrinkle those that may only lack that freedom."""
     asked = scenes(options.scenes, options.seed)
-    endings = _kept("drawn", asked, options)
+    endings = _endings("drawn", asked, options)
     drawn = [
         DrawnScene(*pair, *pair)  # until it is solved again
         for pair in zip(asked, endings, strict=True)
@@ -125,17 +123,23 @@ def _drawn(options: argparse.Namespace) -> list[DrawnScene]:
         if scene.film.compression == "refuse" and ending.status in COMPRESSED
     ]
     wrinkling = [asked[number].with_(**WRINKLING) for number in compressed]
-    endings = _kept("wrinkling", wrinkling, options)
+    endings = _endings("wrinkling", wrinkling, options)
     for number, scene, ending in zip(compressed, wrinkling, endings, strict=True):
         drawn[number] = replace(drawn[number], final_scene=scene, final=ending)
     return drawn
+
+
+def _endings(name: str, asked: list[Scene], options: argparse.Namespace) -> list[Ending]:
+    """Endings of scenes, kept in a file of the output folder."""
+    path = options.out / f"extremes-{name}.jsonl"
+    return kept_endings(path, asked, options.seconds, options.processes)
 
 
 def _rechecks(drawn: list[DrawnScene], options: argparse.Namespace) -> list[Recheck]:
     """Solve some scenes with a result again, to a finer tolerance."""
     count = max(1, options.scenes // 10) if options.checked is None else options.checked
     numbers = _to_check(drawn, count)
-    finer = _kept("finer", [_finer(drawn[number].final_scene) for number in numbers], options)
+    finer = _endings("finer", [_finer(drawn[number].final_scene) for number in numbers], options)
     return [
         Recheck(number, drawn[number].final_scene, _excess(drawn[number].final, ending))
         for number, ending in zip(numbers, finer, strict=True)
@@ -285,41 +289,6 @@ def _kind(scene: Scene) -> str:
     if film_model(scene).bends:
         return "with bending"
     return "that wrinkles" if scene.film.compression == "tension-field" else "any other"
-
-
-def _kept(name: str, asked: list[Scene], options: argparse.Namespace) -> list[Ending]:
-    """Solve scenes, except those whose endings an earlier run has kept in a file."""
-    path: Path = options.out / f"extremes-{name}.jsonl"
-    endings = _read(path)
-    keys = [scene.model_dump_json() for scene in asked]
-    missing = [number for number, key in enumerate(keys) if key not in endings]
-    with path.open("a", encoding="utf-8") as stream:
-
-        def keep(index: int, ending: Ending) -> None:
-            key = keys[missing[index]]
-            endings[key] = ending
-            stream.write("\n" + json.dumps({"scene": key, "row": asdict(ending)}))
-            stream.flush()
-            progress = f"{name} {index + 1}/{len(missing)}"
-            print(f"{progress} {ending.status} {ending.seconds:.1f} s", flush=True)
-
-        unsolved = [asked[number] for number in missing]
-        endings_of(unsolved, keep, options.seconds, options.processes)
-    return [endings[key] for key in keys]
-
-
-def _read(path: Path) -> dict[str, Ending]:
-    """Endings by their scenes; a line that an interrupted run left half written is passed over."""
-    endings: dict[str, Ending] = {}
-    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
-        try:
-            entry = json.loads(line)
-        except ValueError:
-            continue
-        values: dict[str, Any] = entry["row"]
-        values |= {key: tuple(value) for key, value in values.items() if isinstance(value, list)}
-        endings[entry["scene"]] = Ending(**values)
-    return endings
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:

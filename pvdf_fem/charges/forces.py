@@ -24,7 +24,7 @@ from pvdf_fem.scene.scene import Scene
 
 #: Least relative error that is stated of a charge, over the mean one of all charges: an estimate
 #: may vanish by chance.
-CHANCE = 0.25
+CHANCE = 0.5
 #: The tolerance of a charge is relative to the charge, but at least to this share of its parts
 #: |d31 X| + |d32 Y|, where they cancel.
 CANCELLED = 0.05

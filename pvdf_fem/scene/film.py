@@ -24,9 +24,9 @@ class Film(Section):
     `bending` adds the film's stiffness as a plate: always, never, or (``"auto"``) where it could
     change a charge by more than ``numerics.tolerance``.
 
-    `compression` says what the model does with compressive stress: ``refuse`` warns of it, and
-    takes no equilibrium for a result that is not a minimum of the energy; ``tension-field`` lets
-    the film wrinkle.
+    `compression` says what the model does with compressive stress: ``refuse`` warns of it, counts
+    what wrinkles would change as an error, and takes no membrane for a result of which they would
+    change a charge by more than a tenth; ``tension-field`` lets the film wrinkle.
     """
 
     radius_mm: Length = 45.0

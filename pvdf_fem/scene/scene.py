@@ -77,6 +77,8 @@ class Load(Section):
 class Numerics(Section):
     """The relative error wanted in every charge, which observable is called charge, and limits.
 
+    `tolerance` is relative to each charge. Where its parts, d31 S11 and d32 S22, cancel to less
+    than 5 % of them, it is relative to 5 % of them, and a warning names charge, parts and error.
     `max_unknowns` is the largest number of unknowns of a mesh. `max_seconds` is the work allowed
     for a solve in seconds of one core, counted by unknowns and iterations, so that a result does
     not depend on the machine's load. A limit that is None is the solver's, which grows where the

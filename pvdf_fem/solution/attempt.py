@@ -33,7 +33,7 @@ from pvdf_fem.solution.history import Clock
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.newton import NewtonResult, Tried
-from pvdf_fem.solvers.settled import Settled
+from pvdf_fem.solvers.settled import OF_TOLERANCE, Settled
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.solvers.wrinkling import barely_loaded
 
@@ -162,17 +162,28 @@ def _with_errors(attempt: Attempt) -> Attempt:
     layers = model.layers(equilibrium.terms, equilibrium.unknowns.expansion, state)
     if layers is not None:
         changed = result.q + layers.change(result.factors)
-        by_layers = _forces(problem, equilibrium, changed) - forces
-        errors = larger(errors, by_layers, problem.goals)
-    if equilibrium.load.rigid:
-        _, shares = _indicators(correction, result.factors, problem.goals)
-        least = _force_errors(UNCANCELLED * shares.sum(axis=0), forces, problem.goals)
-        errors = larger(errors, least, problem.goals)
+        # the next order sees a part of the layers only: both errors may have one sign
+        by_layers = np.abs(_forces(problem, equilibrium, changed) - forces)
+        errors += np.where(errors < 0.0, -by_layers, by_layers)
+    least = _force_errors(_least_errors(attempt, correction), forces, problem.goals)
+    errors = larger(errors, least, problem.goals)
     # both orders share the elements, and the area that these lack of a round electrode
     defects = area_defects(problem.goals, equilibrium.space, part)[:, None] * np.abs(forces)
     errors += np.where(errors < 0.0, -defects, defects)
     fields = Fields(equilibrium, result.q, Forces(forces, errors))
     return replace(attempt, fields=fields, correction=correction, layers=layers)
+
+
+def _least_errors(attempt: Attempt, correction: Correction) -> Array:
+    """What is no chance of signs in the error of each charge, in C, (goals,)."""
+    problem, factors, least = attempt.problem, attempt.result.factors, np.zeros(1)
+    assert factors is not None
+    if attempt.equilibrium.model.wrinkles:  # its iteration ends when the charges move that little
+        least = OF_TOLERANCE * problem.scene.numerics.tolerance * attempt.charge_sizes
+    if attempt.equilibrium.load.rigid:
+        _, shares = _indicators(correction, factors, problem.goals)
+        least = np.maximum(least, UNCANCELLED * shares.sum(axis=0))
+    return np.broadcast_to(least, len(problem.goals))
 
 
 def larger(errors: Array, others: Array, goals: Sequence[Goal]) -> Array:

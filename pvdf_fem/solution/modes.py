@@ -24,7 +24,6 @@ from scipy.sparse.linalg import LinearOperator, SuperLU, eigs, eigsh
 from skfem import Basis, MeshTri2
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.charges.forces import CHANCE
 from pvdf_fem.film.bending_effect import bending_effect, layer_size
 from pvdf_fem.film.equilibrium import Equilibrium, prolongation
 from pvdf_fem.film.loads import LOADS
@@ -48,6 +47,8 @@ MOST_MODES = 200
 FLAT_ERROR = 4e-4
 #: Order of a frequency's error in the element size.
 ORDER = 4.0
+#: Part of the sum of both changes of a frequency that its error is at least.
+UNCANCELLED = 0.25
 #: Newton iterations that an eigenvalue problem costs as much as.
 EIGEN_ITERATIONS = 3
 #: Relative imaginary part above which an eigenvalue of an unsymmetric tangent is complex; rounding
@@ -308,7 +309,7 @@ class _ModalProblem:
         energy, inertia = ((shapes * (matrix @ shapes)).sum(axis=0) for matrix in pencils[1])
         same_shape = np.sqrt(energy / inertia) / (2.0 * np.pi)
         by_stress, by_shape = modes[0] - same_shape, same_shape - reference[0]
-        least = CHANCE * (np.abs(by_stress) + np.abs(by_shape))
+        least = UNCANCELLED * (np.abs(by_stress) + np.abs(by_shape))
         errors = np.maximum(np.abs(by_stress + by_shape), least)
         spectrum = Spectrum(coarse, q, modes[0], errors, modes[1])
         return _Attempt(coarse, Status.CONVERGED, spectrum, iterations, tried)

@@ -85,7 +85,10 @@ class Solution:
 
     @property
     def charge_errors_pC(self) -> dict[str, float]:
-        """Estimated discretisation error of each charge, absolute."""
+        """Estimated error of each charge, absolute: by the mesh or by wrinkles, the larger one.
+
+        Wrinkles are those that a real film would have where this one is in compression.
+        """
         return self.charge_errors(self.scene.film.d31_pC_N, self.scene.film.d32_pC_N)
 
     def charges(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Pictures of `reports.extremes`: load and pretension of the scenes, and the time they take."""
+"""Pictures of scenes: load, pretension and time of extreme ones, and errors of usual ones."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from pvdf_fem import Scene
+from pvdf_fem.arrays import Array
 from pvdf_fem.output.figures import colours, new_figure, save, style
 from pvdf_fem.solvers.wrinkling import load_strain
 from reports.robustness.runs import Ending
@@ -46,6 +47,32 @@ def draw_times(endings: list[Ending], path: Path) -> None:
         ax.set_yscale("log")
         ax.set_xlabel("unknowns on the last mesh")
         ax.set_ylabel("seconds of the whole solve")
+        save(figure, path)
+
+
+def draw_errors(errors: dict[str, list[tuple[Array, Array]]], path: Path) -> None:
+    """Draw stated against true errors of charges, both over the tolerance, by group."""
+    with style():
+        figure = new_figure(160.0, 80.0)
+        axes = figure.subplots(1, len(errors), sharex=True, sharey=True)
+        for ax, (group, pairs), ink in zip(axes, errors.items(), colours(len(errors)), strict=True):
+            true, stated = (
+                np.concatenate([np.empty(0), *(pair[i] for pair in pairs)]) for i in (0, 1)
+            )
+            ax.plot(true, stated, ".", color=ink, alpha=0.5)
+            ends = np.array([1e-4, 2.0])
+            ax.plot(ends, ends, "k-", lw=0.8)
+            ax.plot(ends, 0.2 * ends, "k:", lw=0.8)
+            ax.text(1.2e-4, 2.5e-4, "stated = true", fontsize=8)
+            ax.text(6e-3, 4e-4, "a fifth", fontsize=8)
+            ax.axvline(1.0, color="0.7", lw=0.8)
+            ax.set_xlim(*ends)
+            ax.set_ylim(*ends)
+            ax.set_xscale("log")
+            ax.set_yscale("log")
+            ax.set_title(f"{group} ({len(pairs)} scenes)")
+            ax.set_xlabel("true error / tolerance")
+        axes[0].set_ylabel("stated error / tolerance")
         save(figure, path)
 
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import signal
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import islice
 from multiprocessing.connection import Connection, wait
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -134,6 +136,44 @@ def endings_of(
     for worker in idle:
         worker.end()
     return [endings[number] for number in range(len(scenes))]
+
+
+def kept_endings(
+    path: Path, scenes: Sequence[Scene], time_limit: float = TIME_LIMIT, processes: int = 1
+) -> list[Ending]:
+    """`endings_of` scenes, except those whose endings an earlier run has kept in a file.
+
+    Each ending joins the file as soon as it is made.
+    """
+    endings = _read(path)
+    keys = [scene.model_dump_json() for scene in scenes]
+    missing = [number for number, key in enumerate(keys) if key not in endings]
+    with path.open("a", encoding="utf-8") as stream:
+
+        def keep(index: int, ending: Ending) -> None:
+            key = keys[missing[index]]
+            endings[key] = ending
+            stream.write("\n" + json.dumps({"scene": key, "row": asdict(ending)}))
+            stream.flush()
+            progress = f"{path.stem} {index + 1}/{len(missing)}"
+            print(f"{progress} {ending.status} {ending.seconds:.1f} s", flush=True)
+
+        endings_of([scenes[number] for number in missing], keep, time_limit, processes)
+    return [endings[key] for key in keys]
+
+
+def _read(path: Path) -> dict[str, Ending]:
+    """Endings by their scenes; a line that an interrupted run left half written is passed over."""
+    endings: dict[str, Ending] = {}
+    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
+        try:
+            entry = json.loads(line)
+        except ValueError:
+            continue
+        values: dict[str, Any] = entry["row"]
+        values |= {key: tuple(value) for key, value in values.items() if isinstance(value, list)}
+        endings[entry["scene"]] = Ending(**values)
+    return endings
 
 
 class _Worker:

@@ -19,6 +19,8 @@ KINDS = {
     "rigid": ("sliding", "stuck"),
     "other": ("dead", "follower", "bent", "wrinkling", "heated", "thesis-edge"),
 }
+#: Seed of the scenes that are drawn if no other is given.
+SEED = 11
 TOLERANCES = [3e-3, 1e-3, 3e-4]
 SHAPES = ["triangle", "rectangle", "circle", "polygon"]
 

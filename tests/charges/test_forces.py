@@ -35,7 +35,7 @@ def test_no_charge_is_stated_to_be_much_better_than_the_others():
     forces, errors = FORCES.values, FORCES.errors
     stated = FORCES.charge_errors((2.0, 2.0))
     assert stated[0] == pytest.approx(0.2)
-    assert stated[1] == pytest.approx(0.2 * 0.25 / 2, rel=1e-9)  # of the mean of 0.1 and 0
+    assert stated[1] == pytest.approx(0.2 * 0.5 / 2, rel=1e-9)  # of the mean of 0.1 and 0
     assert 0.0 < stated[2] < 1e-12
     assert np.all(Forces(0.0 * forces, 0.0 * errors).charge_errors((2.0, 2.0)) == 0.0)
     assert Forces(1e6 * forces, errors).charge_errors((2.0, 2.0)) == pytest.approx(stated)

@@ -107,7 +107,7 @@ def test_the_report_keeps_its_endings_and_checks_a_tenth_of_the_scenes(
         for number, scene in enumerate(unsolved):
             progress(number, ending if scene.numerics.tolerance == 1e-3 else finer)
 
-    monkeypatch.setattr(extremes, "endings_of", made_up)
+    monkeypatch.setattr(extremes_runs, "endings_of", made_up)
     monkeypatch.setattr(extremes, "laws", lambda: Section("laws", "Scaling laws"))
     arguments = ["--scenes", "30", "--seed", "3", "--out", str(tmp_path), "--processes", "1"]
     assert extremes.main(arguments) == 0

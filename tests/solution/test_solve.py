@@ -9,9 +9,11 @@ from functools import partial
 from types import SimpleNamespace
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 from pvdf_fem import Scene, modes, solve
+from pvdf_fem.solution import attempt as attempt_module
 from pvdf_fem.solution import history, refinement
 from pvdf_fem.solution import solve as solving
 from pvdf_fem.solution.history import Stop
@@ -50,6 +52,43 @@ def test_heated_film_that_wrinkles_has_modes_where_it_has_charges():
     assert found.status is Status.CONVERGED
     assert (found.frequencies_Hz > 0.0).all()
     assert (found.frequency_errors_Hz <= 1e-3 * found.frequencies_Hz).all()
+
+
+# stated errors
+
+
+def test_errors_at_a_rigid_probe_are_stated_even_where_their_signs_cancel(monkeypatch):
+    """As if the correction in the next order changed no charge, by chance."""
+    sliding = {**LOADS["sliding"], "film.youngs_modulus_GPa": [3.0, 1.5]}
+    scene = TRIANGLE.with_(**sliding, **{"numerics.tolerance": 1e-2})
+    exact = np.array(list(solve(scene.with_(**{"numerics.tolerance": 1e-4})).charges_pC.values()))
+    mesh = solve(scene).mesh
+    found: list[np.ndarray] = []
+
+    def same_forces(problem, equilibrium, q):
+        found.append(forces(problem, equilibrium, q))
+        return found[0].copy()
+
+    forces = attempt_module._forces
+    monkeypatch.setattr(attempt_module, "_forces", same_forces)
+    solution = solve(scene, mesh=mesh)
+    assert len(found) == 2
+    errors = np.abs(np.array(list(solution.charges_pC.values())) - exact)
+    assert np.all(np.array(list(solution.charge_errors_pC.values())) > 0.2 * errors)
+
+
+def test_the_tolerance_is_relative_to_the_charge_itself():
+    """Coefficients of opposite signs, which leave a tenth of the parts of a charge."""
+    first = solve(TRIANGLE)
+    X, Y = first.fields.forces.values[0]
+    d31 = 10.0
+    d32 = -0.9 * d31 * X / Y
+    scene = TRIANGLE.with_(**{"film.d31_pC_N": d31, "film.d32_pC_N": float(d32)})
+    solution = solve(scene)
+    finer = solve(scene.with_(**{"numerics.tolerance": 3e-5})).charges_pC
+    for name, charge in solution.charges_pC.items():
+        assert charge == pytest.approx(finer[name], rel=1.2e-3)
+        assert solution.charge_errors_pC[name] <= 1e-3 * abs(charge)
 
 
 # why a solve ends
