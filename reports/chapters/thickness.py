@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from pvdf_fem import Scene
-from pvdf_fem.maps.force_law import linearity, local_exponents
 from pvdf_fem.output.figures import (
     COLOURS,
     GREY,
@@ -24,6 +23,7 @@ from reports.common.page import Cell, Column, Picture, Table, joined
 from reports.common.results import THESIS_EDGE, Results
 from reports.common.thesis_data import Thesis
 from reports.common.thesis_scene import thesis_scene
+from reports.thesis_methods.force_law import linearity, local_exponents
 
 Array = NDArray[np.float64]
 

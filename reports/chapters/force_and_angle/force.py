@@ -11,7 +11,6 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from pvdf_fem import Scene
-from pvdf_fem.maps.force_law import MembraneLaw
 from pvdf_fem.output.figures import (
     COLOURS,
     GREY,
@@ -30,6 +29,7 @@ from reports.common.results import THESIS_EDGE, Results
 from reports.common.tables import CASE, FORCE, ROTATION, wide_table
 from reports.common.thesis_data import Charge, Thesis
 from reports.common.thesis_scene import scene_of, thesis_scene
+from reports.thesis_methods.force_law import MembraneLaw
 
 Array = NDArray[np.float64]
 

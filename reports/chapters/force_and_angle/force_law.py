@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from pvdf_fem import Scene
-from pvdf_fem.maps.force_law import Linearity, MembraneLaw, linearity, local_exponents
 from pvdf_fem.output.figures import COLOURS, GREY, Series
 from reports.common.chapter import Chapter, Content
 from reports.common.comparison import Comparison, compare, group_by, series, sound
@@ -21,6 +20,7 @@ from reports.common.page import Cell, Column, Picture, Table
 from reports.common.results import MATERIAL, Results
 from reports.common.thesis_data import Charge, Thesis
 from reports.common.thesis_scene import scene_of, thesis_scene
+from reports.thesis_methods.force_law import Linearity, MembraneLaw, linearity, local_exponents
 
 Array = NDArray[np.float64]
 
