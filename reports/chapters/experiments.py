@@ -14,16 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from pvdf_fem import Scene
-from pvdf_fem.output.figures import (
-    COLOURS,
-    GREY,
-    LABEL_SIZE,
-    Series,
-    label_curves,
-)
+from pvdf_fem.output.figures import COLOURS, GREY, LABEL_SIZE
 from pvdf_fem.solution.modes import modes
 from pvdf_fem.solvers.status import Status
 from reports.common.chapter import Chapter, Content
+from reports.common.charge_figures import Series, label_curves
 from reports.common.figures import LEVEL_DASHES, drawing
 from reports.common.page import Cell, Column, Picture, Table
 from reports.common.results import MATERIAL, Results

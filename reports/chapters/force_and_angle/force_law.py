@@ -12,8 +12,9 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from pvdf_fem import Scene
-from pvdf_fem.output.figures import COLOURS, GREY, Series
+from pvdf_fem.output.figures import COLOURS, GREY
 from reports.common.chapter import Chapter, Content
+from reports.common.charge_figures import Series
 from reports.common.comparison import Comparison, compare, group_by, series, sound
 from reports.common.figures import EQUATION_DASHES, LEVEL_DASHES, drawing
 from reports.common.page import Cell, Column, Picture, Table
