@@ -23,14 +23,9 @@ from tqdm import tqdm
 from pvdf_fem import Scene, __version__
 from pvdf_fem.cli.program import ArgumentParser, InputError, run_program
 from pvdf_fem.files import make_directory
-from pvdf_fem.output.figures import (
-    COLOURS,
-    GREY,
-    Series,
-    charge_against_force,
-    charge_against_rotation,
-)
+from pvdf_fem.output.figures import COLOURS, GREY
 from reports.chapters.contact import CONTACTS, pressed
+from reports.common.charge_figures import Series, charge_against_force, charge_against_rotation
 from reports.common.figures import drawing
 from reports.common.measurements import (
     COLUMNS,

@@ -51,6 +51,7 @@ REPORTS = (
     *LIBRARY,
     "pvdf_fem.reference",
     "reports.common",
+    "reports.thesis_methods",
     "reports.chapters",
     "reports.design_study",
     "reports.locating",

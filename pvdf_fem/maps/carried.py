@@ -10,7 +10,7 @@ this is right within 3 % as far as 16 mm from the centre, and the difference var
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterator
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -30,30 +30,24 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solution import NotConvergedError
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.status import Status
-from pvdf_fem.sweeps.store import key
+from pvdf_fem.sweeps.store import NUMERICAL_FOLDERS, key
 
+# With the numbers below a field takes about a second, and the errors of charge maps are those of
+# the scenes that they interpolate.
 
-@dataclass(frozen=True)
-class FieldResolution:
-    """Mesh and raster of a carried field.
-
-    With the defaults a field takes about a second, and the errors of charge maps are those of the
-    scenes that they interpolate.
-    """
-
-    #: Polynomial order of the displacement.
-    order: int = 3
-    #: Size of the elements at the probe over the root of the probe's area.
-    probe_size: float = 1 / 8
-    #: Growth of the elements' size with the distance from the probe.
-    growth: float = 0.25
-    #: Largest size of an element over the film's radius.
-    film_size: float = 1 / 7
-    #: Places of the raster along the film's diameter: 0.25 mm apart on the thesis's film.
-    places_across: int = 361
-    #: Share of the film's radius beyond which the stress is taken from this share. It is below 1
-    #: since the mesh ends at chords of the rim.
-    inside: float = 0.98
+# Polynomial order of the displacement.
+_ORDER = 3
+# Size of the elements at the probe over the root of the probe's area.
+_PROBE_SIZE = 1 / 8
+# Growth of the elements' size with the distance from the probe.
+_GROWTH = 0.25
+# Largest size of an element over the film's radius.
+_FILM_SIZE = 1 / 7
+# Places of the raster along the film's diameter: 0.25 mm apart on the thesis's film.
+_PLACES_ACROSS = 361
+# Share of the film's radius beyond which the stress is taken from this share. It is below 1 since
+# the mesh ends at chords of the rim.
+_INSIDE = 0.98
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,9 +112,7 @@ class CarriedField:
         return NdBSpline(knots, np.stack(coefficients, axis=-1), k=3)
 
 
-def carried_field(
-    scene: Scene, folder: Path | None = None, resolution: FieldResolution | None = None
-) -> CarriedField:
+def carried_field(scene: Scene, folder: Path | None = None) -> CarriedField:
     """The field about the probe of a scene, whatever the probe's place and the electrodes.
 
     Parameters
@@ -128,7 +120,6 @@ def carried_field(
     scene : Scene
     folder : Path, optional
         Where fields are kept as files; one that is there is not computed again.
-    resolution : FieldResolution, optional
 
     Raises
     ------
@@ -139,7 +130,6 @@ def carried_field(
     """
     if scene.probe is None:
         raise ValueError("scene: has no probe to carry a field; give it one")
-    resolution = resolution or FieldResolution()
     # keys that the field does not depend on get one value, so that such scenes share a file
     centred = scene.with_(
         **{
@@ -152,11 +142,10 @@ def carried_field(
         }
     )
     if folder is None:
-        return _field(centred, resolution)
-    numbers = "-".join(f"{number:.4g}" for number in astuple(resolution))
-    path = folder / f"field-{key(centred)[:24]}-{numbers}.npz"
+        return _field(centred)
+    path = folder / f"field-{key(centred, (*NUMERICAL_FOLDERS, 'maps'))[:24]}.npz"
     if not path.exists():
-        computed = _field(centred, resolution)
+        computed = _field(centred)
         arrays: dict[str, Any] = {"offsets_mm": computed.offsets_mm, **computed.stress}
         with replacing(path) as temporary:
             np.savez(temporary, **arrays)
@@ -171,12 +160,11 @@ def _some_electrode(scene: Scene) -> dict[str, Any]:
     return {"name": "A", "shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": radius_mm}
 
 
-def _field(scene: Scene, resolution: FieldResolution) -> CarriedField:
-    equilibrium, unknowns = _solved(scene, resolution)
-    membrane = equilibrium.membrane
-    gradient = equilibrium.space.gradient(equilibrium.unknowns.expand(unknowns))
-    offsets, places = _raster(scene.film.radius_mm, resolution)
-    space = equilibrium.space
+def _field(scene: Scene) -> CarriedField:
+    equilibrium, unknowns = _solved(scene)
+    membrane, space = equilibrium.membrane, equilibrium.space
+    gradient = space.gradient(equilibrium.unknowns.expand(unknowns))
+    offsets, places = _raster(scene.film.radius_mm)
     basis = Basis(space.mesh, ElementTriP2(), quadrature=space.basis.quadrature)
     stress = {}
     for name, observable in OBSERVABLES.items():
@@ -188,24 +176,23 @@ def _field(scene: Scene, resolution: FieldResolution) -> CarriedField:
     return CarriedField(offsets, stress)
 
 
-def _solved(scene: Scene, resolution: FieldResolution) -> tuple[Equilibrium, Array]:
-    probe_size = resolution.probe_size * float(np.sqrt(outlines(scene)[PROBE].area))
-    film_size = resolution.film_size * scene.film.radius
-    sizes, model = Sizes({PROBE: probe_size}, resolution.growth, film_size), film_model(scene)
-    mesh = mesh_scene(scene, sizes, least_jacobian=model.least_jacobian)
-    equilibrium = Equilibrium(scene, mesh, resolution.order)
+def _solved(scene: Scene) -> tuple[Equilibrium, Array]:
+    probe_size = _PROBE_SIZE * float(np.sqrt(outlines(scene)[PROBE].area))
+    sizes = Sizes({PROBE: probe_size}, _GROWTH, _FILM_SIZE * scene.film.radius)
+    mesh = mesh_scene(scene, sizes, least_jacobian=film_model(scene).least_jacobian)
+    equilibrium = Equilibrium(scene, mesh, _ORDER)
     result = equilibrate(equilibrium)
     if result.status is not Status.CONVERGED:
         raise NotConvergedError(f"probe at the centre: {result.status}; {result.status.advice}")
     return equilibrium, result.q
 
 
-def _raster(radius_mm: float, resolution: FieldResolution) -> tuple[Array, Array]:
+def _raster(radius_mm: float) -> tuple[Array, Array]:
     """Coordinates of a raster, (n,), and the places (n, n, 2) at which its stress is taken."""
-    offsets = np.linspace(-radius_mm, radius_mm, resolution.places_across)
+    offsets = np.linspace(-radius_mm, radius_mm, _PLACES_ACROSS)
     places = np.stack(np.meshgrid(offsets, offsets, indexing="ij"), axis=-1)
     share = np.linalg.norm(places, axis=-1, keepdims=True) / radius_mm
-    return offsets, places * resolution.inside / np.maximum(share, resolution.inside)
+    return offsets, places * _INSIDE / np.maximum(share, _INSIDE)
 
 
 def _samples(electrode: Outline, observable: str) -> Iterator[tuple[int, Array, Array]]:

@@ -1,9 +1,4 @@
-"""Isocharge contours: the places of the probe at which an electrode has a given charge.
-
-There are two ways to draw them. `polynomial_contour` is the thesis's (section 3.1.1): it fits a
-polynomial to the charge over the distance on each line of a mapping, takes its root at the charge,
-and draws a spline through the roots. `contour` follows a smooth charge function.
-"""
+"""Isocharge contours: the places of the probe at which an electrode has a given charge."""
 
 from __future__ import annotations
 
@@ -14,13 +9,10 @@ from functools import cached_property
 import contourpy
 import numpy as np
 import shapely
-from numpy.polynomial import Polynomial
 from scipy.interpolate import CubicSpline
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.maps.charge_map import ChargeFunction
-from pvdf_fem.maps.mapping import Line, LineMapping
-from pvdf_fem.sweeps.lines import direction
 
 # Distance in mm between samples of a curve: chords leave a curve of 3 mm radius by 0.4 µm.
 _SAMPLE_MM = 0.1
@@ -106,8 +98,6 @@ class Contour:
     charge_pC: float
     #: Empty when the charge occurs nowhere.
     curves: tuple[ContourCurve, ...]
-    #: Lines of a mapping on which no point of the contour was found, with the reason.
-    missing: tuple[str, ...] = ()
 
     def crossings(self, other: Contour) -> Array:
         """All points, (n, 2) in mm, at which two contours cross."""
@@ -121,57 +111,6 @@ class Contour:
         """
         lines = (shapely.MultiLineString([curve.line for curve in c.curves]) for c in (self, other))
         return shapely.get_coordinates(shapely.shortest_line(*lines))
-
-
-def polynomial_contour(mapping: LineMapping, charge_pC: float, degree: int = 5) -> Contour:
-    """A contour by the thesis's way: a polynomial and its root on each line, a spline.
-
-    Parameters
-    ----------
-    mapping : LineMapping
-    charge_pC : float
-    degree : int
-        Degree of the polynomials, which the thesis does not state. They are fitted by least
-        squares; a line with too few points gets the polynomial that passes through them.
-    """
-    points, missing = [], []
-    for line in mapping.lines:
-        distance = _root(line, charge_pC, degree)
-        if distance is None:
-            missing.append(f"line at {line.angle_deg:g}°: {_why_without_root(line, charge_pC)}")
-        else:
-            points.append(mapping.centre_mm + distance * direction(line.angle_deg))
-    curves = (ContourCurve(np.array(points)),) if len(points) > 1 else ()
-    return Contour(mapping.electrode, charge_pC, curves, tuple(missing))
-
-
-def _root(line: Line, charge_pC: float, degree: int) -> float | None:
-    """Distance at which the polynomial of a line has a charge; of several the likeliest one.
-
-    The likeliest is that nearest to the two neighbouring points, as far out as possible, between
-    which the measured charge passes the given one: the charge falls off away from its electrode.
-    """
-    solved = np.isfinite(line.charges_pC)
-    r, q = line.distances_mm[solved], line.charges_pC[solved]
-    if len(r) < 2:
-        return None
-    polynomial = Polynomial.fit(r, q, min(degree, len(r) - 1))
-    roots = (polynomial - charge_pC).roots()
-    real = roots.real[np.abs(roots.imag) < 1e-9 * max(1.0, r[-1])]
-    inside = real[(real >= r[0]) & (real <= r[-1])]
-    if not inside.size:
-        return None
-    passes = np.flatnonzero((q[:-1] >= charge_pC) != (q[1:] >= charge_pC))
-    expected = r[passes[-1] : passes[-1] + 2].mean() if passes.size else r[-1]
-    return float(inside[np.argmin(np.abs(inside - expected))])
-
-
-def _why_without_root(line: Line, charge_pC: float) -> str:
-    q = line.charges_pC[np.isfinite(line.charges_pC)]
-    if len(q) < 2:
-        return f"{len(q)} of {len(line.charges_pC)} scenes solved"
-    measured = f"its charges are {q.min():.4g} to {q.max():.4g} pC"
-    return f"its polynomial does not reach {charge_pC:g} pC, {measured}"
 
 
 def contour(

@@ -234,33 +234,23 @@ def linear_patch_deflection(
     return np.asarray(force / (2 * math.pi * tension) * (patch + image))
 
 
-def disc_frequency(
-    diameters: int, circle: int, *, radius: float, tension: float, areal_density: float
-) -> float:
-    """Frequency (Hz) of the mode (m, n) of a stretched disc, j_mn/(2 pi a) sqrt(N/(rho h)).
+def disc_frequencies(count: int, *, radius: float, tension: float, areal_density: float) -> Array:
+    """Lowest frequencies (Hz) of a stretched disc, j_mn/(2 pi a) sqrt(N/(rho h)).
 
-    Source: Lord Rayleigh, Theory of Sound, chapter IX. Meaningful for small amplitudes, without
-    bending, without the air that moves along.
+    Modes with m > 0 nodal diameters come in pairs, which are listed twice. Source: Lord Rayleigh,
+    Theory of Sound, chapter IX. Meaningful for small amplitudes, without bending, without the air
+    that moves along.
 
     Parameters
     ----------
-    diameters : int
-        Nodal diameters m, from 0. For m > 0 there are two such modes.
-    circle : int
-        Nodal circles n, from 1, the rim included.
+    count : int
     radius, tension, areal_density : float
         m, N/m, kg/m^2.
-    """
-    if diameters < 0 or circle < 1:
-        raise ValueError(f"need m >= 0 and n >= 1, got m = {diameters!r}, n = {circle!r}")
-    zero = float(jn_zeros(diameters, circle)[-1])
-    return zero / (2 * math.pi * radius) * math.sqrt(tension / areal_density)
 
-
-def disc_frequencies(count: int, *, radius: float, tension: float, areal_density: float) -> Array:
-    """Lowest frequencies (Hz) of a stretched disc, ascending, pairs twice; shape (count,).
-
-    Parameters as in `disc_frequency`.
+    Returns
+    -------
+    ndarray, shape (count,)
+        Ascending.
     """
     # j_m1 > m and j_0n > n: the lowest `count` are among the first `count` of either number.
     zeros = [jn_zeros(m, count) for m in range(count)]

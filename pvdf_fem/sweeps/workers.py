@@ -16,7 +16,7 @@ from importlib import import_module
 from typing import Any, TypeVar
 
 import joblib
-from joblib.externals.loky import get_reusable_executor
+from joblib.executor import get_memmapping_executor
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 Task = TypeVar("Task")
@@ -68,7 +68,7 @@ def on_processes(
         return
     tasks, again, deaths = iter(tasks), deque[tuple[int, Task]](), 0
     running: dict[Future[Result], tuple[int, Task]] = {}
-    ids: Iterable[int] = ()
+    executor = _executor(count)
     try:
         while True:
             alone = deaths > MOST_DEATHS
@@ -76,8 +76,11 @@ def on_processes(
                 item = again.popleft() if again else next(tasks, None)
                 if item is None:
                     break
-                future, ids = _submitted(function, item[1], count)
-                running[future] = item
+                try:
+                    running[executor.submit(function, item[1])] = item
+                except TerminatedWorkerError:  # of a process that died a moment ago
+                    again.appendleft(item)
+                    executor = _executor(count)
             if not running:
                 return
             done, _ = wait(running, return_when=FIRST_COMPLETED)
@@ -94,7 +97,8 @@ def on_processes(
                     again.append((number, task))
             deaths += died
     finally:
-        for process in list(ids) if running else ():  # a shutdown may log an exception
+        # a shutdown may log an exception
+        for process in list(executor._processes) if running else ():
             with suppress(ProcessLookupError):
                 os.kill(process, signal.SIGKILL)
         wait(running)
@@ -104,15 +108,13 @@ def _has_died(future: Any) -> bool:
     return isinstance(future.exception(), TerminatedWorkerError)
 
 
-def _submitted(
-    function: Callable[[Task], Result], task: Task, count: int
-) -> tuple[Future[Result], Iterable[int]]:
-    """The future result of a process, and the ids of all, which stay for later calls for 300 s."""
+def _executor(count: int) -> Any:
+    """Processes that stay for later calls for 300 s.
+
+    They are joblib's own, which a caller's `joblib.Parallel` takes over.
+    """
     ends = {"initializer": _end_with, "initargs": (os.getpid(),)}
-    while True:
-        executor = get_reusable_executor(count, timeout=300, env=_ONE_THREAD, **ends)
-        with suppress(TerminatedWorkerError):  # of a process that died a moment ago
-            return executor.submit(function, task), executor._processes
+    return get_memmapping_executor(count, timeout=300, env=_ONE_THREAD, **ends)
 
 
 def _end_with(parent: int) -> None:

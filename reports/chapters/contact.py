@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem import Scene
-from pvdf_fem.output.figures import Series, charge_against_rotation
 from reports.common.chapter import Chapter, Content
+from reports.common.charge_figures import Series, charge_against_rotation
 from reports.common.figures import drawing
 from reports.common.page import Cell, Column, Picture, Table
 from reports.common.results import MATERIAL, THESIS_EDGE, Results

@@ -14,22 +14,17 @@ from pathlib import Path
 import numpy as np
 
 from pvdf_fem import Scene
-from pvdf_fem.maps.circuit import Circuit, dynamic_factor, film_capacitance, voltage_ratio
-from pvdf_fem.output.figures import (
-    COLOURS,
-    GREY,
-    LABEL_SIZE,
-    Series,
-    label_curves,
-)
+from pvdf_fem.output.figures import COLOURS, GREY, LABEL_SIZE
 from pvdf_fem.solution.modes import modes
 from pvdf_fem.solvers.status import Status
 from reports.common.chapter import Chapter, Content
+from reports.common.charge_figures import Series, label_curves
 from reports.common.figures import LEVEL_DASHES, drawing
 from reports.common.page import Cell, Column, Picture, Table
 from reports.common.results import MATERIAL, Results
 from reports.common.thesis_data import Position, Thesis
 from reports.common.thesis_scene import thesis_scene
+from reports.thesis_methods.circuit import Circuit, dynamic_factor, film_capacitance, voltage_ratio
 
 #: Both readings of the voltage divider of App. 5, named by the place of the load resistance.
 READINGS: dict[str, Callable[[Circuit, float], complex]] = {

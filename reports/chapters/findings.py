@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from pvdf_fem import Scene
-from pvdf_fem.maps.force_law import local_exponents
 from pvdf_fem.scene.outlines.outline import turn
 from reports.chapters.contact import CONTACT_CHAPTER, CONTACTS, pressed
 from reports.chapters.experiments import CIRCUIT_CHAPTER, MEASURED_POSITIONS_CHAPTER, thesis_circuit
@@ -25,6 +24,7 @@ from reports.common.page import Cell, Column, Table
 from reports.common.results import MATERIAL, THESIS_EDGE, Results
 from reports.common.thesis_data import Thesis
 from reports.common.thesis_scene import thesis_scene
+from reports.thesis_methods.force_law import local_exponents
 
 
 @dataclass(frozen=True)

@@ -14,13 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from pvdf_fem import Scene
-from pvdf_fem.output.figures import (
-    Series,
-    charge_against_distance,
-    colours,
-)
 from reports.chapters.mapping_curves import FARTHEST_MM, REACH_MM, Family, LineCurve, plain
 from reports.common.chapter import Chapter, Content
+from reports.common.charge_figures import Series, charge_against_distance, colours
 from reports.common.figures import drawing
 from reports.common.page import Cell, Column, Picture, Table
 from reports.common.results import MATERIAL, THESIS_EDGE, Results

@@ -13,13 +13,13 @@ from scipy.optimize import brentq
 
 from pvdf_fem import Scene
 from pvdf_fem.maps.carried import CarriedField
-from pvdf_fem.maps.mapping import Line, LineMapping
-from pvdf_fem.output.figures import Series
 from pvdf_fem.sweeps.lines import MappingScheme, direction
 from pvdf_fem.sweeps.store import Record
+from reports.common.charge_figures import Series
 from reports.common.results import MATERIAL, Results
 from reports.common.thesis_data import ContourPoint, Thesis
 from reports.common.thesis_scene import thesis_scene
+from reports.thesis_methods.mapping import Line, LineMapping
 
 Array = NDArray[np.float64]
 

@@ -10,20 +10,16 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from pvdf_fem import Scene
-from pvdf_fem.maps.force_law import linearity, local_exponents
-from pvdf_fem.output.figures import (
-    COLOURS,
-    GREY,
-    Series,
-    charge_against_force,
-)
+from pvdf_fem.output.figures import COLOURS, GREY
 from reports.chapters.force_and_angle.force_law import finite, law_through
 from reports.common.chapter import Chapter, Content
+from reports.common.charge_figures import Series, charge_against_force
 from reports.common.figures import drawing
 from reports.common.page import Cell, Column, Picture, Table, joined
 from reports.common.results import THESIS_EDGE, Results
 from reports.common.thesis_data import Thesis
 from reports.common.thesis_scene import thesis_scene
+from reports.thesis_methods.force_law import linearity, local_exponents
 
 Array = NDArray[np.float64]
 

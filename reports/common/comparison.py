@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pvdf_fem.output.figures import Series
+from reports.common.charge_figures import Series
 from reports.common.results import MATERIAL, THESIS_EDGE, Results
 from reports.common.thesis_data import Charge
 from reports.common.thesis_scene import scene_of

@@ -12,15 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from pvdf_fem.output.figures import (
-    charge_against_force,
-    charge_against_rotation,
-    differences,
-    new_figure,
-    save,
-    style,
-)
+from pvdf_fem.output.figures import new_figure, save, style
 from pvdf_fem.scene.outlines.outline import Outline
+from reports.common.charge_figures import charge_against_force, charge_against_rotation, differences
 from reports.common.comparison import Comparison, curves, sound_differences
 
 #: Dashes of a printed equation.

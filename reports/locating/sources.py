@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.maps.circuit import Circuit
 from pvdf_fem.response.model import Model
 from pvdf_fem.solvers.status import Status
 from reports.chapters.contact import pressed
@@ -24,6 +23,7 @@ from reports.common.thesis_data import Position
 from reports.locating.errors import over_disc
 from reports.locating.film import taped, uneven_charges
 from reports.locating.models import rows_of
+from reports.thesis_methods.circuit import Circuit
 
 Array = NDArray[np.float64]
 Job = Callable[[], Array]

@@ -1,82 +1,14 @@
-"""Contours: circles where the charge depends on the distance only, and what is missing is named."""
-
-import csv
-from pathlib import Path
+"""Contours: circles where the charge depends on the distance only."""
 
 import numpy as np
 import pytest
 
-from pvdf_fem.maps.isocharge import Contour, ContourCurve, contour, polynomial_contour
-from pvdf_fem.maps.mapping import Line, LineMapping
-from pvdf_fem.maps.triangulation import triangulate
+from pvdf_fem.maps.isocharge import Contour, contour
 from tests.helpers.sensing_cases import Peak, Sum
-
-DISTANCES = np.arange(0.0, 25.0, 4.0)
-PRINTED = Path(__file__).parents[2] / "reports" / "data" / "isocharge_points.csv"
 
 
 def circle(x_mm: float, y_mm: float, radius_mm: float) -> Contour:
     return Peak(x_mm, y_mm).circle("", radius_mm)
-
-
-def mapping(charge, angles=(0.0, 30.0, 60.0, 90.0)) -> LineMapping:
-    lines = tuple(Line(angle, DISTANCES, charge(DISTANCES)) for angle in angles)
-    return LineMapping("A", np.array([1.0, -2.0]), lines)
-
-
-# ------------------------------------------------------------------------------ the thesis's way
-
-
-def test_polynomials_of_their_own_degree_give_the_exact_points():
-    found = polynomial_contour(mapping(lambda r: 1000.0 - r**2), 1000.0 - 9.5**2, degree=2)
-    assert not found.missing
-    (curve,) = found.curves
-    away = np.linalg.norm(curve.points_mm - [1.0, -2.0], axis=1)
-    assert away == pytest.approx([9.5] * 4)
-    assert curve.points_mm[0] == pytest.approx([10.5, -2.0])
-    assert not curve.closed
-
-
-def test_of_two_roots_the_one_on_the_falling_side_counts():
-    found = polynomial_contour(mapping(lambda r: 1000.0 - (r - 6.0) ** 2), 980.0, degree=2)
-    away = np.linalg.norm(found.curves[0].points_mm - [1.0, -2.0], axis=1)
-    assert away == pytest.approx([6.0 + np.sqrt(20.0)] * 4)
-
-
-def test_lines_without_a_root_are_named():
-    whole = mapping(lambda r: 1000.0 - r**2)
-    low = Line(60.0, DISTANCES, 100.0 - DISTANCES)
-    failed = Line(90.0, DISTANCES, np.where(DISTANCES > 3.0, np.nan, 1.0))
-    lines = (*whole.lines[:2], low, failed)
-    found = polynomial_contour(LineMapping("A", whole.centre_mm, lines), 900.0, degree=2)
-    assert len(found.curves[0].points_mm) == 2
-    assert found.missing == (
-        "line at 60°: its polynomial does not reach 900 pC, its charges are 76 to 100 pC",
-        "line at 90°: 1 of 7 scenes solved",
-    )
-
-
-def test_without_two_points_there_is_no_curve():
-    found = polynomial_contour(mapping(lambda r: 1000.0 - r**2), 2000.0)
-    assert (found.curves, len(found.missing)) == ((), 4)
-
-
-def test_the_thesis_s_own_points_meet_where_its_error_says():
-    """Fig. 3.9: three crossings whose mean is 0.122 mm from the probe, as Table 3.1 prints.
-
-    B and C cross once more, at the other end of the points.
-    """
-    with PRINTED.open() as file:
-        rows = list(csv.DictReader(file))
-    contours = []
-    for name in "ABC":
-        points = [(r["x_mm"], r["y_mm"]) for r in rows if r["electrode"] == name]
-        contours.append(Contour(name, 0.0, (ContourCurve(np.array(points, dtype=float)),)))
-    (triangle,) = triangulate(contours).triangles
-    assert [len(pair.crossings_mm) for pair in triangle.pairs] == [1, 1, 2]
-    place = 8.0 * np.array([np.cos(np.radians(85.0)), np.sin(np.radians(85.0))]) - [0.0, 10.0]
-    error_mm = np.linalg.norm(triangle.position_mm - place)
-    assert error_mm == pytest.approx(0.122, abs=1e-3)
 
 
 # ---------------------------------------------------------------- contours of a charge function

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene
-from pvdf_fem.maps.force_law import MembraneLaw
 from pvdf_fem.sweeps.store import Record
 from reports.chapters.force_and_angle.force import RECTANGLE_FORCE_CHAPTER, TRIANGLE_FORCE_CHAPTER
 from reports.chapters.force_and_angle.force_law import (
@@ -27,6 +26,7 @@ from reports.common.comparison import Comparison, group_by, select, sound, sound
 from reports.common.page import Picture
 from reports.common.results import Results
 from reports.common.thesis_data import Thesis
+from reports.thesis_methods.force_law import MembraneLaw
 
 DATA = Thesis.read()
 CHAPTERS = (TRIANGLE_FORCE_CHAPTER, THICKNESS_CHAPTER, RECTANGLE_FORCE_CHAPTER, FORCE_LAW_CHAPTER)

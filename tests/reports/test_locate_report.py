@@ -10,12 +10,12 @@ import pytest
 import reports.experiment as experiment
 import reports.locate as report
 from pvdf_fem import Scene, solve
-from pvdf_fem.maps.circuit import Circuit
 from reports.common.thesis_data import Thesis
 from reports.locating.errors import FREE, LOCATED, TURNED, Trial, bounds_mm, located, triangulated
 from reports.locating.film import taped, uneven_charges
 from reports.locating.models import electrodes_of, sensor
 from reports.locating.sources import SOURCES, Changed, MeasuredScene
+from reports.thesis_methods.circuit import Circuit
 from tests.helpers.touch_models import DOMAIN, POINTS, Bumps
 
 THESIS = Thesis.read()

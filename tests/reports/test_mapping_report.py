@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pvdf_fem.maps.mapping import Line
 from reports.chapters.mapping import (
     FIGURE_3_5_CHAPTER,
     FIGURE_3_17_CHAPTER,
@@ -17,6 +16,7 @@ from reports.chapters.mapping import (
 )
 from reports.chapters.mapping_curves import LineCurve, plain
 from reports.common.thesis_data import Thesis
+from reports.thesis_methods.mapping import Line
 
 DATA = Thesis.read()
 R = np.arange(0.0, 28.1, 4.0)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
 
-from pvdf_fem.maps.force_law import MembraneLaw
 from reports.common.polynomial import PrintedPolynomial
 from reports.common.thesis_data import Thesis
+from reports.thesis_methods.force_law import MembraneLaw
 
 THESIS = Thesis.read()
 POLYNOMIALS, PRODUCTS = THESIS.polynomials, THESIS.products

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pvdf_fem.maps.triangulation import fit_place
 from reports.chapters import calibration as thesis_calibration
 from reports.chapters.calibration import (
     Setting,
@@ -32,6 +31,7 @@ from reports.chapters.positions.texts import LIMIT_MM
 from reports.common.chapter import Content
 from reports.common.thesis_data import Thesis
 from reports.common.thesis_scene import thesis_scene
+from reports.thesis_methods.triangulation import fit_place
 from tests.helpers.sensing_cases import Peak
 
 ALL = (*GROUPS, EXPERIMENTS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import multiprocessing
 import os
 import random
@@ -13,6 +14,7 @@ import time
 import tracemalloc
 from pathlib import Path
 
+import joblib
 import numpy as np
 import pytest
 import xarray
@@ -386,3 +388,11 @@ def test_a_scene_without_a_probe_can_be_swept():
     assert set(data.status.values) == {"converged"}
     ratio = data.charge_pC[1] / data.charge_pC[0]
     assert ratio.values == pytest.approx(np.full(4, 2.0), rel=1e-3)
+
+
+def test_a_caller_may_use_joblib_before_and_after():
+    """Both share the processes that joblib keeps for the next call."""
+    tasks = list(enumerate([1.0, 4.0, 9.0]))
+    for _ in range(2):
+        assert dict(on_processes(math.sqrt, tasks, 2)) == {0: 1.0, 1: 2.0, 2: 3.0}
+        assert joblib.Parallel(2)(joblib.delayed(math.sqrt)(x) for x in (4.0, 16.0)) == [2.0, 4.0]

@@ -9,8 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from pvdf_fem import Scene
-from pvdf_fem.maps.cosine_series import CosineSeries
-from pvdf_fem.maps.orientation import orientations
 from pvdf_fem.output.figures import COLOURS
 from reports.chapters.force_and_angle.rectangle import Rectangle, table_scenes
 from reports.common.chapter import Chapter, Content
@@ -21,6 +19,8 @@ from reports.common.results import Results
 from reports.common.tables import CASE, FORCE, ROTATION, wide_table
 from reports.common.thesis_data import AngleEstimate, Charge, Thesis
 from reports.common.thesis_scene import scene_of
+from reports.thesis_methods.cosine_series import CosineSeries
+from reports.thesis_methods.orientation import orientations
 
 #: Relative error of a charge for which errors of angles are shown: the scatter of the thesis's.
 SCATTER = 0.002

@@ -11,17 +11,10 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from pvdf_fem import Scene
-from pvdf_fem.maps.force_law import MembraneLaw
-from pvdf_fem.output.figures import (
-    COLOURS,
-    GREY,
-    Series,
-    charge_against_force,
-    colours,
-    label_curves,
-)
+from pvdf_fem.output.figures import COLOURS, GREY
 from reports.chapters.force_and_angle.force_law import finite, law_through, swing
 from reports.common.chapter import Chapter, Content, comparing
+from reports.common.charge_figures import Series, charge_against_force, colours, label_curves
 from reports.common.comparison import Comparison, compare, curves, group_by, select, series
 from reports.common.figures import EQUATION_DASHES, RING, draw_compared, draw_differences, drawing
 from reports.common.page import Picture, Table, signed
@@ -30,6 +23,7 @@ from reports.common.results import THESIS_EDGE, Results
 from reports.common.tables import CASE, FORCE, ROTATION, wide_table
 from reports.common.thesis_data import Charge, Thesis
 from reports.common.thesis_scene import scene_of, thesis_scene
+from reports.thesis_methods.force_law import MembraneLaw
 
 Array = NDArray[np.float64]
 

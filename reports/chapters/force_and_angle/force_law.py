@@ -12,15 +12,16 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from pvdf_fem import Scene
-from pvdf_fem.maps.force_law import Linearity, MembraneLaw, linearity, local_exponents
-from pvdf_fem.output.figures import COLOURS, GREY, Series
+from pvdf_fem.output.figures import COLOURS, GREY
 from reports.common.chapter import Chapter, Content
+from reports.common.charge_figures import Series
 from reports.common.comparison import Comparison, compare, group_by, series, sound
 from reports.common.figures import EQUATION_DASHES, LEVEL_DASHES, drawing
 from reports.common.page import Cell, Column, Picture, Table
 from reports.common.results import MATERIAL, Results
 from reports.common.thesis_data import Charge, Thesis
 from reports.common.thesis_scene import scene_of, thesis_scene
+from reports.thesis_methods.force_law import Linearity, MembraneLaw, linearity, local_exponents
 
 Array = NDArray[np.float64]
 

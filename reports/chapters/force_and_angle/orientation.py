@@ -8,13 +8,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from pvdf_fem.output.figures import (
-    COLOURS,
-    Series,
-    charge_against_rotation,
-)
+from pvdf_fem.output.figures import COLOURS
 from reports.chapters.force_and_angle.rectangle import Rectangle, table_scenes
 from reports.common.chapter import Chapter, Content
+from reports.common.charge_figures import Series, charge_against_rotation
 from reports.common.comparison import Comparison, group_by, select, series
 from reports.common.figures import EQUATION_DASHES, draw_differences, drawing
 from reports.common.page import Cell, Column, Picture, Table

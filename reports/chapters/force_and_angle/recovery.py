@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from pvdf_fem import Scene
-from pvdf_fem.maps.cosine_series import CosineSeries, Reading
-from pvdf_fem.maps.orientation import orientations
 from pvdf_fem.output.figures import COLOURS, GREY
 from reports.chapters.force_and_angle.angle import SCATTER, check_charges
 from reports.chapters.force_and_angle.rectangle import (
@@ -32,6 +30,8 @@ from reports.common.page import Cell, Column, Picture, Table
 from reports.common.results import THESIS_EDGE, Results
 from reports.common.thesis_data import ChargeRange, Thesis
 from reports.common.thesis_scene import scene_of, thesis_scene
+from reports.thesis_methods.cosine_series import CosineSeries, Reading
+from reports.thesis_methods.orientation import orientations
 
 Array = NDArray[np.float64]
 

@@ -10,13 +10,13 @@ from functools import cached_property
 import numpy as np
 
 from pvdf_fem import Scene
-from pvdf_fem.maps.cosine_series import CosineSeries, Reading, sign_of
-from pvdf_fem.maps.force_law import MembraneLaw
 from reports.chapters.force_and_angle.force_law import rest_charge_pC
 from reports.common.comparison import Comparison, compare, select, sound
 from reports.common.results import Results
 from reports.common.thesis_data import Charge, Thesis
 from reports.common.thesis_scene import scene_of, thesis_scene
+from reports.thesis_methods.cosine_series import CosineSeries, Reading, sign_of
+from reports.thesis_methods.force_law import MembraneLaw
 
 #: Tables that the series are fitted to.
 TABLES = ("Table 4.1", "Table 4.5", "Table 4.6")

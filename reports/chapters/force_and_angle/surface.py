@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from pvdf_fem.maps.cosine_series import CosineSeries
 from pvdf_fem.output.figures import (
     COLOURS,
 )
@@ -21,6 +20,7 @@ from reports.common.page import Cell, Column, Picture, Table, signed
 from reports.common.polynomial import PrintedProduct
 from reports.common.results import Results
 from reports.common.thesis_data import Thesis
+from reports.thesis_methods.cosine_series import CosineSeries
 
 Array = NDArray[np.float64]
 

@@ -13,11 +13,11 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from pvdf_fem import Scene
-from pvdf_fem.maps.triangulation import Triangulation
 from pvdf_fem.output.figures import COLOURS, GREY, LABEL_SIZE
 from reports.chapters.positions.location import Crossing, LocatedCase
 from reports.common.figures import draw_outline, drawing, frame
 from reports.common.thesis_data import TriangulationPoint
+from reports.thesis_methods.triangulation import Triangulation
 
 Array = NDArray[np.float64]
 

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import csv
 from collections import defaultdict
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from pvdf_fem.maps.force_law import MembraneLaw, linearity, local_exponents
+from reports.common.thesis_data import DATA
+from reports.thesis_methods.force_law import MembraneLaw, linearity, local_exponents
 
-DATA = Path(__file__).parents[2] / "reports" / "data"
 REST_PC = 48.0  # (d31 + d32) E α ΔT/(1 − ν) A of the thesis's film
 
 

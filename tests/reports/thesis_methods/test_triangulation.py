@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem.maps.isocharge import contour
-from pvdf_fem.maps.triangulation import PlaceStatus, fit_place, triangulate
+from reports.thesis_methods.triangulation import PlaceStatus, fit_place, triangulate
 from tests.helpers.sensing_cases import Peak
 
 THREE = {"A": Peak(0.0, -10.0), "B": Peak(8.66, 5.0), "C": Peak(-8.66, 5.0)}

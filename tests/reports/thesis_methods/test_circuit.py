@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from pvdf_fem.maps.circuit import Circuit, dynamic_factor, film_capacitance, voltage_ratio
+from reports.thesis_methods.circuit import Circuit, dynamic_factor, film_capacitance, voltage_ratio
 
 THESIS = Circuit(capacitance=35.062e-12, load_resistance=500e6)
 

@@ -20,7 +20,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.maps.force_law import MembraneLaw
+from reports.thesis_methods.force_law import MembraneLaw
 
 #: Sign of c = cos 2θ for each electrode.
 SIGNS = {"A": 1, "B": -1, "C": 1, "D": -1}

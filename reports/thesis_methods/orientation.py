@@ -1,6 +1,6 @@
 """Orientation of a probe at the film's centre, and its force, from the electrodes' charges.
 
-By the symmetry of `pvdf_fem.maps.cosine_series`, the electrodes cannot tell an angle θ from
+By the symmetry of `cosine_series`, the electrodes cannot tell an angle θ from
 180° − θ, and four charges are two measured twice. At 0° and 90° the charges do not change with θ,
 but they do with c = cos 2θ, and all equations here are solved for c.
 """
@@ -16,7 +16,7 @@ from numpy.polynomial import Chebyshev
 from scipy.optimize import brentq
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.maps.cosine_series import CosineSeries, rms, sign_of
+from reports.thesis_methods.cosine_series import CosineSeries, rms, sign_of
 
 #: Orientations whose charges miss the measured ones by more standard errors than this are left out.
 MOST_ERRORS = 3.0

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene
-from pvdf_fem.maps.mapping import LineMapping
 from pvdf_fem.sweeps.lines import MappingScheme
+from reports.thesis_methods.mapping import LineMapping
 from tests.helpers.sensing_cases import record
 
 THREE = Scene().with_(**{"electrodes.layout": "three", "probe.shape": "triangle"})

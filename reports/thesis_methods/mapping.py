@@ -1,4 +1,9 @@
-"""Charges of an electrode on lines from its centre, which the thesis maps it with (section 3.1)."""
+"""Charges of an electrode on lines from its centre, which the thesis maps it with (section 3.1).
+
+`polynomial_contour` draws isocharge contours as the thesis does (section 3.1.1): it fits a
+polynomial to the charge over the distance on each line, takes its root at the charge, and draws a
+spline through the roots.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +12,11 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.sweeps.lines import MappingScheme
+from pvdf_fem.maps.isocharge import Contour, ContourCurve
+from pvdf_fem.sweeps.lines import MappingScheme, direction
 from pvdf_fem.sweeps.store import Record
 
 
@@ -81,3 +88,47 @@ class LineMapping:
         """
         lines = (replace(line, angle_deg=180.0 - line.angle_deg) for line in self.lines)
         return LineMapping(electrode, self.centre_mm * [-1.0, 1.0], tuple(lines))
+
+
+def polynomial_contour(mapping: LineMapping, charge_pC: float, degree: int = 5) -> Contour:
+    """A contour by the thesis's way: a polynomial and its root on each line, a spline.
+
+    Lines whose polynomial does not reach the charge are left out.
+
+    Parameters
+    ----------
+    mapping : LineMapping
+    charge_pC : float
+    degree : int
+        Degree of the polynomials, which the thesis does not state. They are fitted by least
+        squares; a line with too few points gets the polynomial that passes through them.
+    """
+    roots = ((line, _root(line, charge_pC, degree)) for line in mapping.lines)
+    points = [
+        mapping.centre_mm + distance * direction(line.angle_deg)
+        for line, distance in roots
+        if distance is not None
+    ]
+    curves = (ContourCurve(np.array(points)),) if len(points) > 1 else ()
+    return Contour(mapping.electrode, charge_pC, curves)
+
+
+def _root(line: Line, charge_pC: float, degree: int) -> float | None:
+    """Distance at which the polynomial of a line has a charge; of several the likeliest one.
+
+    The likeliest is that nearest to the two neighbouring points, as far out as possible, between
+    which the measured charge passes the given one: the charge falls off away from its electrode.
+    """
+    solved = np.isfinite(line.charges_pC)
+    r, q = line.distances_mm[solved], line.charges_pC[solved]
+    if len(r) < 2:
+        return None
+    polynomial = Polynomial.fit(r, q, min(degree, len(r) - 1))
+    roots = (polynomial - charge_pC).roots()
+    real = roots.real[np.abs(roots.imag) < 1e-9 * max(1.0, r[-1])]
+    inside = real[(real >= r[0]) & (real <= r[-1])]
+    if not inside.size:
+        return None
+    passes = np.flatnonzero((q[:-1] >= charge_pC) != (q[1:] >= charge_pC))
+    expected = r[passes[-1] : passes[-1] + 2].mean() if passes.size else r[-1]
+    return float(inside[np.argmin(np.abs(inside - expected))])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import math
 from collections import defaultdict
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,12 +12,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from pvdf_fem import Scene
-from pvdf_fem.maps.cosine_series import CosineSeries, Reading
-from pvdf_fem.maps.force_law import MembraneLaw
-from pvdf_fem.maps.orientation import orientations
 from pvdf_fem.sweeps.sweep import solve_all
+from reports.common.thesis_data import DATA
+from reports.thesis_methods.cosine_series import CosineSeries, Reading
+from reports.thesis_methods.force_law import MembraneLaw
+from reports.thesis_methods.orientation import orientations
 
-DATA = Path(__file__).parents[2] / "reports" / "data"
 # Numbers that the tables copied from each other, repeat, or that leave their own trend.
 DEFECTS = ("identical", "equal_to", "outlier", "below_trend")
 LAW = MembraneLaw(48.0, 770.0)
