@@ -22,19 +22,9 @@ def printable(text: str) -> str:
 def read_text(path: Path, most_bytes: int, what: str) -> str:
     """Text of a regular UTF-8 file, without a byte order mark.
 
-    Parameters
-    ----------
-    path : Path
-        Path of the file; a pipe or a device, which may never end, is refused without reading.
-    most_bytes : int
-        Size of the largest file that is read.
-    what : str
-        A word for the kind of file, for error texts: ``a scene file``.
-
-    Raises
-    ------
-    FileError
-        When the file cannot be read, is too large or is not UTF-8.
+    A pipe or a device, which may never end, is refused without reading. `what` says in error texts
+    what the file should be: ``a scene file``. Raises `FileError` when the file cannot be read, has
+    more than `most_bytes`, or is not UTF-8.
     """
     with reading(path, what) as file:
         raw = file.read(most_bytes + 1)
@@ -74,12 +64,8 @@ def replacing(path: Path) -> Iterator[Path]:
     """A context with the path of a temporary file, which replaces `path` at the end.
 
     A file that is replaced leaves its permissions and, where possible, its owner to the new one.
-    After an exception the temporary file is removed, and `path` stays as it was.
-
-    Raises
-    ------
-    FileError
-        When the file cannot be written.
+    After an exception the temporary file is removed, and `path` stays as it was. Raises `FileError`
+    when the file cannot be written.
     """
     with _as_file_error(path):
         temporary = _beside(path)
@@ -132,11 +118,8 @@ def same_file(path: Path, other: Path) -> bool:
 def make_directory(path: Path, first: str, *others: Path) -> None:
     """Make a directory, and those above it, for files none of which is to overwrite `others`.
 
-    Raises
-    ------
-    FileError
-        When the directory cannot be made or holds one of `others`, or when the file named `first`
-        could not be written in it.
+    Raises `FileError` when the directory cannot be made or holds one of `others`, or when the file
+    named `first` could not be written in it.
     """
     for other in others:
         if same_file(path, other.parent):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import joblib
@@ -10,12 +10,11 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.response.model import Domain, scene_of_touch, symmetry_deg
+from pvdf_fem.response.model import Domain, scene_of_touch
 from pvdf_fem.response.probe_stress import PolarRaster, ProbeMesh, mean_stress_about_probe
 from pvdf_fem.response.response import Response, force_nodes_N, scaled_force
 from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces
 from pvdf_fem.response.uniform_spline import UniformAxis, UniformSpline
-from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.gradients import PLACE
 from pvdf_fem.solution.solution import NotConvergedError
@@ -59,7 +58,7 @@ class ResponseOptions:
     def cell_mm(self, scene: Scene) -> float:
         """Cell of the table of a scene's probe."""
         assert scene.probe is not None
-        share = self.cell if symmetry_deg(scene.probe) else self.disc_cell
+        share = self.cell if scene.probe.period_deg else self.disc_cell
         return min(share * 1e3 * float(np.sqrt(scene.probe.outline.area)), self.largest_cell_mm)
 
     def polynomial_count(self, domain: Domain) -> int:
@@ -217,14 +216,13 @@ class ResponseTable:
     ) -> ResponseTable:
         """The table with `radii` distances of the rim's places."""
         assert scene.probe is not None
-        cell = options.cell_mm(scene)
+        cell, axes = options.cell_mm(scene), _axes(scene, domain, options)
         places = RimPlaces(scene.probe, domain.reach_mm + cell, radii)
         limit = domain.reach_mm + options.margin * cell
         reach = limit + 1e3 * max(electrode.outline.reach for electrode in scene.electrode_list)
         step = options.raster_step * cell
         angles = places.angles * int(np.ceil(np.pi * reach / step / places.angles))
         forces = force_nodes_N(domain, options.polynomial_count(domain))
-        axes = _axes(scene, domain, options)
         raster = PolarRaster(reach, step, angles)
         return cls(scene, domain, places, raster, forces, axes, limit, options.elements)
 
@@ -235,12 +233,9 @@ class ResponseTable:
         radius = 0.9 * scene.film.radius_mm
         electrode = {"name": "A", "shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": radius}
         upright = scene.with_(**{"electrodes": [electrode], **dict.fromkeys(PLACE, 0.0)})
-        tasks = [
-            joblib.delayed(mean_stress_about_probe)(
-                upright, place, self.forces_N, self.raster, self.elements
-            )
-            for place in -self.places.unique_centres_mm
-        ]
+        stress_at, rest = joblib.delayed(mean_stress_about_probe), (self.raster, self.elements)
+        places = -self.places.unique_centres_mm
+        tasks = [stress_at(upright, place, self.forces_N, *rest) for place in places]
         fields = []
         with joblib.parallel_config("loky", inner_max_num_threads=1):
             for stress in joblib.Parallel(processes, return_as="generator")(tasks):
@@ -253,13 +248,11 @@ class ResponseTable:
         """The spline of the response over place and rotation."""
         x, y, rotations = (axis.values for axis in self.axes)
         positions = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-        different = rotations if symmetry_deg(self.places.probe) else rotations[:1]
-        d_pC_N = self.scene.film.d31_pC_N, self.scene.film.d32_pC_N
-        outlines = [electrode.outline for electrode in self.scene.electrode_list]
+        different = rotations if self.places.probe.period_deg else rotations[:1]
         with joblib.parallel_config("loky", inner_max_num_threads=1):
             by_rotation = joblib.Parallel(processes)(
                 joblib.delayed(_continued_charges)(
-                    charges, positions, self.limit_mm, outlines, np.radians(rotation), d_pC_N
+                    charges, self.scene, positions, np.radians(rotation), self.limit_mm
                 )
                 for rotation in different
             )
@@ -280,8 +273,8 @@ def _axes(
     cell = options.cell_mm(scene)
     half = int(np.ceil(domain.reach_mm / cell)) + options.margin
     across = UniformAxis(-half * cell, cell, 2 * half + 1)
-    period = symmetry_deg(scene.probe)
-    if period is None:
+    period = scene.probe.period_deg
+    if not period:
         return across, across, UniformAxis(0.0, 90.0, 4, periodic=True)
     way = np.radians(period) * _circumradius_mm(scene)
     rotations = max(4, int(np.ceil(way / (options.rotation_step * cell))))
@@ -289,12 +282,7 @@ def _axes(
 
 
 def _continued_charges(
-    charges: ProbeCharges,
-    positions_mm: Array,
-    limit_mm: float,
-    electrodes: Sequence[Outline],
-    rotation: float,
-    d_pC_N: tuple[float, float],
+    charges: ProbeCharges, scene: Scene, positions_mm: Array, rotation: float, limit_mm: float
 ) -> Array:
     """`ProbeCharges.charges_pC`, continued by parabolas along the radius beyond a limit.
 
@@ -306,7 +294,9 @@ def _continued_charges(
     beyond = distance[far] - limit_mm
     held = positions_mm * (limit_mm / np.maximum(distance, limit_mm))
     inner = [held[far] * (1.0 - k * beyond / limit_mm) for k in (1.0, 2.0)]
-    values = charges.charges_pC(electrodes, np.concatenate([held, *inner]), rotation, d_pC_N)
+    outlines = [electrode.outline for electrode in scene.electrode_list]
+    d_pC_N = scene.film.d31_pC_N, scene.film.d32_pC_N
+    values = charges.charges_pC(outlines, np.concatenate([held, *inner]), rotation, d_pC_N)
     at_limit, once, twice = np.split(values, [len(held), len(held) + len(far)])
     at_limit[far] = 3.0 * at_limit[far] - 3.0 * once + twice
     return at_limit

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.scene.scene import Probe, Scene
+from pvdf_fem.scene.scene import Scene
 
 #: Quantities of a touch, in the order of its row.
 QUANTITIES = ("x_mm", "y_mm", "rotation_deg", "force_N")
@@ -67,21 +67,16 @@ class Model(Hashable, Protocol):
         """Charges (n, electrodes) in pC of touches (n, 4), and their slopes (n, electrodes, 4)."""
 
 
-def symmetry_deg(probe: Probe) -> float | None:
-    """Least rotation in degrees that brings a probe onto itself; None if every rotation does."""
-    return probe.period_deg or None
-
-
 def period_deg(model: Model) -> float:
     """Period in degrees of a model's charges by the rotation; 360 for a disc."""
     probe = model.scene.probe
-    return (symmetry_deg(probe) if probe else None) or 360.0
+    return (probe.period_deg if probe else 0.0) or 360.0
 
 
 def rotation_counts(model: Model) -> bool:
     """Whether charges depend on the rotation of the probe, which those of a disc do not."""
     probe = model.scene.probe
-    return probe is None or symmetry_deg(probe) is not None
+    return probe is None or probe.period_deg > 0.0
 
 
 def all_within(touches: Array, reach_mm: float, lowest: float, highest: float) -> bool:

@@ -21,12 +21,14 @@ from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.space import Space
 from pvdf_fem.mesh.gmsh_mesh import PROBE, mesh_scene, outlines
 from pvdf_fem.mesh.size_field import Sizes
-from pvdf_fem.response.model import symmetry_deg
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solution import NotConvergedError
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.newton import factorise
 from pvdf_fem.solvers.status import Status
+
+#: Share of the film's radius within which the stress is evaluated.
+INSIDE = 0.98
 
 
 @dataclass(frozen=True)
@@ -47,11 +49,10 @@ class ProbeMesh:
     def mesh(self, scene: Scene) -> MeshTri2:
         """The mesh of a scene with a probe."""
         assert scene.probe is not None
-        share = self.probe_size if symmetry_deg(scene.probe) else self.disc_size
+        share = self.probe_size if scene.probe.period_deg else self.disc_size
         size = share * float(np.sqrt(outlines(scene)[PROBE].area))
-        return mesh_scene(
-            scene, Sizes({PROBE: size}, self.growth, self.film_size * scene.film.radius)
-        )
+        sizes = Sizes({PROBE: size}, self.growth, self.film_size * scene.film.radius)
+        return mesh_scene(scene, sizes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,14 +81,10 @@ class PolarRaster:
         return self.step_mm * np.arange(-self.negative, positive + 1, dtype=float)
 
     @property
-    def theta(self) -> Array:
-        """Values of θ in radians."""
-        return 2.0 * np.pi * np.arange(self.angles) / self.angles
-
-    @property
     def samples_mm(self) -> Array:
         """Points where the stress is needed, (samples, θ, 2)."""
-        unit = np.stack([np.cos(self.theta), np.sin(self.theta)], axis=-1)
+        theta = 2.0 * np.pi * np.arange(self.angles) / self.angles
+        unit = np.stack([np.cos(theta), np.sin(theta)], axis=-1)
         return self._rule[0][:, None, None] * unit
 
     @cached_property
@@ -112,26 +109,20 @@ class PolarRaster:
         per_step = products.reshape(shape).sum(axis=-2)
         positive = self.rho_mm[self.negative + 1 :, None]
         outward = 2.0 * np.cumsum(per_step, axis=-2) / positive**2
-        middle = np.broadcast_to(
-            samples[..., :1, :].mean(axis=-1, keepdims=True), outward[..., :1, :].shape
-        )
+        at_probe = samples[..., :1, :].mean(axis=-1, keepdims=True)
+        middle = np.broadcast_to(at_probe, outward[..., :1, :].shape)
         behind = np.roll(outward[..., self.negative - 1 :: -1, :], self.angles // 2, axis=-1)
         return np.concatenate([behind, middle, outward], axis=-2)
 
 
 def mean_stress_about_probe(
-    scene: Scene,
-    place_mm: Array,
-    forces: Sequence[float],
-    raster: PolarRaster,
-    elements: ProbeMesh,
-    inside: float = 0.98,
+    scene: Scene, place_mm: Array, forces: Sequence[float], raster: PolarRaster, elements: ProbeMesh
 ) -> Array:
     """`PolarRaster.means` (forces, 3, ρ, θ) of the stress 11, 22, 12 in Pa about a probe.
 
     The stress is the second Piola-Kirchhoff stress, with the scene's probe put at `place_mm`, (2,),
     without turning it. Each force in N starts from the solutions of those before. Electrodes only
-    make the mesh finer. At points beyond the share `inside` of the film's radius the stress is
+    make the mesh finer. At points beyond the share `INSIDE` of the film's radius the stress is
     taken from there. Raises `NotConvergedError` when there is no solution.
     """
     x, y = map(float, place_mm)
@@ -141,7 +132,7 @@ def mean_stress_about_probe(
     space = equilibrium.space
     points = 1e-3 * (raster.samples_mm + place_mm)
     share = np.linalg.norm(points, axis=-1, keepdims=True) / scene.film.radius
-    sampled = points * inside / np.maximum(share, inside)
+    sampled = points * INSIDE / np.maximum(share, INSIDE)
     sample, project = space.interpolation(sampled.reshape(-1, 2).T), _projection(space)
     try:
         fields = [sample @ project(stress) for stress in _stresses(equilibrium, forces)]

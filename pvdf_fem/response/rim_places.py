@@ -19,11 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.response.model import symmetry_deg
 from pvdf_fem.response.probe_stress import PolarRaster
 from pvdf_fem.response.uniform_spline import UniformAxis, UniformSpline
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Probe
+
+#: Modes are left out whose norm is below this share of the largest. At 1e-6 that is an error of
+#: 3e-5 in the charge of an electrode on the film's other side.
+LEAST_MODE = 1e-7
+#: Positions whose integrals are one sparse matrix.
+CHUNK = 2000
 
 
 @dataclass(frozen=True)
@@ -56,10 +61,10 @@ class RimPlaces:
         return multiple * math.ceil(least / multiple)
 
     @property
-    def _fold(self) -> int | None:
-        """Number of rotations that bring the probe onto itself; None for a disc."""
-        period = symmetry_deg(self.probe)
-        return round(360.0 / period) if period else None
+    def _fold(self) -> int:
+        """Number of rotations that bring the probe onto itself; 0 for a disc, which all do."""
+        period = self.probe.period_deg
+        return round(360.0 / period) if period else 0
 
     @cached_property
     def _diameter(self) -> Array:
@@ -144,26 +149,19 @@ class ProbeCharges:
 
     @classmethod
     def of(
-        cls,
-        places: RimPlaces,
-        raster: PolarRaster,
-        fields: Sequence[Array],
-        *,
-        uniaxial: bool,
-        least_mode: float = 1e-7,
+        cls, places: RimPlaces, raster: PolarRaster, fields: Sequence[Array], *, uniaxial: bool
     ) -> ProbeCharges:
         """The charges from stress fields of the places that are not images of others.
 
         The fields, each (forces, 3, ρ, θ), are in the order of `RimPlaces.unique_centres_mm`; the
         raster has a multiple of the places' angles. The deviator counts only if `uniaxial`: d31
-        differs from d32. Modes whose norm is below `least_mode` of the largest are left out. At
-        1e-6 that is an error of 3e-5 in the charge of an electrode on the film's other side.
+        differs from d32.
         """
         stress, scale = _all_places(places, fields, uniaxial=uniaxial)
         shape = stress.shape
         rows = stress.reshape(int(np.prod(shape[:3])), -1)
         energy, vectors = np.linalg.eigh(rows @ rows.T)
-        vectors = vectors[:, energy > least_mode**2 * energy[-1]]
+        vectors = vectors[:, energy > LEAST_MODE**2 * energy[-1]]
         modes = (vectors.T @ rows).reshape(-1, *shape[3:])
         amplitudes = vectors.reshape(*shape[:3], -1) * scale[:, None]
         axes = (
@@ -180,11 +178,10 @@ class ProbeCharges:
         positions_mm: Array,
         rotation: float,
         d_pC_N: tuple[float, float],
-        chunk: int = 2000,
     ) -> Array:
         """Charges (n, forces, electrodes) with the probe at positions (n, 2), turned in radians.
 
-        `d_pC_N` are d31 and d32. The integrals of `chunk` positions are one sparse matrix.
+        `d_pC_N` are d31 and d32.
         """
         d31, d32 = d_pC_N
         c, s = np.cos(rotation), np.sin(rotation)
@@ -193,7 +190,7 @@ class ProbeCharges:
         amplitudes = np.tensordot(weights, self.amplitudes, axes=2)
         charges = []
         for electrode in electrodes:
-            chunks = [positions_mm[i : i + chunk] for i in range(0, len(positions_mm), chunk)]
+            chunks = [positions_mm[i : i + CHUNK] for i in range(0, len(positions_mm), CHUNK)]
             forces = np.concatenate([self._forces(electrode, places, turn) for places in chunks])
             by_mode = 0.5 * (d31 + d32) * forces[:, 0]
             if forces.shape[1] == 3:

@@ -36,21 +36,11 @@ _UNITS = {
 def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) -> xarray.Dataset:
     """The charges of a grid's scenes.
 
-    Parameters
-    ----------
-    grid : Grid
-    plan : SweepPlan
-        The plan for the grid's scenes.
-    records : iterable of (int, Record)
-        For each distinct scene its index in the plan and its record, in any order.
-
-    Returns
-    -------
-    xarray.Dataset
-        It has a dimension for each axis, and `electrode`. The variables `charge_pC` and
-        `charge_error_pC` have all dimensions, with NaN where there is no charge; `status` and
-        `deflection_max_mm` have those of the axes. Numbers have an attribute `units`, coordinates
-        an attribute `key`, the key of the scene that varies.
+    `records` are those of the distinct scenes with their indices in the plan, in any order. The
+    dataset has a dimension for each axis, and `electrode`. The variables `charge_pC` and
+    `charge_error_pC` have all dimensions, with NaN where there is no charge; `status` and
+    `deflection_max_mm` have those of the axes. Numbers have an attribute `units`, coordinates an
+    attribute `key`, the key of the scene that varies.
     """
     scenes = plan.scenes
     layouts = {scene.electrodes: scene.electrode_list for scene in scenes}

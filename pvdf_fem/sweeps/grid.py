@@ -68,19 +68,12 @@ class Lines(Section):
 
 @dataclass(frozen=True)
 class SweepAxis:
-    """A dimension of a grid.
-
-    Attributes
-    ----------
-    name : str
-    values : dict of str to tuple
-        For each key of the scene its values along the axis.
-    beside : dict of str to tuple
-        Further coordinates along the axis that are no keys of the scene.
-    """
+    """A dimension of a grid."""
 
     name: str
+    #: For each key of the scene its values along the axis.
     values: Mapping[str, tuple[Any, ...]]
+    #: Further coordinates along the axis that are no keys of the scene.
     beside: Mapping[str, tuple[float, ...]]
 
     def __len__(self) -> int:
@@ -106,26 +99,15 @@ class Grid:
 
     @classmethod
     def of(cls, scene: Scene, axes: Sequence[Mapping[str, Any]], source: str = "") -> Self:
-        """A grid from tables.
+        """A grid from tables, one for each axis.
 
-        Parameters
-        ----------
-        scene : Scene
-        axes : sequence of mapping
-            For each axis the keys that vary together, such as
-            ``{"film.thickness_um": [9, 25, 110]}`` or
-            ``{"load.force_N": {"start": 0.1, "stop": 10, "count": 5, "spacing": "log"}}``; several
-            keys take lists of one length. Keys may be nested tables too. ``name`` is the name of
-            the axis, by default the last part of its first key. ``{"mapping": {"electrode": "A",
-            "angles_deg": [0, 45]}}`` puts the probe on lines from an electrode of the base scene,
-            with ``distances_mm`` and ``reach_mm`` as in `MappingScheme`.
-        source : str
-            The file that error texts name.
-
-        Raises
-        ------
-        SceneError
-            With all mistakes.
+        A table has the keys that vary together, such as ``{"film.thickness_um": [9, 25, 110]}`` or
+        ``{"load.force_N": {"start": 0.1, "stop": 10, "count": 5, "spacing": "log"}}``; several keys
+        take lists of one length. Keys may be nested tables too. ``name`` is the name of the axis,
+        by default the last part of its first key. ``{"mapping": {"electrode": "A", "angles_deg":
+        [0, 45]}}`` puts the probe on lines from an electrode of the base scene, with
+        ``distances_mm`` and ``reach_mm`` as in `MappingScheme`. Raises `SceneError` with all
+        mistakes, which names `source` as their file.
         """
         if len(axes) > MOST_AXES:
             reason = f"is the number of axes; at most {MOST_AXES} are allowed, put keys together"
@@ -144,12 +126,7 @@ class Grid:
         """The grid of a sweep file.
 
         Its key `scene` is the path of a scene file, relative to the sweep file, or a table; its
-        key `axes` holds tables as in `of`.
-
-        Raises
-        ------
-        SceneError
-            With all mistakes of the file and of its scene.
+        key `axes` holds tables as in `of`. Raises `SceneError` with all mistakes of both files.
         """
         path = Path(path)
         table = parse_toml(read_scene_text(path), str(path))
@@ -191,12 +168,8 @@ class Grid:
     def scenes(self) -> list[Scene]:
         """The scenes, in the order of an array of `shape`: the last axis varies fastest.
 
-        Scenes with equal films share one object for them, and so on, which saves memory.
-
-        Raises
-        ------
-        SceneError
-            With the mistakes of the first `MOST_MISTAKES` scenes that have any, each once.
+        Scenes with equal films share one object for them, and so on, which saves memory. Raises
+        `SceneError` with the mistakes of the first `MOST_MISTAKES` scenes that have any, each once.
         """
         known: dict[Any, Any] = {}
         scenes, problems, refused = [], dict[str, None](), 0

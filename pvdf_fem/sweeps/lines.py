@@ -19,30 +19,19 @@ from pvdf_fem.scene.scene import Scene
 class MappingScheme:
     """Places of the probe on lines from the centre of an electrode.
 
-    Attributes
-    ----------
-    scene : Scene
-        The sensor, and the probe with its orientation.
-    electrode : str
-        Name of the electrode that the lines start from.
-    angles_deg : tuple of float
-        Directions of the lines, counter-clockwise from +x, one after another around the electrode.
-    distances_mm : tuple of float
-        Distances from the electrode's centre, growing.
-    reach_mm : float
-        Places farther than this from the film's centre are left out.
-
-    Raises
-    ------
-    ValueError
-        When the scene has no such electrode or no probe, when distances do not grow, or when a line
-        keeps no place.
+    Raises `ValueError` when the scene has no such electrode or no probe, when distances do not
+    grow, or when a line keeps no place.
     """
 
+    #: The sensor, and the probe with its orientation.
     scene: Scene
+    #: Name of the electrode that the lines start from.
     electrode: str
+    #: Directions of the lines, counter-clockwise from +x, one after another around the electrode.
     angles_deg: tuple[float, ...]
+    #: Distances from the electrode's centre, growing.
     distances_mm: tuple[float, ...] = tuple(4.0 * i for i in range(8))
+    #: Places farther than this from the film's centre are left out.
     reach_mm: float = 20.0
 
     def __post_init__(self) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,14 +25,6 @@ class Block:
     frames: Array
 
 
-class Steps(NamedTuple):
-    """Numbers of solves by what is known about films that deform alike; see `Mechanics`."""
-
-    given: int
-    turned: int
-    scaled: int
-
-
 @dataclass(frozen=True, eq=False)
 class SweepPlan:
     """The solves that scenes need; ``print`` shows it."""
@@ -45,8 +36,10 @@ class SweepPlan:
     stored: frozenset[int]
     #: The solves that the other distinct scenes need.
     blocks: tuple[Block, ...]
-    #: How many solves those scenes would need with less knowledge of what they share.
-    steps: Steps
+    #: How many solves those scenes would need if only films with equal `Mechanics.given`, or
+    #: `Mechanics.turned`, shared one.
+    given: int
+    turned: int
 
     @property
     def missing(self) -> int:
@@ -59,7 +52,7 @@ class SweepPlan:
 
     def __str__(self) -> str:
         distinct = self.missing + len(self.stored)
-        given, turned, scaled = self.steps
+        given, turned, solves = self.given, self.turned, len(self.blocks)
         shared = ": electrodes and d31, d32 only read the stress" if given < self.missing else ""
         rows = [
             (len(self.scenes), "scenes"),
@@ -67,10 +60,10 @@ class SweepPlan:
             (self.missing, "not in the store") if self.stored else None,
             (given, f"films to deform{shared}"),
             (turned, "after turns and mirror images") if turned < given else None,
-            (scaled, "after force over thickness: a membrane knows no other size")
-            if scaled < turned
+            (solves, "after force over thickness: a membrane knows no other size")
+            if solves < turned
             else None,
-            (len(self.blocks), "solves"),
+            (solves, "solves"),
         ]
         return "\n".join(f"{row[0]:>8} {row[1]}" for row in rows if row)
 
@@ -78,11 +71,7 @@ class SweepPlan:
 def plan(scenes: Sequence[Scene], stored: Sequence[bool] | None = None) -> SweepPlan:
     """The plan for scenes, its blocks in the order of their first scenes.
 
-    Parameters
-    ----------
-    scenes : sequence of Scene
-    stored : sequence of bool, optional
-        For each scene whether its record is known, so that it needs no solve.
+    Scenes need no solve where `stored` says that their records are known.
     """
     index_of: dict[Scene, int] = {}
     first = np.array([index_of.setdefault(scene, i) for i, scene in enumerate(scenes)], int)
@@ -102,7 +91,7 @@ def plan(scenes: Sequence[Scene], stored: Sequence[bool] | None = None) -> Sweep
         Block(text, tuple(indices), _relative(np.array(frames)))
         for text, (indices, frames) in alike.items()
     )
-    return SweepPlan(scenes, first, known, blocks, Steps(len(given), len(turned), len(blocks)))
+    return SweepPlan(scenes, first, known, blocks, len(given), len(turned))
 
 
 def _relative(frames: Array) -> Array:

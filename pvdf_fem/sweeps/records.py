@@ -27,16 +27,9 @@ _RETRIED = (Status.TOLERANCE, Status.SLACK, Status.MESH_FAILED)
 def records_of(scenes: Sequence[Scene], frames: Array) -> list[Record]:
     """Records of scenes whose films deform alike.
 
-    Parameters
-    ----------
-    scenes : sequence of Scene
-    frames : (n, 2, 2)
-        For each scene the orthogonal matrix from its axes to those of the first.
-
-    Notes
-    -----
-    The mesh follows the electrodes of the first scene if those of the others lie on them,
-    otherwise the probe only. Scenes that miss the tolerance together are solved one by one.
+    `frames` (n, 2, 2) are the orthogonal matrices from their axes to those of the first scene. The
+    mesh follows the electrodes of the first scene if those of the others lie on them, otherwise the
+    probe only. Scenes that miss the tolerance together are solved one by one.
     """
     scene = scenes[0]
     goals, indices = _distinct_goals(scenes, frames)
@@ -68,8 +61,18 @@ def _records(
 ) -> list[Record]:
     """Records of scenes, for each of which `indices` are those of its electrodes in `goals`."""
     names = [tuple(electrode.name for electrode in scene.electrode_list) for scene in scenes]
-    shared = _without_charges(solution, len(scenes))
-    if solution.status is not Status.CONVERGED:
+    converged = solution.status is Status.CONVERGED
+    shared = Record(
+        status=str(solution.status),
+        reason=solution.reason,
+        electrodes=(),
+        deflection_max_mm=solution.deflection_max_mm if converged else 0.0,
+        unknowns=solution.unknowns,
+        newton_iterations=solution.newton_iterations,
+        warnings=solution.warnings,
+        seconds=solution.seconds["total"] / len(scenes),
+    )
+    if not converged:
         return [replace(shared, electrodes=electrodes) for electrodes in names]
     forces = {name: _forces(solution, goals, known) for name, known in OBSERVABLES.items()}
     records = []
@@ -139,20 +142,3 @@ def _forces(solution: Solution, goals: Sequence[Goal], observable: Observable) -
         asked = [replace(goals[i], observable=observable.name) for i in others]
         forces[others] = solution.fields.forces_of(asked)
     return forces
-
-
-def _without_charges(solution: Solution, count: int) -> Record:
-    """The part of a record that `count` scenes have in common."""
-    converged = solution.status is Status.CONVERGED
-    return Record(
-        status=str(solution.status),
-        reason=solution.reason,
-        electrodes=(),
-        forces={},
-        force_errors={},
-        deflection_max_mm=solution.deflection_max_mm if converged else 0.0,
-        unknowns=solution.unknowns,
-        newton_iterations=solution.newton_iterations,
-        warnings=solution.warnings,
-        seconds=solution.seconds["total"] / count,
-    )

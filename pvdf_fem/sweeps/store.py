@@ -59,27 +59,16 @@ class StoreError(FileError):
 
 @dataclass(frozen=True)
 class Record:
-    """A solution without its fields.
-
-    Attributes
-    ----------
-    status, reason : str
-    electrodes : tuple of str
-        Names of the electrodes.
-    forces : dict of str to list
-        For each observable the forces X, Y in N of each electrode; d31 X + d32 Y is its charge.
-        Empty for a scene that has not converged.
-    force_errors : dict of str to list
-        Estimated errors of the forces by the observable of the scene.
-    deflection_max_mm, seconds : float
-    unknowns, newton_iterations : int
-    warnings : tuple of str
-    """
+    """A solution without its fields."""
 
     status: str
     reason: str
+    #: Names of the electrodes.
     electrodes: tuple[str, ...]
+    #: For each observable the forces X, Y in N of each electrode; d31 X + d32 Y is its charge.
+    #: Empty for a scene that has not converged.
     forces: dict[str, list[list[float]]] = field(default_factory=dict)
+    #: Estimated errors of the forces by the observable of the scene.
     force_errors: dict[str, list[list[float]]] = field(default_factory=dict)
     deflection_max_mm: float = 0.0
     unknowns: int = 0
@@ -126,11 +115,7 @@ class Record:
         return self.charges_pC(d31_pC_N, d32_pC_N, observable)[electrode]
 
     def charge_error_pC(
-        self,
-        electrode: str,
-        observable: str = "material",
-        d31_pC_N: float = 8.0,
-        d32_pC_N: float = 8.0,
+        self, electrode: str, observable: str, d31_pC_N: float = 8.0, d32_pC_N: float = 8.0
     ) -> float:
         """Estimated error of `charge_pC`; NaN where there is none."""
         if observable not in self.forces:
@@ -139,20 +124,11 @@ class Record:
 
 
 class Store:
-    """Records by scene, in a file.
+    """Records by scene, in a file, which is made if there is none.
 
-    Parameters
-    ----------
-    path : Path
-        The file, which is made if there is none. Several processes may use one file. Where it
-        cannot be written it is opened for reading.
-    code : str
-        Hash of the code outside this package that makes the records, if there is any.
-
-    Raises
-    ------
-    StoreError
-        If the file is damaged, or is no store of this version.
+    Several processes may use one file. Where it cannot be written it is opened for reading. `code`
+    is a hash of the code outside this package that makes the records, if there is any. Raises
+    `StoreError` if the file is damaged, or is no store of this version.
     """
 
     def __init__(self, path: Path, code: str = "") -> None:
@@ -164,9 +140,8 @@ class Store:
             self._connect("")
         except StoreError as error:
             number = getattr(error.__cause__, "sqlite_errorcode", 0) & 0xFF
-            if not (
-                number in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN) and path.is_file()
-            ):
+            unwritable = number in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
+            if not (unwritable and path.is_file()):
                 raise
             try:
                 self._connect("?mode=ro")
@@ -194,10 +169,8 @@ class Store:
         self._execute("COMMIT")
         used = tables or kind or schema or self.read_only
         if used and (kind, schema) != (APPLICATION_ID, SCHEMA):
-            raise StoreError(
-                f"{self._path}: not a store of pvdf_fem, version {SCHEMA}; name another file "
-                "or remove this one"
-            )
+            text = f"{self._path}: not a store of pvdf_fem, version {SCHEMA}; {_REMOVE}"
+            raise StoreError(text)
         state = self._execute("PRAGMA quick_check(1)")
         if state != ("ok",):
             raise StoreError(f"{self._path}: damaged: {state[0]}; {_REMOVE}")
@@ -252,10 +225,9 @@ class Store:
 
     def _error(self, error: Exception) -> StoreError:
         if isinstance(error, sqlite3.ProgrammingError):
-            closed = "is closed; open another one on the file"
-            reason = (
-                closed if "closed" in str(error) else "belongs to another thread; open one in each"
-            )
+            reason = "belongs to another thread; open one in each"
+            if "closed" in str(error):
+                reason = "is closed; open another one on the file"
             return StoreError(f"{self._path}: this Store {reason}")
         damaged = isinstance(error, UnicodeDecodeError)
         code = sqlite3.SQLITE_CORRUPT if damaged else getattr(error, "sqlite_errorcode", 0)
@@ -265,13 +237,10 @@ class Store:
     def claim(self, solve: str) -> bool:
         """Claim a solve for this process; False if another process has claimed it.
 
-        Raises
-        ------
-        StoreError
-            When the file can only be read, so that the solve's records would be lost.
+        Raises `StoreError` when the file can only be read: the solve's records would be lost.
         """
         if self.read_only:
-            advice = "make it writable, or name another file"
+            advice = _ADVICE[sqlite3.SQLITE_READONLY]
             raise StoreError(f"{self._path}: can only be read, and scenes are missing; {advice}")
         if sys.platform == "win32":
             return True

@@ -52,8 +52,15 @@ def sweep(
         The base scene.
     axes : sequence of mapping
         See `pvdf_fem.sweeps.grid.Grid.of`: ``[{"film.thickness_um": [9, 25, 110]}, ...]``.
-    store, processes, scheduler, progress
-        As for `solve_all`.
+    store : Store, optional
+        Scenes in the store are not solved; the others join it as they are solved, but for those
+        that crashed.
+    processes : int
+        Number of processes, -1 for all cores; 1 solves in this one.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers solve instead of processes of this machine.
+    progress : callable
+        Called with two numbers of distinct scenes: how many are solved, and how many had to be.
 
     Returns
     -------
@@ -83,19 +90,8 @@ def solve_all(
 ) -> list[Record]:
     """Records of scenes, in their order.
 
-    Parameters
-    ----------
-    scenes : sequence of Scene
-        One solve serves all scenes whose films deform alike, see `pvdf_fem.sweeps.equivalence`.
-    store : Store, optional
-        Scenes in the store are not solved; the others join it as they are solved, but for those
-        that crashed.
-    processes : int
-        Number of processes, -1 for all cores; 1 solves in this one.
-    scheduler : str, optional
-        Address of a Dask scheduler, whose workers solve instead of processes of this machine.
-    progress : callable
-        Called with two numbers of distinct scenes: how many are solved, and how many had to be.
+    One solve serves all scenes whose films deform alike, see `pvdf_fem.sweeps.equivalence`. For the
+    other arguments see `sweep`.
     """
     todo = planned(scenes, store)
     solved = records(todo, store, processes=processes, scheduler=scheduler, progress=progress)
@@ -118,7 +114,7 @@ def records(
 ) -> Iterator[tuple[int, Record]]:
     """Indices of the distinct scenes of a plan, and their records, as they come.
 
-    For the parameters see `solve_all`.
+    For the parameters see `sweep`.
     """
     if store is not None:
         for index in todo.stored:

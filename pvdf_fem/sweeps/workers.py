@@ -49,17 +49,10 @@ def on_processes(
     """Numbers of tasks and their results as they come.
 
     When a process dies, all processes are replaced, and the tasks without a result are done again.
-    A task that kills its process even when it is alone ends as `Died`.
-
-    Parameters
-    ----------
-    function : callable
-        Makes a result from a task; must not raise.
-    tasks : iterable of (int, Task)
-        Read as far as processes are free.
-    processes : int
-        Number of processes, -1 for all cores; 1 works in this one. Each process has one thread of
-        linear algebra, and ends when this one does.
+    A task that kills its process even when it is alone ends as `Died`. The function must not
+    raise; tasks are read as far as processes are free. There are as many processes as cores if
+    their number is -1; with 1 this one works. Each has one thread of linear algebra, and ends when
+    this one does.
     """
     count = joblib.effective_n_jobs(processes)
     if count == 1:
@@ -133,20 +126,10 @@ def on_cluster(
 ) -> Iterator[tuple[int, Result | Died]]:
     """Numbers of tasks and their results as they come from the workers of a Dask cluster.
 
-    The scheduler gives the tasks of a worker that died to other workers, a few times at the most.
-
-    Parameters
-    ----------
-    function : callable
-    tasks : iterable of (int, Task)
-        Read as far as workers are free.
-    scheduler : str
-        Its address, such as ``tcp://127.0.0.1:8786``.
-
-    Raises
-    ------
-    ClusterError
-        When dask is not installed or no scheduler answers; `ClusterLostError` when it stops.
+    The scheduler, of an address such as ``tcp://127.0.0.1:8786``, gives the tasks of a worker that
+    died to other workers, a few times at the most. Tasks are read as far as workers are free.
+    Raises `ClusterError` when dask is not installed or no scheduler answers, and
+    `ClusterLostError` when it stops.
     """
     try:
         # otherwise a scheduler that stops is logged with its traceback

@@ -24,38 +24,29 @@ class SearchOptions:
 
     Lengths along x, y, rotation and the logarithm of the force are in units of the reach, the
     reach, degrees and 1 for `longest`, and of mm, mm, degrees and 1 for `close`.
-
-    Attributes
-    ----------
-    max_steps : int
-        Steps after which a search is given up.
-    arrived : float
-        Decrease of chi-square that makes a step the last one: at 1e-2 it is a step of 0.1 standard
-        deviations. It is taken, and what is left after it is of the order of its square.
-    short : float
-        The last step is also shorter than this share of the longest, as charges may hardly change
-        along it.
-    longest : tuple of float
-        Longest steps. Valleys of chi-square wind along the rotation, and longer steps lead out of
-        one valley into another.
-    close : tuple of float
-        Searches for one touch that are this close go on as one. A larger change of the rotation
-        leads to another touch where charges hardly change along a valley.
-    held_gain : float
-        Along the edge of the domain a search ends when a step lowers chi-square by less than this
-        share, or raises it.
-    least_damping, damping : float
-        Marquardt's damping at the start, and after a first step uphill. It grows tenfold with every
-        step uphill, and falls to a tenth with every other one.
     """
 
+    #: Steps after which a search is given up.
     max_steps: int = 60
+    #: Decrease of chi-square that makes a step the last one: at 1e-2 it is a step of 0.1 standard
+    #: deviations. It is taken, and what is left after it is of the order of its square.
     arrived: float = 1e-2
+    #: The last step is also shorter than this share of the longest, as charges may hardly change
+    #: along it.
     short: float = 1e-2
+    #: Along the edge of the domain a search ends when a step lowers chi-square by less than this
+    #: share, or raises it.
     held_gain: float = 1e-2
+    #: Longest steps. Valleys of chi-square wind along the rotation, and longer steps lead out of
+    #: one valley into another.
     longest: Coordinates = (0.25, 0.25, 5.0, 1.0)
+    #: Searches for one touch that are this close go on as one. A larger change of the rotation
+    #: leads to another touch where charges hardly change along a valley.
     close: Coordinates = (0.1, 0.1, 0.5, 0.03)
+    #: Marquardt's damping at the start. It grows tenfold with every step uphill, and falls to a
+    #: tenth with every other one.
     least_damping: float = 1e-10
+    #: The damping after a first step uphill.
     damping: float = 1e-3
 
 
@@ -64,38 +55,26 @@ DEFAULTS = SearchOptions()
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """Where searches ended.
+    """Where searches ended."""
 
-    Attributes
-    ----------
-    at : ndarray, shape (n, 4)
-        Coordinates.
-    slopes : ndarray, shape (n, electrodes, 4)
-        Slopes of the charges over their deviations; zero by what is known.
-    chi_square : ndarray, shape (n,)
-    arrived : ndarray of bool, shape (n,)
-        Whether there is nowhere better nearby; False where a search was given up.
-    """
-
+    #: Coordinates, (n, 4).
     at: Array
+    #: Slopes (n, electrodes, 4) of the charges over their deviations; zero by what is known.
     slopes: Array
+    #: Chi-square, (n,).
     chi_square: Array
+    #: Whether there is nowhere better nearby, (n,); False where a search was given up.
     arrived: Mask
-
-    @classmethod
-    def empty(cls, searches: int, electrodes: int) -> Descent:
-        """Room for the ends of searches, none of which has arrived."""
-        at, slopes = np.empty((searches, 4)), np.empty((searches, electrodes, 4))
-        return cls(at, slopes, np.empty(searches), np.zeros(searches, dtype=bool))
 
     def take(self, rows: Indices) -> Descent:
         """The ends of some searches."""
         return Descent(self.at[rows], self.slopes[rows], self.chi_square[rows], self.arrived[rows])
 
-    def put(self, rows: Indices, other: Descent) -> None:
-        """Replace the ends of some searches by those of others."""
-        self.at[rows], self.slopes[rows] = other.at, other.slopes
-        self.chi_square[rows], self.arrived[rows] = other.chi_square, other.arrived
+    def improve(self, rows: Indices, others: Descent) -> None:
+        """Replace the ends of some searches by those of others that are better."""
+        better = others.ranking < self.ranking[rows]
+        for values, new in zip(vars(self).values(), vars(others).values(), strict=True):
+            values[rows[better]] = new[better]
 
     @property
     def ranking(self) -> Array:
@@ -155,26 +134,20 @@ def descend(
     hopeless: float = np.inf,
     options: SearchOptions = DEFAULTS,
 ) -> Descent:
-    """Levenberg-Marquardt searches from all starts at once.
+    """Levenberg-Marquardt searches from all `starts` (n, 4) at once.
 
-    Parameters
-    ----------
-    problem : Problem
-    starts : ndarray, shape (n, 4)
-        Coordinates; those that are not sought keep their values.
-    touch : ndarray of int, shape (n,), optional
-        The row of the problem's charges that each search is for. By default all are for the first
-        row. Then searches that come close to a better one are given up, and hopeless ones.
-    hopeless : float
-        Excess over the least chi-square that a search must be able to fall below.
-    options : SearchOptions
+    Coordinates that are not sought keep their values. `touch` (n,) is the row of the problem's
+    charges that each search is for; by default all are for the first row. Then searches that come
+    close to a better one are given up, and those that cannot fall below the least chi-square by
+    now plus `hopeless`.
     """
     alone, least = touch is None, np.inf
     longest, close = np.array(options.longest) * problem.scale, np.array(options.close)
     at, damping = problem.held_back(starts), np.full(len(starts), options.least_damping)
     system = problem.linearised(at, touch)
     searches = _Searches(np.arange(len(at)), at, system, products(system), damping)
-    ends = Descent.empty(len(starts), len(problem.electrodes))
+    arrived: Mask = np.zeros(len(at), dtype=bool)
+    ends = Descent(np.empty_like(at), np.empty_like(system[:, :, 1:]), np.empty(len(at)), arrived)
     for _ in range(options.max_steps):
         step, promised = damped_steps(searches.normal, searches.damping[:, None])
         length = np.abs(step / longest).max(axis=1)
@@ -230,12 +203,8 @@ def products(system: Array) -> Array:
 def damped_steps(normal: Array, damping: Array | float) -> tuple[Array, Array]:
     """Damped Gauss-Newton steps (n, k), and the decrease of chi-square they promise, (n,).
 
-    Parameters
-    ----------
-    normal : ndarray, shape (n, 1 + k, 1 + k)
-        `products` of the system.
-    damping : float or ndarray, shape (n, 1)
-        Marquardt's damping.
+    `normal` (n, 1 + k, 1 + k) are the `products` of the system; `damping`, one or (n, 1), is
+    Marquardt's.
     """
     damped = normal[:, 1:, 1:].copy()
     diagonal = damped.reshape(len(damped), -1)[:, :: damped.shape[1] + 1]

@@ -53,9 +53,9 @@ class LocateOptions:
     resolved: float = 10.0
     #: Starts about the fold, in longest steps along the direction.
     offsets: tuple[float, ...] = (-0.3, -0.1, -0.03, 0.0, 0.03, 0.1, 0.3)
-    #: search, fold_search: Options of the searches, and of those about a fold, where steps shrink
-    #: slowly.
+    #: Options of the searches.
     search: SearchOptions = field(default_factory=SearchOptions)
+    #: Options of those about a fold, where steps shrink slowly.
     fold_search: SearchOptions = field(default_factory=lambda: SearchOptions(short=1e-4))
 
 
@@ -113,7 +113,8 @@ def locate(
         raise ValueError("\n".join(mistakes))
     electrodes = np.array([model.names.index(name) for name in charges_pC])
     charges = np.array(list(charges_pC.values()), dtype=float)
-    spread = deviations(model, charges, _relative(sigma, charges_pC), noise_pC)
+    relative = [sigma[n] for n in charges_pC] if isinstance(sigma, Mapping) else sigma
+    spread = deviations(model, charges, np.array(relative), noise_pC)
     sought = np.array([i for i, name in enumerate(QUANTITIES) if name in unknown])
     values = {**default, **(known or {})}
     fixed = {i: float(values[n]) for i, n in enumerate(QUANTITIES) if n not in unknown}
@@ -124,16 +125,9 @@ def locate(
 def search(problem: Problem, known: Mapping[int, float], options: LocateOptions) -> Descent:
     """Searches from everywhere for the touch of a problem.
 
-    A sought rotation is held at first, at many values: a few degrees change charges by less than
-    the distance of neighbours in the table of starts does.
-
-    Parameters
-    ----------
-    problem : Problem
-        With the charges of one touch.
-    known : mapping
-        Values of what is not sought, by its index in `QUANTITIES`.
-    options : LocateOptions
+    `known` are values of what is not sought, by its index in `QUANTITIES`. A sought rotation is
+    held at first, at many values: a few degrees change charges by less than the distance of
+    neighbours in the table of starts does.
     """
     charges, spread = problem.charges_pC[0], problem.deviations_pC[0]
     at = starts(problem.model, charges, spread, problem.electrodes, known)
@@ -164,10 +158,6 @@ def _starts_about_fold(problem: Problem, ends: Descent, options: LocateOptions) 
     at = np.tile(ends.at[best], (len(options.offsets), 1))
     at[:, moving] += np.outer(options.offsets, vectors[-1] * longest)
     return at
-
-
-def _relative(sigma: float | Mapping[str, float], charges_pC: Mapping[str, float]) -> Array:
-    return np.array([sigma[n] for n in charges_pC] if isinstance(sigma, Mapping) else sigma)
 
 
 def deviations(model: Model, charges: Array, relative: Array, noise_pC: float) -> Array:

@@ -20,7 +20,9 @@ from pvdf_fem.touch.problem import Problem
 from pvdf_fem.touch.touch import DETERMINED, SIGNIFICANCE
 
 #: Rows that are located together: they take some 3 kB each while searches are under way.
-CHUNK = 8192
+CHUNK = 32768
+#: Starts of the second search for a row.
+RETRIES = 8
 
 
 class RowStatus(StrEnum):
@@ -52,34 +54,25 @@ MEANINGS = {
 
 @dataclass(frozen=True, eq=False)
 class Touches:
-    """The likeliest touch found for each row of charges; other touches may be as likely.
+    """The likeliest touch found for each row of charges; other touches may be as likely."""
 
-    Attributes
-    ----------
-    values : ndarray, shape (n, 4)
-        x and y in mm, rotation in degrees, force in N; NaN unless located, as all other numbers.
-    unknown : tuple of str
-        What was sought; the order of the covariances.
-    status : ndarray of RowStatus, shape (n,)
-        What became of each row.
-    covariances : ndarray, shape (n, unknown, unknown)
-        As for `Touch`: by the likelihood's curvature at this touch alone. Where the likelihood has
-        a ridge or other maxima, errors are larger: calibrated ones are those of `Location`.
-    determined : ndarray of bool, shape (n,)
-        Whether the charges determine every unknown.
-    chi_square, p_value : ndarray, shape (n,)
-        As for `Touch`.
-    at_edge : ndarray of bool, shape (n,)
-        Whether the touch is held by a limit of the model's domain.
-    """
-
+    #: x and y in mm, rotation in degrees, force in N, (n, 4); NaN unless located, as all other
+    #: numbers.
     values: Array
+    #: What was sought; the order of the covariances.
     unknown: tuple[str, ...]
+    #: What became of each row: a `RowStatus`, (n,).
     status: NDArray[np.object_]
+    #: Covariances (n, unknown, unknown) as for `Touch`: by the likelihood's curvature at this touch
+    #: alone. Where the likelihood has a ridge or other maxima, errors are larger: calibrated ones
+    #: are those of `Location`.
     covariances: Array
+    #: Whether the charges determine every unknown, (n,).
     determined: Mask
+    #: As for `Touch`, (n,).
     chi_square: Array
     p_value: Array
+    #: Whether the touch is held by a limit of the model's domain, (n,).
     at_edge: Mask
 
     @classmethod
@@ -125,7 +118,6 @@ def locate_many(
     electrodes: Sequence[str] | None = None,
     noise_pC: float = 0.0,
     significance: float = SIGNIFICANCE,
-    retries: int = 8,
 ) -> Touches:
     """The likeliest place, and force and rotation if they are not known, for rows of charges.
 
@@ -149,8 +141,6 @@ def locate_many(
     significance : float
         Charges count as explained if their p-value is not below this. With 0 the touches of the
         first search are kept, however far their charges are.
-    retries : int
-        Number of starts of the second search.
 
     Raises
     ------
@@ -182,7 +172,7 @@ def locate_many(
         held = {i: values[rows] for i, values in known.items()}
         if FORCE in held:
             held[FORCE] = np.log(held[FORCE])
-        found.put(rows, problem, _ends(problem, held, significance, retries))
+        found.put(rows, problem, _ends(problem, held, significance))
     return found
 
 
@@ -253,15 +243,13 @@ def _status(
     return status
 
 
-def _ends(
-    problem: Problem, held: Mapping[int, Array], significance: float, retries: int
-) -> Descent:
+def _ends(problem: Problem, held: Mapping[int, Array], significance: float) -> Descent:
     """The best end found for each row of the charges."""
     table = nearest_touches(problem.model, tuple(problem.electrodes.tolist()), ROTATION in held)
     ends = _nearest_end(problem, table, np.arange(len(problem.charges_pC)), held, 1)
     freedom = len(problem.electrodes) - len(problem.unknown)
     if (rows := _unexplained(ends, freedom, significance)).size:
-        _improve(ends, rows, _nearest_end(problem, table, rows, held, retries))
+        ends.improve(rows, _nearest_end(problem, table, rows, held, RETRIES))
     for row in _unexplained(ends, freedom, significance):
         _search_everywhere(problem, ends, int(row))
     return ends
@@ -292,11 +280,6 @@ def _unexplained(ends: Descent, freedom: int, significance: float) -> Indices:
     return np.flatnonzero(~ends.arrived | (p_values(ends.chi_square, freedom) < significance))
 
 
-def _improve(ends: Descent, rows: Indices, others: Descent) -> None:
-    better = others.ranking < ends.ranking[rows]
-    ends.put(rows[better], others.take(np.flatnonzero(better)))
-
-
 def _search_everywhere(problem: Problem, ends: Descent, row: int) -> None:
     """Replace the end of a row by the best that a search from everywhere finds."""
     known = {}
@@ -306,7 +289,7 @@ def _search_everywhere(problem: Problem, ends: Descent, row: int) -> None:
         known[FORCE] = float(np.exp(ends.at[row, FORCE]))
     charges, spread = problem.charges_pC[[row]], problem.deviations_pC[[row]]
     others = search(replace(problem, charges_pC=charges, deviations_pC=spread), known, DEFAULTS)
-    _improve(ends, np.array([row]), others.take(np.array([others.ranking.argmin()])))
+    ends.improve(np.array([row]), others.take(np.array([others.ranking.argmin()])))
 
 
 def _covariances(slopes: Array, extent: Array) -> tuple[Array, Mask]:

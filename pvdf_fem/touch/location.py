@@ -17,27 +17,18 @@ SHARE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Location:
-    """All touches that may have given some charges.
+    """All touches that may have given some charges."""
 
-    Attributes
-    ----------
-    touches : tuple of Touch
-        The likeliest first; empty when no search ended.
-    unknown : tuple of str
-        What was sought.
-    degrees_of_freedom : int
-        Charges less unknown quantities; negative when there are too few charges.
-    log_evidence : float
-        Logarithm of the probability density of the charges, whatever the touch is, with all
-        places, rotations and magnitudes of the force in the model's domain equally likely before.
-    problem : Problem
-        The charges, and what explains them.
-    """
-
+    #: The likeliest first; empty when no search ended.
     touches: tuple[Touch, ...]
+    #: What was sought.
     unknown: tuple[str, ...]
+    #: Charges less unknown quantities; negative when there are too few charges.
     degrees_of_freedom: int
+    #: Logarithm of the probability density of the charges, whatever the touch is, with all places,
+    #: rotations and magnitudes of the force in the model's domain equally likely before.
     log_evidence: float
+    #: The charges, and what explains them.
     problem: Problem
 
     @property
@@ -94,9 +85,8 @@ class Location:
             likely = sum(touch.weight > SHARE for touch in self.touches)
             texts.append(f"ambiguous: {likely} touches are likely")
         if not best.determined:
-            short = (
-                "" if self.degrees_of_freedom >= 0 else "fewer charges than unknown quantities; "
-            )
+            few = self.degrees_of_freedom < 0
+            short = "fewer charges than unknown quantities; " if few else ""
             free = " and ".join(_direction(best.unknown, row) for row in best.null_directions)
             texts.append(f"undetermined: {short}free along {free}")
         if best.at_edge:
@@ -124,9 +114,5 @@ class Location:
 
 
 def _direction(unknown: tuple[str, ...], row: Array) -> str:
-    parts = [
-        f"{value:+.3g} {name}"
-        for name, value in zip(unknown, row, strict=True)
-        if abs(value) > 1e-6
-    ]
-    return "(" + ", ".join(parts) + ")"
+    pairs = zip(unknown, row, strict=True)
+    return f"({', '.join(f'{value:+.3g} {name}' for name, value in pairs if abs(value) > 1e-6)})"

@@ -12,6 +12,9 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.response.model import FORCE, ROTATION, Model
 from pvdf_fem.touch.starts import table_of
 
+#: Share by which a touch may be farther than the nearest, for the sake of speed.
+NEARLY = 0.5
+
 
 @dataclass(frozen=True, eq=False)
 class NearestTouches:
@@ -29,25 +32,16 @@ class NearestTouches:
     #: Period of the rotation.
     period_deg: float
 
-    def starts(
-        self, charges_pC: Array, rotations_deg: Array | None, count: int, nearly: float = 0.5
-    ) -> Array:
+    def starts(self, charges_pC: Array, rotations_deg: Array | None, count: int) -> Array:
         """Coordinates (n, count, 4) of touches with about the ratios of charges (n, electrodes).
 
-        Parameters
-        ----------
-        charges_pC : ndarray, shape (n, electrodes)
-        rotations_deg : ndarray, shape (n,), optional
-            Known rotations.
-        count : int
-        nearly : float
-            Share by which a touch may be farther than the nearest, for the sake of speed.
+        `rotations_deg` (n,) are known rotations, if they are.
         """
         sizes = np.linalg.norm(charges_pC, axis=1)
         ratios = charges_pC / sizes[:, None]
         if rotations_deg is not None:
             ratios = np.concatenate([ratios, _circle(rotations_deg, self.period_deg)], axis=1)
-        _, row = self.tree.query(ratios, np.arange(1, count + 1), eps=nearly)
+        _, row = self.tree.query(ratios, np.arange(1, count + 1), eps=NEARLY)
         at = self.at[row]
         at[..., FORCE] += np.log(sizes[:, None] / self.sizes_pC[row]) / self.exponents[row]
         return at

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.response.model import FORCE, QUANTITIES, Domain, Model, scene_of_touch
+from pvdf_fem.response.model import FORCE, Domain, Model, scene_of_touch
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import solve
@@ -23,10 +23,11 @@ from pvdf_fem.touch.descent import Descent, descend, joined
 from pvdf_fem.touch.locate import deviations, location
 from pvdf_fem.touch.location import Location
 from pvdf_fem.touch.problem import Problem
-from pvdf_fem.touch.touch import Touch
 
 #: Rounds of polishing end when a touch moves by less than this share of a standard deviation.
 SETTLED = 1e-2
+#: Rounds after which a touch counts as unsettled.
+MAX_ROUNDS = 5
 
 
 class PolishError(RuntimeError):
@@ -38,23 +39,11 @@ class Corrected:
     """A model with constants added to its charges, right within a tolerance about one touch."""
 
     model: Model
-    added_pC: Array
+    names: tuple[str, ...]
+    scene: Scene
+    domain: Domain
     error_bound: float
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Of the electrodes."""
-        return self.model.names
-
-    @property
-    def scene(self) -> Scene:
-        """Of the model."""
-        return self.model.scene
-
-    @property
-    def domain(self) -> Domain:
-        """Of the model."""
-        return self.model.domain
+    added_pC: Array
 
     def evaluate(self, touches: Array) -> tuple[Array, Array]:
         """Charges and slopes as the model's."""
@@ -71,60 +60,36 @@ def polish(
     tolerance: float = 1e-4,
     noise_pC: float = 0.0,
     solver: Callable[[Scene], Solution] = solve,
-    max_rounds: int = 5,
 ) -> Location:
     """The touches of a location with the finite-element model's charges.
 
-    Parameters
-    ----------
-    model : Model
-        The one that `found` is from, of the same charges, `sigma` and `noise_pC`.
-    found : Location
-    charges_pC : mapping
-    sigma, noise_pC : float
-    tolerance : float
-        Relative error of the finite-element charges, which takes the place of the model's bound.
-    solver : callable
-        From a scene to its solution.
-    max_rounds : int
-        Rounds after which a touch counts as unsettled.
-
-    Raises
-    ------
-    PolishError
-        When a solve does not converge, or rounds do not settle.
+    `found` is from the model, of the same charges, `sigma` and `noise_pC`. The `tolerance` is the
+    relative error of the finite-element charges, which takes the place of the model's bound. Raises
+    `PolishError` when a solve does not converge, or rounds do not settle.
     """
-    ends = [
-        _polished(model, touch, charges_pC, sigma, noise_pC, tolerance, solver, max_rounds)
-        for touch in found.touches
-    ]
-    if not ends:
+    if not found.touches:
         return found
+    none = np.zeros(len(model.names))
+    better = Corrected(model, model.names, model.scene, model.domain, tolerance, none)
+    electrodes = np.array([model.names.index(name) for name in charges_pC])
+    charges = np.array(list(charges_pC.values()))
+    spread = deviations(better, charges, np.array(sigma), noise_pC)
+    problem = Problem(better, electrodes, charges[None], spread[None], found.problem.unknown)
+    ends = [_polished(problem, better, touch.values, solver) for touch in found.touches]
     problems, descents = zip(*ends, strict=True)
     return location(problems[0], joined(descents))
 
 
 def _polished(
-    model: Model,
-    touch: Touch,
-    charges_pC: Mapping[str, float],
-    sigma: float,
-    noise_pC: float,
-    tolerance: float,
-    solver: Callable[[Scene], Solution],
-    max_rounds: int,
+    problem: Problem, better: Corrected, at: Array, solver: Callable[[Scene], Solution]
 ) -> tuple[Problem, Descent]:
-    electrodes = np.array([model.names.index(name) for name in charges_pC])
-    charges = np.array(list(charges_pC.values()))
-    better = Corrected(model, np.zeros(len(model.names)), tolerance)
-    spread = deviations(better, charges, np.array(sigma), noise_pC)
-    sought = np.array([QUANTITIES.index(name) for name in touch.unknown])
-    problem = Problem(better, electrodes, charges[None], spread[None], sought)
-    at = touch.values
-    for _ in range(max_rounds):
-        added = (
-            _finite_element_charges(model, at, tolerance, solver) - model.evaluate(at[None])[0][0]
-        )
+    """Where rounds from a touch `at` (4,) settle, and the problem that is right there."""
+    for _ in range(MAX_ROUNDS):
+        solution = solver(scene_of_touch(better.scene, at, better.error_bound))
+        if solution.status is not Status.CONVERGED:
+            raise PolishError(f"polish: the solve at {_place(at)} ended {solution.status}")
+        exact = np.array([solution.charges_pC[name] for name in better.names])
+        added = exact - better.model.evaluate(at[None])[0][0]
         problem = replace(problem, model=replace(better, added_pC=added))
         start = at.copy()
         start[FORCE] = np.log(at[FORCE])
@@ -136,16 +101,7 @@ def _polished(
         at[FORCE] = np.exp(at[FORCE])
         if np.square(end.slopes[0] @ moved).sum() < SETTLED**2:
             return problem, end
-    raise PolishError(f"polish: {max_rounds} rounds did not settle near {_place(at)}")
-
-
-def _finite_element_charges(
-    model: Model, at: Array, tolerance: float, solver: Callable[[Scene], Solution]
-) -> Array:
-    solution = solver(scene_of_touch(model.scene, at, tolerance))
-    if solution.status is not Status.CONVERGED:
-        raise PolishError(f"polish: the solve at {_place(at)} ended {solution.status}")
-    return np.array([solution.charges_pC[name] for name in model.names])
+    raise PolishError(f"polish: {MAX_ROUNDS} rounds did not settle near {_place(at)}")
 
 
 def _place(at: Array) -> str:

@@ -31,49 +31,30 @@ from pvdf_fem.touch.touch import Touch
 ONE_SIGMA = 0.6827
 
 
-@dataclass(frozen=True)
-class PosteriorOptions:
-    """The distribution that draws are from."""
-
-    #: Draws in each round.
-    draws: int = 384
-    #: Rounds after the first.
-    rounds: int = 2
-    #: Distributions of a round after the first.
-    centres: int = 16
-    #: Degrees of freedom of Student's distributions.
-    freedom: float = 3.0
-    #: Their widths over those by the curvature.
-    widening: float = 1.3
-    #: Least share of the first draws about a maximum, before all are scaled to a sum of 1.
-    least_share: float = 0.02
-
-
-DEFAULTS = PosteriorOptions()
+#: Draws in each round.
+DRAWS = 384
+#: Rounds after the first.
+ROUNDS = 2
+#: Distributions of a round after the first.
+CENTRES = 16
+#: Degrees of freedom of Student's distributions.
+FREEDOM = 3.0
+#: Their widths over those by the curvature.
+WIDENING = 1.3
+#: Least share of the first draws about a maximum, before all are scaled to a sum of 1.
+LEAST_SHARE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Draws that stand for the posterior distribution.
+    """Draws that stand for the posterior distribution."""
 
-    Attributes
-    ----------
-    values : ndarray, shape (n, unknown)
-        In the unknown's units.
-    weights : ndarray, shape (n,)
-        Their probabilities.
-    periods : ndarray, shape (unknown,)
-        The rotation's period; 0 for the others.
-    """
-
+    #: In the unknown's units, (n, unknown).
     values: Array
+    #: Their probabilities, (n,).
     weights: Array
+    #: The rotation's period, 0 for the others, (unknown,).
     periods: Array
-
-    @property
-    def effective(self) -> float:
-        """Number of independent draws that would tell as much (Kong 1992)."""
-        return float(1.0 / np.square(self.weights).sum())
 
     def deviations(self, about: Array) -> Array:
         """Half-widths (unknown,) of the intervals about `about` with the probability of one σ."""
@@ -81,9 +62,8 @@ class Posterior:
         order = np.argsort(apart, axis=0)
         within = np.cumsum(self.weights[order], axis=0)
         sizes = np.take_along_axis(apart, order, axis=0)
-        return np.array(
-            [np.interp(ONE_SIGMA, w, s) for w, s in zip(within.T, sizes.T, strict=True)]
-        )
+        pairs = zip(within.T, sizes.T, strict=True)
+        return np.array([np.interp(ONE_SIGMA, w, s) for w, s in pairs])
 
     def covariance(self, about: Array) -> Array:
         """Covariance (unknown, unknown) with these deviations and the correlation about `about`."""
@@ -104,11 +84,10 @@ class _Mixture:
     roots: Array  # square roots of their covariances, (centres, unknown, unknown)
     shares: Array  # (centres,)
     periods: Array  # as those of a `Posterior`
-    options: PosteriorOptions
 
     def draw(self, seed: int) -> Array:
         """Draws less those farther than half a period, which would count a rotation twice."""
-        normal, radius, level = _standard(len(self.periods), seed, self.options)
+        normal, radius, level = _standard(len(self.periods), seed)
         centre = np.searchsorted(np.cumsum(self.shares)[:-1], level)
         steps = radius[:, None] * np.matmul(self.roots[centre], normal[:, :, None])[:, :, 0]
         once = (_nearest(steps, self.periods) == steps).all(axis=1)
@@ -117,31 +96,28 @@ class _Mixture:
     def density(self, values: Array) -> Array:
         """Density (n,) at values, but for a factor that all mixtures have."""
         apart = _nearest(values - self.about[:, None], self.periods)
-        inverse, freedom = np.linalg.inv(self.roots), self.options.freedom
+        inverse = np.linalg.inv(self.roots)
         scaled = np.matmul(apart, inverse.swapaxes(1, 2))
         square = np.einsum("kni,kni->kn", scaled, scaled)
         heights = self.shares * np.abs(np.linalg.det(inverse))
-        density: Array = heights @ (1.0 + square / freedom) ** (-0.5 * (freedom + values.shape[1]))
+        density: Array = heights @ (1.0 + square / FREEDOM) ** (-0.5 * (FREEDOM + values.shape[1]))
         return density
 
     def about_draws(self, values: Array, weights: Array, slopes: Array) -> _Mixture:
         """About draws picked by weight; where charges hardly change, as wide as all draws are."""
-        count, widening = self.options.centres, self.options.widening
-        level = (np.arange(count) + 0.5) / count
+        level = (np.arange(CENTRES) + 0.5) / CENTRES
         rows = np.searchsorted(np.cumsum(weights)[:-1], level)
         apart = _nearest(values - values[weights.argmax()], self.periods)
         apart -= weights @ apart
         spread = np.sqrt(weights @ np.square(apart) + np.square(self.roots[0]).sum(axis=1))
         J = slopes[rows] * spread
         covariances = np.linalg.inv(J.swapaxes(1, 2) @ J + np.eye(len(spread)))
-        roots = widening * spread[:, None] * np.linalg.cholesky(covariances)
-        shares = np.full(count, 1.0 / count)
+        roots = WIDENING * spread[:, None] * np.linalg.cholesky(covariances)
+        shares = np.full(CENTRES, 1.0 / CENTRES)
         return replace(self, about=values[rows], roots=roots, shares=shares)
 
 
-def posterior(
-    problem: Problem, touches: Sequence[Touch], options: PosteriorOptions = DEFAULTS
-) -> Posterior:
+def posterior(problem: Problem, touches: Sequence[Touch]) -> Posterior:
     """The posterior within the model's domain, for the first row of a problem's charges.
 
     `touches` are the maxima of the likelihood.
@@ -151,12 +127,12 @@ def posterior(
     scale = np.where(unknown == FORCE, maxima[:, FORCE, None], 1.0)
     maxima[:, FORCE] = np.log(maxima[:, FORCE])
     periods = np.where(unknown == ROTATION, period_deg(problem.model), 0.0)
-    roots = options.widening * np.array([touch.root for touch in touches]) / scale[:, :, None]
-    shares: Array = np.maximum([touch.weight for touch in touches], options.least_share)
-    mixture = _Mixture(maxima[:, unknown], roots, shares / shares.sum(), periods, options)
+    roots = WIDENING * np.array([touch.root for touch in touches]) / scale[:, :, None]
+    shares: Array = np.maximum([touch.weight for touch in touches], LEAST_SHARE)
+    mixture = _Mixture(maxima[:, unknown], roots, shares / shares.sum(), periods)
     mixtures, at, system = [mixture], np.empty((0, 4)), np.empty((0, len(problem.electrodes), 5))
     values, weights = mixture.about, mixture.shares
-    for seed in range(1 + options.rounds):
+    for seed in range(1 + ROUNDS):
         if seed:
             mixtures.append(mixture.about_draws(values, weights, system[:, :, 1 + unknown]))
         values = mixtures[-1].draw(seed)
@@ -183,9 +159,9 @@ def _nearest(apart: Array, periods: Array) -> Array:
 
 
 @lru_cache(maxsize=16)
-def _standard(dimension: int, seed: int, options: PosteriorOptions) -> tuple[Array, Array, Array]:
+def _standard(dimension: int, seed: int) -> tuple[Array, Array, Array]:
     """Normal draws (n, dimension), the radii that make them Student's, and levels from 0 to 1."""
     draw = np.random.default_rng(seed)
-    normal = draw.standard_normal((options.draws, dimension))
-    radius = np.sqrt(options.freedom / draw.chisquare(options.freedom, options.draws))
-    return normal, radius, (np.arange(options.draws) + 0.5) / options.draws
+    normal = draw.standard_normal((DRAWS, dimension))
+    radius = np.sqrt(FREEDOM / draw.chisquare(FREEDOM, DRAWS))
+    return normal, radius, (np.arange(DRAWS) + 0.5) / DRAWS

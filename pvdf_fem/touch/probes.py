@@ -14,20 +14,13 @@ from pvdf_fem.touch.location import Location
 
 @dataclass(frozen=True, eq=False)
 class ProbeMatch:
-    """One probe among several that may have given the charges.
+    """One probe among several that may have given the charges."""
 
-    Attributes
-    ----------
-    name : str
-        Name of its model.
-    weight : float
-        Probability of this probe given the charges, if all probes were equally likely before.
-    location : Location
-        The touches of this probe.
-    """
-
+    #: Name of its model.
     name: str
+    #: Probability of this probe given the charges, if all probes were equally likely before.
     weight: float
+    #: The touches of this probe.
     location: Location
 
 
@@ -44,19 +37,8 @@ def weigh(
 
     Bayes' rule is applied to the probability density of the charges over all touches of each probe.
     A probe that can give many different charges must explain the measured ones better than a probe
-    that can give few.
-
-    Parameters
-    ----------
-    models : mapping
-        Models of different probes on the same sensor, by name.
-    charges_pC, sigma, unknown, known, noise_pC
-        As for `locate`.
-
-    Raises
-    ------
-    ValueError
-        Without models, and as `locate`.
+    that can give few. The models are of different probes on the same sensor, by name; the other
+    arguments are those of `locate`. Raises `ValueError` without models, and as `locate`.
     """
     if not models:
         raise ValueError("models: none given; give one for each probe in question")

@@ -26,6 +26,11 @@ from pvdf_fem.response.model import (
     rotation_counts,
 )
 
+#: Searches may go this far beyond the model's domain: a factor of its reach.
+ROOM_REACH = 1.05
+#: The same of its largest force and, inversely, its least.
+ROOM_FORCE = 1.1
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:
@@ -39,25 +44,12 @@ class Problem:
     deviations_pC: Array
     #: Which of x, y, rotation and force are sought.
     unknown: Indices
-    #: room_reach, room_force: How far searches may leave the model's domain: factors of its reach,
-    #: and of its largest force and, inversely, its least.
-    room_reach: float = 1.05
-    room_force: float = 1.1
 
     def linearised(self, at: Array, touch: Indices | None = None) -> Array:
         """Differences of charges, then their slopes, over deviations, (n, electrodes, 1 + 4).
 
-        Parameters
-        ----------
-        at : ndarray, shape (n, 4)
-            Coordinates.
-        touch : ndarray of int, shape (n,), optional
-            Rows of the charges that they are to explain; by default the first.
-
-        Returns
-        -------
-        ndarray, shape (n, electrodes, 1 + 4)
-            Slopes by coordinates that are not sought are zero.
+        At coordinates `at` (n, 4), which are to explain the rows `touch` (n,) of the charges, by
+        default the first. Slopes by coordinates that are not sought are zero.
         """
         edge = self.inside(at)
         touches = edge.copy()
@@ -108,8 +100,8 @@ class Problem:
     def _room(self) -> tuple[float, float, float]:
         """The same of the domain that searches may not leave."""
         reach_mm, lowest, highest = self._domain
-        more = math.log(self.room_force)
-        return self.room_reach * reach_mm, lowest - more, highest + more
+        more = math.log(ROOM_FORCE)
+        return ROOM_REACH * reach_mm, lowest - more, highest + more
 
     @property
     def scale(self) -> Array:

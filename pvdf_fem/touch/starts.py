@@ -30,73 +30,47 @@ Interpolation = tuple[tuple[int | Indices, float], ...]
 _MOVING = np.array([X, Y, FORCE])
 
 
-@dataclass(frozen=True)
-class StartOptions:
-    """The lattice of the table, and which starts are kept.
-
-    Attributes
-    ----------
-    across, rotations, forces : int
-        Places across the reach, rotations in the probe's period, forces in the domain.
-    around : int
-        Places on the edge of the reach.
-    lowest : int
-        Number of places with the least chi-square that are taken at each rotation besides local
-        minima: long valleys have several bottoms.
-    damping : float
-        Damping of the Gauss-Newton step.
-    longest : tuple of float
-        Longest step along x and y in mm, and the logarithm of the force.
-    close : tuple of float
-        Of starts this close (mm, mm, degrees, logarithm of the force) only the best is kept.
-    worse, neglected : float
-        A start is left out whose charges are farther than those of the best start by more than
-        `worse` standard deviations and `neglected`, the second order, of the charges' size.
-    """
-
-    across: int = 25
-    rotations: int = 24
-    forces: int = 5
-    around: int = 48
-    lowest: int = 8
-    damping: float = 1e-3
-    longest: tuple[float, float, float] = (1.5, 1.5, 0.5)
-    close: tuple[float, float, float, float] = (0.3, 0.3, 1e-9, 0.1)
-    worse: float = 5.0
-    neglected: float = 0.01
-
-
-DEFAULTS = StartOptions()
+#: Places of a table's lattice across the reach.
+ACROSS = 25
+#: Places on the edge of the reach.
+AROUND = 48
+#: Rotations of a table in the probe's period.
+ROTATIONS = 24
+#: Forces of a table in the domain.
+FORCES = 5
+#: Number of places with the least chi-square that are taken at each rotation besides local minima:
+#: long valleys have several bottoms.
+LOWEST = 8
+#: Damping of the Gauss-Newton step.
+DAMPING = 1e-3
+#: Longest step along x and y in mm, and the logarithm of the force.
+LONGEST = np.array([1.5, 1.5, 0.5])
+#: Of starts this close (mm, mm, degrees, logarithm of the force) only the best is kept.
+CLOSE = np.array([0.3, 0.3, 1e-9, 0.1])
+#: A start is left out whose charges are farther than those of the best start by more than this
+#: number of standard deviations and `NEGLECTED`.
+WORSE = 5.0
+#: The second order in a step, over the charges' size.
+NEGLECTED = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class TouchTable:
-    """Charges on a lattice of touches, and their slopes by x, y and the logarithm of the force.
+    """Charges on a lattice of touches, and their slopes by x, y and the logarithm of the force."""
 
-    Attributes
-    ----------
-    places_mm : ndarray, shape (places, 2)
-        Places of the lattice within the reach, and on its edge unless x or y is known.
-    neighbours : ndarray of int, shape (most neighbours, places)
-        Neighbours of each place; the number of places stands for a missing one.
-    rotations_deg, log_forces : ndarray
-        The other axes.
-    charges_pC : ndarray, shape (rotations, electrodes, forces, places)
-    nodes : ndarray, shape (rotations forces places, electrodes, 1 + 3)
-        The charges and their slopes.
-    period_deg : float
-        Period of the rotation, when the axis is the whole period; else 0.
-    options : StartOptions
-    """
-
+    #: Places (places, 2) of the lattice within the reach, and on its edge unless x or y is known.
     places_mm: Array
+    #: Neighbours (most neighbours, places); the number of places stands for a missing one.
     neighbours: Indices
+    #: The other axes: rotations and logarithms of the force.
     rotations_deg: Array
     log_forces: Array
+    #: Charges, (rotations, electrodes, forces, places).
     charges_pC: Single
+    #: The charges and their slopes, (rotations forces places, electrodes, 1 + 3).
     nodes: Single
+    #: Period of the rotation, when the axis is the whole period; else 0.
     period_deg: float
-    options: StartOptions
 
     def of(self, electrodes: Indices) -> TouchTable:
         """The table of some electrodes."""
@@ -112,14 +86,8 @@ class TouchTable:
     ) -> Array:
         """Coordinates (n, 4) near the local minima of chi-square over places, at each rotation.
 
-        Parameters
-        ----------
-        charges_pC, deviations_pC : ndarray, shape (electrodes,)
-        sought : ndarray of int
-            What the Gauss-Newton step changes of x, y and force, 0 to 2.
-        rotation_deg : float, optional
-            The rotation, at which the table is interpolated linearly; if not given, all of the
-            table's.
+        For charges and deviations (electrodes,). `sought` is what the Gauss-Newton step changes of
+        x, y and force, 0 to 2. At a given rotation the table is interpolated linearly.
         """
         weights = 1.0 / deviations_pC
         target = charges_pC * weights
@@ -139,7 +107,7 @@ class TouchTable:
         system = (lower + share[:, None, None] * (upper - lower)) * weights[:, None]
         system[:, :, 0] -= target
         misfit = self._stepped(at, system, sought)
-        excess = self.options.worse + self.options.neglected * math.sqrt(target @ target)
+        excess = WORSE + NEGLECTED * math.sqrt(target @ target)
         by_rotation = [np.flatnonzero(turn == k) for k in range(len(chi_square))]
         kept = [self._best(rows, at, misfit, excess) for rows in by_rotation]
         return at.take(np.concatenate(kept), axis=0)
@@ -149,8 +117,8 @@ class TouchTable:
         if len(sought) < len(_MOVING):
             system = system.take([0, *(1 + sought)], axis=2)
         normal = np.matmul(system.swapaxes(1, 2), system)
-        step, promised = damped_steps(normal, self.options.damping)
-        stretch = np.abs(step / np.take(self.options.longest, sought)).max(axis=1)
+        step, promised = damped_steps(normal, DAMPING)
+        stretch = np.abs(step / LONGEST[sought]).max(axis=1)
         at[:, _MOVING[sought]] += step / np.maximum(stretch, 1.0)[:, None]
         return np.sqrt(np.maximum(normal[:, 0, 0] - promised, 0.0))
 
@@ -211,7 +179,7 @@ class TouchTable:
         turns, places = chi_square.shape
         missing = np.full((turns, 1), np.inf, dtype=np.float32)
         near = np.concatenate([chi_square, missing], axis=1).take(self.neighbours, axis=1)
-        count = min(self.options.lowest, places)
+        count = min(LOWEST, places)
         lowest = np.partition(chi_square, count - 1, axis=1)[:, count - 1 : count]
         return (chi_square <= near.min(axis=1)) | (chi_square <= lowest)
 
@@ -222,38 +190,25 @@ class TouchTable:
         rows, values = rows[good], values[good]
         if len(rows) == 1:
             return rows
-        return rows[~repeated(at[rows], values, np.array(self.options.close))]
+        return rows[~repeated(at[rows], values, CLOSE)]
 
 
-def tabulate(
-    model: Model, known: Mapping[int, float], options: StartOptions = DEFAULTS
-) -> TouchTable:
-    """The table of a model over all that is not known.
-
-    Parameters
-    ----------
-    model : Model
-    known : mapping
-        Values of x, y in mm, rotation in degrees and force in N by their index.
-    options : StartOptions
-    """
+def tabulate(model: Model, known: Mapping[int, float]) -> TouchTable:
+    """The table of a model over all that is not `known`, which are values by their index."""
     reach, (lowest, highest) = model.domain.reach_mm, model.domain.force_N
-    line = np.linspace(-reach, reach, options.across)
+    line = np.linspace(-reach, reach, ACROSS)
     x, y = (np.array([known[i]]) if i in known else line for i in (X, Y))
-    places, neighbours = _lattice(x, y, reach, 0 if {X, Y} & set(known) else options.around)
+    places, neighbours = _lattice(x, y, reach, 0 if {X, Y} & set(known) else AROUND)
     period = 0.0 if ROTATION in known else period_deg(model)
-    count = options.rotations if rotation_counts(model) else 1
+    count = ROTATIONS if rotation_counts(model) else 1
     rotations = np.arange(count) * period / count if period else np.array([known[ROTATION]])
-    forces = np.geomspace(lowest, highest, options.forces)
+    forces = np.geomspace(lowest, highest, FORCES)
     if FORCE in known:
         forces = np.array([known[FORCE]])
     by_rotation = [_at_rotation(model, places, rotation, forces) for rotation in rotations]
     charges, nodes = zip(*by_rotation, strict=True)
-    charges_pC, all_nodes = np.stack(charges), np.concatenate(nodes)
-    log_forces = np.log(forces)
-    return TouchTable(
-        places, neighbours, rotations, log_forces, charges_pC, all_nodes, period, options
-    )
+    rows = np.stack(charges), np.concatenate(nodes)
+    return TouchTable(places, neighbours, rotations, np.log(forces), *rows, period)
 
 
 def _at_rotation(
@@ -310,14 +265,8 @@ def starts(
 ) -> Array:
     """Coordinates (n, 4) to start searches from; a sought rotation starts from all of the table's.
 
-    Parameters
-    ----------
-    model : Model
-    charges_pC, deviations_pC : ndarray, shape (electrodes,)
-    electrodes : ndarray of int
-        The model's electrodes that have charges.
-    known : mapping
-        Values of x, y in mm, rotation in degrees and force in N by their index.
+    `electrodes` are the model's that have `charges_pC` (electrodes,); `known` are values of x, y in
+    mm, rotation in degrees and force in N by their index.
     """
     if set(known) <= {ROTATION}:
         table = _table_of_electrodes(model, tuple(electrodes.tolist()))

@@ -19,40 +19,28 @@ DETERMINED = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """A touch whose charges are, among touches nearby, the likeliest to give those measured.
-
-    Attributes
-    ----------
-    x_mm, y_mm, rotation_deg, force_N : float
-        The rotation from 0 to the probe's period.
-    unknown : tuple of str
-        The quantities that were sought, of `QUANTITIES`; the order of all matrices.
-    jacobian : ndarray, shape (electrodes, unknown)
-        Slopes of the charges by the unknown, divided by the charges' standard deviations.
-    extent : ndarray, shape (unknown,)
-        Size of the domain in each unknown: what is known of it without any charge.
-    chi_square : float
-        Sum of the squared residuals, each divided by its standard deviation.
-    p_value : float
-        Probability of a larger chi-square if the model is right; NaN if there are no more charges
-        than unknown quantities.
-    weight : float
-        Share of this touch in the likelihood of all touches of its location.
-    at_edge : tuple of str
-        Which limits of the model's domain hold it: ``reach_mm``, ``force_N``. The true touch may
-        lie beyond.
-    """
+    """A touch whose charges are, among touches nearby, the likeliest to give those measured."""
 
     x_mm: float
     y_mm: float
+    #: From 0 to the probe's period.
     rotation_deg: float
     force_N: float
+    #: The quantities that were sought, of `QUANTITIES`; the order of all matrices.
     unknown: tuple[str, ...]
+    #: Slopes of the charges over their standard deviations, (electrodes, unknown).
     jacobian: Array
+    #: Size (unknown,) of the domain in each unknown: what is known of it without any charge.
     extent: Array
+    #: Sum of the squared residuals, each divided by its standard deviation.
     chi_square: float
+    #: Probability of a larger chi-square if the model is right; NaN if there are no more charges
+    #: than unknown quantities.
     p_value: float
+    #: Share of this touch in the likelihood of all touches of its location.
     weight: float
+    #: Which limits of the model's domain hold it: ``reach_mm``, ``force_N``. The true touch may lie
+    #: beyond.
     at_edge: tuple[str, ...]
 
     @property

@@ -74,8 +74,8 @@ def test_steps_of_the_plan_are_told():
     rings = [{"electrodes.ring_radius_mm": r} for r in (8.0, 12.0)]
     scenes = [TRIANGLE.with_(**f, **r, **m) for f in forces for r in rings for m in ({}, MIRRORED)]
     shared = plan([*scenes, scenes[0]])
-    assert shared.steps == (4, 2, 1)
-    assert (shared.missing, len(shared.blocks)) == (8, 1)
+    assert (shared.given, shared.turned, len(shared.blocks)) == (4, 2, 1)
+    assert shared.missing == 8
     counts = [line.split()[0] for line in str(shared).splitlines()]
     assert counts == ["9", "8", "4", "2", "1", "1"]
 
@@ -85,7 +85,7 @@ def test_electrodes_that_act_on_the_film_share_no_solve(monkeypatch):
     changes = [{}, {"film.d31_pC_N": 1.0}, {"electrodes.ring_radius_mm": 14.0}, MIRRORED]
     scenes = [TRIANGLE.with_(**change) for change in changes]
     alone = plan([*scenes, scenes[0]])
-    assert alone.steps == (4, 4, 4)
+    assert (alone.given, alone.turned, len(alone.blocks)) == (4, 4, 4)
     assert "only read the stress" not in str(alone)
 
 
