@@ -9,7 +9,7 @@ The linear correction needs no factorisation of its own: conjugate gradients wit
 preconditioner (the factorised tangent of order p, plus the diagonal) take 5 to 10 iterations.
 
 It is not enough: the strain has the square of the error's slope, which a linear correction leaves
-out. A film resists stretching so much more than turning that this square changes the tension as
+out. A film resists stretching far more than turning, so that this square changes the tension as
 much as the error itself does. That change is smooth, so two more steps of order p alone
 bring it in. The estimate is then mostly within a tenth, at worst a third, of the fully converged
 correction.
