@@ -147,15 +147,12 @@ class FilmModel(ABC):
         return 'film.bending = "auto" or true'
 
     def compression_remarks(self, smallest: Array, largest: Array) -> Iterator[tuple[str, Array]]:
-        """Texts, and where that is, from the principal stresses.
-
-        A text has places for an area and for the relative change of a charge by wrinkles.
-        """
+        """Texts with a place for an area, and where that is, from the principal stresses."""
         compressed = smallest < -ROUNDING * np.abs(largest).max()
         if compressed.any():
             yield (
-                f"compression: down to {1e-6 * smallest.min():.3g} MPa on {{}}, where a real film"
-                " wrinkles; this would change a charge by up to {:.1e} of it",
+                f"compression: down to {1e-6 * smallest.min():.3g} MPa on {{}},"
+                " where a real film wrinkles",
                 compressed,
             )
 

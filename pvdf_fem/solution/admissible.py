@@ -34,17 +34,18 @@ STRAIN_LIMIT = 0.05
 #: pressure along z and one normal to the film differ by 1 - cos = 11 %, and the probe's face no
 #: longer covers its shadow.
 SLOPE_LIMIT = 0.5
-WRINKLING = {"film.compression": "tension-field"}
+#: What makes a film wrinkle; one with ``bending = "auto"`` may be a membrane.
+WRINKLING = {"film.bending": False, "film.compression": "tension-field"}
 
 
 #: Relative change of a charge by wrinkles above which a membrane in compression is no result.
 MOST_CHANGE = 0.1
 
 
-def refusal(fields: Fields, factors: SuperLU | None, change: float) -> Status | None:
+def refusal(fields: Fields, factors: SuperLU | None, change: float | None) -> Status | None:
     """The status of a solution that is no equilibrium or not stable; None for one that is.
 
-    `change` is the relative change of a charge that wrinkles would make in a membrane.
+    `change` is the relative one of a charge that wrinkles would make in a membrane.
     """
     if factors is None:  # the flat film
         return None
@@ -55,7 +56,7 @@ def refusal(fields: Fields, factors: SuperLU | None, change: float) -> Status | 
         return Status.UNSTABLE
     # without compression the energy has no other stationary point
     buckled = compressed(state) and not is_stable(equilibrium, factors)
-    return Status.UNSTABLE if buckled or change > MOST_CHANGE else None
+    return Status.UNSTABLE if buckled or (change or 0.0) > MOST_CHANGE else None
 
 
 def changes_by_wrinkles(attempt: Attempt) -> Array | None:
@@ -79,11 +80,15 @@ def changes_by_wrinkles(attempt: Attempt) -> Array | None:
     return goal_forces(goals, wrinkling.membrane, x, part) - attempt.fields.forces.values
 
 
-def warnings(equilibrium: Equilibrium, state: State, change: float) -> Iterator[str]:
-    """What to look at: compression or wrinkles, strength, strain, slope; with value and place."""
+def warnings(equilibrium: Equilibrium, state: State, change: float | None) -> Iterator[str]:
+    """What to look at: compression or wrinkles, strength, strain, slope; with value and place.
+
+    `change` is the relative one of a charge that wrinkles would make, if it is known.
+    """
+    told = "" if change is None else f"; this would change a charge by up to {change:.1e} of it"
     least, largest = principal(state.stress)
     for remark, where in equilibrium.model.compression_remarks(least, largest):
-        yield remark.format(_area(equilibrium, where), change)
+        yield remark.format(_area(equilibrium, where)) + told
     if (stress := largest.max()) > STRENGTH:
         yield (
             f"strength: principal stress up to {1e-6 * stress:.4g} MPa"

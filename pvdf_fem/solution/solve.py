@@ -140,7 +140,7 @@ def _on_part(problem: Problem) -> Solution | None:
 
 def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> Solution:
     """The attempt as a solution, with the status that it deserves."""
-    problem, fields, change = attempt.problem, attempt.fields, 0.0
+    problem, fields, change = attempt.problem, attempt.fields, None
     if (changes := admissible.changes_by_wrinkles(attempt)) is not None:
         by_charge = np.abs(charges_of(problem.goals, changes)) / attempt.charge_sizes
         change = float(by_charge.max(initial=0.0))
@@ -152,7 +152,7 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
         reason = (
             f"{reason}, to at least {_rounded_up(attempt.worst)}, which was reached ({stop.value})"
         )
-    elif status is Status.CONVERGED and change > problem.scene.numerics.tolerance:
+    elif status is Status.CONVERGED and (change or 0.0) > problem.scene.numerics.tolerance:
         reason = f"{reason}, but for {change:.1e} of a charge that wrinkles would change"
     return Solution(
         problem.scene,
@@ -175,7 +175,7 @@ def _rounded_up(value: float) -> str:
     return f"{math.ceil(value / unit) * unit:.1e}"
 
 
-def _status(attempt: Attempt, stop: Stop, change: float) -> Status:
+def _status(attempt: Attempt, stop: Stop, change: float | None) -> Status:
     """How the solve ended; `change` is the relative one of a charge that wrinkles would make."""
     scene, fields, status = attempt.problem.scene, attempt.fields, attempt.result.status
     if status is Status.CONVERGED:

@@ -164,7 +164,6 @@ class Tangent:
 
     factors: SuperLU
     convex: bool = False
-    serves: bool = True
     residuals: list[Array] = field(default_factory=list)
     steps: list[Array] = field(default_factory=list)
 
@@ -374,7 +373,7 @@ class DeferredNewton(OfEquilibrium):
 
     def _outdated(self, tangent: Tangent, table: Sequence[Iteration]) -> bool:
         """Whether a new tangent would save more steps than it costs."""
-        if not tangent.serves or table[-1].step > self.options.defer_size:
+        if tangent.convex or table[-1].step > self.options.defer_size:
             return True
         contraction = self.options.contraction
         return not table[-1].fresh and table[-1].step > contraction * table[-2].step
@@ -387,13 +386,9 @@ class DeferredNewton(OfEquilibrium):
         under_compression = compressed(state)
         if size <= self.options.near_size or not under_compression:
             factors = factorise(self.equilibrium.tangent(state))
-            definite = not under_compression or negative_pivots(factors) == 0
-            local = size <= self.options.local_size and is_stable(self.equilibrium, factors)
-            if definite or local:
-                return Tangent(factors, serves=definite)
-        return Tangent(
-            factorise(convex_tangent(self.equilibrium, state)), convex=True, serves=False
-        )
+            if not under_compression or negative_pivots(factors) == 0:
+                return Tangent(factors)
+        return Tangent(factorise(convex_tangent(self.equilibrium, state)), convex=True)
 
     def length(self, step: Step) -> float:
         """Where the energy along the step is least, unless it is small."""

@@ -204,8 +204,8 @@ def test_warnings_are_those_of_the_whole_film():
         **{"load.force_N": 150.0, "film.temperature_change_K": 3.0}
     )
     fields = on_part(scene)
-    of_part = list(admissible.warnings(fields.solved, fields.solved_state, 0.0))
-    of_whole = list(admissible.warnings(fields.equilibrium, fields.state, 0.0))
+    of_part = list(admissible.warnings(fields.solved, fields.solved_state, None))
+    of_whole = list(admissible.warnings(fields.equilibrium, fields.state, None))
     assert len(of_part) == len(of_whole) >= 2
     assert [nearest(text) for text in of_part] == [nearest(text) for text in of_whole]
 
