@@ -34,8 +34,6 @@ STRAIN_LIMIT = 0.05
 #: pressure along z and one normal to the film differ by 1 - cos = 11 %, and the probe's face no
 #: longer covers its shadow.
 SLOPE_LIMIT = 0.5
-#: What makes a film wrinkle; one with ``bending = "auto"`` may be a membrane.
-WRINKLING = {"film.bending": False, "film.compression": "tension-field"}
 
 
 #: Relative change of a charge by wrinkles above which a membrane in compression is no result.
@@ -73,7 +71,10 @@ def changes_by_wrinkles(attempt: Attempt) -> Array | None:
     if carries or not attempt.result.converged or not compressed(attempt.fields.solved_state):
         return None
     space, part = solved.space, solved.part
-    wrinkling = Equilibrium(solved.scene.with_(**WRINKLING), space.mesh, space.order, part)
+    # a scene of a sweep may have no electrodes, which `Scene.with_` refuses
+    film = solved.film.model_copy(update={"bending": False, "compression": "tension-field"})
+    scene = solved.scene.model_copy(update={"film": film})
+    wrinkling = Equilibrium(scene, space.mesh, space.order, part)
     state = wrinkling.state(q)
     step = factorise(wrinkling.tangent(state)).solve(wrinkling.residual(state))
     x = wrinkling.unknowns.expand(q - step)
