@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -62,10 +63,11 @@ def draw_errors(errors: dict[str, list[tuple[Array, Array]]], path: Path) -> Non
             )
             ax.plot(true, stated, ".", color=ink, alpha=0.5)
             ends = np.array([1e-4, 2.0])
+            along: dict[str, Any] = {"rotation": 42.0, "rotation_mode": "anchor"}
             ax.plot(ends, ends, "k-", lw=0.8)
             ax.plot(ends, 0.2 * ends, "k:", lw=0.8)
-            ax.text(1.2e-4, 2.5e-4, "stated = true", fontsize=8)
-            ax.text(6e-3, 4e-4, "a fifth", fontsize=8)
+            ax.text(1.6e-4, 2.2e-4, "stated = true", fontsize=8, **along)
+            ax.text(1.6e-3, 1.7e-4, "a fifth", fontsize=8, **along)
             ax.axvline(1.0, color="0.7", lw=0.8)
             ax.set_xlim(*ends)
             ax.set_ylim(*ends)
