@@ -10,7 +10,7 @@ from skfem import MeshTri2
 from pvdf_fem.arrays import Array, Indices
 
 #: gmsh's elements are smaller than the sizes that they are asked for by about this factor.
-SPARE = 1.15
+SPARE = 1.18
 
 
 @dataclass(frozen=True)
