@@ -16,6 +16,7 @@ import json
 import os
 import sqlite3
 import sys
+import time
 import zlib
 from collections.abc import Iterable
 from contextlib import suppress
@@ -39,6 +40,10 @@ if sys.platform != "win32":
 APPLICATION_ID = 0x70766466
 # Version of the tables in our files.
 SCHEMA = 2
+# Longest wait in s for other programs that write to the file.
+LONGEST_WAIT = 60.0
+# Pause in s between attempts to open a file that other programs are making.
+PAUSE = 0.01
 # Folders of modules, and packages, on which the numbers of a record depend.
 NUMERICAL_FOLDERS = ("scene", "mesh", "film", "charges", "solvers", "solution", "sweeps")
 NUMERICAL_PACKAGES = ("gmsh", "numpy", "scikit-fem", "scipy")
@@ -139,8 +144,7 @@ class Store:
         try:
             self._connect("")
         except StoreError as error:
-            number = getattr(error.__cause__, "sqlite_errorcode", 0) & 0xFF
-            unwritable = number in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
+            unwritable = _number(error) in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
             if not (unwritable and path.is_file()):
                 raise
             try:
@@ -152,14 +156,27 @@ class Store:
         self.read_only = bool(mode)
         name = Path(os.path.abspath(self._path)).as_uri() + mode
         try:
-            self._rows = sqlite3.connect(name, timeout=60.0, isolation_level=None, uri=True)
+            self._rows = sqlite3.connect(name, timeout=LONGEST_WAIT, isolation_level=None, uri=True)
         except sqlite3.Error as error:
             raise self._error(error) from error
         try:
-            self._open()
+            self._open_among_others()
         except BaseException:
             self._rows.close()
             raise
+
+    def _open_among_others(self) -> None:
+        """Open the file; SQLite itself does not wait where two programs make it at once."""
+        latest = time.monotonic() + LONGEST_WAIT
+        while True:
+            try:
+                return self._open()
+            except StoreError as error:
+                if _number(error) != sqlite3.SQLITE_BUSY or time.monotonic() > latest:
+                    raise
+            if self._rows.in_transaction:
+                self._execute("ROLLBACK")
+            time.sleep(PAUSE)
 
     def _open(self) -> None:
         self._execute("BEGIN")  # another process may make the store at this moment
@@ -282,6 +299,11 @@ class Store:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _number(error: StoreError) -> int:
+    """SQLite's primary result code of an error; zero if it is not SQLite's."""
+    return getattr(error.__cause__, "sqlite_errorcode", 0) & 0xFF
 
 
 def _sum(name: str, text: str) -> str:
