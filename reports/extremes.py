@@ -57,6 +57,7 @@ class DrawnScene:
     def group(self) -> str:
         """The kind of film by its temperature."""
         change = self.scene.film.temperature_change_K
+        assert change is not None  # random scenes are stretched by cooling
         if change > 0.0:
             return "hot, barely loaded" if barely_loaded(self.scene) else "hot"
         return "cold" if change < -1e-6 else "without pretension"

@@ -7,7 +7,7 @@ takes the P of least energy (Pipkin, IMA J. Appl. Math. 36 (1986) 85-99; Steigma
 Lond. A 429 (1990) 141-173; for any material Mosler and Cirak, Comput. Methods Appl. Mech. Eng. 198
 (2009) 925-935)::
 
-    W*(e) = min over P >= 0 of 1/2 (e + P) : C : (e + P),     e = E - alpha dT I
+    W*(e) = min over P >= 0 of 1/2 (e + P) : C : (e + P),     e = E - E0
     S = C : (e + P),    S >= 0,    P >= 0,    S : P = 0
 
 - taut: C : e is nowhere compressive, P = 0;
@@ -43,8 +43,9 @@ ROUNDING = 1e-15
 class Law(Protocol):
     """Stress of the elastic strain e in the film's plane, both (..., 3), Voigt."""
 
-    #: Plane-stress stiffness in Pa of the taut film, (3, 3).
-    stiffness: Array
+    @property
+    def stiffness(self) -> Array:
+        """Plane-stress stiffness in Pa of the taut film, (3, 3)."""
 
     def stress(self, strain: Array) -> Array:
         """Second Piola-Kirchhoff stress in Pa."""

@@ -62,7 +62,7 @@ class FilmModel(ABC):
     force_over_thickness : bool
         Whether the deformation depends on force and thickness by their ratio only.
     film_is_differentiable : bool
-        Whether charges can be differentiated by thickness, cooling and moduli.
+        Whether charges can be differentiated by thickness, pretension or cooling, and moduli.
     """
 
     name: str
@@ -172,7 +172,7 @@ class MembraneModel(FilmModel):
 
     def flat_film_is_stable(self, terms: list[Term]) -> bool:
         """A membrane stays flat unless it is compressed."""
-        return self.scene.film.thermal_strain <= 0.0
+        return bool(self.scene.film.tension_at_rest.min() >= 0.0)
 
 
 class PlateModel(FilmModel):
@@ -221,7 +221,7 @@ class PlateModel(FilmModel):
 
     def flat_film_is_stable(self, terms: list[Term]) -> bool | None:
         """A plate bears the compression below that at which it buckles."""
-        return True if self.scene.film.thermal_strain <= 0.0 else None
+        return True if self.scene.film.tension_at_rest.min() >= 0.0 else None
 
 
 class TensionFieldModel(FilmModel):

@@ -3,8 +3,8 @@
 Where a mirror image about a line through the film's centre brings film, probe and electrodes onto
 themselves, the displacement is its own mirror image, and one half of the film has all of it; with
 two such lines at right angles one quarter has. On a mirror line the film does not move across it.
-A film that is equally stiff in all directions is turned to have its mirror lines along the axes; of
-any other film only the axes are taken for mirror lines.
+A film that is equally stiff and tight in all directions is turned to have its mirror lines along
+the axes; of any other film only the axes are taken for mirror lines.
 """
 
 from __future__ import annotations
@@ -57,9 +57,12 @@ WHOLE = MirroredPart()
 
 @lru_cache(maxsize=1024)
 def isotropy(film: Film) -> str:
-    """In which directions a film is equally stiff: ``axes``, ``square`` or ``isotropic``."""
-    C = film.stiffness
-    if not np.isclose(C[0, 0], C[1, 1], rtol=1e-12):
+    """Which turns leave a film as it is: ``axes``, ``square`` (by 90°) or ``isotropic``.
+
+    Stiffness and stress at rest decide.
+    """
+    C, (along_x, along_y, _) = film.stiffness, film.stress_at_rest
+    if not np.allclose([C[0, 0], along_x], [C[1, 1], along_y], rtol=1e-12, atol=0.0):
         return "axes"
     isotropic = np.isclose(2.0 * C[2, 2], C[0, 0] - C[0, 1], rtol=1e-12)
     return "isotropic" if isotropic else "square"

@@ -12,8 +12,18 @@ from pydantic import BaseModel
 
 from pvdf_fem.scene.scene_file import problem
 
-# Keys that a shape keeps when it becomes another one.
+# Keys that a shape keeps when it becomes another one, alone or all around a ring.
 _PLACE = {"name", "shape", "x_mm", "y_mm", "rotation_deg"}
+_PLACE |= {"layout", "count", "ring_radius_mm", "first_angle_deg", "centre"}
+# Keys that electrodes keep when their layout becomes another one.
+_OF_ALL_LAYOUTS = {"layout", "ring_radius_mm", "side_mm"}
+# Keys that decide which other keys there are, in the order in which they are changed.
+_FIRST = ("layout", "shape", "kind")
+# Keys of which one takes the place of the other.
+_RIVALS = {
+    ("film", "temperature_change_K"): "pretension_N_m",
+    ("film", "pretension_N_m"): "temperature_change_K",
+}
 _KEY = re.compile(r"[^.[\]]+(?:\.[^.[\]]+|\[[0-9]{1,9}\])*")
 _BY_INDEX = "electrodes are addressed by index in a list [[electrodes]], as in electrodes[0].x_mm"
 
@@ -58,11 +68,19 @@ def change(tables: dict[str, Any], changes: Mapping[str, Any]) -> list[str]:
         elif keys.setdefault(steps, key) != key:
             reason = f"is the same key as {keys[steps]}; remove one"
             problems.append(problem(key[:80], value, reason))
-    # whole sections first, then the keys that decide which other keys there are
-    for steps in sorted(keys, key=lambda steps: (len(steps), steps[-1] not in ("shape", "kind"))):
+
+    def turn(steps: tuple[Any, ...]) -> tuple[int, int]:
+        """Whole sections come first, then the keys that decide which other keys there are."""
+        last = steps[-1]
+        return len(steps), _FIRST.index(last) if last in _FIRST else len(_FIRST)
+
+    for steps in sorted(keys, key=turn):
         key = keys[steps]
         try:
-            _put(tables, steps, plain(changes[key]))
+            _put(tables, steps, value := plain(changes[key]))
+            rival = _RIVALS.get(steps)
+            if rival and value is not None and ("film", rival) not in keys:
+                tables["film"].pop(rival, None)
         except (AttributeError, LookupError, TypeError, ValueError) as error:
             by_index = _BY_INDEX in error.args
             reason = _BY_INDEX if by_index else "leads nowhere; use a key of this scene"
@@ -72,15 +90,21 @@ def change(tables: dict[str, Any], changes: Mapping[str, Any]) -> list[str]:
 
 def _put(tables: dict[str, Any], steps: tuple[Any, ...], value: Any) -> None:
     node: Any = tables
-    listed = isinstance(node.get("electrodes"), list) and int in map(type, steps[1:2])
-    if steps[0] == "electrodes" and len(steps) > 2 and not listed:
-        raise ValueError(_BY_INDEX)
+    electrodes = node.get("electrodes")
+    if steps[0] == "electrodes" and len(steps) > 2:
+        listed = isinstance(electrodes, list)
+        known = isinstance(steps[1], int) if listed else steps[1] in (electrodes or ())
+        if not known:
+            raise ValueError(_BY_INDEX)
     for step in steps[:-1]:
         node = node[step] if isinstance(node, list) else node.setdefault(str(step), {})
     last = steps[-1] if isinstance(node, list) else str(steps[-1])
     if last == "shape" and node.get("shape") != value:
         for size in node.keys() - _PLACE:
             del node[size]
+    if steps == ("electrodes", "layout") and node.get("layout") != value:
+        for key in node.keys() - _OF_ALL_LAYOUTS:
+            del node[key]
     if last == "kind" and value != "rigid":
         node.pop("contact", None)
     node[last] = value

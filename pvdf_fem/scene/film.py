@@ -2,17 +2,34 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator
 
 from pvdf_fem.scene.quantity import Finite, Length, Modulus, Number, Section, refusal, within
+from pvdf_fem.scene.scene_file import quote
 
 
 def _number_or_pair(value: Any) -> str:
     return "pair" if isinstance(value, list | tuple) else "number"
+
+
+if TYPE_CHECKING:
+    Moduli: TypeAlias = float | tuple[float, float]
+    Tension: TypeAlias = float | tuple[float, float]
+else:
+
+    def _along_x_and_y(number: Any) -> Any:
+        """The type of a number, or of a pair of numbers along x and y."""
+        return Annotated[
+            Annotated[number, Tag("number")] | Annotated[tuple[number, number], Tag("pair")],
+            Discriminator(_number_or_pair),
+        ]
+
+    Moduli = _along_x_and_y(Modulus)
+    Tension = _along_x_and_y(Annotated[Finite, within(-1e6, 1e6, "N/m")])
 
 
 class Film(Section):
@@ -27,22 +44,27 @@ class Film(Section):
     `compression` says what the model does with compressive stress: ``refuse`` warns of it, counts
     what wrinkles would change as an error, and takes no membrane for a result of which they would
     change a charge by more than a tenth; ``tension-field`` lets the film wrinkle.
+
+    The clamped film is stretched either by its cooling, `temperature_change_K` (-1 K where neither
+    is given), or to `pretension_N_m`, its tension at rest: a number, or a pair along x and y. In
+    compression, below zero, a film is as one that is heated. `permittivity` is relative.
     """
 
     radius_mm: Length = 45.0
     thickness_um: Annotated[Finite, within(1e-3, 1e6, "µm")] = 25.0
-    youngs_modulus_GPa: Annotated[
-        Annotated[Modulus, Tag("number")] | Annotated[tuple[Modulus, Modulus], Tag("pair")],
-        Discriminator(_number_or_pair),
-    ] = 2.0
+    youngs_modulus_GPa: Moduli = 2.0
     poisson_ratio: Number = Field(0.34, validate_default=True)
     shear_modulus_GPa: Modulus | None = None
     density_kg_m3: Annotated[Finite, within(1e-3, 1e6, "kg/m³")] = 1760.0
     thermal_expansion_per_K: Annotated[Finite, within(-1.0, 1.0, "1/K")] = 110e-6
-    temperature_change_K: Annotated[Finite, within(-1e4, 1e4, "K")] = -1.0
+    pretension_N_m: Tension | None = None
+    temperature_change_K: Annotated[Finite, within(-1e4, 1e4, "K")] | None = Field(
+        None, validate_default=True
+    )
     bending: bool | Literal["auto"] = False
     d31_pC_N: Number = 8.0
     d32_pC_N: Number = 8.0
+    permittivity: Annotated[Finite, within(1.0, 1e6)] = 11.0
     compression: Literal["refuse", "tension-field"] = "refuse"
 
     @field_validator("poisson_ratio")
@@ -60,6 +82,18 @@ class Film(Section):
         elif not 0 <= value < 0.5:
             raise refusal("is outside of [0, 0.5); give Poisson's ratio of a real isotropic film")
         return value
+
+    @field_validator("temperature_change_K")
+    @classmethod
+    def _is_stretched_in_one_way(cls, value: float | None, info: ValidationInfo) -> float | None:
+        pretension = info.data.get("pretension_N_m")
+        if pretension is None:
+            return -1.0 if value is None and "pretension_N_m" in info.data else value
+        if value is not None:
+            raise refusal(
+                f"stands beside film.pretension_N_m = {quote(pretension)}; remove one of the two"
+            )
+        return None
 
     @field_validator("bending", mode="before")
     @classmethod
@@ -101,9 +135,28 @@ class Film(Section):
         return self.d32_pC_N / 1e12
 
     @property
-    def thermal_strain(self) -> float:
-        """Free thermal strain αΔT: negative for a film under tension."""
-        return self.thermal_expansion_per_K * self.temperature_change_K
+    def free_strain(self) -> NDArray[np.float64]:
+        """Strain (3,), Voigt, at which the film has no stress: negative for one under tension.
+
+        It is αΔT in all directions of a film that is cooled, and minus what its pretension
+        stretches another one.
+        """
+        if self.temperature_change_K is not None:
+            strain = self.thermal_expansion_per_K * self.temperature_change_K
+            return strain * np.array([1.0, 1.0, 0.0]) + 0.0  # no negative zeros
+        return np.asarray(np.linalg.solve(self.stiffness, -self.stress_at_rest) + 0.0)
+
+    @property
+    def stress_at_rest(self) -> NDArray[np.float64]:
+        """Stress (3,) in Pa, Voigt, of the flat clamped film; it has no shear."""
+        if self.pretension_N_m is None:
+            return -self.stiffness @ self.free_strain
+        return np.append(np.broadcast_to(self.pretension_N_m, 2), 0.0) / self.thickness
+
+    @property
+    def tension_at_rest(self) -> NDArray[np.float64]:
+        """Principal tensions (2,), those along x and y, of the flat clamped film in N/m."""
+        return self.thickness * self.stress_at_rest[:2]
 
     @property
     def stiffness(self) -> NDArray[np.float64]:

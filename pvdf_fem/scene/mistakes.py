@@ -13,12 +13,22 @@ from pydantic_core import ErrorDetails
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.placement import misplacements
 from pvdf_fem.scene.scene_file import choose, problem, quote
-from pvdf_fem.scene.shapes import ELECTRODES, MOST_ELECTRODES, PROBES, Electrode, Layout, Probe
+from pvdf_fem.scene.shapes import (
+    ELECTRODES,
+    MOST_ELECTRODES,
+    PROBES,
+    RINGS,
+    Electrode,
+    Electrodes,
+    Layout,
+    Probe,
+)
 
 #: The largest number of mistakes that are told about one scene.
 MOST_MISTAKES = 100
 
 _REASONS = {
+    "bool_type": "must be true or false; write one of them without quotes",
     "finite_number": "must be finite; give a number",
     "float_type": "must be a number; write digits without quotes",
     "int_type": "must be a whole number; write digits without a point or quotes",
@@ -77,7 +87,10 @@ def _line(details: ErrorDetails, model: type[BaseModel]) -> str:
     elif kind == "missing":
         return f"{key} = (nothing): {reason}"
     elif kind == "extra_forbidden":
-        reason = f"is no key there; {choose(loc[-1], list(_owner(loc, model).model_fields))}"
+        owner = _owner(loc, model)
+        reason = f"is no key there; {choose(loc[-1], list(owner.model_fields))}"
+        if owner is Layout and any(loc[-1] in ring.model_fields for ring in RINGS.values()):
+            reason = 'is a key of a ring; give electrodes.layout = "ring"'
     elif kind == "literal_error":
         reason = f"is not known; {choose(value, _quoted(context['expected']))}"
     elif kind == "union_tag_invalid":
@@ -96,10 +109,11 @@ def _key(loc: tuple[int | str, ...]) -> str:
     """The key as the scene file has it: pydantic adds the member of a union that it tried."""
     parts = list(loc)
     if parts[0] in ("probe", "electrodes"):
-        del parts[1:2]
-        if len(parts) > 2 and parts[0] == "electrodes" and isinstance(parts[1], int):
-            del parts[2]
-    elif parts[:2] == ["film", "youngs_modulus_GPa"]:
+        tag = parts.pop(1) if len(parts) > 1 else ""
+        if parts[0] == "electrodes" and tag in ("list", "ring"):  # members of a second union
+            place = 2 if tag == "list" else 1
+            del parts[place : place + 1]
+    elif parts[:2] in (["film", "youngs_modulus_GPa"], ["film", "pretension_N_m"]):
         del parts[2:3]
     steps = (f"[{part}]" if isinstance(part, int) else f".{_bare(part)}" for part in parts)
     return "".join(steps).removeprefix(".")
@@ -118,6 +132,8 @@ def _owner(loc: tuple[int | str, ...], model: type[BaseModel]) -> type[BaseModel
             return PROBES[shape]
         case ("electrodes", "layout"):
             return Layout
+        case ("electrodes", "ring", str(shape)):
+            return RINGS[shape]
         case ("electrodes", "list", int(), str(shape)):
             return ELECTRODES[shape]
     section: Any = model.model_fields[str(loc[0])].annotation
@@ -138,7 +154,7 @@ def _among_valid_tables(data: Mapping[str, Any]) -> Iterator[str]:
         models = [_valid(Electrode, table) for table in electrodes[:MOST_ELECTRODES]]
         electrodes = {i: model for i, model in enumerate(models) if model is not None}
     else:
-        electrodes = _valid(Layout, electrodes) or {}
+        electrodes = _valid(Electrodes, electrodes) or {}
     yield from misplacements(
         film.radius_mm if film else None,
         electrodes,

@@ -9,12 +9,12 @@ from itertools import combinations
 from pvdf_fem.scene.outlines.outline import TOUCH, overlaps
 from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES
 from pvdf_fem.scene.scene_file import problem
-from pvdf_fem.scene.shapes import Electrode, Layout, Probe
+from pvdf_fem.scene.shapes import Electrode, Layout, Probe, Ring
 
 
 def misplacements(
     radius_mm: float | None,
-    electrodes: Layout | Mapping[int, Electrode],
+    electrodes: Layout | Ring | Mapping[int, Electrode],
     probe: Probe | None,
     kind: str,
     observable: str,
@@ -25,14 +25,14 @@ def misplacements(
     ----------
     radius_mm : float or None
         Radius of the film; None leaves the rim out.
-    electrodes : Layout or mapping of int to Electrode
+    electrodes : Layout, Ring or mapping of int to Electrode
         A layout, or the electrodes by their position in the scene's list.
     probe : Probe or None
         The probe.
     kind, observable : str
         Kind of the load and charge observable.
     """
-    hashable = electrodes if isinstance(electrodes, Layout) else tuple(electrodes.items())
+    hashable = tuple(electrodes.items()) if isinstance(electrodes, Mapping) else electrodes
     if not _sound(radius_mm, hashable, observable):
         yield from _of_electrodes(radius_mm, hashable, observable)
     if probe is None or radius_mm is None:
@@ -44,7 +44,7 @@ def misplacements(
         yield problem("load.kind", kind, f"{reason} or choose another kind")
 
 
-_Electrodes = Layout | tuple[tuple[int, Electrode], ...]
+_Electrodes = Layout | Ring | tuple[tuple[int, Electrode], ...]
 
 
 @lru_cache(maxsize=16)
@@ -56,27 +56,30 @@ def _sound(radius_mm: float | None, electrodes: _Electrodes, observable: str) ->
 def _of_electrodes(
     radius_mm: float | None, electrodes: _Electrodes, observable: str
 ) -> Iterator[str]:
-    if isinstance(electrodes, Layout):
+    if isinstance(electrodes, tuple):
+        keyed = {f"electrodes[{i}]": electrode for i, electrode in electrodes}
+        yield from _of_list(radius_mm, keyed)
+    else:
+        keyed = {"electrodes": electrodes.electrodes[0]}
         yield from _of_layout(radius_mm, electrodes)
-        return
-    keyed = {f"electrodes[{i}]": electrode for i, electrode in electrodes}
-    yield from _of_list(radius_mm, keyed)
     if (entry := OBSERVABLE_ENTRIES.get(observable)) and entry.needs_edges:
         yield from _without_edges(observable, keyed)
 
 
-def _of_layout(radius_mm: float | None, layout: Layout) -> Iterator[str]:
+def _of_layout(radius_mm: float | None, layout: Layout | Ring) -> Iterator[str]:
     key, value = "electrodes.ring_radius_mm", layout.ring_radius_mm
-    electrodes = layout.electrodes
+    electrodes, sizes = layout.electrodes, [f"electrodes.{size}" for size in layout.size_keys]
+    smaller = " or ".join(sizes)
     reach_mm = 1e3 * max(electrode.outline.reach for electrode in electrodes)
     if radius_mm is not None and reach_mm > radius_mm * (1 + TOUCH):
         reason = _beyond(reach_mm, radius_mm)
-        yield problem(key, value, f"{reason}; make the ring or electrodes.side_mm smaller")
+        yield problem(key, value, f"{reason}; make the ring or {smaller} smaller")
     for a, b in combinations(electrodes, 2):
         if overlaps(a.outline, b.outline):
-            reason = f"electrodes {a.name} and {b.name} of {layout.side_mm:g} mm overlap"
+            fewer = "electrodes.count or " if isinstance(layout, Ring) else ""
+            reason = f"electrodes {a.name} and {b.name} overlap"
             yield problem(
-                key, value, f"{reason}; make the ring larger or electrodes.side_mm smaller"
+                key, value, f"{reason}; make the ring larger, or {fewer}{smaller} smaller"
             )
             return
 

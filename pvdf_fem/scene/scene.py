@@ -130,7 +130,7 @@ class Scene(Section):
         electrodes = self.electrodes
         complaints = misplacements(
             self.film.radius_mm,
-            electrodes if isinstance(electrodes, Layout) else dict(enumerate(electrodes)),
+            dict(enumerate(electrodes)) if isinstance(electrodes, tuple) else electrodes,
             self.probe,
             self.load.kind,
             self.numerics.observable,
@@ -144,7 +144,7 @@ class Scene(Section):
     def electrode_list(self) -> tuple[Electrode, ...]:
         """The electrodes, those of a layout resolved."""
         electrodes = self.electrodes
-        return electrodes.electrodes if isinstance(electrodes, Layout) else electrodes
+        return electrodes if isinstance(electrodes, tuple) else electrodes.electrodes
 
     @classmethod
     def parse(cls, text: str, source: str = "<text>") -> Scene:
@@ -163,8 +163,10 @@ class Scene(Section):
         ----------
         **changes
             Values by dotted key, ``{"load.force_N": 2.0, "electrodes.0.x_mm": 8}``, or whole
-            sections, ``probe=None``. A new shape leaves the sizes of the old one behind, and a
-            load that becomes ``dead`` or ``follower`` its contact.
+            sections, ``probe=None``. A new shape leaves the sizes of the old one behind, a new
+            layout the keys that it does not have, and a load that becomes ``dead`` or ``follower``
+            its contact. ``film.pretension_N_m`` takes the place of ``film.temperature_change_K``,
+            and the other way round.
 
         Raises
         ------

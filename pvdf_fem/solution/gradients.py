@@ -20,16 +20,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
 from scipy.sparse.linalg import SuperLU
 
-from pvdf_fem.arrays import COMPLEX_STEP, Array
+from pvdf_fem.arrays import COMPLEX_STEP, Array, times
 from pvdf_fem.charges.forces import charge_gradients, electrode_forces
 from pvdf_fem.charges.quadrature import facet_quadrature
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.laws import StVenantKirchhoff
 from pvdf_fem.film.loads import LOADS
 from pvdf_fem.film.membrane import IDENTITY, Membrane
 from pvdf_fem.film.models import film_model
@@ -185,7 +185,9 @@ def _scale(scene: Scene, key: str) -> float:
 def parameters_of(scene: Scene) -> tuple[str, ...]:
     """Keys of the parameters by which `gradients` differentiates.
 
-    A film with two moduli has ``film.youngs_modulus_GPa.0`` and ``.1``. A rigid probe has no
+    A film with two moduli has ``film.youngs_modulus_GPa.0`` and ``.1``. A film of given
+    ``film.pretension_N_m`` has that, or its ``.0`` and ``.1``, in place of
+    ``film.temperature_change_K``, and the others at this pretension. A rigid probe has no
     derivative by its place, as the tractions along its edge are singular. Of a film that bends or
     wrinkles there is none by what its stiffness depends on.
     """
@@ -198,9 +200,12 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
 
 
 def _film_keys(film: Film) -> tuple[str, ...]:
-    key = "film.youngs_modulus_GPa"
-    moduli = (f"{key}.0", f"{key}.1") if isinstance(film.youngs_modulus_GPa, tuple) else (key,)
-    return ("film.thickness_um", "film.temperature_change_K", *moduli, "film.poisson_ratio")
+    cooled = film.pretension_N_m is None
+    stretched = "temperature_change_K" if cooled else "pretension_N_m"
+    names = ("thickness_um", stretched, "youngs_modulus_GPa", "poisson_ratio")
+    pairs = {name for name in names if isinstance(getattr(film, name), tuple)}
+    keys = ((f"{name}.0", f"{name}.1") if name in pairs else (name,) for name in names)
+    return tuple(f"film.{key}" for key in chain.from_iterable(keys))
 
 
 def _refusal(scene: Scene, key: str) -> str:
@@ -260,17 +265,42 @@ def _rate(adjoint: _Adjoint, key: str) -> Array:
         return _swept(adjoint, key)
     if key == "load.force_N":
         return equilibrium.load.with_force(1.0).forces(state) @ adjoint.dofs
-    if key == "film.thickness_um":
-        return -membrane.internal_forces(state) @ adjoint.dofs / film.thickness_um
-    if key == "film.temperature_change_K":
-        # the stress is linear in the temperature: the difference over 1 K is the derivative
-        warmer = film.model_copy(update={"temperature_change_K": film.temperature_change_K + 1.0})
-        return adjoint.of_stress(Membrane(membrane.space, warmer)) - adjoint.of_stress(membrane)
     if key in COEFFICIENTS:
         return 1e-12 * adjoint.forces[:, COEFFICIENTS.index(key)]
-    # the stress is linear in the stiffness, whose rate takes its place
-    law = StVenantKirchhoff(_stiffness_rate(film, key))
-    return adjoint.of_stress(Membrane(membrane.space, film, law))
+    rate = adjoint.of_stress(Membrane(membrane.space, film, _StressRate.of(film, key)))
+    if key == "film.thickness_um":
+        rate -= membrane.internal_forces(state) @ adjoint.dofs / film.thickness_um
+    return rate
+
+
+@dataclass(frozen=True, eq=False)
+class _StressRate:
+    """Derivative of the stress by a parameter of the film, as a law: dC : e + S'."""
+
+    #: dC in Pa per unit of the key, (3, 3).
+    stiffness: Array
+    #: S' in Pa per unit of the key, (3,).
+    added: Array
+
+    @classmethod
+    def of(cls, film: Film, key: str) -> _StressRate:
+        """The derivative by a key; that of a film with a given pretension leaves this as it is."""
+        name, _, index = key.removeprefix("film.").partition(".")
+        stiffness, added, tight = np.zeros((3, 3)), np.zeros(3), film.pretension_N_m is not None
+        if name == "temperature_change_K":
+            added = -film.stiffness[:, :2].sum(axis=1) * film.thermal_expansion_per_K
+        elif name == "pretension_N_m":
+            added[[int(index)] if index else [0, 1]] = 1.0 / film.thickness
+        elif name == "thickness_um":
+            added = -film.stress_at_rest / film.thickness_um if tight else added
+        else:
+            stiffness = _stiffness_rate(film, key)
+            added = stiffness @ film.free_strain if tight else added
+        return cls(stiffness, added)
+
+    def stress(self, strain: Array) -> Array:
+        """The derivative of the stress in Pa at the elastic strain e, (..., 3)."""
+        return times(self.stiffness, strain) + self.added
 
 
 def _stiffness_rate(film: Film, key: str) -> Array:

@@ -164,7 +164,8 @@ def modes(scene: Scene, count: int = 6, loaded: bool = False) -> Modes:
         How many, from 1 to 200.
     loaded : bool
         About the equilibrium under the load instead of the flat film. The flat film has no
-        frequencies without tension (``film.temperature_change_K`` below zero).
+        frequencies without tension (``film.temperature_change_K`` below zero, or
+        ``film.pretension_N_m`` above).
 
     Returns
     -------
@@ -293,8 +294,8 @@ class _ModalProblem:
                 if isinstance(correction, NewtonResult):
                     return _Attempt(coarse, correction.status, None, iterations, tried)
                 q, q_rich = result.q, correction.q
-        elif film_model(self.scene).wrinkles and self.scene.film.thermal_strain >= 0.0:
-            return _Attempt(coarse, Status.SINGULAR)  # a slack film has no tension
+        elif _lacks_tension(self.scene):
+            return _Attempt(coarse, Status.SINGULAR)
         with self.clock("modes"):
             pencils = [_pencil(coarse, q), _pencil(rich, q_rich)]
             symmetric = coarse.conservative or not q.any()
@@ -313,6 +314,15 @@ class _ModalProblem:
         errors = np.maximum(np.abs(by_stress + by_shape), least)
         spectrum = Spectrum(coarse, q, modes[0], errors, modes[1])
         return _Attempt(coarse, Status.CONVERGED, spectrum, iterations, tried)
+
+
+def _lacks_tension(scene: Scene) -> bool:
+    """Whether a flat film without bending is slack in a direction, so that no mode is its lowest.
+
+    One that carries compression is unstable instead, which its eigenvalues tell.
+    """
+    least, model = scene.film.tension_at_rest.min(), film_model(scene)
+    return bool(not model.bends and (least == 0.0 or (model.wrinkles and least < 0.0)))
 
 
 def _pencil(equilibrium: Equilibrium, q: Array) -> tuple[sp.csc_matrix, sp.csc_matrix]:

@@ -32,7 +32,7 @@ def seed(equilibrium: Equilibrium) -> Array:
 
     stiffness = film.thickness * film.stiffness[:2, :2].mean()
     induced = 0.3 * np.cbrt(stiffness * (equilibrium.load.force / film.radius) ** 2)
-    tension = induced + max(-2.0 * stiffness * film.thermal_strain, 0.0)
+    tension = induced + max(film.tension_at_rest.mean(), 0.0)
     assembly = equilibrium.assembly
     stretched = assembly.matrix(equilibrium.space.laplace() * tension)
     if equilibrium.plate is not None:
@@ -83,9 +83,8 @@ def _energy_of_scaled(
     strain = strain_rate(IDENTITY, in_plane) + strain_of(equilibrium.space.gradient(x))
     weighted = strain * membrane.volumes[..., None]
     stress = strain @ film.stiffness
-    thermal = film.thermal_strain * film.stiffness[:, :2].sum(axis=1)
-    work, released = float(forces @ w), float((weighted @ thermal).sum())
-    quadratic = -released
+    work = float(forces @ w)
+    quadratic = float((weighted @ film.stress_at_rest).sum())
     if equilibrium.plate is not None:
         quadratic += equilibrium.plate.along(flat, x)[2]
     return np.array([0.0, -work, quadratic, 0.0, 0.5 * float((stress * weighted).sum())])

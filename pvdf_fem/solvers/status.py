@@ -24,23 +24,23 @@ class Status(StrEnum):
         return ADVICE[self]
 
 
+_TENSION = "(film.temperature_change_K below zero, or film.pretension_N_m above)"
 ADVICE = {
     Status.CONVERGED: "every result is within the tolerance",
     Status.MAX_ITERATIONS: "Newton's method found no equilibrium; lower load.force_N, or give the"
-    " film more tension (film.temperature_change_K below zero)",
+    f" film more tension {_TENSION}",
     Status.LIMIT: "the pressure, which follows the film, blows its patch up or turns it over until"
     " no equilibrium is found any more; lower load.force_N, make the probe larger, or let it press"
     ' along z (load.kind = "dead")',
-    Status.SINGULAR: "the tangent is singular: the film has no tension; cool it"
-    " (film.temperature_change_K below zero)",
+    Status.SINGULAR: f"the tangent is singular: the film has no tension; stretch it {_TENSION}",
     Status.UNBALANCED: "the forces on the film do not balance to 1e-6 of the load, which rounding"
     " does to a film of extreme proportions; make the probe larger",
     Status.TOLERANCE: "a charge misses the tolerance; raise numerics.tolerance",
-    Status.SLACK: "the load is too small to pull taut what heating has made too large, and the"
-    " tension runs in folds finer than any mesh allowed; raise load.force_N or lower"
-    " film.temperature_change_K",
+    Status.SLACK: "the load is too small to pull taut what heating or compression has made too"
+    " large, and the tension runs in folds finer than any mesh allowed; raise load.force_N, lower"
+    " film.temperature_change_K or raise film.pretension_N_m",
     Status.MESH_FAILED: "gmsh could not mesh the scene; move or resize the probe slightly",
     Status.UNSTABLE: "no equilibrium found is a minimum of the energy: the film is in compression,"
-    ' which it cannot carry; let it wrinkle (film.compression = "tension-field") or cool it'
-    " (film.temperature_change_K below zero)",
+    ' which it cannot carry; let it wrinkle (film.compression = "tension-field") or stretch it'
+    f" {_TENSION}",
 }

@@ -1,8 +1,9 @@
 """Scenes whose films deform alike, so that one solution has the charges of all of them.
 
 - Where electrodes and piezoelectric coefficients only read the stress, they do not change it.
-- A clamped round film that is equally stiff in all directions may be turned and mirrored together
-  with its probe and electrodes; a film with E1 and E2 may be mirrored at its axes only.
+- A clamped round film that is equally stiff and tight in all directions may be turned and mirrored
+  together with its probe and electrodes; one with E1 and E2, or with different pretensions along x
+  and y, may be mirrored at its axes only.
 - The stress of a membrane depends on force and thickness through their ratio only: energy and
   tension grow with the thickness, so a film twice as thick under twice the force has the same
   displacement.
@@ -27,7 +28,9 @@ from pvdf_fem.scene.shapes import Probe
 # thickness if they agree to this many digits.
 DIGITS = 9
 # Film keys that do not change the deformation if electrodes only read the stress.
-_READING_KEYS = {"d31_pC_N", "d32_pC_N", "density_kg_m3"}
+_READING_KEYS = {"d31_pC_N", "d32_pC_N", "density_kg_m3", "permittivity"}
+# Film keys that count through the free strain only.
+_STRETCHING_KEYS = {"thermal_expansion_per_K", "temperature_change_K", "pretension_N_m"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,11 +76,10 @@ def mechanics(scene: Scene) -> Mechanics:
 
 @lru_cache(maxsize=1024)
 def _film_key(film: Film) -> str:
-    """The film's keys that change its deformation, but for the thickness."""
-    table = film.model_dump(exclude={*_READING_KEYS, "thickness_um"})
-    # thermal expansion and temperature count through their product only
-    expansion, change = table.pop("thermal_expansion_per_K"), table.pop("temperature_change_K")
-    return f"{table} {expansion * change:.12e}"
+    """The film's keys that change its deformation, but for the thickness, and its free strain."""
+    table = film.model_dump(exclude={*_READING_KEYS, *_STRETCHING_KEYS, "thickness_um"})
+    along_x, along_y, _ = film.free_strain
+    return f"{table} {along_x:.{DIGITS}e} {along_y:.{DIGITS}e}"
 
 
 @lru_cache(maxsize=4096)

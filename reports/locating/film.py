@@ -39,8 +39,8 @@ class UnevenMembrane(Membrane):
     ----------
     space, film
         As for `Membrane`.
-    free_strain : ndarray, shape (3,)
-        Strain at which there is no stress, Voigt: α ΔT (1, 1, 0) for an evenly cooled film.
+    free_strain : ndarray, shape (3,), or None
+        Strain at which there is no stress, Voigt; by default the film's.
     factors : mapping
         Stiffness over the film's on the patch of an electrode, by the electrode's name.
     """
@@ -49,18 +49,14 @@ class UnevenMembrane(Membrane):
         self,
         space: Space,
         film: Film,
-        free_strain: Array,
+        free_strain: Array | None,
         factors: Mapping[str, float],
     ) -> None:
         super().__init__(space, film)
-        self.free_strain = free_strain
+        self.free_strain = film.free_strain if free_strain is None else free_strain
         # Thickness and stiffness enter the energy only as a product with the volumes.
         for name, factor in factors.items():
             self.volumes[space.mesh.subdomains[electrode_patch(name)]] *= factor
-
-    def elastic(self, strain: Array) -> Array:
-        """The strain less the free strain."""
-        return strain - self.free_strain
 
     def residual(self, state: State) -> Array:
         """The whole residual, since the flat film is not in balance where the stiffness steps."""
@@ -141,8 +137,6 @@ def uneven_charges(
     tapes = [e.name for e in electrodes if e.name.startswith(TAPE)]
     order = taped_order if tapes else ORDER
     equilibrium = Equilibrium(scene, mesh_scene(scene, first_sizes(scene, order)), order)
-    if free_strain is None:
-        free_strain = scene.film.thermal_strain * np.array([1.0, 1.0, 0.0])
     read = [i for i, e in enumerate(electrodes) if e.name not in tapes]
     q, charges, budget = seed(equilibrium), [], Budget.of(scene)
     for factor in factors:

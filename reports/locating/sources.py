@@ -193,8 +193,8 @@ def _displaced(scene: Scene, offset_mm: Array) -> Scene:
 
 def _stretched(scene: Scene, step: Array) -> Array:
     """Charges after a change of the free strain by `step` (3,), in units of the even strain."""
-    even = scene.film.thermal_strain
-    return uneven_charges(scene, even * (np.array([1.0, 1.0, 0.0]) + step))[0]
+    even = scene.film.free_strain
+    return uneven_charges(scene, even + even[0] * step)[0]
 
 
 # -------------------------------------------------------------------------------------- draws

@@ -20,9 +20,9 @@ MARKS = "osD^vP*X"
 
 
 def draw_scenes(scenes: list[Scene], endings: list[Ending], path: Path) -> None:
-    """Draw each scene's ending in the plane of load number and thermal strain."""
+    """Draw each scene's ending in the plane of load number and free strain."""
     load = np.array([load_strain(scene) for scene in scenes])
-    strain = np.array([scene.film.thermal_strain for scene in scenes])
+    strain = np.array([scene.film.free_strain[0] for scene in scenes])
     with style():
         figure = new_figure(160.0, 95.0)
         ax = figure.subplots()
@@ -31,7 +31,7 @@ def draw_scenes(scenes: list[Scene], endings: list[Ending], path: Path) -> None:
         ax.set_yscale("symlog", linthresh=1e-8)
         ax.set_ylim(-0.05, 0.05)
         ax.set_xlabel("load number (F/(E h a))$^{2/3}$, the strain that the load makes")
-        ax.set_ylabel("thermal strain αΔT")
+        ax.set_ylabel("free strain αΔT")
         save(figure, path)
 
 

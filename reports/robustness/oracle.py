@@ -23,11 +23,12 @@ ROOT = Path(__file__).resolve().parents[2]
 LARGEST = 1e6
 #: Keys of numbers that may be zero or negative.
 SIGNED = {"x_mm", "y_mm", "rotation_deg", "poisson_ratio", "thermal_expansion_per_K"}
-SIGNED |= {"temperature_change_K", "d31_pC_N", "d32_pC_N"}
+SIGNED |= {"temperature_change_K", "pretension_N_m", "d31_pC_N", "d32_pC_N", "first_angle_deg"}
 WORDS: dict[str, set[bool | str]] = {
     "bending": {False, True, "auto"},
     "compression": {"refuse", "tension-field"},
-    "layout": {"four", "three"},
+    "layout": {"four", "three", "ring"},
+    "centre": {False, True},
     "kind": {"dead", "follower", "rigid"},
     "contact": {"sliding", "stuck"},
     "observable": {"material", "thesis-edge"},
@@ -41,6 +42,7 @@ SIZES = {
     "polygon": {"vertices_mm"},
 }
 PLACE = {"name", "shape", "x_mm", "y_mm", "rotation_deg"}
+RING = {"layout", "count", "ring_radius_mm", "first_angle_deg", "centre"}
 
 
 def wrong_scene(tables: Mapping[str, Any]) -> str:
@@ -53,6 +55,17 @@ def _of_scene(tables: Mapping[str, Any]) -> Iterator[str]:
     for name, section in tables.items():
         if name not in sections:
             yield f"section {name}"
+        elif (
+            name == "electrodes"
+            and isinstance(section, Mapping)
+            and section.get("layout") == "ring"
+        ):
+            yield from _of_keys(
+                {key: section[key] for key in section.keys() & RING}, frozenset(RING)
+            )
+            yield from _of_shape(
+                {"name": "A"} | {key: section[key] for key in section.keys() - RING}
+            )
         elif name in ("electrodes", "probe") and not _is_layout(section):
             shapes = section if isinstance(section, list) else [section]
             for shape in shapes:
@@ -88,7 +101,7 @@ def _of_keys(section: Mapping[str, Any], documented_keys: frozenset[str]) -> Ite
         elif key in WORDS:
             if not isinstance(value, bool | str) or value not in WORDS[key]:
                 yield f"{key} = {value!r}"
-        elif key == "youngs_modulus_GPa" and isinstance(value, list):
+        elif key in ("youngs_modulus_GPa", "pretension_N_m") and isinstance(value, list):
             if len(value) != 2 or any(_number(key, modulus) for modulus in value):
                 yield f"{key} = {value!r}"
         else:

@@ -154,7 +154,7 @@ def _patch_charge(scene: Scene, points: int = 40) -> dict[str, float]:
         scene.load.force / (scale * film.radius),
         poisson_ratio=film.poisson_ratio,
         patch_radius=patch,
-        pretension=-film.thermal_strain / (1.0 - film.poisson_ratio),
+        pretension=film.tension_at_rest[0] / scale,
     )
     total = 0.0
     for inner, outer in ((0.0, patch), (patch, DISC_RATIO)):

@@ -194,8 +194,8 @@ class Discretisation:
         """F, the 2nd Piola-Kirchhoff stress (2, 2), and stress and elastic strain in Voigt form."""
         ng, film = self.ng, self.scene.film
         F = gradient + ng.CF((1, 0, 0, 1, 0, 0), dims=(3, 2))
-        E = 0.5 * (F.trans * F - ng.Id(2)) - film.thermal_strain * ng.Id(2)
-        strain = [E[0, 0], E[1, 1], 2.0 * E[0, 1]]
+        E, free = 0.5 * (F.trans * F - ng.Id(2)), film.free_strain.tolist()
+        strain = [E[0, 0] - free[0], E[1, 1] - free[1], 2.0 * E[0, 1] - free[2]]
         C = film.stiffness.tolist()
         stress = [sum(C[i][j] * strain[j] for j in range(3) if C[i][j]) for i in range(3)]
         return (
@@ -228,7 +228,7 @@ class Discretisation:
         ng, film, force = self.ng, self.scene.film, self.scene.load.force
         stiffness = film.thickness * film.stiffness[:2, :2].mean()
         induced = 0.3 * math.cbrt(stiffness * (force / film.radius) ** 2)
-        tension = induced + max(-2.0 * stiffness * film.thermal_strain, 0.0)
+        tension = induced + max(film.tension_at_rest.mean(), 0.0)
         w, v = self.deflections.TnT()
         laplace = ng.BilinearForm(tension * ng.grad(w) * ng.grad(v) * ng.dx).Assemble()
         load = ng.LinearForm(self.pressure * v * ng.dx(self.probe)).Assemble()

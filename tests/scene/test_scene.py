@@ -34,7 +34,7 @@ def test_empty_file_is_the_thesis_sensor_without_a_probe():
     assert scene.film.radius == 0.045
     assert scene.film.thickness == 25e-6
     assert scene.film.density == 1760.0
-    assert scene.film.thermal_strain == pytest.approx(-110e-6, rel=1e-15)
+    assert scene.film.free_strain == pytest.approx(np.array([-110e-6, -110e-6, 0.0]), rel=1e-15)
     assert (scene.film.d31, scene.film.d32) == (8e-12, 8e-12)
     assert scene.load.force == 1.0
     assert (scene.load.kind, scene.numerics.observable) == ("dead", "material")

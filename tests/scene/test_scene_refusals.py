@@ -95,7 +95,7 @@ REFUSALS = [
     (electrode("a/b"), 'electrodes[0].name = "a/b"', "simpler name"),
     (electrode() + electrode(x_mm=9), 'electrodes[1].name = "A"', "the name of electrodes[0]"),
     (electrode() + electrode("B", x_mm=2.9), "electrodes[1].x_mm = 2.9", "overlaps electrodes[0]"),
-    ("[electrodes]\nring_radius_mm = 2", "electrodes.ring_radius_mm = 2.0", "A and B of 3 mm"),
+    ("[electrodes]\nring_radius_mm = 2", "electrodes.ring_radius_mm = 2.0", "A and B overlap"),
     # over the rim
     ("[electrodes]\nring_radius_mm = 44", "electrodes.ring_radius_mm = 44.0", "over the rim"),
     (electrode(x_mm=-44), "electrodes[0].x_mm = -44.0", "over the rim at film.radius_mm = 45"),

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import field_validator
+from pydantic import AfterValidator
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.outlines.disc import ImageOfDisc
@@ -83,6 +83,12 @@ class Ellipse(ImageOfDisc):
         return Ellipse(frame @ self.centre + shift, frame @ self.first, self.second)
 
 
+def _is_not_thin(semi_axes: tuple[float, float]) -> tuple[float, float]:
+    if min(semi_axes) < THINNEST * max(semi_axes):
+        raise refusal(f"is too thin; give axes whose ratio is {1.0 / THINNEST:g} at the most")
+    return semi_axes
+
+
 class EllipseShape(Shape):
     """An ellipse about (x, y), unrotated with its first axis along x."""
 
@@ -90,14 +96,7 @@ class EllipseShape(Shape):
     is_mirrored = True
     size_key = "semi_axes_mm"
     shape: Literal["ellipse"] = "ellipse"
-    semi_axes_mm: tuple[Length, Length]
-
-    @field_validator("semi_axes_mm")
-    @classmethod
-    def _is_not_thin(cls, value: tuple[float, float]) -> tuple[float, float]:
-        if min(value) < THINNEST * max(value):
-            raise refusal(f"is too thin; give axes whose ratio is {1.0 / THINNEST:g} at the most")
-        return value
+    semi_axes_mm: Annotated[tuple[Length, Length], AfterValidator(_is_not_thin)]
 
     @property
     def outline(self) -> Ellipse:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import shapely
-from pydantic import Field, field_validator
+from pydantic import AfterValidator, Field
 
 from pvdf_fem.arrays import Array, unit_gauss
 from pvdf_fem.scene.outlines.outline import Line, Outline, turn
@@ -225,21 +225,23 @@ class RectangleShape(_PolygonalShape):
         return self._placed(rectangle(self.width_mm, self.height_mm))
 
 
+_Corners = tuple[tuple[Coordinate, Coordinate], ...]
+
+
+def _is_simple(vertices: _Corners) -> _Corners:
+    if wrong := defect(vertices):
+        raise refusal(f"{wrong}; list the corners of a simple polygon once, in order")
+    return vertices
+
+
 class PolygonShape(_PolygonalShape):
     """A simple polygon in either orientation; its vertices are relative to (x, y), unrotated."""
 
     size_key = "vertices_mm"
     shape: Literal["polygon"] = "polygon"
-    vertices_mm: tuple[tuple[Coordinate, Coordinate], ...] = Field(
-        min_length=3, max_length=MOST_VERTICES
-    )
-
-    @field_validator("vertices_mm")
-    @classmethod
-    def _is_simple(cls, value: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-        if wrong := defect(value):
-            raise refusal(f"{wrong}; list the corners of a simple polygon once, in order")
-        return value
+    vertices_mm: Annotated[
+        _Corners, Field(min_length=3, max_length=MOST_VERTICES), AfterValidator(_is_simple)
+    ]
 
     @property
     def outline(self) -> Polygon:

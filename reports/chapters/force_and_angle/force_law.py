@@ -70,7 +70,7 @@ def swing(
 def rest_charge_pC(scene: Scene) -> float:
     """Charge of the first electrode from the pretension alone, (d31 S11 + d32 S22) A."""
     film = scene.film
-    stress = -film.stiffness @ [film.thermal_strain, film.thermal_strain, 0.0]
+    stress = film.stress_at_rest
     area = scene.electrode_list[0].outline.area
     return float(1e12 * area * (film.d31 * stress[0] + film.d32 * stress[1]))
 
