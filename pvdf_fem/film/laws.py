@@ -7,7 +7,7 @@ takes the P of least energy (Pipkin, IMA J. Appl. Math. 36 (1986) 85-99; Steigma
 Lond. A 429 (1990) 141-173; for any material Mosler and Cirak, Comput. Methods Appl. Mech. Eng. 198
 (2009) 925-935)::
 
-    W*(e) = min over P >= 0 of 1/2 (e + P) : C : (e + P),     e = E - E0
+    W*(e) = min over P >= 0 of 1/2 (e + P) : C : (e + P),     e = E + E0
     S = C : (e + P),    S >= 0,    P >= 0,    S : P = 0
 
 - taut: C : e is nowhere compressive, P = 0;

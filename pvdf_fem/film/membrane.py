@@ -34,7 +34,7 @@ class Membrane(Term):
     ----------
     space : Space
     film : Film
-        Thickness, stiffness and free strain.
+        Thickness, stiffness and elastic strain at rest.
     law : Law, optional
         By default that of St. Venant and Kirchhoff.
 
@@ -46,7 +46,7 @@ class Membrane(Term):
 
     def __init__(self, space: Space, film: Film, law: Law | None = None) -> None:
         self.space, self.film = space, film
-        self.free_strain: Array = film.free_strain
+        self.strain_at_rest: Array = film.strain_at_rest
         self.law: Law = StVenantKirchhoff(film.stiffness) if law is None else law
         self.volumes: Array = film.thickness * space.weights
 
@@ -61,8 +61,8 @@ class Membrane(Term):
         return self.law.stress(self.elastic(strain))
 
     def elastic(self, strain: Array) -> Array:
-        """The strain less the free strain."""
-        return strain - self.free_strain
+        """The elastic strain: that of the displacement added to that of the film at rest."""
+        return strain + self.strain_at_rest
 
     def moduli(self, state: State) -> Array:
         """dS/dE in Pa, (3, 3), or (elements, points, 3, 3) where it is not the same everywhere."""

@@ -4,14 +4,14 @@ Reference disc in the plane z = 0, displacement u = (u, v, w), total Lagrangian:
 
     F = [I; 0] + grad u                    deformation gradient, 3 x 2
     E = (F^T F - I) / 2                    Green-Lagrange strain
-    S = C : (E - E0)                       second Piola-Kirchhoff stress, plane stress
-    energy   = integral of h/2 (E - E0) : C : (E - E0)
+    S = C : (E + E0)                       second Piola-Kirchhoff stress, plane stress
+    energy   = integral of h/2 (E + E0) : C : (E + E0)
     residual = integral of h S : dE,       dE = sym(F^T grad v)
     tangent  = integral of h (dE : C : DE + S : sym(grad v^T grad u))
 
-with the free strain E0, which is alpha dT I in a film that is cooled. `pvdf_fem.film.membrane`
-evaluates the same equations for all elements at once, about fifty times faster; a test holds the
-two equal.
+with the elastic strain E0 of the film at rest, -alpha dT I of one that is cooled.
+`pvdf_fem.film.membrane` evaluates the same equations for all elements at once, about fifty times
+faster; a test holds the two equal.
 """
 
 from __future__ import annotations
@@ -71,6 +71,6 @@ def _elastic(E: Array, film: Film) -> Array:
 def _stress(F: Array, film: Film) -> Array:
     identity = np.eye(2)[:, :, None, None]
     E = 0.5 * (np.einsum("ca...,cb...->ab...", F, F) - identity)
-    e11, e22, e12 = film.free_strain
-    free = np.array([[e11, 0.5 * e12], [0.5 * e12, e22]])
-    return _elastic(E - free[:, :, None, None], film)
+    e11, e22, e12 = film.strain_at_rest
+    at_rest = np.array([[e11, 0.5 * e12], [0.5 * e12, e22]])
+    return _elastic(E + at_rest[:, :, None, None], film)

@@ -41,13 +41,15 @@ class Film(Section):
     `bending` adds the film's stiffness as a plate: always, never, or (``"auto"``) where it could
     change a charge by more than ``numerics.tolerance``.
 
+    `permittivity` is that of the film across its thickness, relative to that of the vacuum.
+
     `compression` says what the model does with compressive stress: ``refuse`` warns of it, counts
     what wrinkles would change as an error, and takes no membrane for a result of which they would
     change a charge by more than a tenth; ``tension-field`` lets the film wrinkle.
 
     The clamped film is stretched either by its cooling, `temperature_change_K` (-1 K where neither
     is given), or to `pretension_N_m`, its tension at rest: a number, or a pair along x and y. In
-    compression, below zero, a film is as one that is heated. `permittivity` is relative.
+    compression, below zero, it is like a film that is heated.
     """
 
     radius_mm: Length = 45.0
@@ -135,27 +137,29 @@ class Film(Section):
         return self.d32_pC_N / 1e12
 
     @property
-    def free_strain(self) -> NDArray[np.float64]:
-        """Strain (3,), Voigt, at which the film has no stress: negative for one under tension.
+    def strain_at_rest(self) -> NDArray[np.float64]:
+        """Elastic strain of the flat clamped film, (3,), with engineering shear.
 
-        It is αΔT in all directions of a film that is cooled, and minus what its pretension
-        stretches another one.
+        It is -αΔT in all directions of a film that is cooled.
         """
         if self.temperature_change_K is not None:
-            strain = self.thermal_expansion_per_K * self.temperature_change_K
+            strain = -self.thermal_expansion_per_K * self.temperature_change_K
             return strain * np.array([1.0, 1.0, 0.0]) + 0.0  # no negative zeros
-        return np.asarray(np.linalg.solve(self.stiffness, -self.stress_at_rest) + 0.0)
+        return np.asarray(np.linalg.solve(self.stiffness, self.stress_at_rest) + 0.0)
 
     @property
     def stress_at_rest(self) -> NDArray[np.float64]:
-        """Stress (3,) in Pa, Voigt, of the flat clamped film; it has no shear."""
+        """Stress in Pa, (3,), of the flat clamped film if it carries compression; without shear."""
         if self.pretension_N_m is None:
-            return -self.stiffness @ self.free_strain
+            return self.stiffness @ self.strain_at_rest
         return np.append(np.broadcast_to(self.pretension_N_m, 2), 0.0) / self.thickness
 
     @property
     def tension_at_rest(self) -> NDArray[np.float64]:
-        """Principal tensions (2,), those along x and y, of the flat clamped film in N/m."""
+        """Tensions along x and y, (2,), of the flat clamped film in N/m if it carries compression.
+
+        They are the principal ones.
+        """
         return self.thickness * self.stress_at_rest[:2]
 
     @property

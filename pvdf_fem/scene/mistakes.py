@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from itertools import chain, islice
-from typing import Any, cast
+from typing import Any, cast, get_args
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
@@ -113,7 +113,7 @@ def _key(loc: tuple[int | str, ...]) -> str:
         if parts[0] == "electrodes" and tag in ("list", "ring"):  # members of a second union
             place = 2 if tag == "list" else 1
             del parts[place : place + 1]
-    elif parts[:2] in (["film", "youngs_modulus_GPa"], ["film", "pretension_N_m"]):
+    elif parts[0] in ("film", "readout"):
         del parts[2:3]
     steps = (f"[{part}]" if isinstance(part, int) else f".{_bare(part)}" for part in parts)
     return "".join(steps).removeprefix(".")
@@ -137,7 +137,7 @@ def _owner(loc: tuple[int | str, ...], model: type[BaseModel]) -> type[BaseModel
         case ("electrodes", "list", int(), str(shape)):
             return ELECTRODES[shape]
     section: Any = model.model_fields[str(loc[0])].annotation
-    return cast(type[BaseModel], section)
+    return cast(type[BaseModel], next(iter(get_args(section)), section))
 
 
 def _quoted(text: str) -> list[str]:

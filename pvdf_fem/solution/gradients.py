@@ -295,7 +295,7 @@ class _StressRate:
             added = -film.stress_at_rest / film.thickness_um if tight else added
         else:
             stiffness = _stiffness_rate(film, key)
-            added = stiffness @ film.free_strain if tight else added
+            added = -stiffness @ film.strain_at_rest if tight else added
         return cls(stiffness, added)
 
     def stress(self, strain: Array) -> Array:

@@ -123,10 +123,10 @@ class _InteriorPoint:
 
     def start(self, q: Array) -> Iterate:
         """Stress and wrinkling strain of about the right size, equal in all directions."""
-        state, free = self.equilibrium.state(q), np.abs(self.membrane.free_strain).max()
+        state, at_rest = self.equilibrium.state(q), np.abs(self.membrane.strain_at_rest).max()
         density = abs(self.equilibrium.work(state, q)) / self.weights.sum()
         elastic = np.sqrt(density * self.compliance[0, 0])
-        tension = density / max(free, elastic)
+        tension = density / max(at_rest, elastic)
         widest = np.abs(self.membrane.elastic(state.strain)).max()
         strain = max(widest, tension * self.compliance[0, 0])
         ones = np.broadcast_to(RULES.start * UNIT, state.strain.shape)

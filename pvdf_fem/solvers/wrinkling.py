@@ -33,7 +33,7 @@ from pvdf_fem.solvers.newton import (
 from pvdf_fem.solvers.settled import ChargeWatch, Settled
 from pvdf_fem.solvers.status import Status
 
-#: Strain of the load over the free one below which a film that no solve balances is called
+#: Strain of the load over the film's excess below which a film that no solve balances is called
 #: slack. Its tension runs in lines as wide as the root of that ratio times its radius.
 BARELY_LOADED = 0.1
 
@@ -47,7 +47,8 @@ def load_strain(scene: Scene) -> float:
 
 def barely_loaded(scene: Scene) -> bool:
     """Whether a film is much larger than its rim in all directions, against the load's strain."""
-    return bool(load_strain(scene) < BARELY_LOADED * scene.film.free_strain[:2].min())
+    excess = -scene.film.strain_at_rest[:2].max()
+    return bool(load_strain(scene) < BARELY_LOADED * excess)
 
 
 @dataclass(frozen=True)

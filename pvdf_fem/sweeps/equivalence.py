@@ -29,7 +29,7 @@ from pvdf_fem.scene.shapes import Probe
 DIGITS = 9
 # Film keys that do not change the deformation if electrodes only read the stress.
 _READING_KEYS = {"d31_pC_N", "d32_pC_N", "density_kg_m3", "permittivity"}
-# Film keys that count through the free strain only.
+# Film keys that count through the strain at rest only.
 _STRETCHING_KEYS = {"thermal_expansion_per_K", "temperature_change_K", "pretension_N_m"}
 
 
@@ -76,9 +76,9 @@ def mechanics(scene: Scene) -> Mechanics:
 
 @lru_cache(maxsize=1024)
 def _film_key(film: Film) -> str:
-    """The film's keys that change its deformation, but for the thickness, and its free strain."""
+    """The film's keys that change its deformation but for the thickness, and its strain at rest."""
     table = film.model_dump(exclude={*_READING_KEYS, *_STRETCHING_KEYS, "thickness_um"})
-    along_x, along_y, _ = film.free_strain
+    along_x, along_y, _ = film.strain_at_rest
     return f"{table} {along_x:.{DIGITS}e} {along_y:.{DIGITS}e}"
 
 

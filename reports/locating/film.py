@@ -53,7 +53,8 @@ class UnevenMembrane(Membrane):
         factors: Mapping[str, float],
     ) -> None:
         super().__init__(space, film)
-        self.free_strain = film.free_strain if free_strain is None else free_strain
+        if free_strain is not None:
+            self.strain_at_rest = -free_strain
         # Thickness and stiffness enter the energy only as a product with the volumes.
         for name, factor in factors.items():
             self.volumes[space.mesh.subdomains[electrode_patch(name)]] *= factor

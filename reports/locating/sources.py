@@ -193,7 +193,7 @@ def _displaced(scene: Scene, offset_mm: Array) -> Scene:
 
 def _stretched(scene: Scene, step: Array) -> Array:
     """Charges after a change of the free strain by `step` (3,), in units of the even strain."""
-    even = scene.film.free_strain
+    even = -scene.film.strain_at_rest
     return uneven_charges(scene, even + even[0] * step)[0]
 
 

@@ -22,7 +22,7 @@ MARKS = "osD^vP*X"
 def draw_scenes(scenes: list[Scene], endings: list[Ending], path: Path) -> None:
     """Draw each scene's ending in the plane of load number and free strain."""
     load = np.array([load_strain(scene) for scene in scenes])
-    strain = np.array([scene.film.free_strain[0] for scene in scenes])
+    strain = np.array([-scene.film.strain_at_rest[0] for scene in scenes])
     with style():
         figure = new_figure(160.0, 95.0)
         ax = figure.subplots()

@@ -24,6 +24,9 @@ LARGEST = 1e6
 #: Keys of numbers that may be zero or negative.
 SIGNED = {"x_mm", "y_mm", "rotation_deg", "poisson_ratio", "thermal_expansion_per_K"}
 SIGNED |= {"temperature_change_K", "pretension_N_m", "d31_pC_N", "d32_pC_N", "first_angle_deg"}
+SIGNED |= {"gain", "offset_V"}
+#: Keys of numbers that may be zero.
+ZERO = {"force_N", "cable_capacitance_pF", "noise_V"}
 WORDS: dict[str, set[bool | str]] = {
     "bending": {False, True, "auto"},
     "compression": {"refuse", "tension-field"},
@@ -33,6 +36,7 @@ WORDS: dict[str, set[bool | str]] = {
     "contact": {"sliding", "stuck"},
     "observable": {"material", "thesis-edge"},
 }
+READOUT_WORDS = {"kind": {"charge", "voltage"}, "reading": {"change", "total"}}
 SIZES = {
     "triangle": {"side_mm"},
     "square": {"side_mm"},
@@ -42,7 +46,7 @@ SIZES = {
     "polygon": {"vertices_mm"},
 }
 PLACE = {"name", "shape", "x_mm", "y_mm", "rotation_deg"}
-RING = {"layout", "count", "ring_radius_mm", "first_angle_deg", "centre"}
+RING = frozenset({"layout", "count", "ring_radius_mm", "first_angle_deg", "centre"})
 
 
 def wrong_scene(tables: Mapping[str, Any]) -> str:
@@ -55,26 +59,24 @@ def _of_scene(tables: Mapping[str, Any]) -> Iterator[str]:
     for name, section in tables.items():
         if name not in sections:
             yield f"section {name}"
-        elif (
-            name == "electrodes"
-            and isinstance(section, Mapping)
-            and section.get("layout") == "ring"
-        ):
-            yield from _of_keys(
-                {key: section[key] for key in section.keys() & RING}, frozenset(RING)
-            )
-            yield from _of_shape(
-                {"name": "A"} | {key: section[key] for key in section.keys() - RING}
-            )
+        elif name == "electrodes" and _is_ring(section):
+            yield from _of_keys({key: section[key] for key in section.keys() & RING}, RING)
+            yield from _of_shape({"name": "A", **{k: section[k] for k in section.keys() - RING}})
         elif name in ("electrodes", "probe") and not _is_layout(section):
             shapes = section if isinstance(section, list) else [section]
             for shape in shapes:
                 yield from _of_shape(shape)
         elif not isinstance(section, Mapping):
             yield f"{name} is no table"
+        elif name == "readout":
+            yield from _of_readout(section, sections[name])
         else:
             yield from _of_keys(section, sections[name])
     yield from _of_places(tables)
+
+
+def _is_ring(section: Any) -> bool:
+    return isinstance(section, Mapping) and section.get("layout") == "ring"
 
 
 def _is_layout(section: Any) -> bool:
@@ -108,12 +110,29 @@ def _of_keys(section: Mapping[str, Any], documented_keys: frozenset[str]) -> Ite
             yield from _number(key, value)
 
 
-def _number(key: str, value: Any) -> list[str]:
-    largest = 1e7 if key == "max_unknowns" else LARGEST
+def _of_readout(section: Mapping[str, Any], documented_keys: frozenset[str]) -> Iterator[str]:
+    """Values of all channels, or tables of values by channel; words as any of them."""
+    for key, value in section.items():
+        values = value.values() if isinstance(value, Mapping) else [value]
+        if key not in documented_keys:
+            yield f"key {key}"
+        elif key in READOUT_WORDS:
+            if any(not isinstance(v, str) or v not in READOUT_WORDS[key] for v in values):
+                yield f"{key} = {value!r}"
+        else:
+            largest = 1e12 if key.endswith(("_pF", "_MOhm")) else LARGEST
+            for v in values:
+                yield from _number(key, v, largest)
+                if key == "gain" and v == 0.0:
+                    yield "gain = 0"
+
+
+def _number(key: str, value: Any, largest: float = LARGEST) -> list[str]:
+    largest = 1e7 if key == "max_unknowns" else largest
     plain = isinstance(value, int | float) and not isinstance(value, bool)
     if plain and math.isfinite(value) and abs(value) <= largest:
         least = -largest if key in SIGNED else 0.0
-        if value > least or (value == least and key == "force_N"):
+        if value > least or (value == least and key in ZERO):
             return []
     return [f"{key} = {str(value)[:80]}"]
 

@@ -194,8 +194,8 @@ class Discretisation:
         """F, the 2nd Piola-Kirchhoff stress (2, 2), and stress and elastic strain in Voigt form."""
         ng, film = self.ng, self.scene.film
         F = gradient + ng.CF((1, 0, 0, 1, 0, 0), dims=(3, 2))
-        E, free = 0.5 * (F.trans * F - ng.Id(2)), film.free_strain.tolist()
-        strain = [E[0, 0] - free[0], E[1, 1] - free[1], 2.0 * E[0, 1] - free[2]]
+        E, rest = 0.5 * (F.trans * F - ng.Id(2)), film.strain_at_rest.tolist()
+        strain = [E[0, 0] + rest[0], E[1, 1] + rest[1], 2.0 * E[0, 1] + rest[2]]
         C = film.stiffness.tolist()
         stress = [sum(C[i][j] * strain[j] for j in range(3) if C[i][j]) for i in range(3)]
         return (

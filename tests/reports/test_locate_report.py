@@ -129,14 +129,14 @@ def test_an_even_film_is_the_one_of_the_scene():
 
 def test_a_free_strain_is_that_of_a_temperature():
     colder = SCENE.with_(**{"film.temperature_change_K": -3.0})
-    assert uneven_charges(SCENE, colder.film.free_strain) == pytest.approx(
+    assert uneven_charges(SCENE, -colder.film.strain_at_rest) == pytest.approx(
         uneven_charges(colder), rel=1e-8
     )
 
 
 def test_stretching_along_x_and_y_are_mirror_images():
     middle = SCENE.with_(probe={"shape": "circle", "radius_mm": 3.0})
-    e = middle.film.free_strain[0]
+    e = -middle.film.strain_at_rest[0]
     along_x, along_y = (uneven_charges(middle, e * np.array(s))[0] for s in ([4, 0, 0], [0, 4, 0]))
     assert along_x == pytest.approx(along_y[[1, 0, 3, 2]], rel=1e-3)
     assert abs(along_x[0] / along_x[1] - 1.0) > 0.002

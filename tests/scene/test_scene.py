@@ -34,7 +34,7 @@ def test_empty_file_is_the_thesis_sensor_without_a_probe():
     assert scene.film.radius == 0.045
     assert scene.film.thickness == 25e-6
     assert scene.film.density == 1760.0
-    assert scene.film.free_strain == pytest.approx(np.array([-110e-6, -110e-6, 0.0]), rel=1e-15)
+    assert scene.film.strain_at_rest == pytest.approx(np.array([110e-6, 110e-6, 0.0]), rel=1e-15)
     assert (scene.film.d31, scene.film.d32) == (8e-12, 8e-12)
     assert scene.load.force == 1.0
     assert (scene.load.kind, scene.numerics.observable) == ("dead", "material")
@@ -118,6 +118,7 @@ def test_files_of_the_geometry_folder():
             "rectangle": 98e-6,
             "disc": math.pi * 1e-6,
             "uniaxial": 98e-6,
+            "ring": math.pi * 4e-6,
         }
     )
     assert found["triangle"].probe.outline.centroid == pytest.approx([5.0714e-3, 0.8757e-3])

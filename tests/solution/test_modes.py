@@ -29,7 +29,7 @@ def wave_speed(scene: Scene) -> float:
     film = scene.film
     modulus = film.youngs_modulus_GPa
     assert isinstance(modulus, float)
-    stress = -1e9 * modulus * film.free_strain[0] / (1.0 - film.poisson_ratio)
+    stress = 1e9 * modulus * film.strain_at_rest[0] / (1.0 - film.poisson_ratio)
     return float(np.sqrt(stress / film.density))
 
 
@@ -143,7 +143,7 @@ def test_orthotropic_film_under_unequal_tensions() -> None:
     """
     scene = Scene.parse("[film]\nyoungs_modulus_GPa = [4.0, 1.0]\n")
     film = scene.film
-    n1, n2 = -film.thickness * (film.stiffness @ film.free_strain)[:2]
+    n1, n2 = film.thickness * (film.stiffness @ film.strain_at_rest)[:2]
     assert n1 > 2.0 * n2
     (found,) = modes(scene, 1).frequencies_Hz
     areal = film.density * film.thickness
