@@ -104,7 +104,7 @@ def bending_effect(scene: Scene) -> BendingEffect:
     C, h, a = film.stiffness[:2, :2], film.thickness, film.radius
     stiffness = float(C.max())
     D, modulus = h**3 / 12.0 * stiffness, float(np.linalg.det(C)) / stiffness
-    rest = float(film.tension_at_rest.mean())
+    rest = h * float(film.stress_at_rest[:2].mean())
     force = scene.load.force if scene.probe else 0.0
     b = _radius(scene.probe.outline) if scene.probe else a
 

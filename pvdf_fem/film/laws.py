@@ -52,13 +52,14 @@ class Law(Protocol):
 
 
 class StVenantKirchhoff:
-    """S = C : e, also in compression."""
+    """S = C : e, also in compression, and a stress (3,) that may be added to it."""
 
-    def __init__(self, stiffness: Array) -> None:
-        self.stiffness = stiffness
+    def __init__(self, stiffness: Array, added: Array | None = None) -> None:
+        self.stiffness, self.added = stiffness, added
 
     def stress(self, strain: Array) -> Array:
-        return times(self.stiffness, strain)
+        stress = times(self.stiffness, strain)
+        return stress if self.added is None else stress + self.added
 
 
 class TensionField:

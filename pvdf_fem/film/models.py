@@ -6,7 +6,6 @@ that decides.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from functools import lru_cache
 
@@ -31,7 +30,7 @@ CONSIDERABLE = 1e-2
 IMBALANCE = 1e-6
 
 
-class FilmModel(ABC):
+class FilmModel:
     """What a scene's film is taken for.
 
     Attributes
@@ -167,9 +166,9 @@ class FilmModel(ABC):
                 compressed,
             )
 
-    @abstractmethod
     def flat_film_is_stable(self, terms: list[Term]) -> bool | None:
         """Whether the unloaded film stays flat; None if the tangent has to tell."""
+        return bool(self.scene.film.stress_at_rest[:2].min() >= 0.0)
 
 
 #: Stresses below this part of the largest one are rounding.
@@ -180,10 +179,6 @@ class MembraneModel(FilmModel):
     """A film without bending stiffness, which carries compression where it must."""
 
     name = "membrane"
-
-    def flat_film_is_stable(self, terms: list[Term]) -> bool:
-        """A membrane stays flat unless it is compressed."""
-        return bool(self.scene.film.tension_at_rest.min() >= 0.0)
 
 
 class PlateModel(FilmModel):
@@ -232,7 +227,7 @@ class PlateModel(FilmModel):
 
     def flat_film_is_stable(self, terms: list[Term]) -> bool | None:
         """A plate bears the compression below that at which it buckles."""
-        return True if self.scene.film.tension_at_rest.min() >= 0.0 else None
+        return super().flat_film_is_stable(terms) or None
 
 
 class TensionFieldModel(FilmModel):

@@ -20,10 +20,7 @@ _OF_ALL_LAYOUTS = {"layout", "ring_radius_mm", "side_mm"}
 # Keys that decide which other keys there are, in the order in which they are changed.
 _FIRST = ("layout", "shape", "kind")
 # Keys of which one takes the place of the other.
-_RIVALS = {
-    ("film", "temperature_change_K"): "pretension_N_m",
-    ("film", "pretension_N_m"): "temperature_change_K",
-}
+_RIVALS = {"temperature_change_K": "pretension_N_m", "pretension_N_m": "temperature_change_K"}
 _KEY = re.compile(r"[^.[\]]+(?:\.[^.[\]]+|\[[0-9]{1,9}\])*")
 _BY_INDEX = "electrodes are addressed by index in a list [[electrodes]], as in electrodes[0].x_mm"
 
@@ -68,17 +65,12 @@ def change(tables: dict[str, Any], changes: Mapping[str, Any]) -> list[str]:
         elif keys.setdefault(steps, key) != key:
             reason = f"is the same key as {keys[steps]}; remove one"
             problems.append(problem(key[:80], value, reason))
-
-    def turn(steps: tuple[Any, ...]) -> tuple[int, int]:
-        """Whole sections come first, then the keys that decide which other keys there are."""
-        last = steps[-1]
-        return len(steps), _FIRST.index(last) if last in _FIRST else len(_FIRST)
-
-    for steps in sorted(keys, key=turn):
+    # whole sections first, then the keys that decide which other keys there are
+    for steps in sorted(keys, key=lambda s: (len(s), [*_FIRST, s[-1]].index(s[-1]))):
         key = keys[steps]
         try:
             _put(tables, steps, value := plain(changes[key]))
-            rival = _RIVALS.get(steps)
+            rival = _RIVALS.get(steps[-1])
             if rival and value is not None and ("film", rival) not in keys:
                 tables["film"].pop(rival, None)
         except (AttributeError, LookupError, TypeError, ValueError) as error:
@@ -90,11 +82,10 @@ def change(tables: dict[str, Any], changes: Mapping[str, Any]) -> list[str]:
 
 def _put(tables: dict[str, Any], steps: tuple[Any, ...], value: Any) -> None:
     node: Any = tables
-    electrodes = node.get("electrodes")
     if steps[0] == "electrodes" and len(steps) > 2:
+        electrodes = node.get("electrodes") or {}
         listed = isinstance(electrodes, list)
-        known = isinstance(steps[1], int) if listed else steps[1] in (electrodes or ())
-        if not known:
+        if not (isinstance(steps[1], int) if listed else steps[1] in electrodes):
             raise ValueError(_BY_INDEX)
     for step in steps[:-1]:
         node = node[step] if isinstance(node, list) else node.setdefault(str(step), {})

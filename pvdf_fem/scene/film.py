@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,25 +11,19 @@ from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator
 from pvdf_fem.scene.quantity import Finite, Length, Modulus, Number, Section, refusal, within
 from pvdf_fem.scene.scene_file import quote
 
+Value = TypeVar("Value")
+
 
 def _number_or_pair(value: Any) -> str:
     return "pair" if isinstance(value, list | tuple) else "number"
 
 
-if TYPE_CHECKING:
-    Moduli: TypeAlias = float | tuple[float, float]
-    Tension: TypeAlias = float | tuple[float, float]
-else:
-
-    def _along_x_and_y(number: Any) -> Any:
-        """The type of a number, or of a pair of numbers along x and y."""
-        return Annotated[
-            Annotated[number, Tag("number")] | Annotated[tuple[number, number], Tag("pair")],
-            Discriminator(_number_or_pair),
-        ]
-
-    Moduli = _along_x_and_y(Modulus)
-    Tension = _along_x_and_y(Annotated[Finite, within(-1e6, 1e6, "N/m")])
+#: A number, or a pair of numbers along x and y.
+NumberOrPair = Annotated[
+    Annotated[Value, Tag("number")] | Annotated[tuple[Value, Value], Tag("pair")],
+    Discriminator(_number_or_pair),
+]
+Tension = Annotated[Finite, within(-1e6, 1e6, "N/m")]
 
 
 class Film(Section):
@@ -54,12 +48,12 @@ class Film(Section):
 
     radius_mm: Length = 45.0
     thickness_um: Annotated[Finite, within(1e-3, 1e6, "µm")] = 25.0
-    youngs_modulus_GPa: Moduli = 2.0
+    youngs_modulus_GPa: NumberOrPair[Modulus] = 2.0
     poisson_ratio: Number = Field(0.34, validate_default=True)
     shear_modulus_GPa: Modulus | None = None
     density_kg_m3: Annotated[Finite, within(1e-3, 1e6, "kg/m³")] = 1760.0
     thermal_expansion_per_K: Annotated[Finite, within(-1.0, 1.0, "1/K")] = 110e-6
-    pretension_N_m: Tension | None = None
+    pretension_N_m: NumberOrPair[Tension] | None = None
     temperature_change_K: Annotated[Finite, within(-1e4, 1e4, "K")] | None = Field(
         None, validate_default=True
     )
@@ -88,13 +82,11 @@ class Film(Section):
     @field_validator("temperature_change_K")
     @classmethod
     def _is_stretched_in_one_way(cls, value: float | None, info: ValidationInfo) -> float | None:
-        pretension = info.data.get("pretension_N_m")
-        if pretension is None:
-            return -1.0 if value is None and "pretension_N_m" in info.data else value
+        if (pretension := info.data.get("pretension_N_m")) is None:
+            return -1.0 if value is None else value
         if value is not None:
-            raise refusal(
-                f"stands beside film.pretension_N_m = {quote(pretension)}; remove one of the two"
-            )
+            other = f"film.pretension_N_m = {quote(pretension)}"
+            raise refusal(f"stands beside {other}; remove one of the two")
         return None
 
     @field_validator("bending", mode="before")
@@ -138,10 +130,7 @@ class Film(Section):
 
     @property
     def strain_at_rest(self) -> NDArray[np.float64]:
-        """Elastic strain of the flat clamped film, (3,), with engineering shear.
-
-        It is -αΔT in all directions of a film that is cooled.
-        """
+        """Elastic strain of the flat clamped film, (3,), with engineering shear."""
         if self.temperature_change_K is not None:
             strain = -self.thermal_expansion_per_K * self.temperature_change_K
             return strain * np.array([1.0, 1.0, 0.0]) + 0.0  # no negative zeros
@@ -153,14 +142,6 @@ class Film(Section):
         if self.pretension_N_m is None:
             return self.stiffness @ self.strain_at_rest
         return np.append(np.broadcast_to(self.pretension_N_m, 2), 0.0) / self.thickness
-
-    @property
-    def tension_at_rest(self) -> NDArray[np.float64]:
-        """Tensions along x and y, (2,), of the flat clamped film in N/m if it carries compression.
-
-        They are the principal ones.
-        """
-        return self.thickness * self.stress_at_rest[:2]
 
     @property
     def stiffness(self) -> NDArray[np.float64]:

@@ -13,16 +13,7 @@ from pydantic_core import ErrorDetails
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.placement import misplacements
 from pvdf_fem.scene.scene_file import choose, problem, quote
-from pvdf_fem.scene.shapes import (
-    ELECTRODES,
-    MOST_ELECTRODES,
-    PROBES,
-    RINGS,
-    Electrode,
-    Electrodes,
-    Layout,
-    Probe,
-)
+from pvdf_fem.scene.shapes import MODELS, MOST_ELECTRODES, Electrode, Electrodes, Probe, Ring
 
 #: The largest number of mistakes that are told about one scene.
 MOST_MISTAKES = 100
@@ -87,12 +78,12 @@ def _line(details: ErrorDetails, model: type[BaseModel]) -> str:
     elif kind == "missing":
         return f"{key} = (nothing): {reason}"
     elif kind == "extra_forbidden":
-        owner = _owner(loc, model)
-        reason = f"is no key there; {choose(loc[-1], list(owner.model_fields))}"
-        if owner is Layout and any(loc[-1] in ring.model_fields for ring in RINGS.values()):
+        reason = f"is no key there; {choose(loc[-1], list(_owner(loc, model).model_fields))}"
+        if loc[:2] == ("electrodes", "layout") and loc[-1] in Ring.model_fields:
             reason = 'is a key of a ring; give electrodes.layout = "ring"'
     elif kind == "literal_error":
-        reason = f"is not known; {choose(value, _quoted(context['expected']))}"
+        known = _quoted(context["expected"]) + ["ring"] * (key == "electrodes.layout")
+        reason = f"is not known; {choose(value, known)}"
     elif kind == "union_tag_invalid":
         key, value = f"{key}.shape", value["shape"]
         reason = f"is not known; {choose(value, _quoted(context['expected_tags']))}"
@@ -125,17 +116,9 @@ def _bare(key: str) -> str:
 
 def _owner(loc: tuple[int | str, ...], model: type[BaseModel]) -> type[BaseModel]:
     """The model that has the key at `loc`, or should have it."""
-    match loc[:-1]:
-        case ():
-            return model
-        case ("probe", str(shape)):
-            return PROBES[shape]
-        case ("electrodes", "layout"):
-            return Layout
-        case ("electrodes", "ring", str(shape)):
-            return RINGS[shape]
-        case ("electrodes", "list", int(), str(shape)):
-            return ELECTRODES[shape]
+    where = tuple(step for step in loc[:-1] if not isinstance(step, int))
+    if not where or where in MODELS:
+        return MODELS.get(where, model)
     section: Any = model.model_fields[str(loc[0])].annotation
     return cast(type[BaseModel], next(iter(get_args(section)), section))
 

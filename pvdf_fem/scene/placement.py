@@ -68,19 +68,17 @@ def _of_electrodes(
 
 def _of_layout(radius_mm: float | None, layout: Layout | Ring) -> Iterator[str]:
     key, value = "electrodes.ring_radius_mm", layout.ring_radius_mm
-    electrodes, sizes = layout.electrodes, [f"electrodes.{size}" for size in layout.size_keys]
-    smaller = " or ".join(sizes)
+    electrodes = layout.electrodes
+    smaller = f"electrodes.{electrodes[0].size_key} smaller"
     reach_mm = 1e3 * max(electrode.outline.reach for electrode in electrodes)
     if radius_mm is not None and reach_mm > radius_mm * (1 + TOUCH):
         reason = _beyond(reach_mm, radius_mm)
-        yield problem(key, value, f"{reason}; make the ring or {smaller} smaller")
+        yield problem(key, value, f"{reason}; make the ring or {smaller}")
     for a, b in combinations(electrodes, 2):
         if overlaps(a.outline, b.outline):
             fewer = "electrodes.count or " if isinstance(layout, Ring) else ""
-            reason = f"electrodes {a.name} and {b.name} overlap"
-            yield problem(
-                key, value, f"{reason}; make the ring larger, or {fewer}{smaller} smaller"
-            )
+            change = f"make the ring larger or {fewer}{smaller}"
+            yield problem(key, value, f"electrodes {a.name} and {b.name} overlap; {change}")
             return
 
 

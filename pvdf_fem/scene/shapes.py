@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from string import ascii_uppercase
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias, Union
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
 
 import numpy as np
 from pydantic import AfterValidator, Discriminator, Field, Tag, create_model
@@ -16,7 +16,6 @@ from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.scene.outlines.polygon import PolygonShape, RectangleShape, SquareShape, TriangleShape
 from pvdf_fem.scene.outlines.shape import Shape
 from pvdf_fem.scene.quantity import Length, Number, Section, Whole, refusal, within
-from pvdf_fem.scene.scene_file import choose
 
 #: Sensors with more electrodes are refused.
 MOST_ELECTRODES = 100
@@ -97,24 +96,15 @@ if not TYPE_CHECKING:
     Electrode = _one_of(ELECTRODES, "square")
 
 
-def _is_layout(layout: str) -> str:
-    if layout not in _ANGLES_DEG:
-        raise refusal(f"is not known; {choose(layout, [*_ANGLES_DEG, 'ring'])}")
-    return layout
-
-
 class Layout(Section):
     """The thesis's layouts: square electrodes on a ring, their edges along x and y.
 
     ``four``: A on +x, B on +y, C on -x, D on -y; ``three``: A at 270°, B at 30°, C at 150°.
     """
 
-    layout: Annotated[str, AfterValidator(_is_layout)] = "four"
+    layout: Literal["four", "three"] = "four"
     ring_radius_mm: Length = 10.0
     side_mm: Length = 3.0
-
-    #: Keys that say how large the electrodes are.
-    size_keys: ClassVar[tuple[str, ...]] = ("side_mm",)
 
     @property
     def electrodes(self) -> tuple[Electrode, ...]:
@@ -137,17 +127,15 @@ class Ring(Section):
     """Electrodes of one shape, evenly on a ring: A at the first angle, B, C, ... counter-clockwise.
 
     None of them is turned: all have the axes of the film, as the thesis's. `centre` puts one more,
-    the last, on the film's centre. After Z come AA, AB and so on.
+    the last, on the film's centre.
     """
 
     layout: Literal["ring"] = "ring"
-    count: Annotated[Whole, within(1, MOST_ELECTRODES - 1, "electrodes")] = 4
+    count: Annotated[Whole, within(1, 25, "electrodes")] = 4
     ring_radius_mm: Length = 10.0
     first_angle_deg: Number = 0.0
     centre: Annotated[bool, Field(strict=True)] = False
     shape: str
-
-    size_keys: ClassVar[tuple[str, ...]]
 
     @property
     def electrodes(self) -> tuple[Electrode, ...]:
@@ -155,36 +143,36 @@ class Ring(Section):
         turns = 360.0 * np.arange(self.count) / self.count
         places = [turn([self.ring_radius_mm, 0.0], self.first_angle_deg + a) for a in turns]
         places += [np.zeros(2)] if self.centre else []
-        sizes = {key: getattr(self, key) for key in self.size_keys}
+        sizes = self.model_dump(exclude=set(Ring.model_fields))
         return tuple(
-            ELECTRODES[self.shape](name=_letters(i), x_mm=float(x), y_mm=float(y), **sizes)
-            for i, (x, y) in enumerate(places)
+            ELECTRODES[self.shape](name=name, x_mm=float(x), y_mm=float(y), **sizes)
+            for name, (x, y) in zip(ascii_uppercase, places, strict=False)
         )
 
 
-def _letters(index: int) -> str:
-    """A, B, ... Z, AA, AB, ..."""
-    first, last = divmod(index, len(ascii_uppercase))
-    return (_letters(first - 1) if first else "") + ascii_uppercase[last]
-
-
-def _ring(shape: str, electrode: type[Shape]) -> Any:
+def _ring(electrode: type[Shape]) -> Any:
     """The model of a ring of electrodes of a shape, whose keys it has but for name and place."""
-    sizes: dict[str, Any] = {
+    fields: Any = {
         key: (field.annotation, field)
         for key, field in electrode.model_fields.items()
-        if key not in Shape.model_fields and key != "name"
+        if key == "shape" or key not in Shape.model_fields | _Named.model_fields
     }
-    fields: Any = {"shape": (Literal[shape], shape), **sizes}
     name = electrode.__name__.replace("Electrode", "Ring")
     model = create_model(name, __base__=Ring, __module__=__name__, **fields)
-    model.size_keys, model.__doc__ = tuple(sizes), Ring.__doc__
+    model.__doc__ = Ring.__doc__
     globals()[name] = model  # pickle finds the class by this name
     return model
 
 
 #: The models of rings by the shape of their electrodes.
-RINGS = {shape: _ring(shape, electrode) for shape, electrode in ELECTRODES.items()}
+RINGS = {shape: _ring(electrode) for shape, electrode in ELECTRODES.items()}
+#: Models by the sections and tags of unions that lead to them.
+MODELS: dict[tuple[str, ...], type[Section]] = {
+    ("electrodes", "layout"): Layout,
+    **{("probe", shape): model for shape, model in PROBES.items()},
+    **{("electrodes", "list", shape): model for shape, model in ELECTRODES.items()},
+    **{("electrodes", "ring", shape): model for shape, model in RINGS.items()},
+}
 if TYPE_CHECKING:
     AnyRing: TypeAlias = Ring
 else:
@@ -194,8 +182,10 @@ else:
 def _table_or_list(value: Any) -> str | None:
     if isinstance(value, list | tuple):
         return "list"
-    ring = isinstance(value, Ring) or (isinstance(value, Mapping) and value.get("layout") == "ring")
-    return "ring" if ring else "layout" if isinstance(value, Mapping | Layout) else None
+    if not isinstance(value, Mapping | Layout | Ring):
+        return None
+    layout = value.get("layout") if isinstance(value, Mapping) else value.layout
+    return "ring" if layout == "ring" else "layout"
 
 
 Electrodes: TypeAlias = Annotated[

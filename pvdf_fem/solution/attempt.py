@@ -218,7 +218,7 @@ def _equilibrated(
     """The equilibrium, from the coarser mesh's solution or from those of lower orders."""
     settled, budget = Settled(problem.goals, equilibrium), problem.budget
     # the stress that a change of mesh leaves in a film in compression leads nowhere
-    if coarser is not None and not equilibrium.film.tension_at_rest.min() < 0.0:
+    if coarser is not None and not equilibrium.film.stress_at_rest[:2].min() < 0.0:
         x = transferred(coarser.equilibrium.space, coarser.fields.solved_dofs, equilibrium.space)
         return equilibrate(
             equilibrium,

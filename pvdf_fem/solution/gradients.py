@@ -20,16 +20,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
 from typing import Any
 
 import numpy as np
 from scipy.sparse.linalg import SuperLU
 
-from pvdf_fem.arrays import COMPLEX_STEP, Array, times
+from pvdf_fem.arrays import COMPLEX_STEP, Array
 from pvdf_fem.charges.forces import charge_gradients, electrode_forces
 from pvdf_fem.charges.quadrature import facet_quadrature
 from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.film.laws import StVenantKirchhoff
 from pvdf_fem.film.loads import LOADS
 from pvdf_fem.film.membrane import IDENTITY, Membrane
 from pvdf_fem.film.models import film_model
@@ -200,12 +200,10 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
 
 
 def _film_keys(film: Film) -> tuple[str, ...]:
-    cooled = film.pretension_N_m is None
-    stretched = "temperature_change_K" if cooled else "pretension_N_m"
+    stretched = "temperature_change_K" if film.pretension_N_m is None else "pretension_N_m"
     names = ("thickness_um", stretched, "youngs_modulus_GPa", "poisson_ratio")
-    pairs = {name for name in names if isinstance(getattr(film, name), tuple)}
-    keys = ((f"{name}.0", f"{name}.1") if name in pairs else (name,) for name in names)
-    return tuple(f"film.{key}" for key in chain.from_iterable(keys))
+    ends = {tuple: (".0", ".1")}
+    return tuple(f"film.{n}{end}" for n in names for end in ends.get(type(getattr(film, n)), ("",)))
 
 
 def _refusal(scene: Scene, key: str) -> str:
@@ -267,40 +265,26 @@ def _rate(adjoint: _Adjoint, key: str) -> Array:
         return equilibrium.load.with_force(1.0).forces(state) @ adjoint.dofs
     if key in COEFFICIENTS:
         return 1e-12 * adjoint.forces[:, COEFFICIENTS.index(key)]
-    rate = adjoint.of_stress(Membrane(membrane.space, film, _StressRate.of(film, key)))
+    rate = adjoint.of_stress(Membrane(membrane.space, film, _stress_rate(film, key)))
     if key == "film.thickness_um":
         rate -= membrane.internal_forces(state) @ adjoint.dofs / film.thickness_um
     return rate
 
 
-@dataclass(frozen=True, eq=False)
-class _StressRate:
-    """Derivative of the stress by a parameter of the film, as a law: dC : e + S'."""
-
-    #: dC in Pa per unit of the key, (3, 3).
-    stiffness: Array
-    #: S' in Pa per unit of the key, (3,).
-    added: Array
-
-    @classmethod
-    def of(cls, film: Film, key: str) -> _StressRate:
-        """The derivative by a key; that of a film with a given pretension leaves this as it is."""
-        name, _, index = key.removeprefix("film.").partition(".")
-        stiffness, added, tight = np.zeros((3, 3)), np.zeros(3), film.pretension_N_m is not None
-        if name == "temperature_change_K":
-            added = -film.stiffness[:, :2].sum(axis=1) * film.thermal_expansion_per_K
-        elif name == "pretension_N_m":
-            added[[int(index)] if index else [0, 1]] = 1.0 / film.thickness
-        elif name == "thickness_um":
-            added = -film.stress_at_rest / film.thickness_um if tight else added
-        else:
-            stiffness = _stiffness_rate(film, key)
-            added = -stiffness @ film.strain_at_rest if tight else added
-        return cls(stiffness, added)
-
-    def stress(self, strain: Array) -> Array:
-        """The derivative of the stress in Pa at the elastic strain e, (..., 3)."""
-        return times(self.stiffness, strain) + self.added
+def _stress_rate(film: Film, key: str) -> StVenantKirchhoff:
+    """Derivative of the law by a key, in Pa per unit of it; a pretension that is given stays."""
+    name, _, index = key.removeprefix("film.").partition(".")
+    given, added = film.pretension_N_m is not None, np.zeros(3)
+    if name == "temperature_change_K":
+        added[:] = -film.stiffness[:, :2].sum(axis=1) * film.thermal_expansion_per_K
+    elif name == "pretension_N_m":
+        added[int(index or 0) : int(index or 1) + 1] = 1.0 / film.thickness
+    elif name == "thickness_um":
+        added[:] = -given * film.stress_at_rest / film.thickness_um
+    else:
+        stiffness = _stiffness_rate(film, key)
+        return StVenantKirchhoff(stiffness, -given * stiffness @ film.strain_at_rest)
+    return StVenantKirchhoff(np.zeros((3, 3)), added)
 
 
 def _stiffness_rate(film: Film, key: str) -> Array:

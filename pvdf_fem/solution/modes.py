@@ -281,7 +281,7 @@ class _ModalProblem:
         order = max(2, film_model(self.scene).lowest_order + 1)
         coarse, rich = (Equilibrium(self.scene, mesh, p) for p in (order, order + 1))
         q, q_rich = np.zeros(coarse.unknowns.count), np.zeros(rich.unknowns.count)
-        iterations = 0
+        least, iterations = self.scene.film.stress_at_rest[:2].min(), 0
         tried: tuple[Tried, ...] = ()
         if self.loaded and coarse.load.force > 0.0:
             with self.clock("solve"):
@@ -294,8 +294,8 @@ class _ModalProblem:
                 if isinstance(correction, NewtonResult):
                     return _Attempt(coarse, correction.status, None, iterations, tried)
                 q, q_rich = result.q, correction.q
-        elif _lacks_tension(self.scene):
-            return _Attempt(coarse, Status.SINGULAR)
+        elif not coarse.model.bends and (least == 0.0 or (coarse.model.wrinkles and least < 0.0)):
+            return _Attempt(coarse, Status.SINGULAR)  # slack in a direction: no mode is the lowest
         with self.clock("modes"):
             pencils = [_pencil(coarse, q), _pencil(rich, q_rich)]
             symmetric = coarse.conservative or not q.any()
@@ -314,15 +314,6 @@ class _ModalProblem:
         errors = np.maximum(np.abs(by_stress + by_shape), least)
         spectrum = Spectrum(coarse, q, modes[0], errors, modes[1])
         return _Attempt(coarse, Status.CONVERGED, spectrum, iterations, tried)
-
-
-def _lacks_tension(scene: Scene) -> bool:
-    """Whether a flat film without bending is slack in a direction, so that no mode is its lowest.
-
-    One that carries compression is unstable instead, which its eigenvalues tell.
-    """
-    least, model = scene.film.tension_at_rest.min(), film_model(scene)
-    return bool(not model.bends and (least == 0.0 or (model.wrinkles and least < 0.0)))
 
 
 def _pencil(equilibrium: Equilibrium, q: Array) -> tuple[sp.csc_matrix, sp.csc_matrix]:

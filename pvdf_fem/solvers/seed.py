@@ -32,7 +32,7 @@ def seed(equilibrium: Equilibrium) -> Array:
 
     stiffness = film.thickness * film.stiffness[:2, :2].mean()
     induced = 0.3 * np.cbrt(stiffness * (equilibrium.load.force / film.radius) ** 2)
-    tension = induced + max(film.tension_at_rest.mean(), 0.0)
+    tension = induced + max(film.thickness * film.stress_at_rest[:2].mean(), 0.0)
     assembly = equilibrium.assembly
     stretched = assembly.matrix(equilibrium.space.laplace() * tension)
     if equilibrium.plate is not None:

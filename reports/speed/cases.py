@@ -154,7 +154,7 @@ def _patch_charge(scene: Scene, points: int = 40) -> dict[str, float]:
         scene.load.force / (scale * film.radius),
         poisson_ratio=film.poisson_ratio,
         patch_radius=patch,
-        pretension=film.tension_at_rest[0] / scale,
+        pretension=film.stress_at_rest[0] / modulus,
     )
     total = 0.0
     for inner, outer in ((0.0, patch), (patch, DISC_RATIO)):

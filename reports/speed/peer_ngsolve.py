@@ -228,7 +228,7 @@ class Discretisation:
         ng, film, force = self.ng, self.scene.film, self.scene.load.force
         stiffness = film.thickness * film.stiffness[:2, :2].mean()
         induced = 0.3 * math.cbrt(stiffness * (force / film.radius) ** 2)
-        tension = induced + max(film.tension_at_rest.mean(), 0.0)
+        tension = induced + max(film.thickness * film.stress_at_rest[:2].mean(), 0.0)
         w, v = self.deflections.TnT()
         laplace = ng.BilinearForm(tension * ng.grad(w) * ng.grad(v) * ng.dx).Assemble()
         load = ng.LinearForm(self.pressure * v * ng.dx(self.probe)).Assemble()
