@@ -25,6 +25,7 @@ FILMS = {
         shear_modulus_GPa=0.3,
         temperature_change_K=-20.0,
     ),
+    "unequal tensions": Film(youngs_modulus_GPa=(3.0, 1.5), pretension_N_m=(220.0, 90.0)),
 }
 # A straight edge, a curved one and a corner in few elements.
 SCENE = Scene.parse(

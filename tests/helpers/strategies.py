@@ -29,10 +29,15 @@ def films(draw: st.DrawFn) -> dict[str, Any]:
         "thickness_um": draw(_numbers(5.0, 200.0)),
         "density_kg_m3": draw(_numbers(500.0, 5000.0)),
         "thermal_expansion_per_K": draw(st.floats(1e-5, 1e-3)),
-        "temperature_change_K": draw(_numbers(-100.0, 0.0)),
         "d31_pC_N": draw(_numbers(-30.0, 30.0)),
         "d32_pC_N": draw(_numbers(-30.0, 30.0)),
+        "permittivity": draw(_numbers(1.0, 30.0)),
     }
+    if draw(st.booleans()):
+        table["temperature_change_K"] = draw(_numbers(-100.0, 0.0))
+    else:
+        tensions = _numbers(0.0, 500.0)
+        table["pretension_N_m"] = draw(tensions | st.lists(tensions, min_size=2, max_size=2))
     if draw(st.booleans()):
         E1, E2 = draw(_numbers(0.5, 10.0)), draw(_numbers(0.5, 10.0))
         table["youngs_modulus_GPa"] = [E1, E2]
@@ -86,6 +91,23 @@ def electrode_lists(draw: st.DrawFn, radius_mm: float) -> list[dict[str, Any]]:
 
 
 @st.composite
+def rings(draw: st.DrawFn, radius_mm: float) -> dict[str, Any]:
+    """An [electrodes] table of layout "ring", whose electrodes lie apart."""
+    ring_mm, count = draw(st.floats(0.2, 0.7)) * radius_mm, draw(st.integers(1, 8))
+    apart_mm = min(ring_mm, 2.0 * ring_mm * math.sin(math.pi / count) if count > 1 else ring_mm)
+    kinds = ("square", "rectangle", "circle", "ellipse", "polygon")
+    shape = draw(shapes(kinds=kinds, reach_mm=min(0.49 * apart_mm, 0.99 * radius_mm - ring_mm)))
+    del shape["rotation_deg"]
+    return shape | {
+        "layout": "ring",
+        "count": count,
+        "ring_radius_mm": ring_mm,
+        "first_angle_deg": draw(angles_deg),
+        "centre": draw(st.booleans()),
+    }
+
+
+@st.composite
 def probes(draw: st.DrawFn, radius_mm: float) -> dict[str, Any]:
     """A [probe] table inside the film, over electrodes or not."""
     share = draw(st.floats(0.05, 0.6))
@@ -109,7 +131,7 @@ def tables(draw: st.DrawFn) -> dict[str, Any]:
     }
     scene: dict[str, Any] = {
         "film": film,
-        "electrodes": layout if draw(st.booleans()) else draw(electrode_lists(radius_mm)),
+        "electrodes": draw(st.just(layout) | rings(radius_mm) | electrode_lists(radius_mm)),
         "load": {"force_N": draw(_numbers(0.0, 100.0))},
         "numerics": {"tolerance": draw(st.floats(1e-7, 0.1))},
     }
@@ -121,7 +143,7 @@ def tables(draw: st.DrawFn) -> dict[str, Any]:
     scene["load"]["kind"] = draw(st.sampled_from(["dead", "follower", "rigid"]))
     if scene["load"]["kind"] == "rigid" and draw(st.booleans()):
         scene["load"]["contact"] = draw(st.sampled_from(["sliding", "stuck"]))
-    if isinstance(scene["electrodes"], dict):
+    if scene["electrodes"] is layout:
         scene["numerics"]["observable"] = draw(st.sampled_from(["material", "thesis-edge"]))
     return scene
 

@@ -6,6 +6,7 @@ import pytest
 
 from pvdf_fem import Scene, SceneError
 from pvdf_fem.scene.change import spelled
+from pvdf_fem.scene.shapes import Layout
 
 LISTED = Scene().with_(
     electrodes=[{"name": f"E{i}", "x_mm": 9.0 * i, "y_mm": 0.0} for i in (1, -1)]
@@ -43,3 +44,57 @@ def test_what_is_no_key_is_refused(key):
     assert error.value.problems == (
         f"{key or EMPTY} = 8.0: is no key; write one such as film.radius_mm or electrodes[0].x_mm",
     )
+
+
+TIGHT = Scene().with_(**{"film.pretension_N_m": 9})
+
+
+def test_pretension_and_temperature_take_each_others_place():
+    assert (TIGHT.film.pretension_N_m, TIGHT.film.temperature_change_K) == (9.0, None)
+    cooled = TIGHT.with_(**{"film.temperature_change_K": -2})
+    assert (cooled.film.pretension_N_m, cooled.film.temperature_change_K) == (None, -2.0)
+    assert TIGHT.with_(**{"film.pretension_N_m": None}) == Scene()
+    assert TIGHT.with_(**{"film.temperature_change_K": None}) == TIGHT
+    assert TIGHT.with_(film={"pretension_N_m": 9}) == TIGHT
+    pair = TIGHT.with_(**{"film.pretension_N_m": [9, 8]})
+    for key in ("film.pretension_N_m.1", "film.pretension_N_m[1]"):
+        assert pair.with_(**{key: -4}).film.pretension_N_m == (9.0, -4.0)
+
+
+def test_pretension_and_temperature_together_are_refused():
+    with pytest.raises(SceneError) as error:
+        Scene().with_(**{"film.temperature_change_K": -2, "film.pretension_N_m": 9})
+    reason = "stands beside film.pretension_N_m = 9.0; remove one of the two"
+    assert error.value.problems == (f"film.temperature_change_K = -2: {reason}",)
+
+
+def test_a_file_has_the_one_that_counts():
+    assert "temperature" not in TIGHT.to_toml()
+    assert "pretension_N_m = 9.0\n" in TIGHT.to_toml()
+    assert "pretension" not in Scene().to_toml()
+    pair = TIGHT.with_(**{"film.pretension_N_m": [9, 8]})
+    assert "pretension_N_m = [9.0, 8.0]\n" in pair.to_toml()
+    assert Scene.parse(pair.to_toml()) == pair
+
+
+def test_layouts_change_into_rings_and_back():
+    changes = {"electrodes.radius_mm": 1.5, "electrodes.shape": "circle", "electrodes.count": 3}
+    circles = Scene().with_(**changes, **{"electrodes.layout": "ring"})
+    assert [e.name for e in circles.electrode_list] == ["A", "B", "C"]
+    assert {e.radius_mm for e in circles.electrode_list} == {1.5}
+    more = circles.with_(**{"electrodes.count": 5, "electrodes.centre": True})
+    assert [e.name for e in more.electrode_list] == ["A", "B", "C", "D", "E", "F"]
+    squares = more.with_(**{"electrodes.shape": "square", "electrodes.ring_radius_mm": 12})
+    assert (squares.electrodes.count, squares.electrode_list[0].side_mm) == (5, 3.0)
+    assert squares.with_(**{"electrodes.layout": "four"}).electrodes == Layout(ring_radius_mm=12.0)
+    three = circles.with_(**{"electrodes.layout": "three", "electrodes.side_mm": 2})
+    assert three.electrodes == Layout(layout="three", side_mm=2.0)
+
+
+def test_numbers_of_a_ring_are_reached():
+    changes = {"layout": "ring", "shape": "ellipse", "semi_axes_mm": [2, 1]}
+    ring = Scene().with_(electrodes=changes)
+    for key in ("electrodes.semi_axes_mm.1", "electrodes.semi_axes_mm[1]"):
+        assert ring.with_(**{key: 3}).electrodes.semi_axes_mm == (2.0, 3.0)
+    with pytest.raises(SceneError, match="electrodes are addressed by index"):
+        ring.with_(**{"electrodes.0.x_mm": 3})

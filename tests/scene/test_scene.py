@@ -65,6 +65,24 @@ def test_layouts(layout, centres_mm):
         assert offsets == pytest.approx(1.5e-3, rel=1e-12)  # edges along x and y
 
 
+def test_a_ring_without_further_keys_is_the_layout_four():
+    ring = Scene.parse('[electrodes]\nlayout = "ring"')
+    assert ring.electrode_list == Scene().electrode_list
+
+
+def test_electrodes_of_a_ring():
+    text = '[electrodes]\nlayout = "ring"\ncount = 6\nfirst_angle_deg = 30\ncentre = true\n'
+    scene = Scene.parse(text + 'shape = "rectangle"\nwidth_mm = 4\nheight_mm = 2')
+    assert [e.name for e in scene.electrode_list] == list("ABCDEFG")
+    angles = np.radians([30, 90, 150, 210, 270, 330])
+    expected = np.vstack([10.0 * np.stack([np.cos(angles), np.sin(angles)], axis=1), [[0, 0]]])
+    places = [[e.x_mm, e.y_mm] for e in scene.electrode_list]
+    assert places == pytest.approx(expected, abs=1e-14)
+    for e in scene.electrode_list:  # none is turned
+        offsets = np.abs(e.outline.vertices - e.outline.centroid)
+        assert offsets == pytest.approx(np.tile([2e-3, 1e-3], (4, 1)), rel=1e-9)
+
+
 def test_isotropic_stiffness():
     E, nu = 2e9, 0.34
     m = 1 - nu**2

@@ -19,6 +19,7 @@ def problems(text: str) -> tuple[str, ...]:
     return caught.value.problems
 
 
+RING = '[electrodes]\nlayout = "ring"\n'
 POLYGON = '[probe]\nshape = "polygon"\n'
 
 REFUSALS = [
@@ -49,7 +50,9 @@ REFUSALS = [
     (POLYGON + "vertices_mm = 3", "probe.vertices_mm = 3", "must be a list"),
     (POLYGON + "vertices_mm = [[0, 0], [1, 0], [1, '']]", 'probe.vertices_mm[2][1] = ""', "number"),
     # choices
-    ('[electrodes]\nlayout = "five"', 'electrodes.layout = "five"', "choose from four, three"),
+    ('[electrodes]\nlayout = "five"', 'electrodes.layout = "five"', "four, three, ring"),
+    (RING + 'shape = "triangle"', 'electrodes.shape = "triangle"', "did you mean rectangle?"),
+    (RING + "shape = 3", "electrodes.shape = 3", "choose from square, rectangle"),
     ('[probe]\nshape = "rectangl"', 'probe.shape = "rectangl"', "did you mean rectangle?"),
     (electrode(shape="triangle"), 'electrodes[0].shape = "triangle"', "did you mean rectangle?"),
     ('[load]\nkind = "ded"', 'load.kind = "ded"', "did you mean dead?"),
@@ -78,6 +81,17 @@ REFUSALS = [
     ("[numerics]\nmax_seconds = 0.0", "numerics.max_seconds = 0.0", "must be positive"),
     ("[numerics]\nmax_seconds = 2e6", "numerics.max_seconds = 2000000.0", "too large"),
     ('[numerics]\nmax_seconds = "1"', 'numerics.max_seconds = "1"', "must be a number"),
+    ("[film]\npermittivity = 0.9", "film.permittivity = 0.9", "from 1 to 1e+06"),
+    ("[film]\npretension_N_m = 2e6", "film.pretension_N_m = 2000000.0", "to 1e+06 N/m"),
+    ('[film]\npretension_N_m = "9"', 'film.pretension_N_m = "9"', "must be a number"),
+    ("[film]\npretension_N_m = [9]", "film.pretension_N_m[1] = (nothing)", "required"),
+    ("[film]\npretension_N_m = [9, 8, 7]", "film.pretension_N_m = [9, 8, 7]", "at most 2"),
+    ("[film]\npretension_N_m = [9, inf]", "film.pretension_N_m[1] = inf", "finite"),
+    (
+        "[film]\npretension_N_m = [9, 8]\ntemperature_change_K = -1",
+        "film.temperature_change_K = -1",
+        "stands beside film.pretension_N_m = [9.0, 8.0]; remove one of the two",
+    ),
     # elasticity
     ("[film]\npoisson_ratio = 0.5", "film.poisson_ratio = 0.5", "[0, 0.5)"),
     ("[film]\npoisson_ratio = -0.1", "film.poisson_ratio = -0.1", "[0, 0.5)"),
@@ -96,6 +110,49 @@ REFUSALS = [
     (electrode() + electrode(x_mm=9), 'electrodes[1].name = "A"', "the name of electrodes[0]"),
     (electrode() + electrode("B", x_mm=2.9), "electrodes[1].x_mm = 2.9", "overlaps electrodes[0]"),
     ("[electrodes]\nring_radius_mm = 2", "electrodes.ring_radius_mm = 2.0", "A and B overlap"),
+    # rings
+    ("[electrodes]\ncount = 6", "electrodes.count = 6", 'give electrodes.layout = "ring"'),
+    (RING + "cout = 6", "electrodes.cout = 6", "did you mean count?"),
+    (RING + "count = 0", "electrodes.count = 0", "must be positive"),
+    (RING + "count = 26", "electrodes.count = 26", "from 1 to 25 electrodes"),
+    (RING + "count = 6.0", "electrodes.count = 6.0", "a whole number"),
+    (RING + "count = 24", "electrodes.ring_radius_mm = 10.0", "count or electrodes.side_mm small"),
+    (RING + "centre = 1", "electrodes.centre = 1", "must be true or false"),
+    (RING + 'first_angle_deg = "x"', 'electrodes.first_angle_deg = "x"', "must be a number"),
+    (RING + "rotation_deg = 9", "electrodes.rotation_deg = 9", "is no key there"),
+    (RING + 'shape = "circle"', "electrodes.radius_mm = (nothing)", "is required"),
+    (
+        RING + 'shape = "circle"\nradius_mm = 1\nside_mm = 3',
+        "electrodes.side_mm = 3",
+        "choose from layout, count, ring_radius_mm, first_angle_deg, centre, shape, radius_mm",
+    ),
+    (
+        RING + 'shape = "ellipse"\nsemi_axes_mm = [2, 1e-3]',
+        "electrodes.semi_axes_mm = [2, 0.001]",
+        "is too thin",
+    ),
+    (
+        RING + 'shape = "polygon"\nvertices_mm = [[0, 0], [1, 1], [1, 0], [0, 1]]',
+        "electrodes.vertices_mm = [[0, 0], ",
+        "crosses or touches",
+    ),
+    (
+        RING + 'shape = "polygon"\nvertices_mm = [[0, 0], [1, 1], ["1", 0]]',
+        'electrodes.vertices_mm[2][0] = "1"',
+        "must be a number",
+    ),
+    (RING + "ring_radius_mm = 2\ncentre = true", "electrodes.ring_radius_mm = 2.0", "A and B over"),
+    (
+        RING + "ring_radius_mm = 2.5\ncount = 2\ncentre = true",
+        "electrodes.ring_radius_mm = 2.5",
+        "electrodes A and C overlap",
+    ),
+    (RING + "ring_radius_mm = 44", "electrodes.ring_radius_mm = 44.0", "over the rim"),
+    (
+        RING + 'shape = "circle"\nradius_mm = 1\n[numerics]\nobservable = "thesis-edge"',
+        'electrodes.shape = "circle"',
+        "thesis-edge",
+    ),
     # over the rim
     ("[electrodes]\nring_radius_mm = 44", "electrodes.ring_radius_mm = 44.0", "over the rim"),
     (electrode(x_mm=-44), "electrodes[0].x_mm = -44.0", "over the rim at film.radius_mm = 45"),

@@ -18,6 +18,8 @@ PLACE = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg")
 TURNED = TRIANGLE.with_(**{"probe.rotation_deg": 20.0, "film.d32_pC_N": 3.0})
 ORTHOTROPIC = TURNED.with_(**{"film.youngs_modulus_GPa": [2.0, 2.6], "film.poisson_ratio": 0.3})
 STIFF_IN_SHEAR = ORTHOTROPIC.with_(**{"film.shear_modulus_GPa": 1.1})
+TIGHT = TURNED.with_(**{"film.pretension_N_m": 12.0})
+UNEQUAL = ORTHOTROPIC.with_(**{"film.pretension_N_m": [12.0, 5.0]})
 
 
 def value(scene, key):
@@ -57,6 +59,26 @@ def test_force_and_film_on_one_mesh(load, observable):
 @pytest.mark.parametrize("scene", [ORTHOTROPIC, STIFF_IN_SHEAR])
 def test_both_moduli_of_an_orthotropic_film(scene):
     assert "film.youngs_modulus_GPa.1" in check_on_one_mesh(scene)
+
+
+@pytest.mark.parametrize("observable", OBSERVABLES)
+@pytest.mark.parametrize("scene", [TIGHT, UNEQUAL], ids=["even", "unequal"])
+def test_film_of_given_pretension(scene, observable):
+    keys = check_on_one_mesh(scene.with_(**{"numerics.observable": observable}))
+    assert "film.temperature_change_K" not in keys
+    ends = ("",) if scene is TIGHT else (".0", ".1")
+    assert {f"film.pretension_N_m{end}" for end in ends} < set(keys)
+
+
+@pytest.mark.parametrize("scene", [TIGHT, UNEQUAL], ids=["even", "unequal"])
+def test_each_key_of_a_film_of_given_pretension(scene):
+    """One by one, so that errors of two keys cannot cancel."""
+    mesh = graded_mesh(scene, 3.0, 15.0)
+    found = gradients(solve(scene, mesh=mesh, order=2))
+    for key in (key for key in found if key.startswith("film.") and "d3" not in key):
+        direction = {key: value(scene, key)}
+        expected = difference(scene, direction, 4e-3, mesh=mesh, order=2)
+        assert along(found, direction) == pytest.approx(expected, rel=2e-6), key
 
 
 def check_on_one_mesh(scene):
@@ -128,9 +150,36 @@ def test_a_film_without_a_probe_has_only_its_own_parameters():
         assert found["film.poisson_ratio"][name] == pytest.approx(by_poisson, rel=1e-9)
 
 
+def test_force_thickness_and_modulus_by_similarity_at_a_pretension():
+    """Q = E g(F/(E h), N/(E h)): forces and tension count over the thickness."""
+    solution = solve(TIGHT)
+    found, film = gradients(solution), TIGHT.film
+    by_force = TIGHT.load.force_N * along(found, {"load.force_N": 1.0})
+    by_tension = film.pretension_N_m * along(found, {"film.pretension_N_m": 1.0})
+    by_thickness = film.thickness_um * along(found, {"film.thickness_um": 1.0})
+    by_modulus = film.youngs_modulus_GPa * along(found, {"film.youngs_modulus_GPa": 1.0})
+    charge = np.array(list(solution.charges_pC.values()))
+    assert by_thickness == pytest.approx(-by_force - by_tension, rel=1e-8)
+    assert by_modulus == pytest.approx(charge - by_force - by_tension, rel=1e-8)
+
+
+def test_a_flat_film_of_given_pretension_knows_no_stiffness():
+    """Q = A (d31 N1 + d32 N2)/h."""
+    scene = Scene().with_(**{"film.pretension_N_m": [12.0, 5.0], "film.d31_pC_N": 3.0})
+    found = gradients(solve(scene))
+    charge = 9e-6 * (3.0 * 12.0 + 8.0 * 5.0) / 25e-6
+    for name in "ABCD":
+        assert found["film.pretension_N_m.0"][name] == pytest.approx(9.0 * 3.0 / 25.0, rel=1e-9)
+        assert found["film.pretension_N_m.1"][name] == pytest.approx(9.0 * 8.0 / 25.0, rel=1e-9)
+        assert found["film.thickness_um"][name] == pytest.approx(-charge / 25.0, rel=1e-9)
+        assert found["film.youngs_modulus_GPa"][name] == pytest.approx(0.0, abs=1e-9 * charge)
+        assert found["film.poisson_ratio"][name] == pytest.approx(0.0, abs=1e-9 * charge)
+
+
 @pytest.mark.parametrize(
     ("scene", "key", "match"),
     [
+        (TIGHT, "film.temperature_change_K", "'film.temperature_change_K' is not a parameter"),
         (RECTANGLE.with_(**LOADS["sliding"]), "probe.x_mm", "'probe.x_mm' of a rigid probe"),
         (RECTANGLE, "film.radius_mm", "'film.radius_mm' is not a parameter"),
     ],

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.special import jn_zeros, jv, jvp, yv, yvp
+from scipy.special import jn_zeros, jv, jvp, mathieu_modcem1, yv, yvp
 from skfem import BilinearForm
 from skfem.helpers import dot
 
@@ -154,6 +154,32 @@ def test_orthotropic_film_under_unequal_tensions() -> None:
     assert disc < found < larger
 
 
+def test_unequal_tensions_make_an_elliptic_drum() -> None:
+    """In x/sqrt(N1), y/sqrt(N2) it is a drum with Mathieu's functions ce_0 and Mc_0.
+
+    McLachlan, Theory and Application of Mathieu Functions (1947), section 16.13.
+    """
+    scene = with_tolerance(Scene().with_(**{"film.pretension_N_m": [12.0, 5.0]}), 1e-5)
+    film = scene.film
+    long, short = film.radius / np.sqrt([5.0, 12.0])
+    rim = np.arctanh(short / long)
+    # between the drums inside and around the ellipse
+    focus = np.sqrt(long**2 - short**2)
+    low, high = (0.25 * (2.4048 / a * focus) ** 2 for a in (long, short))
+    q = brentq(lambda q: mathieu_modcem1(0, q, rim)[0], low, high)
+    expected = np.sqrt(q) / (np.pi * focus * np.sqrt(film.density * film.thickness))
+    assert modes(scene, 1).frequencies_Hz[0] == pytest.approx(expected, rel=1e-5)
+
+
+def test_frequencies_of_a_given_tension() -> None:
+    scene = Scene().with_(**{"film.pretension_N_m": 20.0, "film.youngs_modulus_GPa": [3.0, 1.0]})
+    film = scene.film
+    expected = disc_frequencies(
+        3, radius=film.radius, tension=20.0, areal_density=film.density * film.thickness
+    )
+    np.testing.assert_allclose(modes(scene, 3).frequencies_Hz, expected, rtol=1e-3)
+
+
 def punched(scene: Scene, diameters: int) -> float:
     """First frequency of the annulus around a centred punch, Hz.
 
@@ -235,6 +261,20 @@ def test_no_frequencies_without_tension(dT: float, status: Status, loaded: bool)
     with pytest.raises(NotConvergedError, match=r"film\.temperature_change_K below zero"):
         _ = found.frequencies_Hz
     assert "frequencies_Hz" not in found.to_json()
+
+
+@pytest.mark.parametrize(
+    ("pair", "film", "status"),
+    [
+        ([9.0, 0.0], {}, Status.SINGULAR),
+        ([9.0, -1.0], {}, Status.UNSTABLE),
+        ([9.0, -1.0], {"film.compression": "tension-field"}, Status.SINGULAR),
+    ],
+)
+def test_no_frequencies_without_tension_in_one_direction(pair, film, status) -> None:
+    found = modes(Scene().with_(**{"film.pretension_N_m": pair}, **film))
+    assert found.status is status
+    assert "film.pretension_N_m above" in found.reason
 
 
 def test_unreachable_tolerance_is_said_before_meshing() -> None:

@@ -50,6 +50,16 @@ def solves(*scenes: Scene) -> int:
         ({}, {"probe.x_mm": 3.1}, 2),
         ({}, {"probe.x_mm": -3.0}, 2),
         ({}, {"film.temperature_change_K": -2.0}, 2),
+        ({}, {"film.permittivity": 7.0}, 1),
+        ({}, {"film.pretension_N_m": 25.0 / 3.0}, 1),
+        ({}, {"film.pretension_N_m": [25.0 / 3.0, 25.0 / 3.0]}, 1),
+        ({}, {"film.pretension_N_m": 50 / 3.0, "film.thickness_um": 50.0, "load.force_N": 2.0}, 1),
+        ({}, {"film.pretension_N_m": 25 / 3.0, "film.thickness_um": 50.0, "load.force_N": 2.0}, 2),
+        ({}, {"film.pretension_N_m": [8.0, 9.0]}, 2),
+        ({"film.pretension_N_m": 9.0}, ASKEW, 1),
+        ({"film.pretension_N_m": [9.0, 8.0]}, MIRRORED, 1),
+        ({"film.pretension_N_m": [9.0, 8.0]}, TURNED, 2),
+        ({"film.pretension_N_m": [9.0, 8.0]}, ASKEW, 2),
         (STIFFER_ALONG_X, MIRRORED, 1),
         (STIFFER_ALONG_X, TURNED, 2),
         ({"film.shear_modulus_GPa": 1.0}, TURNED, 1),
@@ -105,6 +115,20 @@ def test_joined_scenes_have_the_charges_of_separate_solves(observable):
             assert record.charge_error_pC(name, observable, 18.0, 2.0) <= 2e-3 * charge
             shared = record.charge_pC(name, observable, 18.0, 2.0)
             assert shared == pytest.approx(charge, rel=2e-3)
+
+
+def test_a_pretension_and_a_cooling_share_a_solve():
+    changes = [
+        {},
+        {"film.pretension_N_m": 25.0 / 3.0},
+        {"film.pretension_N_m": 50.0 / 3.0, "film.thickness_um": 50.0, "load.force_N": 2.0},
+    ]
+    scenes = [TRIANGLE.with_(**change) for change in changes]
+    assert len(planned(scenes).blocks) == 1
+    for scene, record in zip(scenes, solve_all(scenes, processes=1), strict=True):
+        for name, charge in solve(scene).charges_pC.items():
+            shared = record.charge_pC(name, "material", 18.0, 2.0)
+            assert shared == pytest.approx(charge, rel=1e-9)
 
 
 def test_images_of_a_scene_share_its_mesh():

@@ -136,6 +136,22 @@ def test_a_dataset_names_its_axes_units_and_states(tmp_path):
         assert read.identical(data)
 
 
+def test_a_sweep_over_the_number_of_electrodes():
+    ring = BASE.with_(**{"electrodes.layout": "ring", "electrodes.centre": True})
+    axes = [{"electrodes.count": [2, 4]}, {"film.pretension_N_m": [8.0, 9.0]}]
+    assert len(sweep.planned(sweep.Grid.of(ring, axes).scenes()).blocks) == 2
+    data = sweep.sweep(ring, axes, processes=1)
+    assert data.electrode.values.tolist() == list("ABCDE")
+    assert data.pretension_N_m.attrs == {"key": "film.pretension_N_m", "units": "N/m"}
+    given = data.charge_pC.notnull().all("pretension_N_m")
+    assert given.sum("electrode").values.tolist() == [3, 5]
+    # A stays where it is; the centre is the last one of each
+    charges = data.charge_pC.sel(pretension_N_m=9.0)
+    for few, more in (("A", "A"), ("B", "C"), ("C", "E")):
+        expected = float(charges.sel(count=4.0, electrode=more))
+        assert float(charges.sel(count=2.0, electrode=few)) == pytest.approx(expected, rel=1e-9)
+
+
 def test_a_scene_that_fails_is_stored_and_the_rest_goes_on(tmp_path):
     axes = [{"film.temperature_change_K": [-1.0, 10.0], "load.force_N": [1.0, 0.0]}]
     with Store(tmp_path / "s.db") as store:
