@@ -127,6 +127,8 @@ class Response:
         """The response of a film of another thickness; without bending F/h alone counts."""
         scene = self.scene.with_(**{"film.thickness_um": thickness_um})
         ratio = scene.film.thickness_um / self.scene.film.thickness_um
+        if (tension := scene.film.pretension_N_m) is not None:  # the stress at rest stays
+            scene = scene.with_(**{"film.pretension_N_m": ratio * np.array(tension)})
         low, high = self.domain.force_N
         domain = Domain(self.domain.reach_mm, (ratio * low, ratio * high))
         return replace(self, scene=scene, domain=domain)

@@ -23,7 +23,6 @@ NumberOrPair = Annotated[
     Annotated[Value, Tag("number")] | Annotated[tuple[Value, Value], Tag("pair")],
     Discriminator(_number_or_pair),
 ]
-Tension = Annotated[Finite, within(-1e6, 1e6, "N/m")]
 
 
 class Film(Section):
@@ -53,7 +52,7 @@ class Film(Section):
     shear_modulus_GPa: Modulus | None = None
     density_kg_m3: Annotated[Finite, within(1e-3, 1e6, "kg/m³")] = 1760.0
     thermal_expansion_per_K: Annotated[Finite, within(-1.0, 1.0, "1/K")] = 110e-6
-    pretension_N_m: NumberOrPair[Tension] | None = None
+    pretension_N_m: NumberOrPair[Annotated[Finite, within(-1e6, 1e6, "N/m")]] | None = None
     temperature_change_K: Annotated[Finite, within(-1e4, 1e4, "K")] | None = Field(
         None, validate_default=True
     )

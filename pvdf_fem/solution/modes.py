@@ -164,8 +164,7 @@ def modes(scene: Scene, count: int = 6, loaded: bool = False) -> Modes:
         How many, from 1 to 200.
     loaded : bool
         About the equilibrium under the load instead of the flat film. The flat film has no
-        frequencies without tension (``film.temperature_change_K`` below zero, or
-        ``film.pretension_N_m`` above).
+        frequencies without tension in all directions.
 
     Returns
     -------

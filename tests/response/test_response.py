@@ -124,6 +124,13 @@ def test_a_film_of_twice_the_thickness_needs_twice_the_force(made):
     assert slopes[..., 3] == pytest.approx(jacobian[..., 3] / 2.0, rel=1e-9)
 
 
+def test_the_stress_at_rest_does_not_change_with_the_thickness(made):
+    tight = replace(made, scene=made.scene.with_(**{"film.pretension_N_m": [9.0, 8.0]}))
+    thick = tight.with_thickness(50.0).scene.film
+    assert thick.pretension_N_m == (18.0, 16.0)
+    assert thick.stress_at_rest == pytest.approx(tight.scene.film.stress_at_rest, rel=1e-15)
+
+
 @pytest.mark.parametrize(
     "touch", [(8.1, 0, 0, 1), (0, 0, 0, 0.09), (0, 0, 0, 5.1), (np.nan, 0, 0, 1), (0, 0, np.inf, 1)]
 )

@@ -225,10 +225,7 @@ class RectangleShape(_PolygonalShape):
         return self._placed(rectangle(self.width_mm, self.height_mm))
 
 
-_Corners = tuple[tuple[Coordinate, Coordinate], ...]
-
-
-def _is_simple(vertices: _Corners) -> _Corners:
+def _is_simple(vertices: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
     if wrong := defect(vertices):
         raise refusal(f"{wrong}; list the corners of a simple polygon once, in order")
     return vertices
@@ -240,7 +237,9 @@ class PolygonShape(_PolygonalShape):
     size_key = "vertices_mm"
     shape: Literal["polygon"] = "polygon"
     vertices_mm: Annotated[
-        _Corners, Field(min_length=3, max_length=MOST_VERTICES), AfterValidator(_is_simple)
+        tuple[tuple[Coordinate, Coordinate], ...],
+        Field(min_length=3, max_length=MOST_VERTICES),
+        AfterValidator(_is_simple),
     ]
 
     @property
