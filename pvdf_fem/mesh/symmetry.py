@@ -57,10 +57,7 @@ WHOLE = MirroredPart()
 
 @lru_cache(maxsize=1024)
 def isotropy(film: Film) -> str:
-    """Which turns leave a film as it is: ``axes``, ``square`` (by 90°) or ``isotropic``.
-
-    Stiffness and stress at rest decide.
-    """
+    """Where a film is equally stiff and tight: ``axes``, ``square``, ``isotropic``."""
     C, (along_x, along_y, _) = film.stiffness, film.stress_at_rest
     if not np.allclose([C[0, 0], along_x], [C[1, 1], along_y], rtol=1e-12, atol=0.0):
         return "axes"

@@ -21,7 +21,7 @@ from pvdf_fem.cli import main as cli
 from pvdf_fem.files import printable
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.scene import Load, Numerics, Readout, Stage
-from pvdf_fem.scene.shapes import ELECTRODES, PROBES, Layout
+from pvdf_fem.scene.shapes import ELECTRODES, PROBES, RINGS, Layout
 from pvdf_fem.solution.modes import modes
 from pvdf_fem.solvers.newton import NewtonOptions
 
@@ -114,6 +114,16 @@ def test_charges_without_error_are_printed(
     (tmp_path / "empty.toml").touch()
     text = Run(["solve", tmp_path / "empty.toml"], capsys).out
     assert re.search(r"^A +48\.00000000 +0 +0\.00000000$", text, re.MULTILINE)
+
+
+def test_set_stretches_and_lays_out(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pair = ["--set", "film.pretension_N_m=[12, 5]", "--set", "electrodes.layout=ring"]
+    run = Run(["solve", scene, *pair, "--set", "electrodes.count=5", "--json"], capsys)
+    assert list(run.json["rest_charges_pC"]) == list("ABCDE")
+    assert run.json["rest_charges_pC"]["E"] == pytest.approx(9.0 * 8.0 * 17.0 / 25.0)
+    both = ["--set", "film.pretension_N_m=9", "--set", "film.temperature_change_K=-2"]
+    (mistake,) = Run(["solve", scene, *both], capsys).mistakes
+    assert "film.temperature_change_K = -2: stands beside film.pretension_N_m = 9.0" in mistake
 
 
 @pytest.mark.parametrize(
@@ -369,7 +379,7 @@ def test_modes_without_a_number(
 def test_help_names_every_key_of_a_scene(capsys: pytest.CaptureFixture[str]) -> None:
     told = Run(["--help"], capsys).out
     models: list[type[BaseModel]] = [Film, Layout, Load, Numerics, Readout, Stage]
-    models += [*PROBES.values(), *ELECTRODES.values()]
+    models += [*PROBES.values(), *ELECTRODES.values(), *RINGS.values()]
     keys = {key for model in models for key in model.model_fields}
     missing = {key for key in keys if not re.search(rf"\b{key}\b", told)}
     assert not missing
