@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +15,12 @@ import numpy as np
 from pvdf_fem import Scene
 from reports.chapters.film_placement.explained import found_again_mm
 from reports.chapters.film_placement.figures import band, errors_picture, shifts_picture
-from reports.chapters.film_placement.fits import ALL, PLACED, Fit, Measured, fitted
+from reports.chapters.film_placement.fits import PLACED, Fit, Measured, fitted
 from reports.chapters.film_placement.sensor import (
     FILM_MM,
     FILM_TURN_DEG,
     GAIN_SHARE,
+    SensorStates,
     own_errors_mm,
     placement_scenes,
 )
@@ -29,9 +31,11 @@ from reports.common.results import Results
 from reports.common.thesis_data import Position, Thesis
 
 #: States that are drawn of each cause.
-DRAWS = 1000
+DRAWS = 600
 #: Numbers that a table needs to be fitted.
 LEAST_NUMBERS = 4
+#: Misfits that differ by no more than this, in mm, are nearly the same.
+NEARLY_MM = 0.2
 #: The table of the virtual experiment, if it was made within the report's directory.
 VIRTUAL = Path("experiment") / "predicted_scenes.csv"
 
@@ -64,7 +68,7 @@ def _compose(thesis: Thesis, results: Results, out: Path) -> Content:
     shifts_picture(placed, out / "film_shifts.svg")
     texts = [
         _method_text(touch_mm),
-        *(_fit_text(fit) for fit in fits if fit.cause != "gains"),
+        *(_fit_text(list(group)) for _, group in groupby(fits, key=lambda fit: fit.title)),
         _worth_text(placed, touch_mm),
         _determined_text(placed),
         _band_text(single, virtual, touch_mm),
@@ -108,24 +112,34 @@ def _method_text(touch_mm: float) -> str:
     )
 
 
-def _fit_text(fit: Fit) -> str:
-    trial, state = fit.trial, fit.state
-    head = f"{fit.title[0].upper()}{fit.title[1:]}, {fit.cause}"
-    if state is None:
-        return f"{head}: of the states drawn none agrees with the rows that have a crossing."
-    x, y = (signed(float(shift), 1) for shift in state.shifts_mm[0])
-    gains = joined([f"{gain:.2f}" for gain in state.gains[0]])
-    with_gains = f", gains {gains}" if fit.cause == ALL else ""
+def _fit_text(fits: Sequence[Fit]) -> str:
+    """What each cause leaves and explains of the same rows."""
+    trial, title = fits[0].trial, fits[0].title
+    texts = []
+    for fit in fits:
+        if fit.state is None:
+            texts.append(f"{fit.cause}: no state agrees")
+            continue
+        texts.append(
+            f"{fit.cause} ({fit.trial.parameters} parameters): "
+            f"{fit.trial.rest_mm(fit.errors_mm):.2f} mm are left, {100 * _explained(fit):.0f} % of "
+            f"the sum of squares explained ({_state_text(fit.state)})"
+        )
     return (
-        f"{head}: the sensor as it should be misses the {trial.numbers} errors by "
-        f"{trial.nominal_misfit_mm:.2f} mm, the best of the states drawn by "
-        f"{trial.misfits_mm.min():.2f} mm, and the descent from it by "
-        f"{trial.rest_mm(fit.errors_mm):.2f} mm (shift {x} and {y} mm, turn "
-        f"{signed(float(state.turns_deg[0]), 1)}°{with_gains}), which is "
-        f"{100 * _explained(fit):.0f} % of the sum of squares. {trial.parameters} parameters stand "
-        f"against {trial.numbers} numbers. {100 * trial.better:.0f} % of all states are better "
-        "than the sensor as it should be."
+        f"{title}, {trial.numbers} numbers: with the sensor as it should be the misfit is "
+        f"{trial.nominal_misfit_mm:.2f} mm. {'; '.join(texts)}. Of the states with a shift and a "
+        f"turn {100 * trial.better:.0f} % are better than the sensor as it should be."
     )
+
+
+def _state_text(state: SensorStates) -> str:
+    x, y, turn = (float(v) for v in (*state.shifts_mm[0], state.turns_deg[0]))
+    parts = []
+    if x or y or turn:
+        parts.append(f"shift {signed(x)} and {signed(y)} mm, turn {signed(turn)}°")
+    if np.ptp(state.gains) > 0.0:
+        parts.append(f"gains {joined([f'{gain:.2f}' for gain in state.gains[0]])}")
+    return "; ".join(parts)
 
 
 def _explained(fit: Fit) -> float:
@@ -139,7 +153,7 @@ def _worth_text(placed: Sequence[Fit], touch_mm: float) -> str:
     for fit in placed:
         if fit.trial.best is None:
             continue
-        trial, made_up = fit.trial, fit.trial.made_up()
+        trial, made_up = fit.trial, fit.trial.made_up
         share = trial.explained(trial.printed_mm)
         also = (
             f"; of {len(made_up)} tables whose touches are misplaced by themselves, within "
@@ -149,10 +163,10 @@ def _worth_text(placed: Sequence[Fit], touch_mm: float) -> str:
             else ""
         )
         texts.append(
-            f"{fit.title}: {100 * trial.reordered():.0f} % of the orders of the printed numbers "
+            f"{fit.title}: {100 * trial.reordered:.0f} % of the orders of the printed numbers "
             f"are fitted as well as the order in the thesis{also}; predicted from the others a row "
             "is "
-            f"{trial.rest_mm(trial.left_out_mm()):.2f} mm off, while the mean of the other rows is "
+            f"{trial.rest_mm(trial.left_out_mm):.2f} mm off, while the mean of the other rows is "
             f"{trial.rest_mm(trial.others_mean_mm):.2f} mm off"
         )
     return (
@@ -164,21 +178,20 @@ def _worth_text(placed: Sequence[Fit], touch_mm: float) -> str:
 def _determined_text(placed: Sequence[Fit]) -> str:
     """How well the errors of a table determine the shift that made them."""
     found = [np.median(found_again_mm(fit.trial, fit.states.shifts_mm)) for fit in placed]
-    listed = joined([f"{distance:.2f} mm" for distance in found])
-    spread = [_spread_mm(fit) for fit in placed]
-    allowed = joined([f"{distance:.1f} mm" for distance in spread])
+    listed = joined([f"{distance:.1f} mm" for distance in found])
+    allowed = joined([f"{_spread_mm(fit):.1f} mm" for fit in placed])
     return (
-        "If the film were misplaced and nothing else were wrong, the errors would tell its shift "
+        "If the film were misplaced and nothing else were wrong, exact errors would tell its shift "
         f"to within {listed} (median; {joined([fit.title for fit in placed])}). The printed ones "
-        "do not: states whose misfit is at most a fifth larger than the smallest one drawn have "
-        f"shifts up to {allowed} apart."
+        f"do not: states whose misfit is at most {NEARLY_MM:g} mm above the smallest one drawn, a "
+        f"fraction of the error of placing a probe, have shifts up to {allowed} apart."
     )
 
 
-def _spread_mm(fit: Fit, share: float = 0.2) -> float:
+def _spread_mm(fit: Fit) -> float:
     """Largest distance between the shifts of states nearly as good as the best; NaN without."""
     misfits = fit.trial.misfits_mm
-    good = fit.states.shifts_mm[np.isfinite(misfits) & (misfits <= (1.0 + share) * misfits.min())]
+    good = fit.states.shifts_mm[np.isfinite(misfits) & (misfits <= misfits.min() + NEARLY_MM)]
     apart = np.linalg.norm(good[:, None] - good, axis=-1)
     return float(apart.max()) if len(good) else np.nan
 
@@ -240,8 +253,8 @@ def _conclusion(fits: Sequence[Fit]) -> str:
         f"{fit.cause} for {fit.title}"
         for fit in fits
         if fit.trial.best is not None
-        and fit.trial.reordered() <= 0.05
-        and fit.trial.rest_mm(fit.trial.left_out_mm()) < fit.trial.rest_mm(fit.trial.others_mean_mm)
+        and fit.trial.reordered <= 0.05
+        and fit.trial.rest_mm(fit.trial.left_out_mm) < fit.trial.rest_mm(fit.trial.others_mean_mm)
     ]
     if supported:
         return (
@@ -298,7 +311,7 @@ def _fit_row(fit: Fit) -> list[Cell]:
     if state is None:
         agreeing: list[Cell] = [None, None, None, 100.0 * trial.agreeing]
         return [*head, *agreeing, *[None] * 14]
-    made_up, share = trial.made_up(), trial.explained(trial.printed_mm)
+    made_up, share = trial.made_up, trial.explained(trial.printed_mm)
     return [
         *head,
         float(trial.misfits_mm.min()),
@@ -306,11 +319,11 @@ def _fit_row(fit: Fit) -> list[Cell]:
         100.0 * _explained(fit),
         100.0 * trial.agreeing,
         100.0 * trial.better,
-        100.0 * trial.reordered(),
+        100.0 * trial.reordered,
         100.0 * float(np.median(made_up)) if len(made_up) else None,
         100.0 * float(np.mean(made_up >= share)) if len(made_up) else None,
         trial.f_test(_explained(fit)),
-        trial.rest_mm(trial.left_out_mm()),
+        trial.rest_mm(trial.left_out_mm),
         trial.rest_mm(trial.others_mean_mm),
         *state.shifts_mm[0].tolist(),
         *state.turns_deg.tolist(),
@@ -347,7 +360,7 @@ def _row_table(
         ranges += virtual[y : y + 1]
         line: list[Cell] = [row.case, f"{row.probe}, {row.position}", row.error_mm]
         line += [float(placed.trial.nominal_mm[i]), *(float(f.errors_mm[i]) for f in of_row)]
-        line.append(float(placed.trial.left_out_mm()[i]))
+        line.append(float(placed.trial.left_out_mm[i]))
         line += [end if np.isfinite(end) else "no crossing" for ends in ranges for end in ends]
         cells.append(line)
     caption = "Tables 5.1 and 5.2 row by row: errors measured, fitted, left out and predicted."

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import permutations, product
 
 import numpy as np
@@ -49,7 +50,7 @@ class Trial:
         """Number of printed errors."""
         return int(np.isfinite(self.printed_mm).sum())
 
-    @property
+    @cached_property
     def misfits_mm(self) -> Array:
         """Misfits of the states, (n,)."""
         return misfits_mm(self.drawn_mm, self.printed_mm)
@@ -83,6 +84,7 @@ class Trial:
         )
         return float(1.0 - (best / nominal) ** 2) if np.isfinite(best) else np.nan
 
+    @cached_property
     def reordered(self) -> float:
         """Share of the orders of each table's numbers that are fitted as well as the printed one.
 
@@ -101,6 +103,7 @@ class Trial:
             order[places] = np.concatenate(choice)
             yield order
 
+    @cached_property
     def made_up(self) -> Array:
         """Shares that the best state explains of made-up tables, touches misplaced by themselves.
 
@@ -112,6 +115,7 @@ class Trial:
         shares = np.array([self.explained(table) for table in tables])
         return shares[np.isfinite(shares)]
 
+    @cached_property
     def left_out_mm(self) -> Array:
         """Errors (rows,) predicted by the state that fits the other rows best; NaN without any."""
         predicted = np.full(len(self.printed_mm), np.nan)

@@ -64,7 +64,7 @@ def errors_picture(
         ax.invert_yaxis()
         ax.set(xlabel="error of the position (mm)", xlim=(0.0, TOP_MM))
         ax.annotate(
-            "no crossing", (TOP_MM, -0.75), ha="center", size=LABEL_SIZE, annotation_clip=False
+            "no crossing", (1.0, 1.01), xycoords="axes fraction", ha="right", size=LABEL_SIZE
         )
         bands = [Line2D([], [], color=k, lw=w, label=name) for name, (k, w) in looks.items()]
         figure.legend(handles=[*_marks(), *bands], loc="outside lower center", ncols=2)
@@ -89,6 +89,7 @@ def shifts_picture(fits: Sequence[Fit], path: Path) -> None:
     with drawing(path, 58 * len(fits) + 14, 68) as figure:
         axes = figure.subplots(1, len(fits), sharey=True, squeeze=False)[0]
         for ax, fit in zip(axes, fits, strict=True):
+            ax.set_axisbelow(True)
             misfits, shifts = fit.trial.misfits_mm, fit.states.shifts_mm
             agreeing = np.isfinite(misfits)
             ax.plot(*shifts[~agreeing].T, ".", color="0.88", ms=2.0)

@@ -80,28 +80,35 @@ class Fit:
     states: SensorStates
     trial: Trial
     measured: Measured
+    #: Fits of a part of the cause to the same rows.
+    parts: tuple[Fit, ...] = ()
 
     @property
     def title(self) -> str:
-        """The name of the table, or ``both tables``."""
-        return self.tables[0] if len(self.tables) == 1 else "both tables"
+        """The name of the table, or ``Both tables``."""
+        return self.tables[0] if len(self.tables) == 1 else "Both tables"
 
     @cached_property
     def state(self) -> SensorStates | None:
-        """The state to which a descent leads from the best one drawn; None if none agrees."""
+        """The state that a descent ends in; None if no state drawn agrees.
+
+        The descent begins at the best state drawn or found for a part of the cause.
+        """
         best = self.trial.best
         if best is None:
             return None
-        start = self.states.one(best)
+        starts = [self.states.one(best), *(part.state for part in self.parts if part.state)]
+        start = min(starts, key=self._misfit_mm)
 
         def misfit(steps: Array) -> float:
             state = _moved(start, steps, self.cause)
-            if not _plausible(state):
-                return np.inf
-            errors = self.measured.errors_mm(state, self.rows)
-            return float(misfits_mm(errors, self.trial.printed_mm)[0])
+            return self._misfit_mm(state) if _plausible(state) else np.inf
 
         return _moved(start, _descended(misfit, PARAMETERS[self.cause]), self.cause)
+
+    def _misfit_mm(self, state: SensorStates) -> float:
+        errors = self.measured.errors_mm(state, self.rows)
+        return float(misfits_mm(errors, self.trial.printed_mm)[0])
 
     @cached_property
     def errors_mm(self) -> Array:
@@ -111,10 +118,10 @@ class Fit:
         return self.measured.errors_mm(self.state, self.rows)[0]
 
 
-def _descended(misfit: Callable[[Array], float], count: int, most: int = 120) -> Array:
-    """The steps (count,) at which `misfit` is smallest, from zero, in at most `most` trials."""
+def _descended(misfit: Callable[[Array], float], count: int, most: int = 30) -> Array:
+    """The steps (count,) at which `misfit` is smallest, from zero, in `most` trials of each."""
     corners = np.concatenate([np.zeros((1, count)), 0.2 * np.eye(count)])
-    options = {"initial_simplex": corners, "maxfev": most, "xatol": 1e-3, "fatol": 1e-3}
+    options = {"initial_simplex": corners, "maxfev": most * count, "xatol": 1e-3, "fatol": 1e-3}
     with np.errstate(invalid="ignore"):  # infinite misfits are subtracted
         return minimize(misfit, np.zeros(count), method="Nelder-Mead", options=options).x
 
@@ -158,22 +165,24 @@ def fitted(measured: Measured, count: int, touch_mm: float) -> list[Fit]:
     placed = SensorStates.drawn(count, placed=True, gains=False)
     gains = SensorStates.drawn(count, placed=False, gains=True)
     both = SensorStates.drawn(count, placed=True, gains=True)
-    errors = {states: measured.errors_mm(states) for states in (placed, gains, both)}
+    errors = {drawn: measured.errors_mm(drawn) for drawn in (placed, gains, both)}
     causes = {PLACED: (placed,), GAINS: (gains,), ALL: (placed, gains, both)}
     nominal_mm = measured.errors_mm(SensorStates.none())[0]
     separate_mm = measured.separate_mm(count, touch_mm)
-    fits = []
+    fits: list[Fit] = []
     for tables, rows in _parts([row.source for row in measured.rows]):
         for cause, drawn in causes.items():
             trial = Trial(
                 [[row.source for row in measured.rows].count(table) for table in tables],
                 measured.printed_mm[rows],
                 nominal_mm[rows],
-                np.concatenate([errors[states] for states in drawn])[:, rows],
+                np.concatenate([errors[each] for each in drawn])[:, rows],
                 separate_mm[:, rows],
                 PARAMETERS[cause],
             )
-            fits.append(Fit(tables, cause, rows, drawn[0].and_(*drawn[1:]), trial, measured))
+            states = drawn[0].and_(*drawn[1:])
+            parts = tuple(fit for fit in fits if fit.tables == tables) if cause == ALL else ()
+            fits.append(Fit(tables, cause, rows, states, trial, measured, parts))
     return fits
 
 
