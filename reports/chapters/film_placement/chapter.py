@@ -122,12 +122,17 @@ def _fit_text(fits: Sequence[Fit]) -> str:
             continue
         texts.append(
             f"{fit.cause} ({fit.trial.parameters} parameters): "
-            f"{fit.trial.rest_mm(fit.errors_mm):.2f} mm are left, {100 * _explained(fit):.0f} % of "
-            f"the sum of squares explained ({_state_text(fit.state)})"
+            f"{fit.trial.rest_mm(fit.errors_mm):.2f} mm are left, and {100 * _explained(fit):.0f} % "
+            f"of the sum of squares is explained ({_state_text(fit.state)})"
         )
+    nominal = (
+        f"has a misfit of {trial.nominal_misfit_mm:.2f} mm"
+        if np.isfinite(trial.nominal_misfit_mm)
+        else "does not agree"
+    )
     return (
-        f"{title}, {trial.numbers} numbers: with the sensor as it should be the misfit is "
-        f"{trial.nominal_misfit_mm:.2f} mm. {'; '.join(texts)}. Of the states with a shift and a "
+        f"{title}, {trial.numbers} numbers: the sensor as it should be {nominal}. After the fit of "
+        f"{'; of '.join(texts)}. Of the states with a shift and a "
         f"turn {100 * trial.better:.0f} % are better than the sensor as it should be."
     )
 
@@ -169,6 +174,8 @@ def _worth_text(placed: Sequence[Fit], touch_mm: float) -> str:
             f"{trial.rest_mm(trial.left_out_mm):.2f} mm off, while the mean of the other rows is "
             f"{trial.rest_mm(trial.others_mean_mm):.2f} mm off"
         )
+    if not texts:
+        return ""
     return (
         "Any few numbers can be fitted by three parameters, so the same fit of one shift and turn "
         f"is tried on numbers that they have not caused. {'. '.join(texts)}."
@@ -177,6 +184,9 @@ def _worth_text(placed: Sequence[Fit], touch_mm: float) -> str:
 
 def _determined_text(placed: Sequence[Fit]) -> str:
     """How well the errors of a table determine the shift that made them."""
+    placed = [fit for fit in placed if fit.state is not None]
+    if not placed:
+        return ""
     found = [np.median(found_again_mm(fit.trial, fit.states.shifts_mm)) for fit in placed]
     listed = joined([f"{distance:.1f} mm" for distance in found])
     allowed = joined([f"{_spread_mm(fit):.1f} mm" for fit in placed])
@@ -233,6 +243,8 @@ def _own_text(thesis: Thesis, results: Results, measured: Measured) -> str:
     errors = np.array(
         [own_errors_mm(thesis, results, touch.case, touch, shifts) for touch in measured.touches]
     )
+    if not np.isfinite(errors).all(axis=1).any():
+        return ""
     change = np.nanmax(np.abs(errors[:, 1:] - errors[:, :1]))
     larger = np.sum(measured.printed_mm > np.nan_to_num(errors.max(axis=1), nan=np.inf))
     return (

@@ -82,7 +82,7 @@ class Trial:
             misfits_mm(errors, printed_mm).min()
             for errors in (self.nominal_mm[None], self.drawn_mm)
         )
-        return float(1.0 - (best / nominal) ** 2) if np.isfinite(best) else np.nan
+        return float(1.0 - (best / nominal) ** 2) if np.isfinite([best, nominal]).all() else np.nan
 
     @cached_property
     def reordered(self) -> float:

@@ -85,7 +85,8 @@ def _marks() -> list[Line2D]:
 
 def shifts_picture(fits: Sequence[Fit], path: Path) -> None:
     """The shifts drawn, in the colour of their misfit, for fits of `PLACED`."""
-    worst = max(fit.trial.nominal_misfit_mm for fit in fits)
+    nominal_mm = np.array([fit.trial.nominal_misfit_mm for fit in fits])
+    worst = float(nominal_mm[np.isfinite(nominal_mm)].max(initial=0.1))
     with drawing(path, 58 * len(fits) + 14, 68) as figure:
         axes = figure.subplots(1, len(fits), sharey=True, squeeze=False)[0]
         for ax, fit in zip(axes, fits, strict=True):
