@@ -12,7 +12,8 @@ from pvdf_fem.sweeps.sweep import Progress, planned, silent, solve_all
 
 #: The observable that the thesis's post-processor computes: stresses averaged along the edges.
 THESIS_EDGE = "thesis-edge"
-#: The observable that a charge amplifier sees: the stress over the electrode's material area.
+#: The observable whose change a charge amplifier sees since it was zeroed: the stress over the
+#: electrode's material area.
 MATERIAL = "material"
 
 

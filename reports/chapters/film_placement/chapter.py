@@ -108,7 +108,7 @@ def _method_text(touch_mm: float) -> str:
         "sensor are located by the thesis's method with the contours of the sensor as it should "
         f"be: probe not turned, lines of {REFERENCE} turned. A state agrees with a table if the "
         "same rows have no crossing; its misfit is the root mean square difference of the errors. "
-        "From the best state a descent goes on to a smaller misfit."
+        "Charges are totals, those of the pretension included, as in the thesis's contours. From the best state a descent goes on to a smaller misfit."
     )
 
 
@@ -122,8 +122,8 @@ def _fit_text(fits: Sequence[Fit]) -> str:
             continue
         texts.append(
             f"{fit.cause} ({fit.trial.parameters} parameters): "
-            f"{fit.trial.rest_mm(fit.errors_mm):.2f} mm are left, and {100 * _explained(fit):.0f} % "
-            f"of the sum of squares is explained ({_state_text(fit.state)})"
+            f"{fit.trial.rest_mm(fit.errors_mm):.2f} mm are left, {100 * _explained(fit):.0f} % of "
+            f"the sum of squares is explained ({_state_text(fit.state)})"
         )
     nominal = (
         f"has a misfit of {trial.nominal_misfit_mm:.2f} mm"
@@ -132,8 +132,8 @@ def _fit_text(fits: Sequence[Fit]) -> str:
     )
     return (
         f"{title}, {trial.numbers} numbers: the sensor as it should be {nominal}. After the fit of "
-        f"{'; of '.join(texts)}. Of the states with a shift and a "
-        f"turn {100 * trial.better:.0f} % are better than the sensor as it should be."
+        f"{'; of '.join(texts)}. Of the states with a shift and a turn "
+        f"{100 * trial.better:.0f} % are better than the sensor as it should be."
     )
 
 

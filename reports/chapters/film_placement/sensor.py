@@ -36,7 +36,7 @@ NAMES = tuple(sorted(TURNS))
 #: Distance in mm from its place within which the film is taken to lie. The thesis says that it may
 #: be larger than the 1 mm of the probe.
 FILM_MM = 2.0
-#: Largest turn of the film in degrees: 2 mm at the rim's radius of 40 mm.
+#: Largest turn of the film in degrees: 2.4 mm at the rim.
 FILM_TURN_DEG = 3.0
 #: Largest relative change of an electrode's gain, before the common factor is taken out.
 GAIN_SHARE = 0.1
