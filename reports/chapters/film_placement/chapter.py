@@ -28,6 +28,7 @@ from reports.chapters.positions.location import REFERENCE, PositionCase
 from reports.common.chapter import Chapter, Content
 from reports.common.page import Cell, Column, Picture, Table, joined, signed
 from reports.common.results import Results
+from reports.common.section_cache import TABLE_OF_ERRORS
 from reports.common.thesis_data import Position, Thesis
 
 #: States that are drawn of each cause.
@@ -37,7 +38,7 @@ LEAST_NUMBERS = 4
 #: Misfits that differ by no more than this, in mm, are nearly the same.
 NEARLY_MM = 0.2
 #: The table of the virtual experiment, if it was made within the report's directory.
-VIRTUAL = Path("experiment") / "predicted_scenes.csv"
+VIRTUAL = Path("experiment") / TABLE_OF_ERRORS
 
 
 def _rows(thesis: Thesis) -> list[Position]:
@@ -108,7 +109,8 @@ def _method_text(touch_mm: float) -> str:
         "sensor are located by the thesis's method with the contours of the sensor as it should "
         f"be: probe not turned, lines of {REFERENCE} turned. A state agrees with a table if the "
         "same rows have no crossing; its misfit is the root mean square difference of the errors. "
-        "Charges are totals, those of the pretension included, as in the thesis's contours. From the best state a descent goes on to a smaller misfit."
+        "Charges are totals, those of the pretension included, as in the thesis's contours. From "
+        "the best state a descent goes on to a smaller misfit."
     )
 
 
@@ -138,7 +140,8 @@ def _fit_text(fits: Sequence[Fit]) -> str:
 
 
 def _state_text(state: SensorStates) -> str:
-    x, y, turn = (float(v) for v in (*state.shifts_mm[0], state.turns_deg[0]))
+    # zero is added so that no −0.0 remains
+    x, y, turn = (round(float(v), 1) + 0.0 for v in (*state.shifts_mm[0], state.turns_deg[0]))
     parts = []
     if x or y or turn:
         parts.append(f"shift {signed(x)} and {signed(y)} mm, turn {signed(turn)}°")
@@ -189,10 +192,11 @@ def _determined_text(placed: Sequence[Fit]) -> str:
         return ""
     found = [np.median(found_again_mm(fit.trial, fit.states.shifts_mm)) for fit in placed]
     listed = joined([f"{distance:.1f} mm" for distance in found])
+    titles = [fit.title.replace("Both", "both") for fit in placed]
     allowed = joined([f"{_spread_mm(fit):.1f} mm" for fit in placed])
     return (
         "If the film were misplaced and nothing else were wrong, exact errors would tell its shift "
-        f"to within {listed} (median; {joined([fit.title for fit in placed])}). The printed ones "
+        f"to within {listed} (median; {joined(titles)}). The printed ones "
         f"do not: states whose misfit is at most {NEARLY_MM:g} mm above the smallest one drawn, a "
         f"fraction of the error of placing a probe, have shifts up to {allowed} apart."
     )
@@ -277,8 +281,9 @@ def _conclusion(fits: Sequence[Fit]) -> str:
         "So one shift and turn of the film, of a size that the thesis admits, can have made errors "
         "as large as the printed ones, and so can gains. But the numbers do not show that they "
         "did: other orders of the same numbers are fitted as well, and rows that are left out are "
-        "not predicted. A shift, a turn or gains of the thesis's sensor cannot be inferred from "
-        "these tables; charges or places with their directions could tell."
+        "predicted no better, or hardly better, than by the mean of the others. A shift, a turn or "
+        "gains of the thesis's sensor cannot be inferred from these tables; charges or places with "
+        "their directions could tell."
     )
 
 

@@ -28,7 +28,7 @@ _FITTED: dict[str, dict[str, Any]] = {
 }
 _BANDS = {"touches misplaced by themselves, 5 to 95 %": ("0.75", 7.0)}
 _SHARED_BAND = "one shift and turn, 5 to 95 %"
-_VIRTUAL_BAND = "virtual experiment, all sources"
+_VIRTUAL_BAND = "virtual experiment, all sources, 5 to 95 %"
 
 
 def band(errors_mm: Array) -> tuple[float, float]:
@@ -93,7 +93,7 @@ def shifts_picture(fits: Sequence[Fit], path: Path) -> None:
             ax.set_axisbelow(True)
             misfits, shifts = fit.trial.misfits_mm, fit.states.shifts_mm
             agreeing = np.isfinite(misfits)
-            ax.plot(*shifts[~agreeing].T, ".", color="0.88", ms=2.0)
+            ax.plot(*shifts[~agreeing].T, ".", color="0.88", ms=2.0, zorder=0.6)
             order = np.flatnonzero(agreeing)[np.argsort(-misfits[agreeing])]
             points = ax.scatter(
                 *shifts[order].T, c=misfits[order], s=7, cmap="viridis", vmin=0.0, vmax=worst
