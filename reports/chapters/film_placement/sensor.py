@@ -16,7 +16,6 @@ import shapely
 
 from pvdf_fem import Scene
 from pvdf_fem.arrays import Array
-from pvdf_fem.maps.isocharge import Contour, ContourCurve, contour
 from reports.chapters.calibration import (
     TURNS,
     Setting,
@@ -28,6 +27,7 @@ from reports.chapters.calibration import (
 from reports.chapters.positions.location import REFERENCE, PositionCase
 from reports.common.results import Results
 from reports.common.thesis_data import Thesis
+from reports.maps.isocharge import Contour, ContourCurve, contour
 from reports.thesis_methods.mapping import LineMapping, polynomial_contour
 from reports.thesis_methods.triangulation import triangulate
 
