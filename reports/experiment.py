@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from pvdf_fem import __version__
 from pvdf_fem.cli.program import ArgumentParser, run_program
 from pvdf_fem.files import make_directory
 from pvdf_fem.output.figures import COLOURS, GREY, new_figure, save, style
+from pvdf_fem.response.response import Response
 from pvdf_fem.touch.locate_many import locate_many
 from reports.chapters.experiments import thesis_circuit
 from reports.common.options import add_out, add_processes, number_of
@@ -105,8 +106,14 @@ def _predict(options: argparse.Namespace) -> int:
     models_folder = options.out / "results"
     models_folder.mkdir(exist_ok=True)
     thesis = Thesis.read()
+    rows = [p for p in thesis.positions if p.kind == "experimental"]
+    # Builds have workers of their own, which would end those of the block below.
+    models = {
+        probe: response_of(sensor(thesis, probe), models_folder, options.processes)
+        for probe in sorted({row.probe for row in rows})
+    }
     with Parallel(options.processes) as parallel:
-        scenes = _pressed(thesis, models_folder, options.processes, parallel)
+        scenes = _pressed(thesis, rows, models, parallel)
         jobs = [(scene, number, options.samples) for scene in scenes for number in _NUMBERS]
         predictions = parallel(delayed(_predicted)(*job) for job in tqdm(jobs, disable=None))
     sections = [
@@ -142,13 +149,8 @@ def _introduction() -> list[str]:
 
 
 def _pressed(
-    thesis: Thesis, folder: Path, processes: int, parallel: Parallel
+    thesis: Thesis, rows: Sequence[Position], models: Mapping[str, Response], parallel: Parallel
 ) -> list[MeasuredScene]:
-    rows = [p for p in thesis.positions if p.kind == "experimental"]
-    models = {
-        probe: response_of(sensor(thesis, probe), folder, processes)
-        for probe in sorted({row.probe for row in rows})
-    }
     circuit = thesis_circuit(thesis)
     measured_capacitance = thesis.parameters["circuit"]["capacitance_measured_two_electrodes"][
         "value"
@@ -414,7 +416,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     add_out(parser, "experiment")
     parser.add_argument(
         "--samples",
-        type=number_of("samples"),
+        type=number_of("samples", 1_000_000),
         default=2000,
         metavar="N",
         help="of each source and scene; a twentieth of it by triangulation (default: 2000)",

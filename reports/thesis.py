@@ -39,6 +39,7 @@ from reports.chapters import (
     summary,
     thickness,
 )
+from reports.chapters.film_placement.chapter import FILM_PLACEMENT_CHAPTER
 from reports.chapters.force_and_angle import (
     angle,
     force,
@@ -85,6 +86,7 @@ CHAPTERS = (
     recovery.RECOVERY_CHAPTER,
     experiments.MEASURED_POSITIONS_CHAPTER,
     positions.EXPERIMENT_POSITIONS_CHAPTER,
+    FILM_PLACEMENT_CHAPTER,
     contact.CONTACT_CHAPTER,
     experiments.CHARGE_PARTS_CHAPTER,
     experiments.CIRCUIT_CHAPTER,

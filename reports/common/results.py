@@ -12,7 +12,8 @@ from reports.maps.carried import CarriedField, carried_field
 
 #: The observable that the thesis's post-processor computes: stresses averaged along the edges.
 THESIS_EDGE = "thesis-edge"
-#: The observable that a charge amplifier sees: the stress over the electrode's material area.
+#: The observable whose change a charge amplifier sees since it was zeroed: the stress over the
+#: electrode's material area.
 MATERIAL = "material"
 
 

@@ -1,7 +1,8 @@
 """Sections that stay between runs, and are drawn again only when their ingredients change.
 
-A section is made of the records of its scenes, the thesis's numbers and the code. The name of its
-file contains the hash of all three, so that a changed line of code draws every section again.
+A section is made of the records of its scenes, the thesis's numbers, the code, and the table of
+errors that `reports.experiment` predicts. The name of its file contains the hash of all four, so
+that a changed line of code draws every section again.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from reports.common.thesis_data import DATA, Thesis
 
 ROOT = Path(__file__).resolve().parents[2]
 _SECTION = TypeAdapter(Section)
+#: The table of `reports.experiment`, which a section shows where that report lies below its page.
+TABLE_OF_ERRORS = "predicted_scenes.csv"
 
 
 def cached_section(
@@ -34,13 +37,15 @@ def cached_section(
 ) -> Section:
     """The section `name`, read from its file when that is up to date, and made otherwise.
 
-    The file counts as up to date when neither records nor numbers nor code have changed and `out`
-    has the section's pictures and tables. A number that is NaN is read back as None, which a page
-    shows in the same way.
+    The file counts as up to date when neither records nor numbers nor code nor that table have
+    changed and `out` has the section's pictures and tables. A number that is NaN is read back as
+    None, which a page shows in the same way.
     """
     digest = hashlib.sha256(_code().encode() + repr(thesis).encode())
     for scene in scenes:
         digest.update(f"{scene!r} {results[scene]!r}".encode())
+    for table in sorted(out.glob(f"*/{TABLE_OF_ERRORS}")):
+        digest.update(table.read_bytes())
     path = results.folder / f"section-{name}-{digest.hexdigest()[:32]}.json"
     if path.is_file():
         with suppress(ValidationError):  # a damaged file is replaced

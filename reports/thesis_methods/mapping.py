@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from typing import Self
 
 import numpy as np
@@ -30,6 +31,12 @@ class Line:
     distances_mm: Array
     #: Charges; NaN where the solve failed, (n,).
     charges_pC: Array
+
+    @cached_property
+    def solved(self) -> tuple[Array, Array]:
+        """Distances and charges, (m,) each, where the solve did not fail."""
+        finite = np.isfinite(self.charges_pC)
+        return self.distances_mm[finite], self.charges_pC[finite]
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,12 +126,10 @@ def _root(line: Line, charge_pC: float, degree: int) -> float | None:
     The likeliest is that nearest to the two neighbouring points, as far out as possible, between
     which the measured charge passes the given one: the charge falls off away from its electrode.
     """
-    solved = np.isfinite(line.charges_pC)
-    r, q = line.distances_mm[solved], line.charges_pC[solved]
+    r, q = line.solved
     if len(r) < 2:
         return None
-    polynomial = Polynomial.fit(r, q, min(degree, len(r) - 1))
-    roots = (polynomial - charge_pC).roots()
+    roots = (_polynomial(line, degree) - charge_pC).roots()
     real = roots.real[np.abs(roots.imag) < 1e-9 * max(1.0, r[-1])]
     inside = real[(real >= r[0]) & (real <= r[-1])]
     if not inside.size:
@@ -132,3 +137,10 @@ def _root(line: Line, charge_pC: float, degree: int) -> float | None:
     passes = np.flatnonzero((q[:-1] >= charge_pC) != (q[1:] >= charge_pC))
     expected = r[passes[-1] : passes[-1] + 2].mean() if passes.size else r[-1]
     return float(inside[np.argmin(np.abs(inside - expected))])
+
+
+@cache
+def _polynomial(line: Line, degree: int) -> Polynomial:
+    # A fit takes as long as the root that it is needed for, and a line serves many charges.
+    r, q = line.solved
+    return Polynomial.fit(r, q, min(degree, len(r) - 1))

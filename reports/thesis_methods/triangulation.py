@@ -45,7 +45,8 @@ class ContourPair:
     electrodes: tuple[str, str]
     #: All crossings, (n, 2).
     crossings_mm: Array
-    #: The points of either contour closest to each other; NaN if one has no curve, (2, 2).
+    #: The points of either contour closest to each other if they do not cross; NaN if they do, or
+    #: if one has no curve, (2, 2).
     nearest_mm: Array
 
     @property
@@ -168,10 +169,9 @@ def triangulate(contours: Iterable[Contour], touching_mm: float = 0.0) -> Triang
 
 
 def _pair(a: Contour, b: Contour) -> ContourPair:
-    names = (a.electrode, b.electrode)
-    if not (a.curves and b.curves):
-        return ContourPair(names, np.zeros((0, 2)), np.full((2, 2), np.nan))
-    return ContourPair(names, a.crossings(b), a.nearest(b))
+    crossings, nowhere = a.crossings(b), np.full((2, 2), np.nan)
+    apart = a.curves and b.curves and not len(crossings)
+    return ContourPair((a.electrode, b.electrode), crossings, a.nearest(b) if apart else nowhere)
 
 
 def _triangle(

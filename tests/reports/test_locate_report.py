@@ -188,3 +188,29 @@ def test_the_report_of_the_experiment(tmp_path, monkeypatch, pressed):
     page = (tmp_path / "index.html").read_text()
     assert "too small to matter: " in page
     assert "root mean square of the measured errors is 0.37 mm" in page  # the other is lost
+
+
+def test_models_are_built_before_the_workers_of_the_experiment(tmp_path, monkeypatch, pressed):
+    """A build has workers of its own, which would end those of an open block of the same kind."""
+    events = []
+
+    class Workers(experiment.Parallel):
+        def __enter__(self):
+            events.append("workers")
+            return super().__enter__()
+
+    def built(scene, *_):
+        events.append("model")
+        return model_of(scene)
+
+    monkeypatch.setattr(experiment, "Parallel", Workers)
+    monkeypatch.setattr(experiment, "response_of", built)
+    monkeypatch.setattr(experiment, "changes", lambda scene, workers: pressed.changed)
+    monkeypatch.setattr(experiment.Thesis, "read", lambda: SMALL)
+    assert experiment.main(["--out", str(tmp_path), "--samples", "20", "--processes", "1"]) == 0
+    assert events == ["model", "model", "workers"]
+
+
+def test_the_default_number_of_samples_may_be_given():
+    default = experiment._options([]).samples
+    assert experiment._options(["--samples", str(default)]).samples == default

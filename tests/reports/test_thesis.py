@@ -29,7 +29,7 @@ from reports.common.chapter import Chapter, Content
 from reports.common.comparison import Comparison, compare, verdict
 from reports.common.page import Column, Section, Table
 from reports.common.results import MATERIAL, THESIS_EDGE, Results
-from reports.common.section_cache import cached_section
+from reports.common.section_cache import TABLE_OF_ERRORS, cached_section
 from reports.common.thesis_data import DEFECTS, Thesis
 from reports.common.thesis_scene import scene_of, thesis_scene
 from tests.reports.test_page import assert_links_work
@@ -181,6 +181,12 @@ def test_a_section_is_made_again_only_when_it_has_to(results: Results, tmp_path:
     section(DATA.quick())
     assert len(made) == 3
     assert len(list(results.folder.glob("section-s-*"))) == 1
+    (tmp_path / "experiment").mkdir()
+    for content in ("case,q5_mm\n", "case,q5_mm\nrow,1\n"):
+        (tmp_path / "experiment" / TABLE_OF_ERRORS).write_text(content)
+        section(DATA.quick())
+        section(DATA.quick())
+    assert len(made) == 5
 
 
 def test_a_new_section_leaves_those_whose_names_begin_alike(
