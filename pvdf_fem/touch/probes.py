@@ -10,6 +10,7 @@ import numpy as np
 from pvdf_fem.response.model import QUANTITIES, Model
 from pvdf_fem.touch.locate import locate
 from pvdf_fem.touch.location import Location
+from pvdf_fem.touch.measurement import Deviations
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,11 +28,12 @@ class ProbeMatch:
 def weigh(
     models: Mapping[str, Model],
     charges_pC: Mapping[str, float],
-    sigma: float | Mapping[str, float] = 0.01,
+    sigma: Deviations = 0.01,
     *,
     unknown: Sequence[str] = QUANTITIES,
     known: Mapping[str, float] | None = None,
-    noise_pC: float = 0.0,
+    noise_pC: Deviations | None = None,
+    reading: str | None = None,
 ) -> tuple[ProbeMatch, ...]:
     """The probes that may have touched, the most probable first.
 
@@ -43,7 +45,15 @@ def weigh(
     if not models:
         raise ValueError("models: none given; give one for each probe in question")
     locations = {
-        name: locate(model, charges_pC, sigma, unknown=unknown, known=known, noise_pC=noise_pC)
+        name: locate(
+            model,
+            charges_pC,
+            sigma,
+            unknown=unknown,
+            known=known,
+            noise_pC=noise_pC,
+            reading=reading,
+        )
         for name, model in models.items()
     }
     return match(locations)

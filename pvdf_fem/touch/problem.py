@@ -4,12 +4,15 @@ Touches are sought in the coordinates x, y in mm, rotation in degrees and the lo
 in N. Charges are close to linear in them, as they grow with a power of the force. Beyond the
 model's domain charges are continued linearly from its edge, so that errors of the charges may move
 a touch near the edge a little across it.
+
+Places have their origin at the film's centre and are along the axes of the positioning stage, as
+one of x and y may be known there. Results are in the stage's frame.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,17 +22,74 @@ from pvdf_fem.response.model import (
     FORCE,
     QUANTITIES,
     ROTATION,
+    Domain,
     Model,
     X,
     Y,
     all_within,
+    period_deg,
     rotation_counts,
 )
+from pvdf_fem.scene.outlines.outline import turn
+from pvdf_fem.scene.scene import Scene
 
 #: Searches may go this far beyond the model's domain: a factor of its reach.
 ROOM_REACH = 1.05
 #: The same of its largest force and, inversely, its least.
 ROOM_FORCE = 1.1
+
+
+@dataclass(frozen=True)
+class Turned:
+    """A model whose places are along axes that are turned against the film's."""
+
+    model: Model
+    #: Turn of the film's axes, counter-clockwise.
+    turn_deg: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the electrodes."""
+        return self.model.names
+
+    @property
+    def scene(self) -> Scene:
+        """The model's, whose probe is placed along the film's axes."""
+        return self.model.scene
+
+    @property
+    def domain(self) -> Domain:
+        """A disc about the film's centre, whatever the axes."""
+        return self.model.domain
+
+    @property
+    def error_bound(self) -> float:
+        """As the model's."""
+        return self.model.error_bound
+
+    def evaluate(self, touches: Array) -> tuple[Array, Array]:
+        """Charges and slopes as the model's, of touches along these axes."""
+        turned = touches @ self._to_film.T
+        turned[:, ROTATION] -= self.turn_deg
+        charges, slopes = self.model.evaluate(turned)
+        return charges, slopes @ self._to_film
+
+    @cached_property
+    def _to_film(self) -> Array:
+        matrix = np.eye(len(QUANTITIES))
+        matrix[:ROTATION, :ROTATION] = turn(np.eye(2), -self.turn_deg).T
+        return matrix
+
+
+def along_stage(model: Model) -> Model:
+    """The model with places along the axes of its scene's stage."""
+    stage = model.scene.stage
+    return Turned(model, stage.rotation_deg) if stage and stage.rotation_deg else model
+
+
+def centre_mm(scene: Scene) -> Array:
+    """Place of the film's centre in the frame of its stage, (2,)."""
+    return np.array([scene.stage.x_mm, scene.stage.y_mm]) if scene.stage else np.zeros(2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +104,27 @@ class Problem:
     deviations_pC: Array
     #: Which of x, y, rotation and force are sought.
     unknown: Indices
+
+    def row(self, row: int) -> Problem:
+        """The problem of one row of the charges."""
+        charges, spread = self.charges_pC[[row]], self.deviations_pC[[row]]
+        return replace(self, charges_pC=charges, deviations_pC=spread)
+
+    def touches(self, at: Array) -> Array:
+        """Touches (n, 4) in the stage's frame: x and y in mm, degrees, N, at coordinates (n, 4)."""
+        touches = at.copy()
+        touches[:, :ROTATION] += self._centre_mm
+        if ROTATION in self.unknown:
+            touches[:, ROTATION] %= period_deg(self.model)
+        touches[:, FORCE] = np.exp(at[:, FORCE])
+        return touches
+
+    def coordinates(self, touches: Array) -> Array:
+        """Coordinates (n, 4) of touches in the stage's frame."""
+        at = touches.copy()
+        at[:, :ROTATION] -= self._centre_mm
+        at[:, FORCE] = np.log(touches[:, FORCE])
+        return at
 
     def linearised(self, at: Array, touch: Indices | None = None) -> Array:
         """Differences of charges, then their slopes, over deviations, (n, electrodes, 1 + 4).
@@ -90,6 +171,10 @@ class Problem:
             half_chord = np.sqrt(np.maximum(reach_mm**2 - at[:, known] ** 2, 0.0))
             moved[:, sought] = np.clip(at[:, sought], -half_chord, half_chord)
         return moved
+
+    @cached_property
+    def _centre_mm(self) -> Array:
+        return centre_mm(self.model.scene)
 
     @cached_property
     def _domain(self) -> tuple[float, float, float]:
