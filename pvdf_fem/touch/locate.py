@@ -21,8 +21,9 @@ from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model, X, Y, pe
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.touch.descent import Descent, SearchOptions, descend, joined
 from pvdf_fem.touch.location import Location
-from pvdf_fem.touch.measurement import Deviations, Measurement, charge_mistakes, known_mistakes
-from pvdf_fem.touch.problem import Problem, centre_mm
+from pvdf_fem.touch.measurement import Deviations, Measurement, centre_mm
+from pvdf_fem.touch.mistakes import charge_mistakes, known_mistakes
+from pvdf_fem.touch.problem import Problem
 from pvdf_fem.touch.starts import starts
 from pvdf_fem.touch.touch import Touch, p_values
 
@@ -115,13 +116,13 @@ def locate(
     """
     default = staged_touch(model.scene)
     mistakes = [*charge_mistakes(model.scene, charges_pC, sigma, noise_pC, reading)]
-    mistakes += known_mistakes(model.domain, unknown, known or {}, default, model.scene)
+    origin = *centre_mm(model.scene), 0.0, 0.0
+    mistakes += known_mistakes(model.domain, unknown, known or {}, default, origin)
     if mistakes:
         raise ValueError("\n".join(mistakes))
     readings = np.array([list(charges_pC.values())], dtype=float)
     sought = np.array([i for i, name in enumerate(QUANTITIES) if name in unknown])
     values = {**default, **(known or {})}
-    origin = [*centre_mm(model.scene).tolist(), 0.0, 0.0]
     fixed = {i: values[n] - origin[i] for i, n in enumerate(QUANTITIES) if n not in unknown}
 
     def found(measurement: Measurement) -> Location:

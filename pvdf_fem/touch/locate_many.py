@@ -15,30 +15,23 @@ from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model, X, Y
 from pvdf_fem.touch.descent import Descent, descend, joined
 from pvdf_fem.touch.locate import DEFAULTS, edges, extents, location, search
-from pvdf_fem.touch.measurement import (
-    LARGEST_PC,
-    LEAST_PC,
-    READINGS,
-    Deviations,
-    Measurement,
-    charge_mistakes,
-    number,
-)
-from pvdf_fem.touch.nearest import NearestTouches, nearest_touches
+from pvdf_fem.touch.measurement import READINGS, Deviations, Measurement
+from pvdf_fem.touch.mistakes import LARGEST_PC, LEAST_PC, charge_mistakes
 from pvdf_fem.touch.problem import Problem
+from pvdf_fem.touch.starts import NearestTouches, nearest_touches
 from pvdf_fem.touch.touch import DETERMINED, SIGNIFICANCE, explains, p_values
 
 #: Rows that are located together: they take some 3 kB each while searches are under way.
 CHUNK = 32768
 #: Starts of the second search for a row.
 RETRIES = 8
-#: Columns with the standard deviations of `QUANTITIES`.
-DEVIATION_COLUMNS = (
-    "x_deviation_mm",
-    "y_deviation_mm",
-    "rotation_deviation_deg",
-    "force_deviation_N",
-)
+#: Columns with the standard deviations of quantities.
+DEVIATION_COLUMNS = {
+    "x_mm": "x_deviation_mm",
+    "y_mm": "y_deviation_mm",
+    "rotation_deg": "rotation_deviation_deg",
+    "force_N": "force_deviation_N",
+}
 
 
 class RowStatus(StrEnum):
@@ -167,7 +160,7 @@ class Touches:
             remarks[located & rows] += f"; {word}"
         return {
             **dict(zip(QUANTITIES, self.values.T, strict=True)),
-            **dict(zip(DEVIATION_COLUMNS, deviations.T, strict=True)),
+            **dict(zip(DEVIATION_COLUMNS.values(), deviations.T, strict=True)),
             "chi_square": self.chi_square,
             "p_value": self.p_value,
             "alternatives": self.alternatives,
@@ -220,9 +213,8 @@ def locate_many(
         twice, and deviations as `locate` refuses them.
     """
     names, charges = _table(model, charges_pC, electrodes)
-    mistakes = [
-        *charge_mistakes(model.scene, dict.fromkeys(names, math.pi), sigma, noise_pC, reading)
-    ]
+    any_charges = dict.fromkeys(names, math.pi)
+    mistakes = [*charge_mistakes(model.scene, any_charges, sigma, noise_pC, reading)]
     quantities = {ROTATION: ("rotations_deg", rotations_deg), FORCE: ("forces_N", forces_N)}
     known = {}
     for i, (name, values) in quantities.items():
@@ -247,12 +239,11 @@ def locate_many(
         if calibrated:
             found.deviations[rows], found.alternatives[rows] = _calibrated(problem, ends)
         found.put(rows, problem, ends)
-        if (strange := _unexplained(ends, len(names) - len(sought), significance)).size:
-            other = measurement.other.problem(charges[rows[strange]], sought)
-            ends = _ends(other, {i: values[strange] for i, values in held.items()}, significance)
-            explained = np.ones(len(strange), dtype=bool)
-            explained[_unexplained(ends, len(names) - len(sought), SIGNIFICANCE)] = False
-            found.other_reading[rows[strange]] = explained & ~found.explained[rows[strange]]
+        strange = ~found.explained[rows] & ~_explained(problem, ends, significance)
+        if strange.any():
+            problem = measurement.other.problem(charges[rows[strange]], sought)
+            ends = _ends(problem, {i: values[strange] for i, values in held.items()}, significance)
+            found.other_reading[rows[strange]] = _explained(problem, ends)
     return found
 
 
@@ -262,10 +253,7 @@ def _calibrated(problem: Problem, ends: Descent) -> tuple[Array, Array]:
     The ends of the searches are improved.
     """
     count = len(problem.charges_pC)
-    deviations, alternatives = (
-        np.full((count, len(problem.unknown)), np.nan),
-        np.full(count, np.nan),
-    )
+    deviations, alternatives = np.full((count, len(problem.unknown)), np.nan), np.zeros(count)
     for row in range(count):
         found = location(problem.row(row), _search_everywhere(problem, ends, row))
         if found.touches:
@@ -305,12 +293,19 @@ def _numbers(values: Any, width: int = 0) -> Array:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError, OverflowError):
         if not width:
-            return np.array([number(value) for value in values])
+            return np.array([_number(value) for value in values])
     rows = np.full((len(values), width), np.nan)
     for row, given in zip(rows, values, strict=True):
         if not isinstance(given, str) and np.size(given) == width:
             row[:] = _numbers(given)
     return rows
+
+
+def _number(value: Any) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        return float("nan")
 
 
 def _status(
@@ -325,9 +320,7 @@ def _status(
         RowStatus.OUTSIDE: ~((lowest <= forces) & (forces <= highest)),
         RowStatus.ZERO: small.all(axis=1) | (small & (measurement.noise_pC == 0.0)).any(axis=1),
         RowStatus.TOO_LARGE: (np.abs(readings) > LARGEST_PC).any(axis=1),
-        RowStatus.NOT_FINITE: ~np.isfinite(np.column_stack([readings, *known.values()])).all(
-            axis=1
-        ),
+        RowStatus.NOT_FINITE: ~np.isfinite([*readings.T, *known.values()]).all(axis=0),
     }
     status = np.full(len(readings), RowStatus.LOCATED, dtype=object)
     for reason, rows in reasons.items():
@@ -339,11 +332,10 @@ def _ends(problem: Problem, held: Mapping[int, Array], significance: float) -> D
     """The best end found for each row of the charges."""
     table = nearest_touches(problem.model, tuple(problem.electrodes.tolist()), ROTATION in held)
     ends = _nearest_end(problem, table, np.arange(len(problem.charges_pC)), held, 1)
-    freedom = len(problem.electrodes) - len(problem.unknown)
-    if (rows := _unexplained(ends, freedom, significance)).size:
+    if (rows := np.flatnonzero(~_explained(problem, ends, significance))).size:
         ends.improve(rows, _nearest_end(problem, table, rows, held, RETRIES))
-    for row in _unexplained(ends, freedom, significance):
-        _search_everywhere(problem, ends, int(row))
+    for row in np.flatnonzero(~_explained(problem, ends, significance)).tolist():
+        _search_everywhere(problem, ends, row)
     return ends
 
 
@@ -367,10 +359,10 @@ def _nearest_end(
     return ends.take(count * np.arange(len(rows)) + best)
 
 
-def _unexplained(ends: Descent, freedom: int, significance: float) -> Indices:
-    """Rows whose search was given up, or ended where the charges are not explained."""
-    explained = explains(ends.chi_square, freedom, significance)
-    return np.flatnonzero(~(ends.arrived & explained))
+def _explained(problem: Problem, ends: Descent, significance: float = SIGNIFICANCE) -> Mask:
+    """Rows whose search was not given up, and ended where the charges are explained."""
+    freedom = len(problem.electrodes) - len(problem.unknown)
+    return ends.arrived & explains(ends.chi_square, freedom, significance)
 
 
 def _search_everywhere(problem: Problem, ends: Descent, row: int) -> Descent:

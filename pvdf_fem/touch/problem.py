@@ -5,8 +5,8 @@ in N. Charges are close to linear in them, as they grow with a power of the forc
 model's domain charges are continued linearly from its edge, so that errors of the charges may move
 a touch near the edge a little across it.
 
-Places have their origin at the film's centre and are along the axes of the positioning stage, as
-one of x and y may be known there. Results are in the stage's frame.
+Coordinates have their origin at the film's centre. Their axes are those of the model: of the film,
+or of the positioning stage, where one of x and y may be known.
 """
 
 from __future__ import annotations
@@ -87,11 +87,6 @@ def along_stage(model: Model) -> Model:
     return Turned(model, stage.rotation_deg) if stage and stage.rotation_deg else model
 
 
-def centre_mm(scene: Scene) -> Array:
-    """Place of the film's centre in the frame of its stage, (2,)."""
-    return np.array([scene.stage.x_mm, scene.stage.y_mm]) if scene.stage else np.zeros(2)
-
-
 @dataclass(frozen=True, eq=False)
 class Problem:
     """Charges of some touches, to be explained by a model."""
@@ -104,6 +99,8 @@ class Problem:
     deviations_pC: Array
     #: Which of x, y, rotation and force are sought.
     unknown: Indices
+    #: Place of the film's centre in the frame of results.
+    centre_mm: tuple[float, float] = (0.0, 0.0)
 
     def row(self, row: int) -> Problem:
         """The problem of one row of the charges."""
@@ -111,18 +108,18 @@ class Problem:
         return replace(self, charges_pC=charges, deviations_pC=spread)
 
     def touches(self, at: Array) -> Array:
-        """Touches (n, 4) in the stage's frame: x and y in mm, degrees, N, at coordinates (n, 4)."""
+        """Touches (n, 4) at coordinates (n, 4): x and y in mm, degrees, N."""
         touches = at.copy()
-        touches[:, :ROTATION] += self._centre_mm
+        touches[:, :ROTATION] += self.centre_mm
         if ROTATION in self.unknown:
             touches[:, ROTATION] %= period_deg(self.model)
         touches[:, FORCE] = np.exp(at[:, FORCE])
         return touches
 
     def coordinates(self, touches: Array) -> Array:
-        """Coordinates (n, 4) of touches in the stage's frame."""
+        """Coordinates (n, 4) of touches."""
         at = touches.copy()
-        at[:, :ROTATION] -= self._centre_mm
+        at[:, :ROTATION] -= self.centre_mm
         at[:, FORCE] = np.log(touches[:, FORCE])
         return at
 
@@ -171,10 +168,6 @@ class Problem:
             half_chord = np.sqrt(np.maximum(reach_mm**2 - at[:, known] ** 2, 0.0))
             moved[:, sought] = np.clip(at[:, sought], -half_chord, half_chord)
         return moved
-
-    @cached_property
-    def _centre_mm(self) -> Array:
-        return centre_mm(self.model.scene)
 
     @cached_property
     def _domain(self) -> tuple[float, float, float]:
