@@ -43,6 +43,7 @@ class RowStatus(StrEnum):
     ZERO = "zero_charge"
     OUTSIDE = "known_outside_domain"
     NOT_FOUND = "no_touch_found"
+    MALFORMED = "malformed"
 
     @property
     def meaning(self) -> str:
@@ -58,6 +59,7 @@ MEANINGS = {
     " are, no touch",
     RowStatus.OUTSIDE: "the known force is outside of the model's domain; build one for it",
     RowStatus.NOT_FOUND: "no search ended: the charges fit no touch of the model's domain",
+    RowStatus.MALFORMED: "the row of the file has not one cell for each column of the header",
 }
 
 

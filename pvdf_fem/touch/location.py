@@ -117,7 +117,7 @@ class Location:
         (other,) = (name for reading, name in READINGS.items() if reading != self.reading)
         place = f"({touch.x_mm:.4g}, {touch.y_mm:.4g}) mm, {touch.force_N:.4g} N"
         return (
-            f"as {READINGS[self.reading]} no touch explains what was given, as {other} one does, "
+            f"as {READINGS[self.reading]} no touch explains what was given; as {other} one does, "
             f"at {place}"
         )
 

@@ -22,7 +22,7 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.touch.problem import Problem, along_stage
 
 #: What a reading may be of, and how that is called.
-READINGS = {"total": "total charges", "change": "changes"}
+READINGS = {"total": "total charges", "change": "changes by the touch"}
 
 #: Standard deviations, one for all electrodes or one by electrode.
 Deviations = float | Mapping[str, float]

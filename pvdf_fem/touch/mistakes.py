@@ -41,13 +41,13 @@ def charge_mistakes(
         if name not in by_name:
             yield f"charges.{name}: no such electrode; choose from {', '.join(by_name)}"
         elif not abs(number(charge)) <= LARGEST_PC:
-            yield f"charges.{name} = {_shown(charge)}: give a number of pC"
+            yield f"charges.{name} = {_shown(charge)}: give a charge in pC"
         elif not (by_name[name].noise if noise is None else noise):
             channel = by_name[name]
             if number(charge) == 1e12 * channel.capacitance * channel.offset:
                 yield (
-                    f"charges.{name} = {charge}: has no relative deviation; give noise_pC, that of "
-                    "the amplifier"
+                    f"charges.{name} = {charge:g}: a charge of 0 has no deviation without "
+                    "noise_pC; give that of the amplifier"
                 )
     yield from _deviation_mistakes("sigma", sigma, charges_pC, 1.0, "a share of the charge, 0 to 1")
     if noise_pC is not None:
