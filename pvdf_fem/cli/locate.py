@@ -188,7 +188,9 @@ class Request:
         elif options.readings_of_change is not None:
             readings, reading = _charges("--changes", options.readings_of_change, wrong), "change"
         sigma = _positive("--sigma", options.sigma, wrong, zero=True)
-        noise = options.noise and _positive("--noise", options.noise, wrong, zero=True)
+        noise = options.noise
+        if noise is not None:
+            noise = _positive("--noise", noise, wrong, zero=True)
         unknown = _unknown(options.unknown, wrong)
         reach = _positive("--reach", options.reach, wrong)
         domain = Domain(reach, _range(options.force_range, wrong))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import codecs
 import csv
 import itertools
 import json
@@ -38,10 +37,8 @@ CALIBRATED_ROWS = 32
 KNOWN = {"rotation_deg": "rotations_deg", "force_N": "forces_N"}
 ENDINGS = [".csv", ".json", ".jsonl"]
 
-Values = dict[str, Any]
-#: Values by column, and whether there was one for each column.
-Row = tuple[Values, bool]
-Batches = Iterator[list[Row]]
+#: Values by column, and whether there is one for each column.
+Row = tuple[dict[str, Any], bool]
 
 
 def locate_rows(scene: Scene, request: Request, options: argparse.Namespace) -> int:
@@ -49,35 +46,25 @@ def locate_rows(scene: Scene, request: Request, options: argparse.Namespace) -> 
 
     Raises `InputError` or `ValueError` with all mistakes in the options and the table's header.
     """
-    from pvdf_fem.touch.locate import staged_touch
-
-    scene_file, file = options.scene, options.model
     source, target = (None if p == "-" else Path(p) for p in (options.csv, options.output))
-    mistakes = output_mistakes(target, ENDINGS, Path(scene_file), source, file)
+    mistakes = output_mistakes(target, ENDINGS, Path(options.scene), source, options.model)
     if not {"x_mm", "y_mm"} <= set(request.unknown):
         mistakes.append("--unknown: x and y of a table are always sought; name them")
     with ExitStack() as stack:
         stream = stack.enter_context(reading(source, "a table")) if source else sys.stdin.buffer
-        name, form = str(source or "standard input"), _form(source, options.json)
-        columns, batches = (_csv_table if form == ".csv" else _json_table)(stream, name)
-        names = [e.name for e in scene.electrode_list]
-        mistakes += _header_mistakes(name, columns, names)
+        name = str(source or "standard input")
+        table = _csv_rows if _form(source, options.json) == ".csv" else _json_rows
+        batches = table(_lines(stream, name), name)
+        columns = list(next(batches, [({}, True)])[0][0])
+        mistakes += _header_mistakes(name, columns, [e.name for e in scene.electrode_list])
         if mistakes:
             raise InputError(*mistakes)
-        names = [column for column in columns if column in names]
-        known = {
-            quantity: value
-            for quantity, value in staged_touch(scene).items()
-            if quantity not in (*request.unknown, *columns)
-        }
-        require({scene_file: scene}, request, dict.fromkeys(names, np.pi), known, file)
-        model = replace(model_of(scene, scene_file, file, request), scene=scene)
-        table = _Table(model, request, names, columns, known, not options.quick)
-        write = _writer(stack, target, _form(target, options.json), table.output_columns)
+        rows = _located_by(scene, request, options, columns)
+        write = _writer(stack, target, _form(target, options.json), rows.written)
         statuses: Counter[str] = Counter()
-        for rows in batches:
-            for first in range(0, len(rows), table.rows_at_once):
-                located = table.located(rows[first : first + table.rows_at_once])
+        for batch in batches:
+            for first in range(0, len(batch), rows.at_once):
+                located = rows.located(batch[first : first + rows.at_once])
                 statuses.update(row["status"] for row in located)
                 write(located)
     counts = ", ".join(f"{count} {status}" for status, count in statuses.items())
@@ -93,44 +80,61 @@ def _form(path: Path | None, as_json: bool) -> str:
     return path.suffix.lower() if path.suffix.lower() in ENDINGS else ".csv"
 
 
-def _header_mistakes(name: str, columns: Sequence[str], electrodes: Sequence[str]) -> list[str]:
+def _header_mistakes(name: str, columns: list[str], electrodes: list[str]) -> list[str]:
     """What is wrong with the columns of a table."""
     shown = ", ".join(columns)
     if not set(columns) & set(electrodes):
         advice = "; separate columns by commas" if ";" in shown or "\t" in shown else ""
         wanted = f"name some of {', '.join(electrodes)} in its first line{advice}"
         return [f"{name}: has no electrode among its columns {shown}; {wanted}"]
-    twice = sorted({column for column in columns if columns.count(column) > 1})
-    written = [column for column in _written() if column in columns and column not in KNOWN]
-    return [f"{name}: column {column}: is there twice; rename one" for column in twice] + [
+    return [
         f"{name}: column {column}: is what is written; rename it, such as to given_{column}"
-        for column in written
+        for column in _touch_columns()
+        if column in columns and column not in KNOWN
     ]
 
 
-def _written() -> list[str]:
-    """Columns that are written for every row."""
+def _touch_columns() -> list[str]:
     from pvdf_fem.touch.locate_many import Touches
 
     return list(Touches.empty(np.array([], dtype=object), (), "total").to_table())
 
 
+def _located_by(
+    scene: Scene, request: Request, options: argparse.Namespace, columns: list[str]
+) -> _Rows:
+    """What locates rows with some columns; raises `ValueError` before a model is built."""
+    from pvdf_fem.touch.locate import staged_touch
+
+    names = [e.name for e in scene.electrode_list if e.name in columns]
+    known = {
+        name: value
+        for name, value in staged_touch(scene).items()
+        if name not in (*request.unknown, *columns)
+    }
+    any_readings = dict.fromkeys(names, np.pi)
+    require({options.scene: scene}, request, any_readings, known, options.model)
+    model = model_of(scene, options.scene, options.model, request)
+    return _Rows(replace(model, scene=scene), request, columns, names, known, not options.quick)
+
+
 @dataclass(frozen=True, eq=False)
-class _Table:
+class _Rows:
     """How rows of readings become rows of touches."""
 
     model: Response
     request: Request
-    #: Electrodes with readings.
-    names: list[str]
-    #: Of the input.
+    #: Of the readings.
     columns: list[str]
+    #: Electrodes among them.
+    names: list[str]
     #: What is known of all rows.
     known: dict[str, float]
     calibrated: bool
 
     @property
-    def rows_at_once(self) -> int:
+    def at_once(self) -> int:
+        """Number of rows that are located together."""
         return CALIBRATED_ROWS if self.calibrated else ROWS
 
     @property
@@ -139,52 +143,48 @@ class _Table:
         return [c for c in self.columns if c not in self.names and c not in KNOWN]
 
     @property
-    def output_columns(self) -> list[str]:
-        return [*self.passed, *_written()]
+    def written(self) -> list[str]:
+        """Columns of the touches."""
+        return [*self.passed, *_touch_columns()]
 
-    def located(self, rows: list[Row]) -> list[Values]:
+    def located(self, rows: Sequence[Row]) -> list[dict[str, Any]]:
         """The touches of some rows, by column."""
         from pvdf_fem.touch.locate_many import RowStatus, locate_many
 
-        scene, request = self.model.scene, self.request
-        units = request.unit_pC(scene)
-        readings = self._numbers(rows, self.names) * [units[name] for name in self.names]
+        known: dict[str, Any] = {
+            KNOWN[name]: np.full(len(rows), value) for name, value in self.known.items()
+        }
+        for name in KNOWN.keys() & set(self.columns):
+            known[KNOWN[name]] = _numbers(rows, [name])[:, 0]
+        scene, units = self.model.scene, self.request.unit_pC(self.model.scene)
         touches = locate_many(
             self.model,
-            readings,
-            request.sigma,
+            _numbers(rows, self.names) * [units[name] for name in self.names],
+            self.request.sigma,
             electrodes=self.names,
-            noise_pC=request.noise_pC(scene),
-            reading=request.reading,
+            noise_pC=self.request.noise_pC(scene),
+            reading=self.request.reading,
             calibrated=self.calibrated,
-            **self._known(rows),
+            **known,
         ).to_table()
         columns = [[_plain(value) for value in column.tolist()] for column in touches.values()]
         result = []
         for (values, sound), *found in zip(rows, *columns, strict=True):
             row = {name: values.get(name) for name in self.passed}
             row |= dict(zip(touches, found, strict=True))
-            if row["alternatives"] is not None:
-                row["alternatives"] = int(row["alternatives"])
             if not sound:
-                row |= {**dict.fromkeys(touches), "status": str(RowStatus.MALFORMED), "remark": ""}
+                row |= {**dict.fromkeys(touches), "status": str(RowStatus.MALFORMED)}
             result.append(row)
         return result
 
-    def _known(self, rows: list[Row]) -> dict[str, Any]:
-        """What is known of each row, from its column or of all."""
-        known = {KNOWN[name]: np.full(len(rows), value) for name, value in self.known.items()}
-        for name in KNOWN.keys() & set(self.columns):
-            known[KNOWN[name]] = self._numbers(rows, [name])[:, 0]
-        return known
 
-    def _numbers(self, rows: list[Row], columns: list[str]) -> Array:
-        cells = [[_number(values.get(column)) for column in columns] for values, _ in rows]
-        return np.array(cells).reshape(len(rows), len(columns))
+def _numbers(rows: Sequence[Row], columns: list[str]) -> Array:
+    """The numbers in some columns, NaN where there is none."""
+    cells = [[_number(values.get(column)) for column in columns] for values, _ in rows]
+    return np.array(cells).reshape(len(rows), len(columns))
 
 
 def _number(cell: Any) -> float:
-    """The number in a cell; NaN if there is none."""
     if isinstance(cell, str):
         value = number_of(cell.strip())
         return np.nan if value is None else value
@@ -195,15 +195,15 @@ def _number(cell: Any) -> float:
 
 
 def _plain(value: Any) -> Any:
-    """A value as JSON has it."""
+    """A value as JSON has it, numbers with nine digits."""
     if isinstance(value, float):
         return None if np.isnan(value) else float(f"{value:.9g}")
-    return str(value)
+    return value if value is None or isinstance(value, int) else str(value)
 
 
 def _writer(
     stack: ExitStack, target: Path | None, form: str, columns: list[str]
-) -> Callable[[list[Values]], None]:
+) -> Callable[[list[dict[str, Any]]], None]:
     """A function that writes rows to a file, which appears whole at the end, or at once."""
     file: TextIO = sys.stdout
     if target:
@@ -211,48 +211,78 @@ def _writer(
         file = stack.enter_context(
             temporary.open("w", encoding="utf-8", errors="surrogateescape", newline="")
         )
+    table = csv.DictWriter(file, columns, extrasaction="ignore", lineterminator="\n")
+    separator = "\n"
     if form == ".csv":
-        table = csv.DictWriter(file, columns, extrasaction="ignore", lineterminator="\n")
         table.writeheader()
-        file.flush()
     elif form == ".json":
         file.write("[")
-        stack.callback(lambda: file.write("\n]\n"))
-    separators = itertools.chain(["\n"], itertools.repeat(",\n"))
+        stack.callback(file.write, "\n]\n")
 
-    def write(rows: list[Values]) -> None:
+    def write(rows: list[dict[str, Any]]) -> None:
+        nonlocal separator
         if form == ".csv":
             table.writerows(rows)
         for row in rows if form != ".csv" else ():
             text = json.dumps(row, allow_nan=False)
-            file.write(f"{text}\n" if form == ".jsonl" else f"{next(separators)}{text}")
+            file.write(f"{text}\n" if form == ".jsonl" else f"{separator}{text}")
+            separator = ",\n"
         file.flush()
 
     return write
 
 
-def _csv_table(stream: BinaryIO, name: str) -> tuple[list[str], Batches]:
-    """Columns of a table, and rows as they come; blank lines are none."""
-    batches = _lines(stream, name)
-    lines = next(batches, [])
-    header = lines[0].removeprefix("\ufeff") if lines else ""
-    columns = [column.strip() for column in _cells(header) or [header]]
-    return columns, (
-        [_row(columns, line) for line in batch] for batch in itertools.chain([lines[1:]], batches)
-    )
-
-
-def _row(columns: list[str], line: str) -> Row:
-    cells = _cells(line)
-    return dict(zip(columns, cells, strict=False)), len(cells) == len(columns)
+def _csv_rows(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
+    """First a row with the columns of a table, then its rows as they come."""
+    header, *first = next(lines, [""])
+    columns = [column.strip() for column in _cells(header)]
+    if twice := sorted({column for column in columns if columns.count(column) > 1}):
+        raise FileError(f"{name}: column {twice[0]} is there twice; rename one")
+    yield [(dict.fromkeys(columns), True)]
+    for batch in itertools.chain([first], lines):
+        cells = [_cells(line) for line in batch]
+        yield [(dict(zip(columns, row, strict=False)), len(row) == len(columns)) for row in cells]
 
 
 def _cells(line: str) -> list[str]:
-    """The cells of a line; none if it is no row, as a quotation mark is missing."""
+    """The cells of a line; none if a quotation mark is missing."""
     try:
-        return next(csv.reader([line], strict=True))
-    except (csv.Error, StopIteration):
+        return next(csv.reader([line], strict=True), [])
+    except csv.Error:
         return []
+
+
+def _json_rows(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
+    """First a row with the keys of the first object, then all as they come, of a list or not."""
+    text, columns = "", None
+    for batch in lines:
+        rows: list[Row] = []
+        for line in batch:
+            text += line
+            try:
+                objects = _JSON.decode(f"[{text.strip(_BETWEEN)}]")
+            except (ValueError, RecursionError):  # an object may go on in the next line
+                if len(text) > LONGEST_ROW:
+                    break
+            else:
+                rows += [(v, True) if isinstance(v, dict) else ({}, False) for v in objects]
+                text = ""
+        if rows and columns is None:
+            yield [(columns := rows[0][0], True)]
+        if rows:
+            yield rows
+    if text:
+        wanted = "give a list of objects, each on a line"
+        raise FileError(f"{name}: is no JSON from {text[:40]} on; {wanted}")
+
+
+def _finite(text: str) -> float | None:
+    return value if np.isfinite(value := float(text)) else None
+
+
+_JSON = json.JSONDecoder(parse_float=_finite, parse_constant=_finite)
+#: Characters before, between and after objects of a list.
+_BETWEEN = "[], \t"
 
 
 def _lines(stream: BinaryIO, name: str) -> Iterator[list[str]]:
@@ -270,47 +300,5 @@ def _lines(stream: BinaryIO, name: str) -> Iterator[list[str]]:
 
 def _text(line: bytes) -> str:
     # other encodings are passed through as they are
-    return line.removesuffix(b"\r").decode("utf-8", "surrogateescape")
-
-
-def _json_table(stream: BinaryIO, name: str) -> tuple[list[str], Batches]:
-    """Keys of the first object, and objects as they come."""
-    batches = _objects(stream, name)
-    first = next(batches, [])
-    columns = list(first[0]) if first else []
-    return columns, ([(row, True) for row in batch] for batch in itertools.chain([first], batches))
-
-
-def _objects(stream: BinaryIO, name: str) -> Iterator[list[Values]]:
-    """Objects of a list, or one after the other, as many at once as have come."""
-    decoder = json.JSONDecoder(parse_constant=lambda _: None, parse_float=_finite)
-    decode, text, chunk = codecs.getincrementaldecoder("utf-8-sig")().decode, "", b" "
-    while chunk:
-        chunk = stream.read1(CHUNK)  # type: ignore[attr-defined]
-        rows, start = [], 0
-        try:
-            text += decode(chunk, not chunk)
-            while (start := _first(text, start)) < len(text):
-                if text[start] != "{":
-                    raise ValueError(f"{text[start : start + 20]} where an object is expected")
-                row, start = decoder.raw_decode(text, start)
-                rows.append(row)
-        except (ValueError, RecursionError) as error:
-            # an object may not be complete yet
-            incomplete = isinstance(error, json.JSONDecodeError) and chunk
-            if not incomplete or len(text) - start > LONGEST_ROW:
-                raise FileError(f"{name}: is no JSON list of objects: {error}") from None
-        text = text[start:]
-        if rows:
-            yield rows
-
-
-def _first(text: str, start: int) -> int:
-    """Where an object begins, after what separates it from others."""
-    while start < len(text) and text[start] in "[], \t\r\n":
-        start += 1
-    return start
-
-
-def _finite(text: str) -> float | None:
-    return value if np.isfinite(value := float(text)) else None
+    text = line.decode("utf-8", "surrogateescape")
+    return text.removesuffix("\r").removeprefix("\ufeff")

@@ -101,26 +101,16 @@ class Touches:
     def empty(cls, status: NDArray[np.object_], unknown: tuple[str, ...], reading: str) -> Touches:
         """Room for touches, none of which is located."""
         n, k = len(status), len(unknown)
-
-        def blank(*shape: int) -> Array:
-            return np.full((n, *shape), np.nan)
-
-        determined, explained, other, at_edge = np.zeros((4, n), dtype=bool)
-        return cls(
-            values=blank(len(QUANTITIES)),
-            reading=reading,
-            unknown=unknown,
-            status=status,
-            covariances=blank(k, k),
-            deviations=blank(k),
-            alternatives=blank(),
-            determined=determined,
-            chi_square=blank(),
-            p_value=blank(),
-            explained=explained,
-            other_reading=other,
-            at_edge=at_edge,
-        )
+        shapes = {
+            "values": (n, 4),
+            "covariances": (n, k, k),
+            "deviations": (n, k),
+            **dict.fromkeys(("alternatives", "chi_square", "p_value"), (n,)),
+        }
+        masks = ("determined", "explained", "other_reading", "at_edge")
+        columns = {name: np.full(shape, np.nan) for name, shape in shapes.items()}
+        flags = {name: np.zeros(n, dtype=bool) for name in masks}
+        return cls(reading=reading, unknown=unknown, status=status, **columns, **flags)
 
     def put(self, rows: Indices, problem: Problem, ends: Descent) -> None:
         """Write down the ends of searches for some rows."""
@@ -160,12 +150,13 @@ class Touches:
         remarks = np.full(len(self.status), "", dtype=object)
         for word, rows in words.items():
             remarks[located & rows] += f"; {word}"
+        counts = [None if np.isnan(count) else int(count) for count in self.alternatives]
         return {
             **dict(zip(QUANTITIES, self.values.T, strict=True)),
             **dict(zip(DEVIATION_COLUMNS.values(), deviations.T, strict=True)),
             "chi_square": self.chi_square,
             "p_value": self.p_value,
-            "alternatives": self.alternatives,
+            "alternatives": np.array(counts, dtype=object),
             "status": self.status,
             "remark": np.array([remark[2:] for remark in remarks], dtype=object),
         }

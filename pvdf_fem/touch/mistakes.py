@@ -43,8 +43,8 @@ def charge_mistakes(
         elif not abs(number(charge)) <= LARGEST_PC:
             yield f"charges.{name} = {_shown(charge)}: give a charge in pC"
         elif not (by_name[name].noise if noise is None else noise):
-            channel = by_name[name]
-            if number(charge) == 1e12 * channel.capacitance * channel.offset:
+            offset = 1e12 * by_name[name].capacitance * by_name[name].offset
+            if abs(number(charge) - offset) < LEAST_PC:
                 yield (
                     f"charges.{name} = {charge:g}: a charge of 0 has no deviation without "
                     "noise_pC; give that of the amplifier"

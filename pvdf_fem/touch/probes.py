@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -31,9 +32,7 @@ def weigh(
     sigma: Deviations = 0.01,
     *,
     unknown: Sequence[str] = QUANTITIES,
-    known: Mapping[str, float] | None = None,
-    noise_pC: Deviations | None = None,
-    reading: str | None = None,
+    **options: Any,
 ) -> tuple[ProbeMatch, ...]:
     """The probes that may have touched, the most probable first.
 
@@ -45,15 +44,7 @@ def weigh(
     if not models:
         raise ValueError("models: none given; give one for each probe in question")
     locations = {
-        name: locate(
-            model,
-            charges_pC,
-            sigma,
-            unknown=unknown,
-            known=known,
-            noise_pC=noise_pC,
-            reading=reading,
-        )
+        name: locate(model, charges_pC, sigma, unknown=unknown, **options)
         for name, model in models.items()
     }
     return match(locations)

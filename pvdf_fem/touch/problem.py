@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -39,52 +39,36 @@ ROOM_REACH = 1.05
 ROOM_FORCE = 1.1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Turned:
-    """A model whose places are along axes that are turned against the film's."""
+    """A model whose places are along the axes of its scene's stage, about the film's centre."""
 
     model: Model
-    #: Turn of the film's axes, counter-clockwise.
+    names: tuple[str, ...]
+    scene: Scene
+    domain: Domain
+    error_bound: float
+    #: The stage's rotation.
     turn_deg: float
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the electrodes."""
-        return self.model.names
-
-    @property
-    def scene(self) -> Scene:
-        """The model's, whose probe is placed along the film's axes."""
-        return self.model.scene
-
-    @property
-    def domain(self) -> Domain:
-        """A disc about the film's centre, whatever the axes."""
-        return self.model.domain
-
-    @property
-    def error_bound(self) -> float:
-        """As the model's."""
-        return self.model.error_bound
-
     def evaluate(self, touches: Array) -> tuple[Array, Array]:
-        """Charges and slopes as the model's, of touches along these axes."""
-        turned = touches @ self._to_film.T
+        """Charges and slopes as the model's."""
+        to_film = np.eye(len(QUANTITIES))
+        to_film[:ROTATION, :ROTATION] = turn(np.eye(2), self.turn_deg)
+        turned = touches @ to_film.T
         turned[:, ROTATION] -= self.turn_deg
         charges, slopes = self.model.evaluate(turned)
-        return charges, slopes @ self._to_film
-
-    @cached_property
-    def _to_film(self) -> Array:
-        matrix = np.eye(len(QUANTITIES))
-        matrix[:ROTATION, :ROTATION] = turn(np.eye(2), -self.turn_deg).T
-        return matrix
+        return charges, slopes @ to_film
 
 
+@lru_cache(maxsize=8)
 def along_stage(model: Model) -> Model:
     """The model with places along the axes of its scene's stage."""
     stage = model.scene.stage
-    return Turned(model, stage.rotation_deg) if stage and stage.rotation_deg else model
+    if stage is None or not stage.rotation_deg:
+        return model
+    kept = model.names, model.scene, model.domain, model.error_bound
+    return Turned(model, *kept, stage.rotation_deg)
 
 
 @dataclass(frozen=True, eq=False)
