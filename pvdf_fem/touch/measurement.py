@@ -63,22 +63,17 @@ class Measurement:
         Raises `ValueError` if there is no deviation at all.
         """
         electrodes = np.array([model.names.index(name) for name in names])
-        gains, offsets, noise, rest = _channel_columns(model)[:, electrodes]
+        by_name = electrode_columns(model.scene)
+        gains, offsets, noise, rest = np.array([by_name[name] for name in names]).T
         if noise_pC is not None:
             noise = _by_name(noise_pC, names)
-        measured = cls(
-            along_stage(model),
-            electrodes,
-            reading or default_reading(model.scene),
-            gains,
-            offsets,
-            rest,
-            _by_name(sigma, names),
-            noise,
-        )
-        if not (model.error_bound or (measured.sigma + noise).all()):
+        relative = _by_name(sigma, names)
+        if not (model.error_bound or (relative + noise).all()):
             raise ValueError("sigma = 0: the model has no error of its own; give a positive one")
-        return measured
+        if reading is None:
+            reading = model.scene.readout.reading if model.scene.readout else "total"
+        columns = gains, offsets, rest, relative, noise
+        return cls(along_stage(model), electrodes, reading, *columns)
 
     @property
     def other(self) -> Measurement:
@@ -94,9 +89,8 @@ class Measurement:
         model_error = self.model.error_bound / math.sqrt(3.0)
         variance = np.square(self.sigma * signals) + np.square(self.noise_pC / self.gains)
         spread = np.sqrt(variance + np.square(model_error * charges))
-        return Problem(
-            self.model, self.electrodes, charges, spread, unknown, centre_mm(self.model.scene)
-        )
+        centre = centre_mm(self.model.scene)
+        return Problem(self.model, self.electrodes, charges, spread, unknown, centre)
 
     def signals(self, readings_pC: Array) -> Array:
         """The charges or changes that readings stand for, in pC."""
@@ -105,29 +99,23 @@ class Measurement:
 
 
 @lru_cache(maxsize=8)
-def _channel_columns(model: Model) -> Array:
-    """Gains, offsets, noise and rest charges in pC, (4, electrodes) of a model."""
-    rest = rest_charges(model.scene)
-    by_name = {
-        channel.name: (
+def electrode_columns(scene: Scene) -> dict[str, tuple[float, float, float, float]]:
+    """Gain, and offset, noise and rest charge in nominal pC, of each electrode."""
+    columns = {}
+    for channel, rest in zip(channels(scene), rest_charges(scene).tolist(), strict=True):
+        unit = 1e12 * channel.capacitance
+        columns[channel.name] = (
             channel.gain,
-            1e12 * channel.capacitance * channel.offset,
-            1e12 * channel.capacitance * channel.noise,
-            1e12 * charge,
+            unit * channel.offset,
+            unit * channel.noise,
+            1e12 * rest,
         )
-        for channel, charge in zip(channels(model.scene), rest.tolist(), strict=True)
-    }
-    return np.array([by_name[name] for name in model.names]).T
+    return columns
 
 
 def _by_name(values: Deviations, names: Sequence[str]) -> Array:
     given = [values[n] for n in names] if isinstance(values, Mapping) else [values] * len(names)
     return np.array(given, dtype=float)
-
-
-def default_reading(scene: Scene) -> str:
-    """What readings of a scene are of unless it is said: of its readout, or else in total."""
-    return scene.readout.reading if scene.readout else "total"
 
 
 def centre_mm(scene: Scene) -> tuple[float, float]:

@@ -6,10 +6,9 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from pvdf_fem.readout.channel import channels
 from pvdf_fem.response.model import QUANTITIES, Domain
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.touch.measurement import READINGS, Deviations
+from pvdf_fem.touch.measurement import READINGS, Deviations, electrode_columns
 
 #: Readings beyond this many pC are in another unit, or none.
 LARGEST_PC = 1e12
@@ -33,22 +32,19 @@ def charge_mistakes(
     reading: str | None = None,
 ) -> Iterator[str]:
     """What is wrong with readings and their deviations."""
-    by_name = {channel.name: channel for channel in channels(scene)}
+    by_name = electrode_columns(scene)
     if not charges_pC:
         yield f"charges: none given; give some of {', '.join(by_name)}"
     for name, charge in charges_pC.items():
-        noise = _of(noise_pC, name)
         if name not in by_name:
             yield f"charges.{name}: no such electrode; choose from {', '.join(by_name)}"
         elif not abs(number(charge)) <= LARGEST_PC:
             yield f"charges.{name} = {_shown(charge)}: give a charge in pC"
-        elif not (by_name[name].noise if noise is None else noise):
-            offset = 1e12 * by_name[name].capacitance * by_name[name].offset
-            if abs(number(charge) - offset) < LEAST_PC:
-                yield (
-                    f"charges.{name} = {charge:g}: a charge of 0 has no deviation without "
-                    "noise_pC; give that of the amplifier"
-                )
+        elif abs(number(charge) - by_name[name][1]) < LEAST_PC:
+            noise = noise_pC.get(name) if isinstance(noise_pC, Mapping) else noise_pC
+            if not (by_name[name][2] if noise is None else noise):
+                reason = "a charge of 0 has no deviation without noise_pC"
+                yield f"charges.{name} = {charge:g}: {reason}; give that of the amplifier"
     yield from _deviation_mistakes("sigma", sigma, charges_pC, 1.0, "a share of the charge, 0 to 1")
     if noise_pC is not None:
         what = "a standard deviation in pC, not negative"
@@ -67,10 +63,6 @@ def _deviation_mistakes(
     for name, value in by_name.items():
         if not (0.0 <= number(value) <= most and number(value) < math.inf):
             yield f"{what}{'.' * bool(name)}{name} = {_shown(value)}: give {wanted}"
-
-
-def _of(values: Deviations | None, name: str) -> Any:
-    return values.get(name) if isinstance(values, Mapping) else values
 
 
 def _shown(value: Any) -> str:
