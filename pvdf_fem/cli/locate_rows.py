@@ -36,6 +36,8 @@ CALIBRATED_ROWS = 32
 #: Columns with what is known of a touch, and the options of `locate_many` for them.
 KNOWN = {"rotation_deg": "rotations_deg", "force_N": "forces_N"}
 ENDINGS = [".csv", ".json", ".jsonl"]
+#: In a remark about a row that is none of the reading.
+OTHER = "explained as"
 
 #: Values by column, and whether there is one for each column.
 Row = tuple[dict[str, Any], bool]
@@ -60,16 +62,25 @@ def locate_rows(scene: Scene, request: Request, options: argparse.Namespace) -> 
         if mistakes:
             raise InputError(*mistakes)
         rows = _located_by(scene, request, options, columns)
-        write = _writer(stack, target, _form(target, options.json), rows.written)
-        statuses: Counter[str] = Counter()
+        columns = [*rows.passed, *_touch_columns()]
+        write = _writer(stack, target, _form(target, options.json), columns)
+        step, counts = ROWS if options.quick else CALIBRATED_ROWS, Counter[str]()
         for batch in batches:
-            for first in range(0, len(batch), rows.at_once):
-                located = rows.located(batch[first : first + rows.at_once])
-                statuses.update(row["status"] for row in located)
+            for first in range(0, len(batch), step):
+                located = rows.located(batch[first : first + step])
+                counts.update(row["status"] for row in located)
+                counts[OTHER] += sum(OTHER in row["remark"] for row in located)
                 write(located)
-    counts = ", ".join(f"{count} {status}" for status, count in statuses.items())
-    print(f"{statuses.total()} rows: {counts or 'none'}", file=sys.stderr)
-    failed = statuses["no_touch_found"] or (statuses and not statuses["located"])
+    return _told(counts)
+
+
+def _told(counts: Counter[str]) -> int:
+    """Tell on standard error what became of rows; the exit code."""
+    if others := counts.pop(OTHER, 0):
+        print(f"{others} rows are {OTHER} the other --reading; see their remarks", file=sys.stderr)
+    named = ", ".join(f"{count} {status}" for status, count in counts.items())
+    print(f"{counts.total()} rows: {named or 'none'}", file=sys.stderr)
+    failed = counts["no_touch_found"] or (counts and not counts["located"])
     return ExitCode.NOT_CONVERGED if failed else ExitCode.CONVERGED
 
 
@@ -133,19 +144,9 @@ class _Rows:
     calibrated: bool
 
     @property
-    def at_once(self) -> int:
-        """Number of rows that are located together."""
-        return CALIBRATED_ROWS if self.calibrated else ROWS
-
-    @property
     def passed(self) -> list[str]:
         """Columns that are passed through."""
         return [c for c in self.columns if c not in self.names and c not in KNOWN]
-
-    @property
-    def written(self) -> list[str]:
-        """Columns of the touches."""
-        return [*self.passed, *_touch_columns()]
 
     def located(self, rows: Sequence[Row]) -> list[dict[str, Any]]:
         """The touches of some rows, by column."""
@@ -173,7 +174,8 @@ class _Rows:
             row = {name: values.get(name) for name in self.passed}
             row |= dict(zip(touches, found, strict=True))
             if not sound:
-                row |= {**dict.fromkeys(touches), "status": str(RowStatus.MALFORMED)}
+                nothing = dict.fromkeys(touches)
+                row |= {**nothing, "status": str(RowStatus.MALFORMED), "remark": ""}
             result.append(row)
         return result
 
@@ -185,13 +187,9 @@ def _numbers(rows: Sequence[Row], columns: list[str]) -> Array:
 
 
 def _number(cell: Any) -> float:
-    if isinstance(cell, str):
-        value = number_of(cell.strip())
-        return np.nan if value is None else value
-    try:
-        return float(cell) if isinstance(cell, int | float) and cell is not True else np.nan
-    except OverflowError:
-        return np.nan
+    is_number = isinstance(cell, int | float) and not isinstance(cell, bool)
+    value = number_of(str(cell).strip()) if is_number or isinstance(cell, str) else None
+    return np.nan if value is None else value
 
 
 def _plain(value: Any) -> Any:
