@@ -52,6 +52,9 @@ def locate_rows(scene: Scene, request: Request, options: argparse.Namespace) -> 
     mistakes = output_mistakes(target, ENDINGS, Path(options.scene), source, options.model)
     if not {"x_mm", "y_mm"} <= set(request.unknown):
         mistakes.append("--unknown: x and y of a table are always sought; name them")
+    if source is None and sys.stdin is None:
+        mistakes.append("standard input: is closed; redirect it from a file")
+        raise InputError(*mistakes)
     with ExitStack() as stack:
         stream = stack.enter_context(reading(source, "a table")) if source else sys.stdin.buffer
         name = str(source or "standard input")

@@ -176,6 +176,12 @@ def test_a_live_pipe_is_answered_row_by_row(form, file, monkeypatch, capsys):
     assert live.seen[-1] == 6
 
 
+def test_a_closed_input_is_told(file, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "stdin", None)
+    assert run(file, "-") == 2
+    assert capsys.readouterr().err == "standard input: is closed; redirect it from a file\n"
+
+
 def test_what_is_known_of_a_row_is_in_its_columns_or_the_scene(file, tmp_path, capsys):
     source = tmp_path / "readings.csv"
     source.write_text(table(*CHARGES.T, *TOUCHES.T[2:], header="A,B,C,D,rotation_deg,force_N"))
