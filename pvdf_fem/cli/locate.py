@@ -5,18 +5,14 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import re
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pvdf_fem.files import require_writable
+from pvdf_fem.cli import response_model
+from pvdf_fem.cli.response_model import ModelChoice, model_of, number_of, positive
 
 if TYPE_CHECKING:
-    from pvdf_fem.response.model import Domain
-    from pvdf_fem.response.response import Response
     from pvdf_fem.scene.scene import Scene
     from pvdf_fem.touch.location import Location
     from pvdf_fem.touch.probes import ProbeMatch
@@ -83,25 +79,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="another scene, with another probe, that may have given the charges; all are "
         "weighed by likelihood; may be given several times",
     )
-    parser.add_argument(
-        "--model",
-        metavar="FILE",
-        type=Path,
-        help="the scene's model, built and written there if the file does not exist (default: "
-        "SCENE-HASH.response beside the scene file, the hash being of scene, domain and code)",
-    )
-    parser.add_argument(
-        "--reach",
-        metavar="MM",
-        default="12",
-        help="a new model's largest distance of the centroid from the centre (default: 12)",
-    )
-    parser.add_argument(
-        "--force-range",
-        metavar="LEAST,LARGEST",
-        default="0.1,5",
-        help="a new model's forces in N (default: 0.1,5)",
-    )
+    response_model.add_options(parser)
     parser.add_argument(
         "--polish",
         action="store_true",
@@ -118,25 +96,22 @@ class Request:
     noise_pC: float
     #: Of the quantities of a touch.
     unknown: tuple[str, ...]
-    #: The domain of a model that is to be built.
-    domain: Domain
+    #: The model that is wanted.
+    model: ModelChoice
     #: What is wrong with the options; the other values count only if nothing is.
     mistakes: tuple[str, ...]
 
     @classmethod
     def of(cls, options: argparse.Namespace) -> Request:
         """The request of a command line."""
-        from pvdf_fem.response.model import Domain
-
         charges, wrong = _charges(options.charges)
-        sigma = _positive("--sigma", options.sigma, wrong, zero=True)
-        noise = _positive("--noise", options.noise, wrong, zero=True)
+        sigma = positive("--sigma", options.sigma, wrong, zero=True)
+        noise = positive("--noise", options.noise, wrong, zero=True)
         unknown = _unknown(options.unknown, wrong)
-        reach = _positive("--reach", options.reach, wrong)
-        domain = Domain(reach, _range(options.force_range, wrong))
+        model = ModelChoice.of(options, wrong)
         if options.model and options.others:
             wrong.append("--model: is of one scene; leave it out with --or")
-        return cls(charges, sigma, noise, unknown, domain, tuple(wrong))
+        return cls(charges, sigma, noise, unknown, model, tuple(wrong))
 
 
 def _charges(text: str) -> tuple[dict[str, float], list[str]]:
@@ -144,7 +119,7 @@ def _charges(text: str) -> tuple[dict[str, float], list[str]]:
     mistakes = []
     for item in text.split(","):
         name, equals, value = (part.strip() for part in item.partition("="))
-        number = _number(value)
+        number = number_of(value)
         if not (name and equals) or number is None:
             mistakes.append(f"--charges {item.strip()}: write NAME=CHARGE, such as A=905.1")
         elif name in charges:
@@ -160,86 +135,8 @@ def _unknown(text: str, mistakes: list[str]) -> tuple[str, ...]:
     return tuple(NAMES[item] for item in dict.fromkeys(items) if item in NAMES)
 
 
-def _range(text: str, mistakes: list[str]) -> tuple[float, float]:
-    values = [_number(part) for part in text.split(",")]
-    if len(values) == 2 and values[0] and values[1] and 0.0 < values[0] < values[1]:
-        return values[0], values[1]
-    mistakes.append(f"--force-range {text}: give two forces in N, such as 0.1,5")
-    return 0.0, 0.0
-
-
-def _positive(option: str, text: str, mistakes: list[str], zero: bool = False) -> float:
-    value = _number(text)
-    if value is None or value < 0.0 or (value == 0.0 and not zero):
-        wanted = "a number that is not negative" if zero else "a positive number"
-        mistakes.append(f"{option} {text}: give {wanted}")
-        return 0.0
-    return value
-
-
-def _number(text: str) -> float | None:
-    # float() also takes 1_000, and digits of other scripts
-    if not re.fullmatch(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", text):
-        return None
-    return value if math.isfinite(value := float(text)) else None
-
-
-def model_of(scene: Scene, scene_file: str, file: Path | None, request: Request) -> Response:
-    """The model of a scene, from its file or built and written there.
-
-    Raises
-    ------
-    ValueError
-        For a file that holds no sound model, or that of another scene.
-    """
-    from tqdm import tqdm
-
-    from pvdf_fem.response.build import build_response
-    from pvdf_fem.response.response import Response
-
-    alone = _alone(scene)
-    path = _path(scene, scene_file, file, request)
-    if path.exists():
-        model = Response.load(path)
-        if _alone(model.scene) != alone:
-            raise ValueError(
-                f"--model {path}: is of another film, probe or electrodes than {scene_file}; "
-                "name another file"
-            )
-        return model
-    print(f"building the model of {scene_file}, to be kept as {path}", file=sys.stderr)
-    with tqdm(unit="solve", file=sys.stderr, disable=None) as bar:
-
-        def progress(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        domain = request.domain
-        model = build_response(
-            alone, reach_mm=domain.reach_mm, force_N=domain.force_N, progress=progress
-        )
-    model.save(path)
-    return model
-
-
-def _alone(scene: Scene) -> Scene:
-    """The scene with the probe unturned at the centre under 1 N: what its model depends on."""
-    place = {"probe.x_mm": 0.0, "probe.y_mm": 0.0, "probe.rotation_deg": 0.0}
-    return scene.with_(**place, **{"load.force_N": 1.0})
-
-
-def _path(scene: Scene, scene_file: str, file: Path | None, request: Request) -> Path:
-    """The file of a scene's model: the one that was named, or the default one."""
-    from pvdf_fem.response.response_file import response_key
-
-    if file:
-        return file
-    name = response_key(_alone(scene), request.domain)[:16]
-    return Path(scene_file).with_name(f"{Path(scene_file).stem}-{name}.response")
-
-
 def located(
-    scenes: Mapping[str, Scene], file: Path | None, request: Request, polishing: bool
+    scenes: Mapping[str, Scene], request: Request, polishing: bool
 ) -> tuple[ProbeMatch, ...]:
     """Locations with the probe of each scene, the likeliest first.
 
@@ -256,10 +153,10 @@ def located(
 
     touch = touch_of(next(iter(scenes.values())))
     known = {name: value for name, value in touch.items() if name not in request.unknown}
-    _require(scenes, request, known, file)
+    _require(scenes, request, known)
     # files that are there come first, so that a damaged one is told before any model is built
-    order = sorted(scenes, key=lambda name: not _path(scenes[name], name, file, request).exists())
-    models = {name: model_of(scenes[name], name, file, request) for name in order}
+    order = sorted(scenes, key=lambda name: not request.model.path(scenes[name], name).exists())
+    models = {name: model_of(scenes[name], name, request.model) for name in order}
     matches = weigh(
         models,
         request.charges_pC,
@@ -283,9 +180,7 @@ def located(
     return match(polished)
 
 
-def _require(
-    scenes: Mapping[str, Scene], request: Request, known: Mapping[str, float], file: Path | None
-) -> None:
+def _require(scenes: Mapping[str, Scene], request: Request, known: Mapping[str, float]) -> None:
     """Refuse before anything is built what cannot be located with the scenes."""
     from pvdf_fem.touch.mistakes import charge_mistakes, known_mistakes
 
@@ -294,15 +189,9 @@ def _require(
         names = [electrode.name for electrode in scene.electrode_list]
         mistakes += charge_mistakes(names, request.charges_pC, request.sigma, request.noise_pC)
     for name, scene in scenes.items():
-        path = _path(scene, name, file, request)
-        if path.is_file():  # the domain is the file's
-            continue
-        require_writable(path)
-        if request.domain.reach_mm > scene.film.radius_mm:
-            reason = f"is beyond the rim at film.radius_mm = {scene.film.radius_mm:g}; give less"
-            mistakes.append(f"--reach {request.domain.reach_mm:g}: {reason}")
-    if not (file and file.exists()):
-        mistakes += known_mistakes(request.domain, request.unknown, {}, known)
+        mistakes += request.model.mistakes(scene, name)
+    if not (request.model.file and request.model.file.exists()):
+        mistakes += known_mistakes(request.model.domain, request.unknown, {}, known)
     if mistakes:
         raise ValueError("\n".join(dict.fromkeys(mistakes)))
 

@@ -298,7 +298,7 @@ def _locate(options: argparse.Namespace) -> int:
     from pvdf_fem.touch.polish import PolishError
 
     try:
-        choices = cli_locate.located(scenes, options.model, request, options.polish)
+        choices = cli_locate.located(scenes, request, options.polish)
     except ValueError as error:
         raise InputError(*str(error).splitlines()) from error
     except (PolishError, NotConvergedError) as error:
