@@ -18,6 +18,11 @@ ALL = slice(None)
 COMPLEX_STEP = 1e-30
 
 
+def finite(value: float) -> float | None:
+    """The value, or None where JSON has no number for it."""
+    return float(value) if np.isfinite(value) else None
+
+
 def unit_gauss(count: int) -> tuple[Array, Array]:
     """Gauss's points and weights, (count,), on [0, 1]."""
     points, weights = np.polynomial.legendre.leggauss(count)

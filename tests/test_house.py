@@ -37,6 +37,7 @@ LIBRARY = (
     "pvdf_fem.mesh",
     "pvdf_fem.film",
     "pvdf_fem.charges",
+    "pvdf_fem.readout",
     "pvdf_fem.solvers",
     "pvdf_fem.solution",
     "pvdf_fem.sweeps",

@@ -42,9 +42,9 @@ scene files are TOML. Their keys, each with a default:
   [film]        radius_mm, thickness_um, youngs_modulus_GPa (or [E1, E2]),
                 poisson_ratio, shear_modulus_GPa, density_kg_m3,
                 thermal_expansion_per_K, temperature_change_K (below zero
-                stretches the film), d31_pC_N, d32_pC_N, bending (true, false,
-                "auto": where it matters), compression (refuse, tension-field:
-                the film wrinkles)
+                stretches the film), d31_pC_N, d32_pC_N, permittivity, bending
+                (true, false, "auto": where it matters), compression (refuse,
+                tension-field: the film wrinkles)
   [electrodes]  layout (four, three), ring_radius_mm, side_mm
   [probe]       shape and its sizes, x_mm, y_mm (centroid), rotation_deg
   [load]        force_N, kind (dead, follower, rigid), and for rigid: contact
@@ -53,6 +53,12 @@ scene files are TOML. Their keys, each with a default:
                 max_unknowns (of a mesh; default 60000, more for tolerances
                 below 1e-3), max_seconds (work of one core, counted by unknowns
                 and iterations; default 20, more for tolerances below 1e-3)
+  [readout]     kind (charge, voltage), feedback_capacitance_pF,
+                feedback_resistance_MOhm, input_resistance_MOhm,
+                cable_capacitance_pF, gain, offset_V, noise_V: each for all
+                electrodes, or a table by electrode; reading (change, total)
+  [stage]       x_mm, y_mm (the film's centre on the stage that positions the
+                probe), rotation_deg (of the film's axes there)
 Any electrodes instead of a layout, each below a heading [[electrodes]]:
   name, x_mm, y_mm, shape and its sizes, rotation_deg
 Shapes: triangle (side_mm; probes only), square (side_mm; electrodes only),

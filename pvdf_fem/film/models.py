@@ -15,6 +15,7 @@ import scipy.sparse as sp
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.bending_effect import BendingEffect, bending_effect
+from pvdf_fem.film.laws import Law, StVenantKirchhoff, TensionField
 from pvdf_fem.film.layers import Layers
 from pvdf_fem.film.loads import LOADS, DeadPressure
 from pvdf_fem.film.membrane import Membrane, WrinklingMembrane
@@ -99,6 +100,16 @@ class FilmModel(ABC):
     def load(self, space: Space, images: int) -> DeadPressure:
         """The load of the probe."""
         return LOADS[self.scene.load.kind](self.scene, space, images)
+
+    @property
+    def law(self) -> Law:
+        """The material's law."""
+        return StVenantKirchhoff(self.scene.film.stiffness)
+
+    @property
+    def stress_at_rest(self) -> Array:
+        """Stress of the flat film in Pa, (3,): components 11, 22, 12."""
+        return self.law.stress(self.scene.film.strain_at_rest[None])[0]
 
     @property
     def saturation(self) -> float:
@@ -240,6 +251,11 @@ class TensionFieldModel(FilmModel):
     def membrane(self, space: Space) -> Membrane:
         """The membrane term with the tension field's law."""
         return WrinklingMembrane(space, self.scene.film)
+
+    @property
+    def law(self) -> Law:
+        """The tension field's law."""
+        return TensionField(self.scene.film.stiffness)
 
     @property
     def saturation(self) -> float:

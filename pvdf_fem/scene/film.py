@@ -24,6 +24,8 @@ class Film(Section):
     `bending` adds the film's stiffness as a plate: always, never, or (``"auto"``) where it could
     change a charge by more than ``numerics.tolerance``.
 
+    `permittivity` is that of the film across its thickness, relative to that of the vacuum.
+
     `compression` says what the model does with compressive stress: ``refuse`` warns of it, counts
     what wrinkles would change as an error, and takes no membrane for a result of which they would
     change a charge by more than a tenth; ``tension-field`` lets the film wrinkle.
@@ -43,6 +45,7 @@ class Film(Section):
     bending: bool | Literal["auto"] = False
     d31_pC_N: Number = 8.0
     d32_pC_N: Number = 8.0
+    permittivity: Annotated[Finite, within(1.0, 1e6)] = 11.0
     compression: Literal["refuse", "tension-field"] = "refuse"
 
     @field_validator("poisson_ratio")
@@ -104,6 +107,11 @@ class Film(Section):
     def thermal_strain(self) -> float:
         """Free thermal strain αΔT: negative for a film under tension."""
         return self.thermal_expansion_per_K * self.temperature_change_K
+
+    @property
+    def strain_at_rest(self) -> NDArray[np.float64]:
+        """Elastic strain of the flat clamped film, (3,), with engineering shear."""
+        return -self.thermal_strain * np.array([1.0, 1.0, 0.0])
 
     @property
     def stiffness(self) -> NDArray[np.float64]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from itertools import chain, islice
-from typing import Any, cast
+from typing import Any, cast, get_args
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
@@ -99,7 +99,7 @@ def _key(loc: tuple[int | str, ...]) -> str:
         del parts[1:2]
         if len(parts) > 2 and parts[0] == "electrodes" and isinstance(parts[1], int):
             del parts[2]
-    elif parts[:2] == ["film", "youngs_modulus_GPa"]:
+    elif parts[:2] == ["film", "youngs_modulus_GPa"] or parts[0] == "readout":
         del parts[2:3]
     steps = (f"[{part}]" if isinstance(part, int) else f".{_bare(part)}" for part in parts)
     return "".join(steps).removeprefix(".")
@@ -121,7 +121,7 @@ def _owner(loc: tuple[int | str, ...], model: type[BaseModel]) -> type[BaseModel
         case ("electrodes", "list", int(), str(shape)):
             return ELECTRODES[shape]
     section: Any = model.model_fields[str(loc[0])].annotation
-    return cast(type[BaseModel], section)
+    return cast(type[BaseModel], next(iter(get_args(section)), section))
 
 
 def _quoted(text: str) -> list[str]:

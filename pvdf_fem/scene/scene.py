@@ -9,7 +9,7 @@ nothing else in the package converts lengths or moduli. Defaults are the thesis'
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, overload
 
@@ -29,11 +29,24 @@ from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.mistakes import MOST_MISTAKES, mistakes
 from pvdf_fem.scene.placement import misplacements
 from pvdf_fem.scene.quantity import Finite, Section, Whole, refusal, within
+from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.registry import LOAD_CLASSES, OBSERVABLE_ENTRIES
 from pvdf_fem.scene.scene_file import SceneError, parse_toml, read_scene_text, write_toml
 from pvdf_fem.scene.shapes import Electrode, Electrodes, Layout, Probe
+from pvdf_fem.scene.stage import Stage
 
-__all__ = ["Electrode", "Film", "Layout", "Load", "Numerics", "Probe", "Scene", "SceneError"]
+__all__ = [
+    "Electrode",
+    "Film",
+    "Layout",
+    "Load",
+    "Numerics",
+    "Probe",
+    "Readout",
+    "Scene",
+    "SceneError",
+    "Stage",
+]
 
 
 if TYPE_CHECKING:
@@ -109,7 +122,7 @@ if TYPE_CHECKING:
 
 
 class Scene(Section):
-    """One film with its electrodes, a probe or none, and a load.
+    """One film with its electrodes, a probe or none, a load, and what reads and positions them.
 
     Built directly, a scene with mistakes raises pydantic's `ValidationError`; `load`, `parse` and
     `with_` raise `SceneError`, which lists all mistakes under the keys of the scene file. Both
@@ -124,6 +137,8 @@ class Scene(Section):
     else:
         load: Load = Load()
     numerics: Numerics = Numerics()
+    readout: Readout | None = None
+    stage: Stage | None = None
 
     @model_validator(mode="after")
     def _shapes_have_their_places(self) -> Self:
@@ -135,6 +150,9 @@ class Scene(Section):
             self.load.kind,
             self.numerics.observable,
         )
+        if self.readout is not None:
+            names = [electrode.name for electrode in self.electrode_list]
+            complaints = chain(complaints, self.readout.mistakes(names))
         if problems := list(islice(complaints, MOST_MISTAKES + 1)):
             context = {"text": "\n".join(problems), "problems": problems}
             raise PydanticCustomError("misplaced", "{text}", context)

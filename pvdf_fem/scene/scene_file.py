@@ -73,7 +73,10 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
 
 
 def write_toml(table: Mapping[str, Any]) -> str:
-    """TOML for a mapping of tables and lists of tables; their values are scalars and lists."""
+    """TOML for a mapping of tables and lists of tables.
+
+    Their values are scalars, lists and tables of scalars.
+    """
     blocks = []
     for name, content in table.items():
         heading, rows = (
@@ -93,6 +96,9 @@ def _toml(value: Any) -> str:
         return str(value).lower()
     if isinstance(value, list):
         return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, Mapping):
+        items = (f"{_toml(str(key))} = {_toml(item)}" for key, item in value.items())
+        return f"{{ {', '.join(items)} }}"
     return repr(value)
 
 

@@ -8,7 +8,9 @@ from typing import Any
 
 from skfem import Basis, MeshTri2
 
-from pvdf_fem.arrays import Array
+from pvdf_fem.arrays import Array, finite
+from pvdf_fem.charges.rest import rest_charges
+from pvdf_fem.readout.channel import channels
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.fields import Fields, largest
 from pvdf_fem.solution.history import MeshRecord, Stop
@@ -80,7 +82,7 @@ class Solution:
 
     @property
     def charges_pC(self) -> dict[str, float]:
-        """Charge of each electrode."""
+        """Total charge of each electrode: what the pretension put there, and the touch."""
         return self.charges(self.scene.film.d31_pC_N, self.scene.film.d32_pC_N)
 
     @property
@@ -90,6 +92,34 @@ class Solution:
         Wrinkles are those that a real film would have where this one is in compression.
         """
         return self.charge_errors(self.scene.film.d31_pC_N, self.scene.film.d32_pC_N)
+
+    @property
+    def rest_charges_pC(self) -> dict[str, float]:
+        """Charge of each electrode of the untouched film, which is known without a solve."""
+        return self._by_electrode(1e12 * rest_charges(self.scene))
+
+    @property
+    def charge_changes_pC(self) -> dict[str, float]:
+        """Charge that the touch adds to each electrode: what a zeroed charge amplifier sees.
+
+        Their errors are `charge_errors_pC`, since charges at rest are exact.
+        """
+        rest = self.rest_charges_pC
+        return {name: charge - rest[name] for name, charge in self.charges_pC.items()}
+
+    @property
+    def readings_V(self) -> dict[str, float]:
+        """What each channel of ``[readout]`` reads of a touch that comes at once.
+
+        It decays with the channel's time constant; see `pvdf_fem.readout.channel.Channel`.
+        """
+        readout = self.scene.readout
+        total = readout is not None and readout.reading == "total"
+        charges = self.charges_pC if total else self.charge_changes_pC
+        return {
+            channel.name: float(channel.reading(charges[channel.name] / 1e12))
+            for channel in channels(self.scene)
+        }
 
     def charges(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
         """Charges in pC of a film with other piezoelectric coefficients."""
@@ -133,9 +163,16 @@ class Solution:
             results = {
                 "charges_pC": self.charges_pC,
                 "charge_errors_pC": self.charge_errors_pC,
+                "rest_charges_pC": self.rest_charges_pC,
+                "charge_changes_pC": self.charge_changes_pC,
                 "deflection_max_mm": self.deflection_max_mm,
                 "force_balance": self.force_balance,
             }
+            if self.scene.readout is not None:
+                results["readings_V"] = self.readings_V
+                results["time_constants_s"] = {
+                    channel.name: finite(channel.time_constant) for channel in channels(self.scene)
+                }
         return {
             "status": str(self.status),
             **results,

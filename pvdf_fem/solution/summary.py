@@ -56,8 +56,19 @@ def _tables(result: dict[str, Any]) -> list[Grid]:
     tables: list[Grid] = []
     if charges := result.get("charges_pC"):
         errors = result["charge_errors_pC"]
-        rows = tuple((name, *rounded(charge, errors[name])) for name, charge in charges.items())
-        tables.append(Grid((f"charges ({result['observable']})", "pC", "± pC"), rows))
+        changes = result["charge_changes_pC"]
+        rows = tuple(
+            (name, shown, error, f"{changes[name] + 0.0:.{len(shown.partition('.')[2])}f}")
+            for name, charge in charges.items()
+            for shown, error in [rounded(charge, errors[name])]
+        )
+        title = f"charges ({result['observable']})"
+        tables.append(Grid((title, "pC", "± pC", "change by touch, pC"), rows))
+    if readings := result.get("readings_V"):
+        constants = result["time_constants_s"]
+        decays = {name: "none" if s is None else f"{s:.4g}" for name, s in constants.items()}
+        channels = tuple((name, f"{V:.6g}", decays[name]) for name, V in readings.items())
+        tables.append(Grid(("readings at once", "V", "decay in s"), channels))
     if history := result["history"]:
         heading = ("mesh", "elements", "unknowns", "iterations", "worst error", "seconds", "ended")
         meshes = tuple(

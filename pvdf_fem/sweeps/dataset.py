@@ -13,6 +13,7 @@ import numpy as np
 import xarray
 
 from pvdf_fem import __version__
+from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.files import replacing
 from pvdf_fem.sweeps.grid import Grid
 from pvdf_fem.sweeps.plan import SweepPlan
@@ -23,6 +24,9 @@ _UNITS = {
     "pC_N": "pC/N",
     "kg_m3": "kg/m3",
     "per_K": "1/K",
+    "MOhm": "MOhm",
+    "N_m": "N/m",
+    "pF": "pF",
     "mm": "mm",
     "um": "um",
     "GPa": "GPa",
@@ -30,6 +34,7 @@ _UNITS = {
     "pC": "pC",
     "K": "K",
     "N": "N",
+    "V": "V",
 }
 
 
@@ -38,24 +43,25 @@ def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) 
 
     `records` are those of the distinct scenes with their indices in the plan, in any order. The
     dataset has a dimension for each axis, and `electrode`. The variables `charge_pC` and
-    `charge_error_pC` have all dimensions, with NaN where there is no charge; `status` and
-    `deflection_max_mm` have those of the axes. Numbers have an attribute `units`, coordinates an
-    attribute `key`, the key of the scene that varies.
+    `charge_error_pC`, with NaN where there is no charge, and `rest_charge_pC` of the untouched film
+    have all dimensions; `status` and `deflection_max_mm` have those of the axes. Numbers have an
+    attribute `units`, coordinates an attribute `key`, the key of the scene that varies.
     """
     scenes = plan.scenes
     layouts = {scene.electrodes: scene.electrode_list for scene in scenes}
     electrodes = (electrode for layout in layouts.values() for electrode in layout)
     names = list(dict.fromkeys(electrode.name for electrode in electrodes))
     count = len(scenes)
-    charge, error = np.full((2, count, len(names)), np.nan)
+    charge, error, rest = np.full((3, count, len(names)), np.nan)
     deflection, status = np.full(count, np.nan), np.full(count, "", dtype="U32")
     for index, record in records:
         status[index] = record.status
+        columns = [names.index(e.name) for e in scenes[index].electrode_list]
+        rest[index, columns] = 1e12 * rest_charges(scenes[index])
         if not record.converged:
             continue
         film, observable = scenes[index].film, scenes[index].numerics.observable
         d = film.d31_pC_N, film.d32_pC_N
-        columns = [names.index(name) for name in record.electrodes]
         charge[index, columns] = list(record.charges_pC(*d, observable).values())
         error[index, columns] = list(record.charge_errors_pC(*d, observable).values())
         deflection[index] = record.deflection_max_mm
@@ -68,6 +74,7 @@ def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) 
         {
             "charge_pC": ([*dims, "electrode"], over_grid(charge), {"units": "pC"}),
             "charge_error_pC": ([*dims, "electrode"], over_grid(error), {"units": "pC"}),
+            "rest_charge_pC": ([*dims, "electrode"], over_grid(rest), {"units": "pC"}),
             "deflection_max_mm": (dims, over_grid(deflection), {"units": "mm"}),
             "status": (dims, over_grid(status)),
         },

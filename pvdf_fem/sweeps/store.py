@@ -312,8 +312,9 @@ def _sum(name: str, text: str) -> str:
 
 
 def key(scene: Scene, folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> str:
-    """Hash of a scene and of the code in some folders, by default those that solve it."""
-    return hashlib.sha256((code_version(folders) + scene.model_dump_json()).encode()).hexdigest()
+    """Hash of what is solved of a scene, and of the code in some folders that solves it."""
+    solved = scene.model_dump_json(exclude={"readout", "stage"})
+    return hashlib.sha256((code_version(folders) + solved).encode()).hexdigest()
 
 
 @cache

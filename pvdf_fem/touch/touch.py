@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pvdf_fem.arrays import Array
+from pvdf_fem.arrays import Array, finite
 from pvdf_fem.response.model import QUANTITIES
 
 #: Charges count as unexplained if a right model gives such charges less often than this.
@@ -129,8 +129,3 @@ class Touch:
             ],
             "at_edge": list(self.at_edge),
         }
-
-
-def finite(value: float) -> float | None:
-    """The value, or None where JSON has no number for it."""
-    return float(value) if np.isfinite(value) else None

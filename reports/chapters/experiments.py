@@ -15,6 +15,7 @@ import numpy as np
 
 from pvdf_fem import Scene
 from pvdf_fem.output.figures import COLOURS, GREY, LABEL_SIZE
+from pvdf_fem.readout.channel import electrode_capacitance
 from pvdf_fem.solution.modes import modes
 from pvdf_fem.solvers.status import Status
 from reports.common.chapter import Chapter, Content
@@ -24,7 +25,7 @@ from reports.common.page import Cell, Column, Picture, Table
 from reports.common.results import MATERIAL, Results
 from reports.common.thesis_data import Position, Thesis
 from reports.common.thesis_scene import thesis_scene
-from reports.thesis_methods.circuit import Circuit, dynamic_factor, film_capacitance, voltage_ratio
+from reports.thesis_methods.circuit import Circuit, dynamic_factor, voltage_ratio
 
 #: Both readings of the voltage divider of App. 5, named by the place of the load resistance.
 READINGS: dict[str, Callable[[Circuit, float], complex]] = {
@@ -122,7 +123,7 @@ def _header_text() -> str:
 def thesis_circuit(thesis: Thesis) -> Circuit:
     """The circuit of an electrode of the thesis with its load."""
     geometry, film = thesis.parameters["geometry"], thesis.parameters["film"]["biaxial"]
-    capacitance = film_capacitance(
+    capacitance = electrode_capacitance(
         1e-6 * geometry["electrode_area"]["value"],
         1e-6 * geometry["film_thickness"]["value"],
         film["dielectric_constant"]["value"],

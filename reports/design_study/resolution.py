@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from pvdf_fem import Scene
+from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.sweeps.store import Record
 from reports.design_study.sensor import Lattice, Sensor, is_even
 
@@ -99,9 +100,7 @@ class PolarMap:
         return value, np.stack([cos * along - sin * across, sin * along + cos * across], axis=-1)
 
 
-def polar_map(
-    lattice: Lattice, sensor_scene: Scene, resting: Record, records: Sequence[Record]
-) -> PolarMap:
+def polar_map(lattice: Lattice, sensor_scene: Scene, records: Sequence[Record]) -> PolarMap:
     """The map of an electrode's charge less that at rest, in pC, for the two forces.
 
     Parameters
@@ -109,16 +108,13 @@ def polar_map(
     lattice : Lattice
     sensor_scene : Scene
         The electrode on the film without a probe, from `Sensor.alone`.
-    resting : Record
-        The record of `sensor_scene`.
     records : sequence of Record
         The records of `Lattice.scenes`; a failed one gives NaN.
     """
     d = sensor_scene.film.d31_pC_N, sensor_scene.film.d32_pC_N
     charges = np.array([record.charge_pC("A", "material", *d) for record in records])
-    charges_less_rest = charges.reshape(len(lattice.radii_mm), -1, 2) - resting.charge_pC(
-        "A", "material", *d
-    )
+    charges_less_rest = charges.reshape(len(lattice.radii_mm), -1, 2)
+    charges_less_rest = charges_less_rest - 1e12 * rest_charges(sensor_scene)[0]
     if is_even(sensor_scene):
         charges_less_rest = np.concatenate(
             [charges_less_rest, charges_less_rest[:, -2:0:-1]], axis=1

@@ -150,15 +150,10 @@ class Study:
             self._solve(dict(needed[start : start + self.batch]), progress)
 
     def _solve(self, needed: dict[tuple[Scene, float], list[Scene]], progress: Progress) -> None:
-        scenes_to_solve = [sensor_scene for sensor_scene, _ in needed]
-        scenes_to_solve += [scene for scenes in needed.values() for scene in scenes]
-        self.results.solve(scenes_to_solve, progress)
+        self.results.solve([scene for scenes in needed.values() for scene in scenes], progress)
         for (sensor_scene, force_N), scenes in needed.items():
             records = [self.results[scene] for scene in scenes]
-            resting = self.results[sensor_scene]
-            self._maps[sensor_scene, force_N] = polar_map(
-                self.lattice, sensor_scene, resting, records
-            )
+            self._maps[sensor_scene, force_N] = polar_map(self.lattice, sensor_scene, records)
 
     def _needed(self, sensors: Iterable[Sensor]) -> dict[tuple[Scene, float], list[Scene]]:
         needed: dict[tuple[Scene, float], list[Scene]] = {}

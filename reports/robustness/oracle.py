@@ -23,7 +23,9 @@ ROOT = Path(__file__).resolve().parents[2]
 LARGEST = 1e6
 #: Keys of numbers that may be zero or negative.
 SIGNED = {"x_mm", "y_mm", "rotation_deg", "poisson_ratio", "thermal_expansion_per_K"}
-SIGNED |= {"temperature_change_K", "d31_pC_N", "d32_pC_N"}
+SIGNED |= {"temperature_change_K", "d31_pC_N", "d32_pC_N", "gain", "offset_V"}
+#: Keys of numbers that may be zero.
+ZERO = {"force_N", "cable_capacitance_pF", "noise_V"}
 WORDS: dict[str, set[bool | str]] = {
     "bending": {False, True, "auto"},
     "compression": {"refuse", "tension-field"},
@@ -32,6 +34,7 @@ WORDS: dict[str, set[bool | str]] = {
     "contact": {"sliding", "stuck"},
     "observable": {"material", "thesis-edge"},
 }
+READOUT_WORDS = {"kind": {"charge", "voltage"}, "reading": {"change", "total"}}
 SIZES = {
     "triangle": {"side_mm"},
     "square": {"side_mm"},
@@ -59,6 +62,8 @@ def _of_scene(tables: Mapping[str, Any]) -> Iterator[str]:
                 yield from _of_shape(shape)
         elif not isinstance(section, Mapping):
             yield f"{name} is no table"
+        elif name == "readout":
+            yield from _of_readout(section, sections[name])
         else:
             yield from _of_keys(section, sections[name])
     yield from _of_places(tables)
@@ -95,12 +100,29 @@ def _of_keys(section: Mapping[str, Any], documented_keys: frozenset[str]) -> Ite
             yield from _number(key, value)
 
 
-def _number(key: str, value: Any) -> list[str]:
-    largest = 1e7 if key == "max_unknowns" else LARGEST
+def _of_readout(section: Mapping[str, Any], documented_keys: frozenset[str]) -> Iterator[str]:
+    """Values of all channels, or tables of values by channel; words as any of them."""
+    for key, value in section.items():
+        values = value.values() if isinstance(value, Mapping) else [value]
+        if key not in documented_keys:
+            yield f"key {key}"
+        elif key in READOUT_WORDS:
+            if any(not isinstance(v, str) or v not in READOUT_WORDS[key] for v in values):
+                yield f"{key} = {value!r}"
+        else:
+            largest = 1e12 if key.endswith(("_pF", "_MOhm")) else LARGEST
+            for v in values:
+                yield from _number(key, v, largest)
+                if key == "gain" and v == 0.0:
+                    yield "gain = 0"
+
+
+def _number(key: str, value: Any, largest: float = LARGEST) -> list[str]:
+    largest = 1e7 if key == "max_unknowns" else largest
     plain = isinstance(value, int | float) and not isinstance(value, bool)
     if plain and math.isfinite(value) and abs(value) <= largest:
         least = -largest if key in SIGNED else 0.0
-        if value > least or (value == least and key == "force_N"):
+        if value > least or (value == least and key in ZERO):
             return []
     return [f"{key} = {str(value)[:80]}"]
 

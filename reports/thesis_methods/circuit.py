@@ -10,17 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from scipy.constants import epsilon_0
-
-
-def film_capacitance(area: float, thickness: float, relative_permittivity: float) -> float:
-    """Capacitance in F of an electrode of an area in m² on a film of a thickness in m: ε0 εr A/h.
-
-    Stray fields at the edges are neglected: the thesis's electrode is 120 times as wide as the
-    film is thick.
-    """
-    _require_positive(area=area, thickness=thickness, relative_permittivity=relative_permittivity)
-    return epsilon_0 * relative_permittivity * area / thickness
+from pvdf_fem.readout.channel import Channel
 
 
 @dataclass(frozen=True)
@@ -68,7 +58,9 @@ class Circuit:
         is R/√(R² + X²), the phase atan(X/R) leads. This is what the elements of App. 5 give when
         the voltage is measured where an amplifier measures it.
         """
-        return 1 / (1 - 1j * self.reactance(frequency) / self.load_resistance)
+        _require_positive(frequency=frequency)
+        channel = Channel("", self.capacitance, self.load_resistance)
+        return complex(self.capacitance * channel.harmonic(frequency))
 
     def series_load(self, frequency: float) -> complex:
         """Voltage across the capacitance over the source's, at a frequency in Hz.

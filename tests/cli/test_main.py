@@ -20,7 +20,7 @@ from pvdf_fem import Scene, __version__, solve
 from pvdf_fem.cli import main as cli
 from pvdf_fem.files import printable
 from pvdf_fem.scene.film import Film
-from pvdf_fem.scene.scene import Load, Numerics
+from pvdf_fem.scene.scene import Load, Numerics, Readout, Stage
 from pvdf_fem.scene.shapes import ELECTRODES, PROBES, Layout
 from pvdf_fem.solution.modes import modes
 from pvdf_fem.solvers.newton import NewtonOptions
@@ -96,7 +96,7 @@ def test_table_has_each_charge_with_its_error(
     run = Run(["solve", scene], capsys)
     solution = solve(Scene.load(scene))
     assert (run.code, run.err) == (0, "")
-    rows = re.findall(r"^(\w) +([\d.]+) +([\d.e-]+)$", run.out, re.MULTILINE)
+    rows = re.findall(r"^(\w) +([\d.]+) +([\d.e-]+) +[\d.]+$", run.out, re.MULTILINE)
     assert [name for name, _, _ in rows] == list("ABCD")
     for name, charge, error in rows:
         # rounding changes a charge by less than its error, and the error by less than a tenth
@@ -113,7 +113,7 @@ def test_charges_without_error_are_printed(
     """No probe: the stress is uniform, 48 pC by the thesis's film, and there is no error."""
     (tmp_path / "empty.toml").touch()
     text = Run(["solve", tmp_path / "empty.toml"], capsys).out
-    assert re.search(r"^A +48\.00000000 +0$", text, re.MULTILINE)
+    assert re.search(r"^A +48\.00000000 +0 +0\.00000000$", text, re.MULTILINE)
 
 
 @pytest.mark.parametrize(
@@ -368,7 +368,7 @@ def test_modes_without_a_number(
 
 def test_help_names_every_key_of_a_scene(capsys: pytest.CaptureFixture[str]) -> None:
     told = Run(["--help"], capsys).out
-    models: list[type[BaseModel]] = [Film, Layout, Load, Numerics]
+    models: list[type[BaseModel]] = [Film, Layout, Load, Numerics, Readout, Stage]
     models += [*PROBES.values(), *ELECTRODES.values()]
     keys = {key for model in models for key in model.model_fields}
     missing = {key for key in keys if not re.search(rf"\b{key}\b", told)}

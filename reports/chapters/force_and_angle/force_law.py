@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from pvdf_fem import Scene
+from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.output.figures import COLOURS, GREY
 from reports.common.chapter import Chapter, Content
 from reports.common.charge_figures import Series
@@ -68,11 +69,8 @@ def swing(
 
 
 def rest_charge_pC(scene: Scene) -> float:
-    """Charge of the first electrode from the pretension alone, (d31 S11 + d32 S22) A."""
-    film = scene.film
-    stress = -film.stiffness @ [film.thermal_strain, film.thermal_strain, 0.0]
-    area = scene.electrode_list[0].outline.area
-    return float(1e12 * area * (film.d31 * stress[0] + film.d32 * stress[1]))
+    """Charge of the first electrode from the pretension alone."""
+    return float(1e12 * rest_charges(scene)[0])
 
 
 # ----------------------------------------------------------------------------- rows of the tables

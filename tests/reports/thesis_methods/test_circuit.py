@@ -9,13 +9,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from reports.thesis_methods.circuit import Circuit, dynamic_factor, film_capacitance, voltage_ratio
+from reports.thesis_methods.circuit import Circuit, dynamic_factor, voltage_ratio
 
 THESIS = Circuit(capacitance=35.062e-12, load_resistance=500e6)
-
-
-def test_capacitance_of_the_thesis_electrode() -> None:
-    assert film_capacitance(9e-6, 25e-6, 11.0) == pytest.approx(35.062e-12, rel=1e-4)
 
 
 def test_the_printed_reactance_belongs_to_another_frequency_or_capacitance() -> None:
@@ -84,5 +80,3 @@ def test_refusals_name_what_is_wrong(bad: float) -> None:
         Circuit(35e-12, bad)
     with pytest.raises(ValueError, match="frequency"):
         THESIS.parallel_load(bad)
-    with pytest.raises(ValueError, match="thickness"):
-        film_capacitance(9e-6, bad, 11.0)

@@ -1,0 +1,98 @@
+"""What a channel reads of an electrode's charge, at once, in time and by frequency.
+
+The charge Q sits on a capacitance C, which a resistance R discharges: C dV/dt + V/R = dQ/dt. In
+front of a voltage amplifier C is that of electrode and cable (Mirbagheri's thesis, App. 5, where
+the cable is left out). A charge amplifier moves the charge to its feedback capacitance, whatever
+electrode and cable have. A reading is an offset plus a gain times V.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.constants import epsilon_0
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.scene.readout import Readout
+from pvdf_fem.scene.scene import Scene
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One electrode's channel; all quantities are SI.
+
+    Readings of a charge may be those of the total charge or of its change since the untouched film,
+    as the amplifier was zeroed without pretension or with it.
+    """
+
+    name: str
+    #: In F, that of the feedback or of electrode and cable.
+    capacitance: float
+    #: In Ω; infinite where nothing discharges the capacitance.
+    resistance: float = math.inf
+    gain: float = 1.0
+    #: In V.
+    offset: float = 0.0
+    #: Standard deviation of readings in V.
+    noise: float = 0.0
+
+    @property
+    def time_constant(self) -> float:
+        """R C in s, in which the voltage of a charge at rest falls to 1/e."""
+        return self.resistance * self.capacitance
+
+    def reading(self, charge: ArrayLike) -> Array:
+        """Readings in V of charges in C that have just come."""
+        return self.offset + self.gain * np.asarray(charge, dtype=float) / self.capacitance
+
+    def charge(self, reading: ArrayLike) -> Array:
+        """Charges in C that have just come, from readings in V."""
+        voltage = (np.asarray(reading, dtype=float) - self.offset) / self.gain
+        return self.capacitance * voltage
+
+    def step(self, charge: float, time: ArrayLike) -> Array:
+        """Readings in V at times in s after a charge in C has come at once and stayed."""
+        time = np.asarray(time, dtype=float)
+        decay = np.where(time < 0.0, 0.0, np.exp(-np.maximum(time, 0.0) / self.time_constant))
+        return self.offset + self.gain * charge / self.capacitance * decay
+
+    def harmonic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+        """Amplitudes of the reading over those of the charge, complex, in V/C, by frequency in Hz.
+
+        i ω R/(1 + i ω R C): a high-pass filter, whose phase leads.
+        """
+        turn = 2j * np.pi * np.asarray(frequency, dtype=float)
+        if math.isinf(self.resistance):
+            return np.where(turn == 0.0, 0.0, self.gain / self.capacitance + 0j)
+        return self.gain * turn * self.resistance / (1.0 + turn * self.time_constant)
+
+
+def electrode_capacitance(area: float, thickness: float, permittivity: float) -> float:
+    """Capacitance in F of an electrode of an area in m² on a film of a thickness in m: ε0 εr A/h.
+
+    Stray fields at the edges are neglected: the thesis's electrode is 120 times as wide as the
+    film is thick.
+    """
+    return epsilon_0 * permittivity * area / thickness
+
+
+def channels(scene: Scene) -> tuple[Channel, ...]:
+    """The channels of a scene's electrodes; ideal ones where it has no ``[readout]``."""
+    readout, film, found = scene.readout or Readout(), scene.film, []
+    for electrode in scene.electrode_list:
+        name = electrode.name
+        if readout.of("kind", name) == "charge":
+            capacitance = readout.of("feedback_capacitance_pF", name) / 1e12
+            resistance = readout.of("feedback_resistance_MOhm", name)
+        else:
+            area = electrode.outline.area
+            capacitance = electrode_capacitance(area, film.thickness, film.permittivity)
+            capacitance += readout.of("cable_capacitance_pF", name) / 1e12
+            resistance = readout.of("input_resistance_MOhm", name)
+        gain, offset, noise = (readout.of(key, name) for key in ("gain", "offset_V", "noise_V"))
+        resistance = math.inf if resistance is None else 1e6 * resistance
+        found.append(Channel(name, capacitance, resistance, gain, offset, noise))
+    return tuple(found)
