@@ -171,7 +171,7 @@ def _best(
     with unfinished.store() as store:
         held_out = HeldOut.solved(
             *(scene, touches, SHARE * tolerance, processes, store),
-            lambda done, _: show(done, total),
+            lambda done, missing: show(len(touches) - missing + done, total),
         )
     for attempt in range(options.attempts):
         stress = solves.stress(

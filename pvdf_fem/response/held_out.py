@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.charges.forces import Forces
-from pvdf_fem.response.model import FORCE, Domain, scene_of_touch
+from pvdf_fem.response.model import Domain, scene_of_touch
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solution import NotConvergedError
@@ -29,26 +29,6 @@ def random_touches(domain: Domain, count: int, seed: int = 0) -> Array:
     low, high = domain.force_N
     x, y, forces = distance * np.cos(angle), distance * np.sin(angle), low * (high / low) ** u[:, 3]
     return np.stack([x, y, 360.0 * u[:, 2], forces], axis=-1)
-
-
-@dataclass(frozen=True, eq=False)
-class Errors:
-    """How far charges are from those of full solves, relative to |d31 X| + |d32 Y|."""
-
-    #: (touches, electrodes)
-    apart: Array
-    #: Largest error that the full solves state of themselves.
-    stated: float
-
-    @property
-    def bound(self) -> float:
-        """Bound on the error of a charge."""
-        return SAFETY * float(self.apart.max()) + self.stated
-
-    @property
-    def rms(self) -> float:
-        """Root mean square of the errors."""
-        return float(np.sqrt((self.apart**2).mean()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,18 +69,15 @@ class HeldOut:
         errors = [records[i].force_errors["material"] for i in solved]
         return cls(touches[solved], np.array(forces), np.array(errors))
 
-    def with_forces(self, ratio: float) -> HeldOut:
-        """The same stress under forces that are larger by a ratio."""
-        touches = self.touches.copy()
-        touches[:, FORCE] *= ratio
-        return replace(self, touches=touches)
+    def relative_errors(self, film: Film, charges_pC: Array) -> tuple[Array, float]:
+        """Errors of charges (n, electrodes) of these touches over |d31 X| + |d32 Y|.
 
-    def compared(self, film: Film, charges_pC: Array) -> Errors:
-        """The errors of charges (n, electrodes) of these touches."""
+        The second value is the largest error that the full solves state of themselves.
+        """
         d = film.d31_pC_N, film.d32_pC_N
         sizes = (np.abs(self.forces) * np.abs(d)).sum(axis=-1)
         sizes[sizes == 0.0] = 1.0
         both = zip(self.forces, self.errors, strict=True)
         stated = np.array([Forces(*rows).charge_errors(d) for rows in both])
         apart = np.abs(charges_pC - (self.forces * d).sum(axis=-1))
-        return Errors(apart / sizes, float((stated / sizes).max()))
+        return apart / sizes, float((stated / sizes).max())

@@ -54,21 +54,25 @@ def refuse_other_mechanics(known: Scene, other: Scene) -> None:
     """Raise `ValueError` where the stress about the probe is not that of a known scene."""
     if mechanics_of(known) == mechanics_of(other):
         return
-    tables = [_mechanical_values(scene) for scene in (known, other)]
-    keys = [key for key in {**tables[0], **tables[1]} if tables[0].get(key) != tables[1].get(key)]
-    texts = [f"{key} = {tables[1].get(key)} is {tables[0].get(key)} there" for key in keys]
+    tables = [
+        {
+            f"{name}.{key}": value
+            for name in ("film", "probe", "load")
+            for key, value in getattr(scene, name)
+        }
+        for scene in (known, other)
+    ]
+    reading = {"film.d31_pC_N", "film.d32_pC_N", "film.density_kg_m3", *SCENE_KEYS}
+    keys = [key for key in {**tables[0], **tables[1]} if key not in reading]
+    texts = [
+        f"{key} = {tables[1].get(key)} is {tables[0].get(key)} there"
+        for key in keys
+        if tables[0].get(key) != tables[1].get(key)
+    ]
     raise ValueError(
         f"scene: the film deforms otherwise than in the response ({', '.join(texts)}); build a"
         " response of this scene"
     )
-
-
-def _mechanical_values(scene: Scene) -> dict[str, object]:
-    """Values by dotted key that may change the stress about the probe."""
-    tables = scene.model_dump(include={"film", "probe", "load"})
-    values = {f"{s}.{k}": v for s, table in tables.items() for k, v in (table or {}).items()}
-    reading = {"film.d31_pC_N", "film.d32_pC_N", "film.density_kg_m3"}
-    return {key: value for key, value in values.items() if key not in reading.union(SCENE_KEYS)}
 
 
 def reads_alike(known: Scene, other: Scene) -> bool:
@@ -168,7 +172,9 @@ class Response:
         ratio = scene.film.thickness_um / self.scene.film.thickness_um
         low, high = self.domain.force_N
         domain = Domain(self.domain.reach_mm, (ratio * low, ratio * high))
-        held_out = self.held_out and self.held_out.with_forces(ratio)
+        held_out = self.held_out
+        if held_out is not None:
+            held_out = replace(held_out, touches=held_out.touches * [1.0, 1.0, 1.0, ratio])
         return replace(self, scene=scene, domain=domain, held_out=held_out)
 
     def for_scene(
@@ -229,18 +235,18 @@ class Response:
         """This response with the error that it has at the touches held out."""
         assert self.held_out is not None
         touches = self.held_out.touches
-        errors = self.held_out.compared(self.scene.film, self.evaluate(touches)[0])
-        made = replace(self, error_bound=errors.bound, error_rms=errors.rms, remarks=())
+        errors, stated = self.held_out.relative_errors(self.scene.film, self.evaluate(touches)[0])
+        bounds, rms = SAFETY * errors.max(axis=1) + stated, float(np.sqrt((errors**2).mean()))
+        made = replace(self, error_bound=float(bounds.max()), error_rms=rms, remarks=())
         if made.status is Status.CONVERGED:
             return made
-        by_touch, reach = errors.apart.max(axis=1), np.hypot(touches[:, 0], touches[:, 1])
-        missed = SAFETY * by_touch + errors.stated > self.tolerance
-        worst = by_touch.argmax()
+        reach, worst = np.hypot(touches[:, 0], touches[:, 1]), bounds.argmax()
+        met = reach[bounds > self.tolerance].min()
         remark = (
-            f"tolerance: {self.tolerance:g} is missed, the error bound is {errors.bound:.2g}; raise"
+            f"tolerance: {self.tolerance:g} is missed, the error bound is {bounds.max():.2g}; raise"
             " the tolerance to it, give finer options, or take a smaller domain: the largest error"
             f" is at {reach[worst]:.3g} mm under {touches[worst, FORCE]:.3g} N, and touches meet"
-            f" the tolerance up to {reach[missed].min(initial=self.domain.reach_mm):.3g} mm"
+            f" the tolerance up to {met:.3g} mm"
         )
         return replace(made, remarks=(remark,))
 
@@ -280,11 +286,22 @@ class Response:
             tolerance=self.tolerance,
             remarks=self.remarks,
             touches=0 if self.held_out is None else len(self.held_out.touches),
-            stress=None if self.stress is None else StressContents.of(self.stress),
+            stress=None,
         )
         parts = [coefficients]
         if self.stress is not None:
-            parts += [self.stress.modes.coefficients, self.stress.amplitudes]
+            modes, amplitudes, places = (
+                self.stress.modes,
+                self.stress.amplitudes,
+                self.stress.places,
+            )
+            contents.stress = StressContents(
+                grid=(places.reach_mm, places.radii, places.film_rotations),
+                stretch_mm=self.stress.stretch_mm,
+                axes=(modes.axes[0], modes.axes[1]),
+                modes=amplitudes.shape[-1],
+            )
+            parts += [modes.coefficients, amplitudes]
         if self.held_out is not None:
             parts += [self.held_out.touches, self.held_out.forces, self.held_out.errors]
         write(Path(path), contents, parts)
@@ -302,8 +319,8 @@ class Response:
         names = tuple(electrode.name for electrode in file.scene.electrode_list)
         stress = None
         if (kept := file.stress) is not None:
-            modes_of = UniformSpline(kept.axes, modes)
-            stress = ProbeCharges(kept.places(file.scene), modes_of, kept.stretch_mm, amplitudes)
+            spline = UniformSpline(kept.axes, modes)
+            stress = ProbeCharges(kept.places(file.scene), spline, kept.stretch_mm, amplitudes)
         return cls(
             names,
             file.scene,

@@ -16,11 +16,20 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, PlainSerializer, PlainValidator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    PlainValidator,
+    PositiveFloat,
+    PositiveInt,
+    model_validator,
+)
 
 from pvdf_fem.files import FileError, reading, replacing
 from pvdf_fem.response.model import Domain
-from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces
+from pvdf_fem.response.rim_places import RimPlaces
 from pvdf_fem.response.uniform_spline import UniformAxis
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.gradients import PLACE
@@ -65,38 +74,24 @@ class _Checked(BaseModel):
 class StressContents(_Checked):
     """The stress about a probe without its arrays."""
 
-    #: Those of `RimPlaces`.
-    reach_mm: float = Field(gt=0.0)
-    radii: int = Field(ge=1, le=100)
-    film_rotations: int = Field(ge=0, le=100)
+    #: Of `RimPlaces`: reach in mm, radii and rotations.
+    grid: tuple[
+        PositiveFloat, Annotated[int, Field(ge=1, le=99)], Annotated[int, Field(ge=0, le=99)]
+    ]
     #: Of `ProbeCharges`.
-    stretch_mm: float = Field(gt=0.0)
+    stretch_mm: PositiveFloat
     axes: tuple[UniformAxis, UniformAxis]
-    modes: int = Field(ge=1)
-
-    @classmethod
-    def of(cls, stress: ProbeCharges) -> Self:
-        """The description of a stress."""
-        places = stress.places
-        return cls(
-            reach_mm=places.reach_mm,
-            radii=places.radii,
-            film_rotations=places.film_rotations,
-            stretch_mm=stress.stretch_mm,
-            axes=(stress.modes.axes[0], stress.modes.axes[1]),
-            modes=stress.amplitudes.shape[-1],
-        )
+    modes: PositiveInt
 
     def places(self, scene: Scene) -> RimPlaces:
         """The places of the rim for a scene's probe."""
         assert scene.probe is not None
-        return RimPlaces(scene.probe, self.reach_mm, self.radii, self.film_rotations)
+        return RimPlaces(scene.probe, *self.grid)
 
     @model_validator(mode="after")
     def _agree(self) -> Self:
-        rho, theta = self.axes
         steps = all(0.0 < axis.step < math.inf and axis.count >= 4 for axis in self.axes)
-        if not (steps and (rho.periodic, theta.periodic) == (False, True)):
+        if not (steps and [axis.periodic for axis in self.axes] == [False, True]):
             raise ValueError("the axes are not those of a stress about a probe")
         return self
 

@@ -4,54 +4,48 @@ from __future__ import annotations
 
 import hashlib
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.files import FileError, make_directory, replacing
+from pvdf_fem.files import FileError, make_directory, replacing, require_writable
 from pvdf_fem.sweeps.store import Store
 
 
 @dataclass(frozen=True)
 class Unfinished:
-    """The directory ``FILE.part`` beside a response's file; without a file nothing is kept."""
+    """The directory ``FILE.part`` beside a response's file; without one nothing is kept."""
 
     folder: Path | None
 
     @classmethod
     def beside(cls, file: Path | None) -> Unfinished:
-        """The directory of a response's file; raises `FileError` where it cannot be made."""
+        """The directory of a response's file; `FileError` where one of them cannot be made."""
         if file is None:
             return cls(None)
+        require_writable(file)
         folder = file.with_name(f"{file.name}.part")
         make_directory(folder, "x")
         return cls(folder)
 
-    @contextmanager
-    def store(self) -> Iterator[Store | None]:
+    def store(self) -> AbstractContextManager[Store | None]:
         """The store of the touches that are held out."""
-        if self.folder is None:
-            yield None
-        else:
-            with Store(self.folder / "touches.db") as store:
-                yield store
+        return nullcontext() if self.folder is None else Store(self.folder / "touches.db")
 
     def field(self, text: str) -> Array | None:
         """The field of what a text describes, if it was solved."""
-        if self.folder is not None:
-            with suppress(OSError, ValueError, EOFError):
-                return np.asarray(np.load(self._path(self.folder, text), allow_pickle=False))
+        with suppress(OSError, ValueError, EOFError):
+            return None if self.folder is None else np.load(self._path(text), allow_pickle=False)
         return None
 
     def put(self, text: str, field: Array) -> None:
         """Keep a field."""
         if self.folder is not None:
             # the directory is away when another program has just completed the same response
-            with suppress(FileError), replacing(self._path(self.folder, text)) as temporary:
+            with suppress(FileError), replacing(self._path(text)) as temporary:
                 np.save(temporary, field)
 
     def remove(self) -> None:
@@ -59,6 +53,6 @@ class Unfinished:
         if self.folder is not None:
             shutil.rmtree(self.folder, ignore_errors=True)
 
-    @staticmethod
-    def _path(folder: Path, text: str) -> Path:
-        return folder / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.npy"
+    def _path(self, text: str) -> Path:
+        assert self.folder is not None
+        return self.folder / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.npy"
