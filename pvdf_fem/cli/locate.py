@@ -5,18 +5,14 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import re
-import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pvdf_fem.files import require_writable
+from pvdf_fem.cli import response_model
+from pvdf_fem.cli.response_model import ModelChoice, model_of, number_of, positive
 
 if TYPE_CHECKING:
-    from pvdf_fem.response.model import Domain
-    from pvdf_fem.response.response import Response
     from pvdf_fem.scene.scene import Scene
     from pvdf_fem.touch.location import Location
     from pvdf_fem.touch.probes import ProbeMatch
@@ -131,25 +127,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="another scene, with another probe, that may have given the charges; all are "
         "weighed by likelihood; may be given several times",
     )
-    parser.add_argument(
-        "--model",
-        metavar="FILE",
-        type=Path,
-        help="the scene's model, built and written there if the file does not exist (default: "
-        "SCENE-HASH.response beside the scene file, the hash being of scene, domain and code)",
-    )
-    parser.add_argument(
-        "--reach",
-        metavar="MM",
-        default="12",
-        help="a new model's largest distance of the centroid from the centre (default: 12)",
-    )
-    parser.add_argument(
-        "--force-range",
-        metavar="LEAST,LARGEST",
-        default="0.1,5",
-        help="a new model's forces in N (default: 0.1,5)",
-    )
+    response_model.add_options(parser)
     parser.add_argument(
         "--polish",
         action="store_true",
@@ -172,31 +150,28 @@ class Request:
     noise: float | None
     #: Of the quantities of a touch.
     unknown: tuple[str, ...]
-    #: The domain of a model that is to be built.
-    domain: Domain
+    #: The model that is wanted.
+    model: ModelChoice
     #: What is wrong with the options; the other values count only if nothing is.
     mistakes: tuple[str, ...]
 
     @classmethod
     def of(cls, options: argparse.Namespace) -> Request:
         """The request of a command line."""
-        from pvdf_fem.response.model import Domain
-
         readings, reading, wrong = {}, options.reading, _misplaced(options)
         if options.charges is not None:
             readings, reading = _charges("--charges", options.charges, wrong), "total"
         elif options.readings_of_change is not None:
             readings, reading = _charges("--changes", options.readings_of_change, wrong), "change"
-        sigma = _positive("--sigma", options.sigma, wrong, zero=True)
+        sigma = positive("--sigma", options.sigma, wrong, zero=True)
         noise = options.noise
         if noise is not None:
-            noise = _positive("--noise", noise, wrong, zero=True)
+            noise = positive("--noise", noise, wrong, zero=True)
         unknown = _unknown(options.unknown, wrong)
-        reach = _positive("--reach", options.reach, wrong)
-        domain = Domain(reach, _range(options.force_range, wrong))
+        model = ModelChoice.of(options, wrong)
         if options.model and options.others:
             wrong.append("--model: is of one scene; leave it out with --or")
-        return cls(readings, options.unit, reading, sigma, noise, unknown, domain, tuple(wrong))
+        return cls(readings, options.unit, reading, sigma, noise, unknown, model, tuple(wrong))
 
     def unit_pC(self, scene: Scene) -> dict[str, float]:
         """The unit of readings in nominal pC, by electrode."""
@@ -251,87 +226,8 @@ def _unknown(text: str, mistakes: list[str]) -> tuple[str, ...]:
     return tuple(NAMES[item] for item in dict.fromkeys(items) if item in NAMES)
 
 
-def _range(text: str, mistakes: list[str]) -> tuple[float, float]:
-    values = [number_of(part) for part in text.split(",")]
-    if len(values) == 2 and values[0] and values[1] and 0.0 < values[0] < values[1]:
-        return values[0], values[1]
-    mistakes.append(f"--force-range {text}: give two forces in N, such as 0.1,5")
-    return 0.0, 0.0
-
-
-def _positive(option: str, text: str, mistakes: list[str], zero: bool = False) -> float:
-    value = number_of(text)
-    if value is None or value < 0.0 or (value == 0.0 and not zero):
-        wanted = "a number that is not negative" if zero else "a positive number"
-        mistakes.append(f"{option} {text}: give {wanted}")
-        return 0.0
-    return value
-
-
-def number_of(text: str) -> float | None:
-    """A finite number, or None."""
-    # float() also takes 1_000, and digits of other scripts
-    if not re.fullmatch(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", text):
-        return None
-    return value if math.isfinite(value := float(text)) else None
-
-
-def model_of(scene: Scene, scene_file: str, file: Path | None, request: Request) -> Response:
-    """The model of a scene, from its file or built and written there.
-
-    Raises
-    ------
-    ValueError
-        For a file that holds no sound model, or that of another scene.
-    """
-    from tqdm import tqdm
-
-    from pvdf_fem.response.build import build_response
-    from pvdf_fem.response.response import Response
-
-    alone = _alone(scene)
-    path = _path(scene, scene_file, file, request)
-    if path.exists():
-        model = Response.load(path)
-        if _alone(model.scene) != alone:
-            raise ValueError(
-                f"--model {path}: is of another film, probe or electrodes than {scene_file}; "
-                "name another file"
-            )
-        return model
-    print(f"building the model of {scene_file}, to be kept as {path}", file=sys.stderr)
-    with tqdm(unit="solve", file=sys.stderr, disable=None) as bar:
-
-        def progress(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        domain = request.domain
-        model = build_response(
-            alone, reach_mm=domain.reach_mm, force_N=domain.force_N, progress=progress
-        )
-    model.save(path)
-    return model
-
-
-def _alone(scene: Scene) -> Scene:
-    """The scene with the probe unturned at the centre under 1 N: what its model depends on."""
-    place = {"probe.x_mm": 0.0, "probe.y_mm": 0.0, "probe.rotation_deg": 0.0}
-    return scene.with_(**place, **{"load.force_N": 1.0})
-
-
-def _path(scene: Scene, scene_file: str, file: Path | None, request: Request) -> Path:
-    """The file of a scene's model: the one that was named, or the default one."""
-    from pvdf_fem.response.response_file import response_key
-
-    if file:
-        return file
-    name = response_key(_alone(scene), request.domain)[:16]
-    return Path(scene_file).with_name(f"{Path(scene_file).stem}-{name}.response")
-
-
 def located(
-    scenes: Mapping[str, Scene], file: Path | None, request: Request, polishing: bool
+    scenes: Mapping[str, Scene], request: Request, polishing: bool
 ) -> tuple[ProbeMatch, ...]:
     """Locations with the probe of each scene, the likeliest first.
 
@@ -349,11 +245,10 @@ def located(
     sensor = next(iter(scenes.values()))
     touch = staged_touch(sensor)
     known = {name: value for name, value in touch.items() if name not in request.unknown}
-    require(scenes, request, request.readings_pC(sensor), known, file)
+    require(scenes, request, request.readings_pC(sensor), known)
     # files that are there come first, so that a damaged one is told before any model is built
-    order = sorted(scenes, key=lambda name: not _path(scenes[name], name, file, request).exists())
-    models = {name: model_of(scenes[name], name, file, request) for name in order}
-    models = {name: replace(model, scene=scenes[name]) for name, model in models.items()}
+    order = sorted(scenes, key=lambda name: not request.model.path(scenes[name], name).exists())
+    models = {name: model_of(scenes[name], name, request.model) for name in order}
     readings, noise = request.readings_pC(sensor), request.noise_pC(sensor)
     matches = weigh(
         models,
@@ -380,7 +275,6 @@ def require(
     request: Request,
     readings_pC: Mapping[str, float],
     known: Mapping[str, float],
-    file: Path | None,
 ) -> None:
     """Refuse before anything is built what cannot be located with the scenes."""
     from pvdf_fem.touch.measurement import centre_mm
@@ -392,16 +286,10 @@ def require(
         if request.unit == "V" and scene.readout is None:
             mistakes.append(f"--unit V: {name} has no [readout]; add one, or give pC")
     for name, scene in scenes.items():
-        path = _path(scene, name, file, request)
-        if path.is_file():  # the domain is the file's
-            continue
-        require_writable(path)
-        if request.domain.reach_mm > scene.film.radius_mm:
-            reason = f"is beyond the rim at film.radius_mm = {scene.film.radius_mm:g}; give less"
-            mistakes.append(f"--reach {request.domain.reach_mm:g}: {reason}")
-    if not (file and file.exists()):
+        mistakes += request.model.mistakes(scene, name)
+    if not (request.model.file and request.model.file.exists()):
         centre = centre_mm(next(iter(scenes.values())))
-        mistakes += known_mistakes(request.domain, request.unknown, {}, known, centre)
+        mistakes += known_mistakes(request.model.domain, request.unknown, {}, known, centre)
     if mistakes:
         raise ValueError("\n".join(dict.fromkeys(mistakes)))
 

@@ -10,15 +10,16 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
 
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.cli.locate import Request, model_of, number_of, require
+from pvdf_fem.cli.locate import Request, require
 from pvdf_fem.cli.program import ExitCode, InputError, output_mistakes
+from pvdf_fem.cli.response_model import model_of, number_of
 from pvdf_fem.files import FileError, reading, replacing
 
 if TYPE_CHECKING:
@@ -127,9 +128,9 @@ def _located_by(
         if name not in (*request.unknown, *columns)
     }
     any_readings = dict.fromkeys(names, np.pi)
-    require({options.scene: scene}, request, any_readings, known, options.model)
-    model = model_of(scene, options.scene, options.model, request)
-    return _Rows(replace(model, scene=scene), request, columns, names, known, not options.quick)
+    require({options.scene: scene}, request, any_readings, known)
+    model = model_of(scene, options.scene, request.model)
+    return _Rows(model, request, columns, names, known, not options.quick)
 
 
 @dataclass(frozen=True, eq=False)

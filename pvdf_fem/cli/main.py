@@ -307,7 +307,7 @@ def _locate(options: argparse.Namespace) -> int:
     try:
         if options.csv is not None:
             return locate_rows(scenes[options.scene], request, options)
-        choices = cli_locate.located(scenes, options.model, request, options.polish)
+        choices = cli_locate.located(scenes, request, options.polish)
     except ValueError as error:
         raise InputError(*str(error).splitlines()) from error
     except (PolishError, NotConvergedError) as error:
