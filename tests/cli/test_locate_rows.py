@@ -13,6 +13,7 @@ import pytest
 
 from pvdf_fem.cli import locate as cli_locate
 from pvdf_fem.cli import locate_rows as module
+from pvdf_fem.cli import program
 from pvdf_fem.cli.main import main
 from tests.helpers.touch_models import bumps, random_touches
 
@@ -278,6 +279,20 @@ def test_options_that_do_not_go_together_are_refused(file, tmp_path, capsys):
     assert len(capsys.readouterr().err.splitlines()) == 3
     with pytest.raises(SystemExit, match="2"):
         main(["locate", str(file), "--charges", "A=1", "--changes", "A=1"])
+
+
+def test_errors_are_not_taken_for_those_of_the_input(file, tmp_path, monkeypatch, capsys):
+    source = tmp_path / "readings.csv"
+    source.write_text(table(header="id,A,B,C,D,force_N"))
+    assert run(file, source, "--sigma", "2") == 2
+    assert capsys.readouterr().err == "sigma = 2.0: give a share of the charge, 0 to 1\n"
+
+    def broken(self):
+        raise BrokenPipeError
+
+    monkeypatch.setattr(module.csv.DictWriter, "writeheader", broken)
+    monkeypatch.setattr(program, "_drop_output", lambda: None)
+    assert run(file, source) == 141
 
 
 def test_memory_does_not_grow_with_the_rows(file, tmp_path, monkeypatch):
