@@ -26,8 +26,9 @@ one. What is not sought is known: probe.x_mm, probe.y_mm,
 probe.rotation_deg and load.force_N of the scene.
 
 A model of the charges is needed, over all places within --reach and forces in
---force-range. It is built on the first call, which takes minutes and is shown
-on standard error, and kept beside the scene file; later calls take a moment."""
+--force-range. It is built on the first call, which takes a minute or two and is
+shown on standard error, and kept beside the scene file; later calls take a
+moment. A call that was stopped goes on where it was."""
 
 EPILOG = """\
 examples:
