@@ -30,8 +30,9 @@ before the touch. Gains and offsets are those of the scene's [readout], also for
 readings in pC, and places and rotations are in the frame of its [stage].
 
 A model of the charges is needed, over all places within --reach and forces in
---force-range. It is built on the first call, which takes minutes and is shown
-on standard error, and kept beside the scene file; later calls take a moment.
+--force-range. It is built on the first call, which takes a minute or two and is
+shown on standard error, and kept beside the scene file; later calls take a
+moment. A call that was stopped goes on where it was.
 
 With --csv every row of a file is located. Its header has names of electrodes,
 and may have rotation_deg and force_N, which are then known. Other columns are

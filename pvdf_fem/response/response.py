@@ -26,6 +26,7 @@ from pvdf_fem.response.table import Grid, scaled_force
 from pvdf_fem.response.uniform_spline import UniformSpline
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solvers.status import Status
+from pvdf_fem.sweeps.equivalence import mechanics
 from pvdf_fem.sweeps.sweep import silent
 
 #: Share by which a touch may exceed the domain, as rounding makes it.
@@ -167,9 +168,19 @@ class Response:
         return charges_and_slopes[:, 0], charges_and_slopes[:, 1:].swapaxes(1, 2)
 
     def with_thickness(self, thickness_um: float) -> Response:
-        """The response of a film of another thickness; without bending F/h alone counts."""
+        """The response of a film of another thickness; without bending F/h alone counts.
+
+        Raises `ValueError` where the film deforms otherwise.
+        """
         scene = self.scene.with_(**{"film.thickness_um": thickness_um})
         ratio = scene.film.thickness_um / self.scene.film.thickness_um
+        known, other = (
+            self.scene.with_(**{"load.force_N": 1.0}),
+            scene.with_(**{"load.force_N": ratio}),
+        )
+        if mechanics(known).scaled != mechanics(other).scaled:
+            text = f"film.thickness_um: {thickness_um:g} makes the film deform otherwise"
+            raise ValueError(f"{text}, since not only F/h counts; build a response of this film")
         low, high = self.domain.force_N
         domain = Domain(self.domain.reach_mm, (ratio * low, ratio * high))
         held_out = self.held_out

@@ -116,6 +116,12 @@ def test_a_film_of_twice_the_thickness_needs_twice_the_force(made):
     assert slopes[..., 3] == pytest.approx(jacobian[..., 3] / 2.0, rel=1e-9)
 
 
+def test_the_thickness_of_a_film_that_bends_counts_by_itself(made):
+    stiff = replace(made, scene=made.scene.with_(**{"film.bending": True}))
+    with pytest.raises(ValueError, match=r"film\.thickness_um: 50 makes the film deform otherwise"):
+        stiff.with_thickness(50.0)
+
+
 @pytest.mark.parametrize(
     "touch", [(8.1, 0, 0, 1), (0, 0, 0, 0.09), (0, 0, 0, 5.1), (np.nan, 0, 0, 1), (0, 0, np.inf, 1)]
 )
