@@ -292,7 +292,9 @@ class ProbeSolves:
         # the stress does not depend on the electrodes, but a scene has at least one
         radius = 0.9 * scene.film.radius_mm
         electrode = {"name": "A", "shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": radius}
-        upright = scene.with_(**{"electrodes": [electrode], **dict.fromkeys(PLACE, 0.0)})
+        # and no channels of others
+        changes = {"electrodes": [electrode], "readout": None, **dict.fromkeys(PLACE, 0.0)}
+        upright = scene.with_(**changes)
         forces = force_nodes_N(domain, self.grid.polynomials)
         places = self.places.unique_places
         rest = forces, self.raster, self.elements
