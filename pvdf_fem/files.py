@@ -26,7 +26,7 @@ def read_text(path: Path, most_bytes: int, what: str) -> str:
     what the file should be: ``a scene file``. Raises `FileError` when the file cannot be read, has
     more than `most_bytes`, or is not UTF-8.
     """
-    with reading(path, what) as file:
+    with reading(path, what) as file, _as_unreadable(path, what):
         raw = file.read(most_bytes + 1)
         size = max(len(raw), os.fstat(file.fileno()).st_size)
     if size > most_bytes:
@@ -44,19 +44,26 @@ def read_text(path: Path, most_bytes: int, what: str) -> str:
 @contextmanager
 def reading(path: Path, what: str) -> Iterator[BinaryIO]:
     """A context with a regular file that is open for reading; `read_text` has the details."""
-    advice = f"give the path of {what}"
-    try:
+    with _as_unreadable(path, what):
         # without O_NONBLOCK, opening a pipe waits for a writer
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
-        with open(descriptor, "rb") as file:
-            if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-                raise FileError(f"{path}: is no regular file; {advice}")
-            yield file
+        file = open(descriptor, "rb")  # noqa: SIM115
+    with file:
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            raise FileError(f"{path}: is no regular file; give the path of {what}")
+        yield file
+
+
+@contextmanager
+def _as_unreadable(path: Path, what: str) -> Iterator[None]:
+    try:
+        yield
     except FileError:
         raise
     except (OSError, ValueError) as error:  # the latter for a null character in the path
         reason = getattr(error, "strerror", error)
-        raise FileError(f"{path}: cannot be read ({reason}); {advice}") from None
+        text = f"{path}: cannot be read ({reason}); give the path of {what}"
+        raise FileError(text) from None
 
 
 @contextmanager

@@ -1,22 +1,18 @@
-"""The command ``pvdf-fem locate``: from charges to the touch."""
+"""The command ``pvdf-fem locate``: from readings to the touch."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import math
-import re
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pvdf_fem.files import require_writable
+from pvdf_fem.cli import response_model
+from pvdf_fem.cli.response_model import ModelChoice, model_of, number_of, positive
 
 if TYPE_CHECKING:
-    from pvdf_fem.response.model import Domain
-    from pvdf_fem.response.response import Response
     from pvdf_fem.scene.scene import Scene
     from pvdf_fem.touch.location import Location
     from pvdf_fem.touch.probes import ProbeMatch
@@ -29,19 +25,34 @@ the ± of each with a probability of 68 %, so that an unlikely touch has a large
 one. What is not sought is known: probe.x_mm, probe.y_mm,
 probe.rotation_deg and load.force_N of the scene.
 
+Charges are total ones, or changes as an amplifier sees them that was zeroed
+before the touch. Gains and offsets are those of the scene's [readout], also for
+readings in pC, and places and rotations are in the frame of its [stage].
+
 A model of the charges is needed, over all places within --reach and forces in
---force-range. It is built on the first call, which takes minutes and is shown
-on standard error, and kept beside the scene file; later calls take a moment."""
+--force-range. It is built on the first call, which takes a minute or two and is
+shown on standard error, and kept beside the scene file; later calls take a
+moment. A call that was stopped goes on where it was.
+
+With --csv every row of a file is located. Its header has names of electrodes,
+and may have rotation_deg and force_N, which are then known. Other columns are
+passed through; columns x_mm, y_mm, rotation_deg, force_N, their deviations,
+chi_square, p_value, alternatives (other touches with 1 % of the likelihood or
+more), status and remark follow. Files that end in .json or .jsonl have a list
+of objects, or an object on each line."""
 
 EPILOG = """\
 examples:
   pvdf-fem locate scene.toml --charges A=905.1,B=731.4,C=600.2,D=640.9
   pvdf-fem locate scene.toml --charges A=905.1,B=731.4,C=600.2,D=640.9 \\
       --unknown x,y,force,rotation --sigma 0.005 --polish --json
+  pvdf-fem locate sensor.toml --changes A=0.857,B=0.683,C=0.552,D=0.593 --unit V
+  pvdf-fem locate sensor.toml --csv readings.csv --output touches.csv
+  read-amplifier | pvdf-fem locate sensor.toml --csv - --quick | show-touches
   pvdf-fem locate triangle.toml --or rectangle.toml --charges A=905,B=731,C=600,D=641
 
-exit codes: 0 located (look at the remarks), 2 bad input, 3 no touch found, or a
-solve failed"""
+exit codes: 0 located (look at the remarks; with --csv all rows that can be
+used), 2 bad input, 3 no touch found, or a solve failed"""
 
 #: What may be sought, as on the command line.
 NAMES = {"x": "x_mm", "y": "y_mm", "force": "force_N", "rotation": "rotation_deg"}
@@ -50,23 +61,57 @@ _UNITS = {"x": "mm", "y": "mm", "force": "N", "rotation": "°"}
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """The options of the command."""
-    parser.add_argument(
+    given = parser.add_mutually_exclusive_group(required=True)
+    given.add_argument(
         "--charges",
         metavar="A=PC,B=PC,...",
-        required=True,
-        help="measured charges in pC, of some or all electrodes",
+        help="total charges in pC of some or all electrodes, the stretched film's included",
+    )
+    given.add_argument(
+        "--changes",
+        metavar="A=PC,B=PC,...",
+        dest="readings_of_change",
+        help="what the touch added to them: readings of amplifiers that were zeroed before it",
+    )
+    given.add_argument(
+        "--csv",
+        metavar="FILE",
+        help="a table of readings; - reads standard input, as CSV unless --json is given",
+    )
+    parser.add_argument(
+        "--output",
+        metavar="FILE",
+        default="-",
+        help="where touches of a table are written: .csv, .json or .jsonl (default: - for "
+        "standard output, as CSV unless --json is given)",
+    )
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="locate a table by tens of thousands of rows a second rather than a hundred: with "
+        "deviations by the likelihood's curvature, without alternatives",
+    )
+    parser.add_argument(
+        "--reading",
+        choices=("change", "total"),
+        help="what a table has (default: readout.reading, or total without [readout])",
+    )
+    parser.add_argument(
+        "--unit",
+        choices=("pC", "V"),
+        default="pC",
+        help="unit of readings and --noise; V needs a [readout] (default: pC)",
     )
     parser.add_argument(
         "--sigma",
         metavar="SHARE",
         default="0.01",
-        help="standard deviation of each charge, relative to it (default: 0.01)",
+        help="standard deviation over the charge or change that is given (default: 0.01)",
     )
     parser.add_argument(
         "--noise",
         metavar="PC",
-        default="0",
-        help="standard deviation in pC that every charge has besides (default: 0)",
+        help="standard deviation that every reading has besides (default: readout.noise_V, or 0)",
     )
     parser.add_argument(
         "--unknown",
@@ -83,25 +128,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="another scene, with another probe, that may have given the charges; all are "
         "weighed by likelihood; may be given several times",
     )
-    parser.add_argument(
-        "--model",
-        metavar="FILE",
-        type=Path,
-        help="the scene's model, built and written there if the file does not exist (default: "
-        "SCENE-HASH.response beside the scene file, the hash being of scene, domain and code)",
-    )
-    parser.add_argument(
-        "--reach",
-        metavar="MM",
-        default="12",
-        help="a new model's largest distance of the centroid from the centre (default: 12)",
-    )
-    parser.add_argument(
-        "--force-range",
-        metavar="LEAST,LARGEST",
-        default="0.1,5",
-        help="a new model's forces in N (default: 0.1,5)",
-    )
+    response_model.add_options(parser)
     parser.add_argument(
         "--polish",
         action="store_true",
@@ -113,45 +140,85 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 class Request:
     """What was asked for, read from the options."""
 
-    charges_pC: dict[str, float]
+    #: By electrode in the unit; none for a table.
+    readings: dict[str, float]
+    #: ``pC`` or ``V``.
+    unit: str
+    #: Of `pvdf_fem.touch.measurement.READINGS`; None is the scene's.
+    reading: str | None
     sigma: float
-    noise_pC: float
+    #: In the unit; None is the scene's.
+    noise: float | None
     #: Of the quantities of a touch.
     unknown: tuple[str, ...]
-    #: The domain of a model that is to be built.
-    domain: Domain
+    #: The model that is wanted.
+    model: ModelChoice
     #: What is wrong with the options; the other values count only if nothing is.
     mistakes: tuple[str, ...]
 
     @classmethod
     def of(cls, options: argparse.Namespace) -> Request:
         """The request of a command line."""
-        from pvdf_fem.response.model import Domain
-
-        charges, wrong = _charges(options.charges)
-        sigma = _positive("--sigma", options.sigma, wrong, zero=True)
-        noise = _positive("--noise", options.noise, wrong, zero=True)
+        readings, reading, wrong = {}, options.reading, _misplaced(options)
+        if options.charges is not None:
+            readings, reading = _charges("--charges", options.charges, wrong), "total"
+        elif options.readings_of_change is not None:
+            readings, reading = _charges("--changes", options.readings_of_change, wrong), "change"
+        sigma = positive("--sigma", options.sigma, wrong, zero=True)
+        noise = options.noise
+        if noise is not None:
+            noise = positive("--noise", noise, wrong, zero=True)
         unknown = _unknown(options.unknown, wrong)
-        reach = _positive("--reach", options.reach, wrong)
-        domain = Domain(reach, _range(options.force_range, wrong))
+        model = ModelChoice.of(options, wrong)
         if options.model and options.others:
             wrong.append("--model: is of one scene; leave it out with --or")
-        return cls(charges, sigma, noise, unknown, domain, tuple(wrong))
+        return cls(readings, options.unit, reading, sigma, noise, unknown, model, tuple(wrong))
+
+    def unit_pC(self, scene: Scene) -> dict[str, float]:
+        """The unit of readings in nominal pC, by electrode."""
+        from pvdf_fem.readout.channel import channels
+
+        return {
+            channel.name: 1e12 * channel.capacitance if self.unit == "V" else 1.0
+            for channel in channels(scene)
+        }
+
+    def readings_pC(self, scene: Scene) -> dict[str, float]:
+        """The readings in nominal pC, by electrode."""
+        units = self.unit_pC(scene)
+        return {name: units.get(name, 1.0) * value for name, value in self.readings.items()}
+
+    def noise_pC(self, scene: Scene) -> dict[str, float] | None:
+        """The noise in nominal pC, by electrode; None is that of the readout."""
+        if self.noise is None:
+            return None
+        return {name: unit * self.noise for name, unit in self.unit_pC(scene).items()}
 
 
-def _charges(text: str) -> tuple[dict[str, float], list[str]]:
+def _misplaced(options: argparse.Namespace) -> list[str]:
+    """Options that are not for what was given."""
+    table, single = options.csv is not None, "is of a table; leave it out, or give --csv"
+    wrong = [f"--{name}: {single}" for name in ("quick", "reading") if getattr(options, name)]
+    if options.output != "-":
+        wrong.append(f"--output: {single}")
+    if not table:
+        return wrong
+    each = {"--or": options.others, "--polish": options.polish}
+    return [f"{name}: is for single touches; leave it out" for name, used in each.items() if used]
+
+
+def _charges(option: str, text: str, mistakes: list[str]) -> dict[str, float]:
     charges: dict[str, float] = {}
-    mistakes = []
     for item in text.split(","):
         name, equals, value = (part.strip() for part in item.partition("="))
-        number = _number(value)
+        number = number_of(value)
         if not (name and equals) or number is None:
-            mistakes.append(f"--charges {item.strip()}: write NAME=CHARGE, such as A=905.1")
+            mistakes.append(f"{option} {item.strip()}: write NAME=CHARGE, such as A=905.1")
         elif name in charges:
-            mistakes.append(f"--charges {name}: given twice; remove one")
+            mistakes.append(f"{option} {name}: given twice; remove one")
         else:
             charges[name] = number
-    return charges, mistakes
+    return charges
 
 
 def _unknown(text: str, mistakes: list[str]) -> tuple[str, ...]:
@@ -160,86 +227,8 @@ def _unknown(text: str, mistakes: list[str]) -> tuple[str, ...]:
     return tuple(NAMES[item] for item in dict.fromkeys(items) if item in NAMES)
 
 
-def _range(text: str, mistakes: list[str]) -> tuple[float, float]:
-    values = [_number(part) for part in text.split(",")]
-    if len(values) == 2 and values[0] and values[1] and 0.0 < values[0] < values[1]:
-        return values[0], values[1]
-    mistakes.append(f"--force-range {text}: give two forces in N, such as 0.1,5")
-    return 0.0, 0.0
-
-
-def _positive(option: str, text: str, mistakes: list[str], zero: bool = False) -> float:
-    value = _number(text)
-    if value is None or value < 0.0 or (value == 0.0 and not zero):
-        wanted = "a number that is not negative" if zero else "a positive number"
-        mistakes.append(f"{option} {text}: give {wanted}")
-        return 0.0
-    return value
-
-
-def _number(text: str) -> float | None:
-    # float() also takes 1_000, and digits of other scripts
-    if not re.fullmatch(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", text):
-        return None
-    return value if math.isfinite(value := float(text)) else None
-
-
-def model_of(scene: Scene, scene_file: str, file: Path | None, request: Request) -> Response:
-    """The model of a scene, from its file or built and written there.
-
-    Raises
-    ------
-    ValueError
-        For a file that holds no sound model, or that of another scene.
-    """
-    from tqdm import tqdm
-
-    from pvdf_fem.response.build import build_response
-    from pvdf_fem.response.response import Response
-
-    alone = _alone(scene)
-    path = _path(scene, scene_file, file, request)
-    if path.exists():
-        model = Response.load(path)
-        if _alone(model.scene) != alone:
-            raise ValueError(
-                f"--model {path}: is of another film, probe or electrodes than {scene_file}; "
-                "name another file"
-            )
-        return model
-    print(f"building the model of {scene_file}, to be kept as {path}", file=sys.stderr)
-    with tqdm(unit="solve", file=sys.stderr, disable=None) as bar:
-
-        def progress(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        domain = request.domain
-        model = build_response(
-            alone, reach_mm=domain.reach_mm, force_N=domain.force_N, progress=progress
-        )
-    model.save(path)
-    return model
-
-
-def _alone(scene: Scene) -> Scene:
-    """The scene with the probe unturned at the centre under 1 N: what its model depends on."""
-    place = {"probe.x_mm": 0.0, "probe.y_mm": 0.0, "probe.rotation_deg": 0.0}
-    return scene.with_(**place, **{"load.force_N": 1.0})
-
-
-def _path(scene: Scene, scene_file: str, file: Path | None, request: Request) -> Path:
-    """The file of a scene's model: the one that was named, or the default one."""
-    from pvdf_fem.response.response_file import response_key
-
-    if file:
-        return file
-    name = response_key(_alone(scene), request.domain)[:16]
-    return Path(scene_file).with_name(f"{Path(scene_file).stem}-{name}.response")
-
-
 def located(
-    scenes: Mapping[str, Scene], file: Path | None, request: Request, polishing: bool
+    scenes: Mapping[str, Scene], request: Request, polishing: bool
 ) -> tuple[ProbeMatch, ...]:
     """Locations with the probe of each scene, the likeliest first.
 
@@ -250,59 +239,58 @@ def located(
     ValueError
         With all mistakes in what was asked for.
     """
-    from pvdf_fem.response.model import touch_of
+    from pvdf_fem.touch.locate import staged_touch
     from pvdf_fem.touch.polish import polish
     from pvdf_fem.touch.probes import match, weigh
 
-    touch = touch_of(next(iter(scenes.values())))
+    sensor = next(iter(scenes.values()))
+    touch = staged_touch(sensor)
     known = {name: value for name, value in touch.items() if name not in request.unknown}
-    _require(scenes, request, known, file)
+    require(scenes, request, request.readings_pC(sensor), known)
     # files that are there come first, so that a damaged one is told before any model is built
-    order = sorted(scenes, key=lambda name: not _path(scenes[name], name, file, request).exists())
-    models = {name: model_of(scenes[name], name, file, request) for name in order}
+    order = sorted(scenes, key=lambda name: not request.model.path(scenes[name], name).exists())
+    models = {name: model_of(scenes[name], name, request.model) for name in order}
+    readings, noise = request.readings_pC(sensor), request.noise_pC(sensor)
     matches = weigh(
         models,
-        request.charges_pC,
+        readings,
         request.sigma,
         unknown=request.unknown,
         known=known,
-        noise_pC=request.noise_pC,
+        noise_pC=noise,
+        reading=request.reading,
     )
     if not polishing:
         return matches
     polished = {
         probe.name: polish(
-            models[probe.name],
-            probe.location,
-            request.charges_pC,
-            request.sigma,
-            noise_pC=request.noise_pC,
+            models[probe.name], probe.location, readings, request.sigma, noise_pC=noise
         )
         for probe in matches
     }
     return match(polished)
 
 
-def _require(
-    scenes: Mapping[str, Scene], request: Request, known: Mapping[str, float], file: Path | None
+def require(
+    scenes: Mapping[str, Scene],
+    request: Request,
+    readings_pC: Mapping[str, float],
+    known: Mapping[str, float],
 ) -> None:
     """Refuse before anything is built what cannot be located with the scenes."""
+    from pvdf_fem.touch.measurement import centre_mm
     from pvdf_fem.touch.mistakes import charge_mistakes, known_mistakes
 
     mistakes: list[str] = []
-    for scene in scenes.values():
-        names = [electrode.name for electrode in scene.electrode_list]
-        mistakes += charge_mistakes(names, request.charges_pC, request.sigma, request.noise_pC)
     for name, scene in scenes.items():
-        path = _path(scene, name, file, request)
-        if path.is_file():  # the domain is the file's
-            continue
-        require_writable(path)
-        if request.domain.reach_mm > scene.film.radius_mm:
-            reason = f"is beyond the rim at film.radius_mm = {scene.film.radius_mm:g}; give less"
-            mistakes.append(f"--reach {request.domain.reach_mm:g}: {reason}")
-    if not (file and file.exists()):
-        mistakes += known_mistakes(request.domain, request.unknown, {}, known)
+        mistakes += charge_mistakes(scene, readings_pC, request.sigma, request.noise_pC(scene))
+        if request.unit == "V" and scene.readout is None:
+            mistakes.append(f"--unit V: {name} has no [readout]; add one, or give pC")
+    for name, scene in scenes.items():
+        mistakes += request.model.mistakes(scene, name)
+    if not (request.model.file and request.model.file.exists()):
+        centre = centre_mm(next(iter(scenes.values())))
+        mistakes += known_mistakes(request.model.domain, request.unknown, {}, known, centre)
     if mistakes:
         raise ValueError("\n".join(dict.fromkeys(mistakes)))
 
@@ -325,7 +313,9 @@ def print_matches(matches: Sequence[ProbeMatch], as_json: bool) -> None:
 
 def location_lines(found: Location) -> list[str]:
     """A location as lines."""
-    lines = []
+    from pvdf_fem.touch.measurement import READINGS
+
+    lines = [f"reading     {READINGS[found.reading]}"]
     for number, touch in enumerate(found.touches, start=1):
         several = f" {number} of {len(found.touches)}" if len(found.touches) > 1 else ""
         lines += [f"touch{several}", *_touch_lines(touch, found)]

@@ -302,11 +302,14 @@ def _locate(options: argparse.Namespace) -> int:
     mistakes += [f"{f}: has no [probe]; add one" for f, s in scenes.items() if s.probe is None]
     if mistakes:
         raise InputError(*mistakes)
+    from pvdf_fem.cli.locate_rows import locate_rows
     from pvdf_fem.solution.solution import NotConvergedError
     from pvdf_fem.touch.polish import PolishError
 
     try:
-        choices = cli_locate.located(scenes, options.model, request, options.polish)
+        if options.csv is not None:
+            return locate_rows(scenes[options.scene], request, options)
+        choices = cli_locate.located(scenes, request, options.polish)
     except ValueError as error:
         raise InputError(*str(error).splitlines()) from error
     except (PolishError, NotConvergedError) as error:

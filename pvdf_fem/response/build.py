@@ -2,58 +2,89 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Self
 
 import joblib
 import numpy as np
-from numpy.polynomial import chebyshev
 
-from pvdf_fem.arrays import Array
-from pvdf_fem.response.model import Domain, scene_of_touch
+from pvdf_fem.mesh.symmetry import isotropy
+from pvdf_fem.response.held_out import SHARE, HeldOut, random_touches
+from pvdf_fem.response.model import Domain
 from pvdf_fem.response.probe_stress import PolarRaster, ProbeMesh, mean_stress_about_probe
-from pvdf_fem.response.response import Response, force_nodes_N, scaled_force
+from pvdf_fem.response.response import Response
+from pvdf_fem.response.response_file import response_key
 from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces
-from pvdf_fem.response.uniform_spline import UniformAxis, UniformSpline
+from pvdf_fem.response.table import MARGIN, Grid, circumradius_mm, force_nodes_N
+from pvdf_fem.response.unfinished import Unfinished
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.gradients import PLACE
-from pvdf_fem.solution.solution import NotConvergedError
-from pvdf_fem.sweeps.sweep import solve_all
+
+Progress = Callable[[int, int], None]
+
+#: Least error bound that full solves can confirm.
+LEAST_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
 class ResponseOptions:
     """Resolution of a response, and how its error is measured.
 
-    The defaults give error bounds of about 1e-4 for the thesis's probes within 12 mm of the centre
+    The defaults are for an error bound of 1e-3 with the thesis's probes within 12 mm of the centre
     and forces from 0.1 to 5 N.
     """
 
-    #: Numbers of distances of the rim's places, tried in turn until the tolerance is met.
-    radii: tuple[int, ...] = (4, 5, 6, 7)
+    #: Number of distances of the rim's places.
+    radii: int = 3
+    #: Number of rotations in half a turn, in a film that is stiffer in one direction.
+    rotations: int = 6
     #: Chebyshev polynomials of the force per factor e of the force; their coefficients fall by 4
     #: from one to the next.
-    force_polynomials: float = 1.75
+    force_polynomials: float = 1.25
     #: Cell of the table over the root of the probe's area.
-    cell: float = 1 / 16
+    cell: float = 1 / 9
     #: The same for a disc, whose table can be finer as it needs no rotations.
-    disc_cell: float = 1 / 28
+    disc_cell: float = 1 / 14
     #: Largest cell.
-    largest_cell_mm: float = 0.375
+    largest_cell_mm: float = 0.75
     #: Way of the corners of the probe from one rotation to the next, over the cell.
     rotation_step: float = 0.8
     #: Step of the raster of the stress over the cell.
     raster_step: float = 0.93
-    #: Cells by which the table goes beyond the domain.
-    margin: int = 3
+    #: Way from one ray of the raster to the next at the probe's corners, over the cell.
+    ray_step: float = 0.4
+    #: Share of the norm of the largest mode below which modes are left out.
+    least_mode: float = 1e-6
     #: Number of random touches for the error.
     held_out: int = 40
-    #: Tolerance of their full solves over that of the response.
-    held_out_tolerance: float = 0.02
-    #: Error bound over the largest error at these touches.
-    safety: float = 5.0
+    #: Builds with ever finer options until the tolerance is met.
+    attempts: int = 3
     #: Finite elements for the stress about the probe.
     elements: ProbeMesh = field(default_factory=ProbeMesh)
+
+    @classmethod
+    def of(cls, tolerance: float) -> Self:
+        """Options that most likely meet a tolerance."""
+        return cls().finer(1e-3 / tolerance) if 0.0 < tolerance < 1e-3 else cls()
+
+    def finer(self, ratio: float) -> Self:
+        """Options for an error that is smaller by a ratio above 1."""
+        orders, size = math.log10(ratio), ratio**-0.25
+        return replace(
+            self,
+            radii=self.radii + math.ceil(orders - 0.2),
+            rotations=self.rotations + math.ceil(2.0 * orders - 0.2),
+            force_polynomials=self.force_polynomials + 0.5 * orders,
+            cell=size * self.cell,
+            disc_cell=size * self.disc_cell,
+            largest_cell_mm=size * self.largest_cell_mm,
+            least_mode=self.least_mode / ratio,
+            elements=self.elements.scaled(size),
+        )
 
     def cell_mm(self, scene: Scene) -> float:
         """Cell of the table of a scene's probe."""
@@ -67,9 +98,6 @@ class ResponseOptions:
         return max(4, 1 + int(np.ceil(self.force_polynomials * (high - low))))
 
 
-DEFAULTS = ResponseOptions()
-
-
 def build_response(
     scene: Scene,
     reach_mm: float = 15.0,
@@ -77,8 +105,9 @@ def build_response(
     tolerance: float = 1e-3,
     processes: int | None = None,
     *,
-    progress: Callable[[int, int], None] = lambda done, total: None,
-    options: ResponseOptions = DEFAULTS,
+    file: Path | str | None = None,
+    progress: Progress | None = None,
+    options: ResponseOptions | None = None,
 ) -> Response:
     """The response of a sensor to a probe.
 
@@ -91,56 +120,118 @@ def build_response(
     force_N : tuple of float
         Least and largest force.
     tolerance : float
-        Largest error bound.
+        Largest error bound. A response that misses it is returned with its true bound, and its
+        `remarks` say what would help.
     processes : int, optional
         Number of processes, all cores when not given.
-    progress : callable
-        Called with the numbers of finished and of all solves.
-    options : ResponseOptions
-        Resolution of the response.
+    file : path, optional
+        Where the response is saved. Until then all that is solved is kept beside it in the
+        directory ``FILE.part``, from which a build that was killed goes on.
+    progress : callable, optional
+        Called with the numbers of finished and of all solves. By default a terminal shows a bar.
+    options : ResponseOptions, optional
+        Resolution of the response, by default `ResponseOptions.of` the tolerance.
 
     Raises
     ------
     ValueError
         For a scene that has no such response.
     NotConvergedError
-        When a touch has no solution, or the tolerance is not met.
+        When the film about the probe has no solution, or half of the touches held out have none.
+    FileError
+        When the file, or the directory beside it, cannot be written.
     """
     domain = Domain(reach_mm, force_N)
-    processes = processes or -1
-    refuse(scene, domain, options)
-    touches = random_touches(domain, options.held_out)
-    exact, sizes = full_charges(scene, touches, options.held_out_tolerance * tolerance, processes)
+    path = None if file is None else Path(file)
+    options = ResponseOptions.of(tolerance) if options is None else options
+    refuse(scene, domain, options, tolerance)
+    unfinished = Unfinished.beside(path)
+    with _shown(progress) as show:
+        response = _best(scene, domain, tolerance, processes or -1, options, unfinished, show)
+    if path is not None:
+        response.save(path)
+        unfinished.remove()
+    return response
+
+
+def _best(
+    scene: Scene,
+    domain: Domain,
+    tolerance: float,
+    processes: int,
+    options: ResponseOptions,
+    unfinished: Unfinished,
+    show: Progress,
+) -> Response:
+    """The first response that meets the tolerance, or the one with the smallest error bound."""
     names = tuple(electrode.name for electrode in scene.electrode_list)
-    bound = np.inf
-    for radii in options.radii:
-        table = ResponseTable.of(scene, domain, radii, options)
-        spline = table.spline(table.probe_charges(processes, progress), processes)
-        response = Response(names, scene, domain, tolerance, tolerance, spline)
-        errors = np.abs(response.evaluate(touches)[0] - exact) / sizes
-        bound = options.safety * float(errors.max())
-        if bound <= tolerance:
-            rms = float(np.sqrt((errors**2).mean()))
-            return Response(names, scene, domain, bound, rms, spline)
-    raise NotConvergedError(
-        f"tolerance: {tolerance:g} is missed by the response, whose error bound is {bound:.1e};"
-        " raise the tolerance or make the domain smaller"
-    )
+    touches = random_touches(domain, options.held_out)
+    solves, held_out, best = ProbeSolves.of(scene, domain, options), None, None
+    total = len(touches) + len(solves.places.unique_places)
+    with unfinished.store() as store:
+        held_out = HeldOut.solved(
+            *(scene, touches, SHARE * tolerance, processes, store),
+            lambda done, missing: show(len(touches) - missing + done, total),
+        )
+    for attempt in range(options.attempts):
+        stress = solves.stress(
+            processes, unfinished, show, total - len(solves.places.unique_places)
+        )
+        spline = solves.grid.charges(stress, scene, processes)
+        made = Response(names, scene, domain, 0.0, 0.0, spline, tolerance, (), stress, held_out)
+        made = made.measured()
+        best = made if best is None or made.error_bound < best.error_bound else best
+        if best.error_bound <= tolerance or attempt == options.attempts - 1:
+            break
+        options = options.finer(max(2.0, 1.5 * made.error_bound / tolerance))
+        try:
+            refuse(scene, domain, options, tolerance)
+        except ValueError:
+            break
+        solves = ProbeSolves.of(scene, domain, options)
+        total += len(solves.places.unique_places)
+    assert best is not None
+    if missing := len(touches) - len(held_out.touches):
+        remark = f"{missing} of the {len(touches)} touches held out have no solution"
+        best = replace(best, remarks=(*best.remarks, remark))
+    return best
 
 
-def refuse(scene: Scene, domain: Domain, options: ResponseOptions = DEFAULTS) -> None:
-    """Raise `ValueError` for a scene or a domain without a response."""
+@contextmanager
+def _shown(progress: Progress | None) -> Iterator[Progress]:
+    """The progress that was given, or a bar on a terminal's standard error."""
+    if progress is not None:
+        yield progress
+        return
+    from tqdm import tqdm
+
+    with tqdm(unit="solve", disable=None) as bar:
+
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        yield show
+
+
+def refuse(
+    scene: Scene,
+    domain: Domain,
+    options: ResponseOptions | None = None,
+    tolerance: float = 1e-3,
+) -> None:
+    """Raise `ValueError` for a scene, a domain or a tolerance without a response."""
     low, high = domain.force_N
-    film, probe = scene.film, scene.probe
-    if probe is None:
+    options = options or ResponseOptions.of(tolerance)
+    if scene.probe is None:
         raise ValueError("scene: has no probe; give it one")
+    if not LEAST_TOLERANCE <= tolerance < np.inf:
+        raise ValueError(
+            f"tolerance: {tolerance} is below {LEAST_TOLERANCE:g}, or no number; full solves could"
+            " not confirm it"
+        )
     if not 0.0 < low < high < np.inf:
         raise ValueError(f"force_N: {domain.force_N} is no range of positive forces")
-    if isinstance(film.youngs_modulus_GPa, tuple) or film.shear_modulus_GPa is not None:
-        raise ValueError(
-            f"film.youngs_modulus_GPa: {film.youngs_modulus_GPa} is stiffer in one direction, so"
-            " the stress about a probe depends on its rotation; take an isotropic film"
-        )
     if scene.load.kind == "rigid":
         raise ValueError(
             "load.kind: 'rigid' makes the stress singular at the probe's edge, which a response"
@@ -151,8 +242,8 @@ def refuse(scene: Scene, domain: Domain, options: ResponseOptions = DEFAULTS) ->
             f"numerics.observable: {scene.numerics.observable!r} is not the integral of a stress"
             " about the probe; take 'material'"
         )
-    margin_mm = options.margin * options.cell_mm(scene)
-    limit = film.radius_mm - _circumradius_mm(scene) - margin_mm
+    margin_mm = MARGIN * options.cell_mm(scene)
+    limit = scene.film.radius_mm - circumradius_mm(scene.probe) - margin_mm
     if not 0.0 < domain.reach_mm < limit:
         raise ValueError(
             f"reach_mm: {domain.reach_mm:g} is not between zero and where the probe would come too"
@@ -160,143 +251,68 @@ def refuse(scene: Scene, domain: Domain, options: ResponseOptions = DEFAULTS) ->
         )
 
 
-def random_touches(domain: Domain, count: int, seed: int = 0) -> Array:
-    """Touches (n, 4) all over a domain, evenly by place, rotation and logarithm of the force."""
-    u = np.random.default_rng(seed).uniform(size=(count, 4))
-    distance, angle = domain.reach_mm * np.sqrt(u[:, 0]), 2.0 * np.pi * u[:, 1]
-    low, high = domain.force_N
-    x, y, forces = distance * np.cos(angle), distance * np.sin(angle), low * (high / low) ** u[:, 3]
-    return np.stack([x, y, 360.0 * u[:, 2], forces], axis=-1)
-
-
-def full_charges(
-    scene: Scene, touches: Array, tolerance: float, processes: int
-) -> tuple[Array, Array]:
-    """Charges in pC of full solves, (n, electrodes), and their sizes |d31 X| + |d32 Y|.
-
-    Raises `NotConvergedError` when a solve fails.
-    """
-    scenes = [scene_of_touch(scene, touch, tolerance) for touch in touches]
-    records = solve_all(scenes, processes=processes)
-    for touch, record in zip(touches, records, strict=True):
-        if not record.converged:
-            x, y, rotation, force = touch
-            place = f"x = {x:.6g} mm, y = {y:.6g} mm, {rotation:.6g} deg, {force:.6g} N"
-            raise NotConvergedError(f"touch at {place}: {record.status}; {record.reason}")
-    terms = np.array([record.forces["material"] for record in records])
-    terms = terms * [scene.film.d31_pC_N, scene.film.d32_pC_N]
-    return terms.sum(axis=-1), np.abs(terms).sum(axis=-1)
-
-
-def _circumradius_mm(scene: Scene) -> float:
-    """Largest distance of the probe's outline from its centroid."""
-    assert scene.probe is not None
-    centred = scene.probe.model_copy(update={"x_mm": 0.0, "y_mm": 0.0})
-    return 1e3 * float(centred.outline.reach)
-
-
 @dataclass(frozen=True, eq=False)
-class ResponseTable:
+class ProbeSolves:
     """The grid of a response's table, and what is solved to fill it."""
 
     scene: Scene
-    domain: Domain
+    grid: Grid
     places: RimPlaces
     raster: PolarRaster
-    forces_N: Array
-    #: x and y in mm, rotation in degrees.
-    axes: tuple[UniformAxis, UniformAxis, UniformAxis]
-    #: Distance of the probe from the centre, beyond which charges are continued by parabolas.
-    limit_mm: float
     elements: ProbeMesh
+    least_mode: float
 
     @classmethod
-    def of(
-        cls, scene: Scene, domain: Domain, radii: int, options: ResponseOptions
-    ) -> ResponseTable:
-        """The table with `radii` distances of the rim's places."""
+    def of(cls, scene: Scene, domain: Domain, options: ResponseOptions) -> ProbeSolves:
+        """The solves for a scene with options."""
         assert scene.probe is not None
-        cell, axes = options.cell_mm(scene), _axes(scene, domain, options)
-        places = RimPlaces(scene.probe, domain.reach_mm + cell, radii)
-        limit = domain.reach_mm + options.margin * cell
-        reach = limit + 1e3 * max(electrode.outline.reach for electrode in scene.electrode_list)
-        step = options.raster_step * cell
-        angles = places.angles * int(np.ceil(np.pi * reach / step / places.angles))
-        forces = force_nodes_N(domain, options.polynomial_count(domain))
-        raster = PolarRaster(reach, step, angles)
-        return cls(scene, domain, places, raster, forces, axes, limit, options.elements)
+        cell, corners_mm = options.cell_mm(scene), circumradius_mm(scene.probe)
+        polynomials = options.polynomial_count(domain)
+        grid = Grid.of(scene.probe, domain, cell, options.rotation_step, polynomials)
+        rotations = 0 if isotropy(scene.film) == "isotropic" else options.rotations
+        places = RimPlaces(scene.probe, domain.reach_mm + cell, options.radii, rotations)
+        rays = 2.0 * np.pi * corners_mm / (options.ray_step * cell)
+        raster = PolarRaster(
+            # electrodes may be anywhere on the film
+            reach_mm=domain.reach_mm + MARGIN * cell + scene.film.radius_mm,
+            step_mm=options.raster_step * cell,
+            angles=places.angles * int(np.ceil(rays / places.angles)),
+            stretch_mm=2.5 * corners_mm,
+        )
+        return cls(scene, grid, places, raster, options.elements, options.least_mode)
 
-    def probe_charges(self, processes: int, progress: Callable[[int, int], None]) -> ProbeCharges:
-        """Solve for the stress about the probe at all places of the rim."""
-        scene = self.scene
+    def stress(
+        self, processes: int, unfinished: Unfinished, show: Progress, before: int
+    ) -> ProbeCharges:
+        """Solve for the stress about the probe at all places of the rim.
+
+        `before` is the number of solves that were shown before.
+        """
+        scene, domain = self.scene, self.grid.domain
         # the stress does not depend on the electrodes, but a scene has at least one
         radius = 0.9 * scene.film.radius_mm
         electrode = {"name": "A", "shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": radius}
-        upright = scene.with_(**{"electrodes": [electrode], **dict.fromkeys(PLACE, 0.0)})
-        stress_at, rest = joblib.delayed(mean_stress_about_probe), (self.raster, self.elements)
-        places = -self.places.unique_centres_mm
-        tasks = [stress_at(upright, place, self.forces_N, *rest) for place in places]
-        fields = []
+        # and no channels of others
+        changes = {"electrodes": [electrode], "readout": None, **dict.fromkeys(PLACE, 0.0)}
+        upright = scene.with_(**changes)
+        forces = force_nodes_N(domain, self.grid.polynomials)
+        places = self.places.unique_places
+        rest = forces, self.raster, self.elements
+        code = response_key(scene, domain, 0.0)
+        texts = [f"{code} {place.tolist()} {forces.tolist()} {rest[1:]}" for place in places]
+        fields = [unfinished.field(text) for text in texts]
+        missing = [i for i, known in enumerate(fields) if known is None]
+        stress_at, done = (
+            joblib.delayed(mean_stress_about_probe),
+            before + len(places) - len(missing),
+        )
+        show(done, before + len(places))
+        tasks = [stress_at(upright, places[i], *rest) for i in missing]
         with joblib.parallel_config("loky", inner_max_num_threads=1):
-            for stress in joblib.Parallel(processes, return_as="generator")(tasks):
-                fields.append(stress)
-                progress(len(fields), len(tasks))
-        uniaxial = scene.film.d31_pC_N != scene.film.d32_pC_N
-        return ProbeCharges.of(self.places, self.raster, fields, uniaxial=uniaxial)
-
-    def spline(self, charges: ProbeCharges, processes: int) -> UniformSpline:
-        """The spline of the response over place and rotation."""
-        x, y, rotations = (axis.values for axis in self.axes)
-        positions = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-        different = rotations if self.places.probe.period_deg else rotations[:1]
-        with joblib.parallel_config("loky", inner_max_num_threads=1):
-            by_rotation = joblib.Parallel(processes)(
-                joblib.delayed(_continued_charges)(
-                    charges, self.scene, positions, np.radians(rotation), self.limit_mm
-                )
-                for rotation in different
-            )
-        # (x y, rotations, forces, electrodes), then polynomials of the force
-        by_force = np.stack(by_rotation, axis=1)
-        nodes, _ = scaled_force(self.domain, self.forces_N)
-        inverse = np.linalg.inv(chebyshev.chebvander(nodes, len(nodes) - 1))
-        by_order = np.einsum("kf,prfe->prke", inverse, by_force)
-        by_order = np.repeat(by_order, len(rotations) // len(different), axis=1)
-        shape = (len(x), len(y), len(rotations), -1)
-        return UniformSpline.through(self.axes, by_order.reshape(shape), np.float32)
-
-
-def _axes(
-    scene: Scene, domain: Domain, options: ResponseOptions
-) -> tuple[UniformAxis, UniformAxis, UniformAxis]:
-    assert scene.probe is not None
-    cell = options.cell_mm(scene)
-    half = int(np.ceil(domain.reach_mm / cell)) + options.margin
-    across = UniformAxis(-half * cell, cell, 2 * half + 1)
-    period = scene.probe.period_deg
-    if not period:
-        return across, across, UniformAxis(0.0, 90.0, 4, periodic=True)
-    way = np.radians(period) * _circumradius_mm(scene)
-    rotations = max(4, int(np.ceil(way / (options.rotation_step * cell))))
-    return across, across, UniformAxis(0.0, period / rotations, rotations, periodic=True)
-
-
-def _continued_charges(
-    charges: ProbeCharges, scene: Scene, positions_mm: Array, rotation: float, limit_mm: float
-) -> Array:
-    """`ProbeCharges.charges_pC`, continued by parabolas along the radius beyond a limit.
-
-    A parabola goes through the charges at the limit, and as far inside of it as the position is
-    outside, once and twice.
-    """
-    distance = np.linalg.norm(positions_mm, axis=-1, keepdims=True)
-    far = np.flatnonzero(distance > limit_mm)
-    beyond = distance[far] - limit_mm
-    held = positions_mm * (limit_mm / np.maximum(distance, limit_mm))
-    inner = [held[far] * (1.0 - k * beyond / limit_mm) for k in (1.0, 2.0)]
-    outlines = [electrode.outline for electrode in scene.electrode_list]
-    d_pC_N = scene.film.d31_pC_N, scene.film.d32_pC_N
-    values = charges.charges_pC(outlines, np.concatenate([held, *inner]), rotation, d_pC_N)
-    at_limit, once, twice = np.split(values, [len(held), len(held) + len(far)])
-    at_limit[far] = 3.0 * at_limit[far] - 3.0 * once + twice
-    return at_limit
+            solved = joblib.Parallel(processes, return_as="generator")(tasks)
+            for i, stress in zip(missing, solved, strict=True):
+                unfinished.put(texts[i], stress)
+                fields[i], done = stress, done + 1
+                show(done, before + len(places))
+        known = [stress for stress in fields if stress is not None]
+        return ProbeCharges.of(self.places, self.raster, known, self.least_mode)

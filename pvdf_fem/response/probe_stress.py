@@ -8,19 +8,23 @@ is not smooth in space. A response interpolates these fields between few places 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import krogh_interpolate
 from skfem import MeshTri2, asm
 from skfem.models import mass
 
-from pvdf_fem.arrays import Array
+from pvdf_fem.arrays import Array, unit_gauss
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.space import Space
 from pvdf_fem.mesh.gmsh_mesh import PROBE, mesh_scene, outlines
 from pvdf_fem.mesh.size_field import Sizes
+from pvdf_fem.response.uniform_spline import UniformAxis
+from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solution import NotConvergedError
 from pvdf_fem.solvers.ladder import equilibrate
@@ -28,7 +32,7 @@ from pvdf_fem.solvers.newton import factorise
 from pvdf_fem.solvers.status import Status
 
 #: Share of the film's radius within which the stress is evaluated.
-INSIDE = 0.98
+INSIDE = 0.999
 
 
 @dataclass(frozen=True)
@@ -38,13 +42,18 @@ class ProbeMesh:
     #: Polynomial order of the displacement.
     order: int = 3
     #: Size of the elements along the edge of a probe over the root of its area.
-    probe_size: float = 1 / 13
+    probe_size: float = 1 / 7.5
     #: The same for a disc, whose edge is round.
-    disc_size: float = 1 / 18
+    disc_size: float = 1 / 10
     #: Growth of the size per distance from the edge.
-    growth: float = 0.13
+    growth: float = 0.23
     #: Largest size over the film's radius.
-    film_size: float = 1 / 20
+    film_size: float = 0.09
+
+    def scaled(self, ratio: float) -> Self:
+        """Elements that are smaller by a ratio."""
+        sizes = "probe_size", "disc_size", "growth", "film_size"
+        return replace(self, **{name: ratio * getattr(self, name) for name in sizes})
 
     def mesh(self, scene: Scene) -> MeshTri2:
         """The mesh of a scene with a probe."""
@@ -60,25 +69,36 @@ class PolarRaster:
     """Points ρ (cos θ, sin θ) about a probe, and integrals along the rays to them.
 
     The stress has a kink at the probe's edge. Its mean along a ray has none, so that is what is
-    tabulated, from a few samples of the stress in every step of ρ. The values of ρ begin below
-    zero: there the field continues smoothly, on the opposite ray.
+    tabulated, from a few samples of the stress in every step. The steps are equal in s with
+    ρ = b sinh(s/b), since the field is the smoother the farther it is from the probe. The values
+    of ρ begin below zero: there the field continues smoothly, on the opposite ray.
     """
 
-    #: Largest ρ, and the distance of neighbours along ρ.
+    #: Largest ρ, and the distance of neighbours along ρ at the probe.
     reach_mm: float
     step_mm: float
     #: Number of values of θ, from 0 in equal steps; even.
     angles: int
+    #: b in the text above.
+    stretch_mm: float = 10.0
     #: Number of values of ρ below zero; with them the origin does not feel the end of a spline.
     negative: int = 6
-    #: Parts of a step of ρ, each with two samples.
+    #: Parts of a step, each with two samples.
     parts: int = 4
+
+    @property
+    def axes(self) -> tuple[UniformAxis, UniformAxis]:
+        """Values of s and θ."""
+        positive = int(np.ceil(stretched(self.reach_mm, self.stretch_mm) / self.step_mm))
+        return (
+            UniformAxis(-self.negative * self.step_mm, self.step_mm, self.negative + positive + 1),
+            UniformAxis(0.0, 2.0 * np.pi / self.angles, self.angles, periodic=True),
+        )
 
     @property
     def rho_mm(self) -> Array:
         """Values of ρ."""
-        positive = int(np.ceil(self.reach_mm / self.step_mm))
-        return self.step_mm * np.arange(-self.negative, positive + 1, dtype=float)
+        return self.stretch_mm * np.sinh(self.axes[0].values / self.stretch_mm)
 
     @property
     def samples_mm(self) -> Array:
@@ -90,11 +110,11 @@ class PolarRaster:
     @cached_property
     def _rule(self) -> tuple[Array, Array]:
         """Values of ρ of the samples, and their weights in an integral over ρ."""
-        s, w = np.polynomial.legendre.leggauss(2)
+        u, w = unit_gauss(2)
         part = self.step_mm / self.parts
         begin = part * np.arange(self.parts * (len(self.rho_mm) - self.negative - 1))
-        rho = begin[:, None] + 0.5 * part * (s + 1.0)
-        return rho.ravel(), np.tile(0.5 * part * w, len(begin))
+        s = (begin[:, None] + part * u).ravel() / self.stretch_mm
+        return self.stretch_mm * np.sinh(s), np.tile(part * w, len(begin)) * np.cosh(s)
 
     def means(self, samples: Array) -> Array:
         """Means 2/ρ² ∫ S r dr from 0 to ρ of a field S along rays.
@@ -115,22 +135,28 @@ class PolarRaster:
         return np.concatenate([behind, middle, outward], axis=-2)
 
 
+def stretched(rho: ArrayLike, stretch: float) -> Array:
+    """s of ρ = b sinh(s/b) with b = `stretch`."""
+    return np.asarray(stretch * np.arcsinh(np.asarray(rho) / stretch))
+
+
 def mean_stress_about_probe(
-    scene: Scene, place_mm: Array, forces: Sequence[float], raster: PolarRaster, elements: ProbeMesh
+    scene: Scene, place: Array, forces: Sequence[float], raster: PolarRaster, elements: ProbeMesh
 ) -> Array:
     """`PolarRaster.means` (forces, 3, ρ, θ) of the stress 11, 22, 12 in Pa about a probe.
 
-    The stress is the second Piola-Kirchhoff stress, with the scene's probe put at `place_mm`, (2,),
-    without turning it. Each force in N starts from the solutions of those before. Electrodes only
-    make the mesh finer. At points beyond the share `INSIDE` of the film's radius the stress is
-    taken from there. Raises `NotConvergedError` when there is no solution.
+    The stress is the second Piola-Kirchhoff stress in the axes of the scene's probe, which is put
+    at `place`: x, y in mm and the rotation in degrees. Each force in N starts from the solutions of
+    those before. Electrodes only make the mesh finer. At points beyond the share `INSIDE` of the
+    film's radius the stress is taken from there. Raises `NotConvergedError` when there is no
+    solution.
     """
-    x, y = map(float, place_mm)
-    scene = scene.with_(**{"probe.x_mm": x, "probe.y_mm": y})
+    x, y, rotation = map(float, place)
+    scene = scene.with_(**{"probe.x_mm": x, "probe.y_mm": y, "probe.rotation_deg": rotation})
     mesh = elements.mesh(scene)
     equilibrium = Equilibrium(scene, mesh, elements.order)
     space = equilibrium.space
-    points = 1e-3 * (raster.samples_mm + place_mm)
+    points = 1e-3 * (turn(raster.samples_mm, rotation) + np.array([x, y]))
     share = np.linalg.norm(points, axis=-1, keepdims=True) / scene.film.radius
     sampled = points * INSIDE / np.maximum(share, INSIDE)
     sample, project = space.interpolation(sampled.reshape(-1, 2).T), _projection(space)
@@ -139,7 +165,20 @@ def mean_stress_about_probe(
     except NotConvergedError as error:
         raise NotConvergedError(f"probe at ({x:g}, {y:g}) mm with {error}") from None
     shape = (3, *points.shape[:2])
-    return np.stack([raster.means(field.T.reshape(shape)) for field in fields])
+    return np.stack(
+        [raster.means((field @ _turned(rotation)).T.reshape(shape)) for field in fields]
+    )
+
+
+def _turned(rotation_deg: float) -> Array:
+    """Matrix (3, 3) from S11, S22, S12 (row) in the film's axes to those of a turned probe."""
+    c, s = turn([1.0, 0.0], rotation_deg)
+    columns = [
+        [c * c, s * s, -c * s],
+        [s * s, c * c, c * s],
+        [2 * c * s, -2 * c * s, c * c - s * s],
+    ]
+    return np.array(columns)
 
 
 def _stresses(equilibrium: Equilibrium, forces: Sequence[float]) -> Iterator[Array]:

@@ -2,11 +2,13 @@
 
 A response is a table of spline coefficients, so that an evaluation with its Jacobian takes some ten
 microseconds. `build.build_response` makes it from a few dozen solves, measures its error against
-full solves of random touches, and stores the error with it.
+full solves of random touches, and stores the error with it. It keeps the stress about the probe,
+from which the table is made anew for other electrodes, d31 and d32.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,33 +18,22 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.response.model import FORCE, QUANTITIES, Domain, all_within
-from pvdf_fem.response.response_file import Contents, read, write
+from pvdf_fem.response.held_out import SAFETY, SHARE, HeldOut
+from pvdf_fem.response.model import FORCE, QUANTITIES, SCENE_KEYS, Domain, all_within
+from pvdf_fem.response.response_file import Contents, StressContents, mechanics_of, read, write
+from pvdf_fem.response.rim_places import ProbeCharges
+from pvdf_fem.response.table import Grid, scaled_force
 from pvdf_fem.response.uniform_spline import UniformSpline
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.solvers.status import Status
+from pvdf_fem.sweeps.equivalence import mechanics
+from pvdf_fem.sweeps.sweep import silent
 
-#: Charges are smooth in this power of the force, both where the pretension carries it and where the
-#: tension that it makes itself does.
-POWER = 1.0 / 6.0
 #: Share by which a touch may exceed the domain, as rounding makes it.
 ROUNDING = 1e-9
 # Rows of the products (value and derivatives by x, y, rotation) x (value and derivative by force):
 # the value, and the derivatives by x, y, rotation and force.
 _VALUE_AND_SLOPES: Indices = np.array([0, 2, 4, 6, 1])
-
-
-def scaled_force(domain: Domain, force_N: Array) -> tuple[Array, Array]:
-    """The argument of Chebyshev polynomials, -1 to 1 over a domain's forces, and its derivative."""
-    low, high = (limit**POWER for limit in domain.force_N)
-    scaled = 2.0 / (high - low) * force_N**POWER
-    return scaled - (low + high) / (high - low), POWER * scaled / force_N
-
-
-def force_nodes_N(domain: Domain, count: int) -> Array:
-    """Forces at the Chebyshev points of a domain, from the largest to the least."""
-    low, high = (limit**POWER for limit in domain.force_N)
-    nodes = np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))
-    return (0.5 * (low + high) + 0.5 * (high - low) * nodes) ** (1.0 / POWER)
 
 
 def refuse_outside(domain: Domain, touches: Array) -> None:
@@ -58,6 +49,42 @@ def refuse_outside(domain: Domain, touches: Array) -> None:
         f" response, {domain.reach_mm:g} mm about the centre and {low:g} to {high:g} N; build one"
         " for a larger domain"
     )
+
+
+def refuse_other_mechanics(known: Scene, other: Scene) -> None:
+    """Raise `ValueError` where the stress about the probe is not that of a known scene."""
+    if mechanics_of(known) == mechanics_of(other):
+        return
+    tables = [
+        {
+            f"{name}.{key}": value
+            for name in ("film", "probe", "load")
+            for key, value in getattr(scene, name)
+        }
+        for scene in (known, other)
+    ]
+    reading = {"film.d31_pC_N", "film.d32_pC_N", "film.density_kg_m3", *SCENE_KEYS}
+    keys = [key for key in {**tables[0], **tables[1]} if key not in reading]
+    texts = [
+        f"{key} = {tables[1].get(key)} is {tables[0].get(key)} there"
+        for key in keys
+        if tables[0].get(key) != tables[1].get(key)
+    ]
+    raise ValueError(
+        f"scene: the film deforms otherwise than in the response ({', '.join(texts)}); build a"
+        " response of this scene"
+    )
+
+
+def reads_alike(known: Scene, other: Scene) -> bool:
+    """Whether two scenes read the same charges from the same stress, whatever their names."""
+    d = [(scene.film.d31_pC_N, scene.film.d32_pC_N) for scene in (known, other)]
+    return d[0] == d[1] and _outlines(known) == _outlines(other)
+
+
+def _outlines(scene: Scene) -> list[str]:
+    """The electrodes without their names."""
+    return [repr(e.model_copy(update={"name": ""})) for e in scene.electrode_list]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +107,14 @@ class Response:
     spline : UniformSpline
         Over x in mm, y in mm and rotation in degrees: coefficients in pC of Chebyshev polynomials
         of the force, for each of them by electrode, (polynomials electrodes,).
+    tolerance : float
+        The error bound that was asked for.
+    remarks : tuple of str
+        What to know of it, and what would help where the bound exceeds the tolerance.
+    stress : ProbeCharges, optional
+        The stress about the probe.
+    held_out : HeldOut, optional
+        The full solves of random touches.
     """
 
     names: tuple[str, ...]
@@ -88,6 +123,15 @@ class Response:
     error_bound: float
     error_rms: float
     spline: UniformSpline
+    tolerance: float = 1e-3
+    remarks: tuple[str, ...] = ()
+    stress: ProbeCharges | None = None
+    held_out: HeldOut | None = None
+
+    @property
+    def status(self) -> Status:
+        """Whether the error bound is within the tolerance."""
+        return Status.CONVERGED if self.error_bound <= self.tolerance else Status.TOLERANCE
 
     def evaluate(self, touches: ArrayLike) -> tuple[Array, Array]:
         """Charges and their derivatives.
@@ -124,14 +168,100 @@ class Response:
         return charges_and_slopes[:, 0], charges_and_slopes[:, 1:].swapaxes(1, 2)
 
     def with_thickness(self, thickness_um: float) -> Response:
-        """The response of a film of another thickness; without bending F/h alone counts."""
+        """The response of a film of another thickness; without bending F/h alone counts.
+
+        Raises `ValueError` where the film deforms otherwise.
+        """
         scene = self.scene.with_(**{"film.thickness_um": thickness_um})
         ratio = scene.film.thickness_um / self.scene.film.thickness_um
         if (tension := scene.film.pretension_N_m) is not None:  # the stress at rest stays
             scene = scene.with_(**{"film.pretension_N_m": ratio * np.array(tension)})
+        known, other = (
+            self.scene.with_(**{"load.force_N": 1.0}),
+            scene.with_(**{"load.force_N": ratio}),
+        )
+        if mechanics(known).scaled != mechanics(other).scaled:
+            text = f"film.thickness_um: {thickness_um:g} makes the film deform otherwise"
+            raise ValueError(f"{text}, since not only F/h counts; build a response of this film")
         low, high = self.domain.force_N
         domain = Domain(self.domain.reach_mm, (ratio * low, ratio * high))
-        return replace(self, scene=scene, domain=domain)
+        held_out = self.held_out
+        if held_out is not None:
+            held_out = replace(held_out, touches=held_out.touches * [1.0, 1.0, 1.0, ratio])
+        return replace(self, scene=scene, domain=domain, held_out=held_out)
+
+    def for_scene(
+        self,
+        scene: Scene,
+        processes: int | None = None,
+        *,
+        progress: Callable[[int, int], None] = silent,
+    ) -> Response:
+        """The response of a scene that differs in what only reads the stress about the probe.
+
+        That is electrodes, d31, d32, readout, stage, and the place of the probe and the force,
+        which do not matter. Where d31 and d32 change by the same factor, charges are scaled;
+        otherwise the table is made anew, in seconds. The error bound is measured by the full solves
+        that the build had. For other electrodes, and where the meshes for the old d31 and d32 leave
+        the bound above the tolerance, the same touches are solved anew.
+
+        Parameters
+        ----------
+        scene : Scene
+        processes : int, optional
+            Number of processes, all cores when not given.
+        progress : callable
+            Called with the numbers of finished and of all full solves.
+
+        Raises
+        ------
+        ValueError
+            For a scene whose film deforms otherwise; the text names the keys.
+        NotConvergedError
+            When half of the full solves fail.
+        """
+        refuse_other_mechanics(self.scene, scene)
+        names = tuple(electrode.name for electrode in scene.electrode_list)
+        renamed = replace(self, scene=scene, names=names)
+        if reads_alike(self.scene, scene):
+            return renamed
+        if self.stress is None or self.held_out is None:
+            raise ValueError("response: keeps no stress about the probe; build it again")
+        processes, same_electrodes = processes or -1, _outlines(self.scene) == _outlines(scene)
+        old, new = ((s.film.d31_pC_N, s.film.d32_pC_N) for s in (self.scene, scene))
+        factor = new[0] / old[0] if old[0] else 0.0
+        if same_electrodes and factor and np.allclose(new[1], factor * old[1], 1e-12, 0.0):
+            old_values = self.spline.coefficients
+            values = (factor * old_values).astype(old_values.dtype)
+            scaled = UniformSpline(self.spline.axes, values)
+            return replace(renamed, spline=scaled)
+        grid = Grid(self.domain, self.spline.axes, self._polynomial_count)
+        spline = grid.charges(self.stress, scene, processes, self.spline.coefficients.dtype.type)
+        made = replace(renamed, spline=spline)
+        if same_electrodes and (kept := made.measured()).status is Status.CONVERGED:
+            return kept
+        touches, tolerance = self.held_out.touches, SHARE * self.tolerance
+        solved = HeldOut.solved(scene, touches, tolerance, processes, progress=progress)
+        return replace(made, held_out=solved).measured()
+
+    def measured(self) -> Response:
+        """This response with the error that it has at the touches held out."""
+        assert self.held_out is not None
+        touches = self.held_out.touches
+        errors, stated = self.held_out.relative_errors(self.scene.film, self.evaluate(touches)[0])
+        bounds, rms = SAFETY * errors.max(axis=1) + stated, float(np.sqrt((errors**2).mean()))
+        made = replace(self, error_bound=float(bounds.max()), error_rms=rms, remarks=())
+        if made.status is Status.CONVERGED:
+            return made
+        reach, worst = np.hypot(touches[:, 0], touches[:, 1]), bounds.argmax()
+        met = reach[bounds > self.tolerance].min()
+        remark = (
+            f"tolerance: {self.tolerance:g} is missed, the error bound is {bounds.max():.2g}; raise"
+            " the tolerance to it, give finer options, or take a smaller domain: the largest error"
+            f" is at {reach[worst]:.3g} mm under {touches[worst, FORCE]:.3g} N, and touches meet"
+            f" the tolerance up to {met:.3g} mm"
+        )
+        return replace(made, remarks=(remark,))
 
     @cached_property
     def _polynomial_count(self) -> int:
@@ -166,8 +296,28 @@ class Response:
             axes=self.spline.axes,
             polynomials=self._polynomial_count,
             dtype=coefficients.dtype.newbyteorder("<").str,
+            tolerance=self.tolerance,
+            remarks=self.remarks,
+            touches=0 if self.held_out is None else len(self.held_out.touches),
+            stress=None,
         )
-        write(Path(path), contents, coefficients)
+        parts = [coefficients]
+        if self.stress is not None:
+            modes, amplitudes, places = (
+                self.stress.modes,
+                self.stress.amplitudes,
+                self.stress.places,
+            )
+            contents.stress = StressContents(
+                grid=(places.reach_mm, places.radii, places.film_rotations),
+                stretch_mm=self.stress.stretch_mm,
+                axes=(modes.axes[0], modes.axes[1]),
+                modes=amplitudes.shape[-1],
+            )
+            parts += [modes.coefficients, amplitudes]
+        if self.held_out is not None:
+            parts += [self.held_out.touches, self.held_out.forces, self.held_out.errors]
+        write(Path(path), contents, parts)
 
     @classmethod
     def load(cls, path: Path | str) -> Response:
@@ -178,7 +328,21 @@ class Response:
         FileError
             When the file cannot be read; as `ResponseError`, when it holds no sound response.
         """
-        file, coefficients = read(Path(path))
+        file, (coefficients, modes, amplitudes, *held_out) = read(Path(path))
         names = tuple(electrode.name for electrode in file.scene.electrode_list)
-        spline = UniformSpline(file.axes, coefficients)
-        return cls(names, file.scene, file.domain, file.error_bound, file.error_rms, spline)
+        stress = None
+        if (kept := file.stress) is not None:
+            spline = UniformSpline(kept.axes, modes)
+            stress = ProbeCharges(kept.places(file.scene), spline, kept.stretch_mm, amplitudes)
+        return cls(
+            names,
+            file.scene,
+            file.domain,
+            file.error_bound,
+            file.error_rms,
+            UniformSpline(file.axes, coefficients),
+            file.tolerance,
+            file.remarks,
+            stress,
+            HeldOut(*held_out) if file.touches else None,
+        )

@@ -1,4 +1,7 @@
-"""The file of a response: a line with a digest, a line of JSON, and the spline's coefficients.
+"""The file of a response: a line with a digest, a line of JSON, and its arrays.
+
+These are the coefficients of the table, then those of the modes of the stress about the probe and
+their amplitudes, and the touches held out with forces and errors, as far as the response has them.
 
 The digest is that of everything after its line, so that no damage goes unnoticed.
 """
@@ -7,32 +10,56 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, PlainSerializer, PlainValidator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    PlainValidator,
+    PositiveFloat,
+    PositiveInt,
+    model_validator,
+)
 
 from pvdf_fem.files import FileError, reading, replacing
 from pvdf_fem.response.model import Domain
+from pvdf_fem.response.rim_places import RimPlaces
 from pvdf_fem.response.uniform_spline import UniformAxis
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.sweeps.store import NUMERICAL_FOLDERS, key
+from pvdf_fem.solution.gradients import PLACE
+from pvdf_fem.sweeps.equivalence import mechanics
+from pvdf_fem.sweeps.store import NUMERICAL_FOLDERS, code_version
 
-FORMAT = b"pvdf_fem response 2, SHA-256 "
+FORMAT = b"pvdf_fem response 3, SHA-256 "
 
 
 class ResponseError(FileError):
     """A file holds no sound response; the text names the file and says what to do."""
 
 
-def response_key(scene: Scene, domain: Domain) -> str:
-    """Hash of all that a response depends on: scene, domain, and the code that builds it.
+def mechanics_of(scene: Scene) -> str:
+    """What the stress about a scene's probe depends on, wherever it is and whatever its force."""
+    observable = {"observable": scene.numerics.observable}
+    alone = scene.with_(
+        **dict.fromkeys(PLACE, 0.0), **{"load.force_N": 1.0, "numerics": observable}
+    )
+    return f"{mechanics(alone).given} {observable}"
 
-    A file that is named by it is never loaded when it is stale.
+
+def response_key(scene: Scene, domain: Domain, tolerance: float) -> str:
+    """Hash of what a response is built from: mechanics, domain, tolerance, and the code.
+
+    A file that is named by it is never loaded when it is stale. Electrodes, d31, d32, readout and
+    the probe's place do not count, see `Response.for_scene`.
     """
-    text = f"{key(scene, (*NUMERICAL_FOLDERS, 'response'))} {domain.reach_mm} {domain.force_N}"
+    code = code_version((*NUMERICAL_FOLDERS, "response"))
+    text = f"{code} {mechanics_of(scene)} {domain.reach_mm} {domain.force_N} {tolerance}"
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -40,10 +67,37 @@ def _scene(value: object) -> Scene:
     return value if isinstance(value, Scene) else Scene.parse(str(value))
 
 
-class Contents(BaseModel):
-    """A response without its coefficients."""
-
+class _Checked(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, revalidate_instances="always")
+
+
+class StressContents(_Checked):
+    """The stress about a probe without its arrays."""
+
+    #: Of `RimPlaces`: reach in mm, radii and rotations.
+    grid: tuple[
+        PositiveFloat, Annotated[int, Field(ge=1, le=99)], Annotated[int, Field(ge=0, le=99)]
+    ]
+    #: Of `ProbeCharges`.
+    stretch_mm: PositiveFloat
+    axes: tuple[UniformAxis, UniformAxis]
+    modes: PositiveInt
+
+    def places(self, scene: Scene) -> RimPlaces:
+        """The places of the rim for a scene's probe."""
+        assert scene.probe is not None
+        return RimPlaces(scene.probe, *self.grid)
+
+    @model_validator(mode="after")
+    def _agree(self) -> Self:
+        steps = all(0.0 < axis.step < math.inf and axis.count >= 4 for axis in self.axes)
+        if not (steps and [axis.periodic for axis in self.axes] == [False, True]):
+            raise ValueError("the axes are not those of a stress about a probe")
+        return self
+
+
+class Contents(_Checked):
+    """A response without its arrays."""
 
     scene: Annotated[Scene, PlainValidator(_scene), PlainSerializer(Scene.to_toml)]
     domain: Domain
@@ -54,6 +108,11 @@ class Contents(BaseModel):
     polynomials: int = Field(ge=1)
     #: Type of the coefficients.
     dtype: str = Field(pattern="^<f[48]$")
+    tolerance: float = Field(gt=0.0)
+    remarks: tuple[str, ...]
+    #: Number of touches held out.
+    touches: int = Field(ge=0)
+    stress: StressContents | None
 
     @model_validator(mode="after")
     def _agree(self) -> Self:
@@ -73,11 +132,34 @@ class Contents(BaseModel):
             raise ValueError("scene, domain and axes are not those of a response")
         return self
 
+    def arrays(self) -> list[tuple[str, tuple[int, ...]]]:
+        """Types and shapes of the arrays."""
+        electrodes = len(self.scene.electrode_list)
+        table = (*map(_rows, self.axes), self.polynomials * electrodes)
+        modes: tuple[int, ...] = (0,)
+        amplitudes: tuple[int, ...] = (0,)
+        if self.stress is not None:
+            modes = (*map(_rows, self.stress.axes), 3 * self.stress.modes)
+            at = self.stress.places(self.scene)
+            by_place = at.rotations, at.radii, at.angles
+            amplitudes = (*by_place, self.polynomials, self.stress.modes)
+        touches = (self.touches, 4), (self.touches, electrodes, 2), (self.touches, electrodes, 2)
+        real = [("<f8", shape) for shape in (amplitudes, *touches)]
+        return [(self.dtype, table), ("<f4", modes), *real]
 
-def write(path: Path, contents: Contents, coefficients: NDArray[np.floating]) -> None:
-    """Write a response; `FileError` when that is not possible."""
+
+def _rows(axis: UniformAxis) -> int:
+    """Number of coefficients of a spline along an axis."""
+    return axis.count + (3 if axis.periodic else 2)
+
+
+def write(path: Path, contents: Contents, arrays: Sequence[NDArray[np.floating]]) -> None:
+    """Write a response with those arrays that it has; `FileError` when that is not possible."""
+    kinds = [kind for kind, shape in contents.arrays() if math.prod(shape)]
     content = contents.model_dump_json().encode() + b"\n"
-    content += coefficients.astype(contents.dtype, copy=False).tobytes()
+    content += b"".join(
+        a.astype(t, copy=False).tobytes() for a, t in zip(arrays, kinds, strict=True)
+    )
     with replacing(path) as temporary:
         temporary.write_bytes(_head(content) + content)
 
@@ -86,8 +168,8 @@ def _head(content: bytes) -> bytes:
     return FORMAT + hashlib.sha256(content).hexdigest().encode() + b"\n"
 
 
-def read(path: Path) -> tuple[Contents, NDArray[np.floating]]:
-    """A response that was written, with its coefficients; see `Response.load`."""
+def read(path: Path) -> tuple[Contents, list[NDArray[Any]]]:
+    """A response that was written, with its arrays, empty ones included; see `Response.load`."""
     with reading(path, "a response") as file:
         head = file.read(len(_head(b"")))
         content = file.read() if head.startswith(FORMAT) else b""
@@ -99,12 +181,13 @@ def read(path: Path) -> tuple[Contents, NDArray[np.floating]]:
     try:
         text, _, _ = content.partition(b"\n")
         contents = Contents.model_validate_json(text)
-        coefficients = np.frombuffer(content, contents.dtype, offset=len(text) + 1)
-        rows = (axis.count + (3 if axis.periodic else 2) for axis in contents.axes)
-        functions = contents.polynomials * len(contents.scene.electrode_list)
-        coefficients = coefficients.reshape(*rows, functions)
-        if not np.isfinite(coefficients).all():
-            raise ValueError("a coefficient is not finite")
-    except (ValueError, OverflowError) as error:
+        arrays, offset = [], len(text) + 1
+        for kind, shape in contents.arrays():
+            array = np.frombuffer(content, kind, math.prod(shape), offset).reshape(shape)
+            offset += array.nbytes
+            arrays.append(array.astype(array.dtype.newbyteorder("=")))
+        if offset != len(content) or not all(np.isfinite(array).all() for array in arrays):
+            raise ValueError("the arrays are too long, or have a value that is not finite")
+    except (ValueError, OverflowError, MemoryError) as error:
         raise ResponseError(f"{path}: holds what no response can be; {advice}") from error
-    return contents, coefficients.astype(coefficients.dtype.newbyteorder("="))
+    return contents, arrays

@@ -5,6 +5,10 @@ for c on a polar grid: n distances |c| = r cos((2 i + 1) π / (4 n)), the Chebys
 r, and 2 (2 n - 1) angles. Between them it is interpolated by polynomials along diameters and by a
 Fourier series of the angle. Both converge faster the farther the rim is. The symmetries of a probe
 make most of these places images of others, so that few of them have to be solved.
+
+In a film that is stiffer in one direction the stress depends on R besides. It is then known for a
+few rotations in half a turn, with a Fourier series between them. Under a disc, whose rotation does
+not matter, the axes of the probe are those of the film, whose symmetries are left.
 """
 
 from __future__ import annotations
@@ -19,14 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.response.probe_stress import PolarRaster
-from pvdf_fem.response.uniform_spline import UniformAxis, UniformSpline
-from pvdf_fem.scene.outlines.outline import Outline
+from pvdf_fem.response.probe_stress import PolarRaster, stretched
+from pvdf_fem.response.uniform_spline import UniformSpline
+from pvdf_fem.scene.outlines.outline import Outline, turn
 from pvdf_fem.scene.scene import Probe
 
-#: Modes are left out whose norm is below this share of the largest. At 1e-6 that is an error of
-#: 3e-5 in the charge of an electrode on the film's other side.
-LEAST_MODE = 1e-7
+#: Gauss's points along a side of an electrode for each step of the raster there, and at least.
+POINTS_PER_STEP = 1.0
+LEAST_POINTS = 6
 #: Positions whose integrals are one sparse matrix.
 CHUNK = 2000
 
@@ -35,7 +39,8 @@ CHUNK = 2000
 class Image:
     """A place as the image of another place at the same distance."""
 
-    #: Index of the other place's angle.
+    #: Indices of the other place's rotation and angle.
+    rotation: int
     angle: int
     #: Whether the other place is first mirrored in the x axis.
     mirrored: bool
@@ -52,19 +57,32 @@ class RimPlaces:
     reach_mm: float
     #: Number of distances, n in the module's text.
     radii: int
+    #: Number of the probe's rotations in half a turn, 0 if the film is equally stiff in all
+    #: directions.
+    film_rotations: int = 0
+
+    @property
+    def rotations(self) -> int:
+        """Number of different rotations: a multiple of what the probe's symmetry makes equal."""
+        if not (self.film_rotations and self.probe.period_deg):
+            return 1
+        multiple = self._fold // math.gcd(2, self._fold)
+        return multiple * math.ceil(self.film_rotations / multiple)
 
     @property
     def angles(self) -> int:
-        """Number of angles: even, and a multiple of the probe's symmetry."""
+        """Number of angles: even, and a multiple of the symmetry."""
         least = 2 * (2 * self.radii - 1)
         multiple = math.lcm(2, self._fold or 1)
         return multiple * math.ceil(least / multiple)
 
     @property
     def _fold(self) -> int:
-        """Number of rotations that bring the probe onto itself; 0 for a disc, which all do."""
+        """Number of turns that bring probe and film onto themselves; 0 if all do."""
         period = self.probe.period_deg
-        return round(360.0 / period) if period else 0
+        if period:
+            return round(360.0 / period)
+        return 2 if self.film_rotations else 0
 
     @cached_property
     def _diameter(self) -> Array:
@@ -81,32 +99,58 @@ class RimPlaces:
         return self.reach_mm * self._diameter[: self.radii, None, None] * unit
 
     @property
-    def unique_centres_mm(self) -> Array:
-        """Places that are not images of others, (n, 2): by radius, then by angle."""
-        return self.centres_mm[:, self.unique_angles].reshape(-1, 2)
+    def rotations_deg(self) -> Array:
+        """Rotations of the probe, (rotations,)."""
+        return np.linspace(0.0, 180.0, self.rotations, endpoint=False)
 
     @property
-    def unique_angles(self) -> list[int]:
-        """Indices of the angles whose places are not images of others."""
-        return sorted({image.angle for image in self.images})
+    def unique_places(self) -> Array:
+        """Places of the probe that are not images of others: x and y in mm, rotation in degrees.
+
+        They are ordered by radius, then as `unique`, (n, 3).
+        """
+        centres = self.centres_mm
+        return np.array(
+            [
+                [
+                    *turn(-centres[radius, angle], self.rotations_deg[rotation]),
+                    self.rotations_deg[rotation],
+                ]
+                for radius in range(self.radii)
+                for rotation, angle in self.unique
+            ]
+        )
+
+    @property
+    def unique(self) -> list[tuple[int, int]]:
+        """Indices of rotations and angles whose places are not images of others."""
+        return sorted({(image.rotation, image.angle) for row in self.images for image in row})
 
     @cached_property
-    def images(self) -> tuple[Image, ...]:
-        """Each angle as the image of the angle with the lowest index."""
-        fold = self._fold or self.angles
-        half, turn = self.angles // 2, self.angles // fold
-        images = []
-        for angle in range(self.angles):
-            turns = [k * turn for k in range(fold)]
-            equal = [Image((angle - steps) % self.angles, False, steps) for steps in turns]
-            if self.probe.is_mirrored:
-                turns = [half + steps for steps in turns]
-                equal += [Image((steps - angle) % self.angles, True, steps) for steps in turns]
-            images.append(min(equal, key=lambda image: image.angle))
-        return tuple(images)
+    def images(self) -> tuple[tuple[Image, ...], ...]:
+        """For each rotation, each angle as the image of the first that is equivalent."""
+        angles = range(self.angles)
+        return tuple(
+            tuple(self._image(rotation, angle) for angle in angles)
+            for rotation in range(self.rotations)
+        )
 
-    def weights(self, centres_mm: Array) -> Array:
-        """Interpolation weights (n, radii, angles) at centres (n, 2)."""
+    def _image(self, rotation: int, angle: int) -> Image:
+        fold = self._fold or self.angles
+        half, turns = self.angles // 2, self.angles // fold
+        equal = []
+        for k in range(fold):
+            # the film turns by 2 π k / fold with the rim, of which half a turn is none
+            ahead, steps = k * 2 * self.rotations // fold, k * turns
+            unturned = (rotation + ahead) % self.rotations
+            equal.append(Image(unturned, (angle - steps) % self.angles, False, steps))
+            if self.probe.is_mirrored:
+                mirrored, steps = (-rotation - ahead) % self.rotations, steps + half
+                equal.append(Image(mirrored, (steps - angle) % self.angles, True, steps))
+        return min(equal, key=lambda image: (image.rotation, image.angle))
+
+    def weights(self, centres_mm: Array, rotation: float) -> Array:
+        """Interpolation weights (n, rotations, radii, angles) at centres (n, 2) and a rotation."""
         r = np.linalg.norm(centres_mm, axis=-1) / self.reach_mm
         angle = np.arctan2(centres_mm[:, 1], centres_mm[:, 0])
         grid = 2.0 * np.pi * np.arange(self.angles) / self.angles
@@ -115,14 +159,16 @@ class RimPlaces:
         opposite = np.roll(kernel, self.angles // 2, axis=1)
         along = _lagrange(self._diameter, r)
         ahead, behind = along[:, : self.radii, None], along[:, self.radii :, None]
-        return ahead * kernel[:, None] + behind * opposite[:, None]
+        by_centre = ahead * kernel[:, None] + behind * opposite[:, None]
+        turns = _dirichlet(2.0 * (rotation - np.radians(self.rotations_deg)), self.rotations)
+        return by_centre[:, None] * turns[:, None, None]
 
 
 def _dirichlet(angle: Array, count: int) -> Array:
     """Weight of a value at a distance `angle` in the trigonometric interpolation of `count`."""
-    total = 1.0 + np.cos(count // 2 * angle)
-    for order in range(1, count // 2):
-        total += 2.0 * np.cos(order * angle)
+    total = np.ones_like(angle)
+    for order in range(1, count // 2 + 1):
+        total += (1.0 if 2 * order == count else 2.0) * np.cos(order * angle)
     return total / count
 
 
@@ -140,37 +186,43 @@ class ProbeCharges:
     """Charges from the modes of the stress about a probe."""
 
     places: RimPlaces
-    #: Modes of the stress over ρ in mm and θ, as means along the rays (`PolarRaster.means`): of its
-    #: trace S11 + S22, and where they count of its deviator (S11 - S22)/2 and S12.
+    #: Modes of the stress over s and θ, as means along the rays (`PolarRaster.means`): of its trace
+    #: S11 + S22, then of its deviator (S11 - S22)/2 and S12.
     modes: UniformSpline
-    #: Amplitudes in Pa of the modes in the stress for each place and force, (radii, angles, forces,
-    #: modes).
+    #: `PolarRaster.stretch_mm`
+    stretch_mm: float
+    #: Amplitudes in Pa of the modes in the stress for each place and force, (rotations, radii,
+    #: angles, forces, modes).
     amplitudes: Array
 
     @classmethod
     def of(
-        cls, places: RimPlaces, raster: PolarRaster, fields: Sequence[Array], *, uniaxial: bool
+        cls, places: RimPlaces, raster: PolarRaster, fields: Sequence[Array], least: float = 1e-7
     ) -> ProbeCharges:
         """The charges from stress fields of the places that are not images of others.
 
-        The fields, each (forces, 3, ρ, θ), are in the order of `RimPlaces.unique_centres_mm`; the
-        raster has a multiple of the places' angles. The deviator counts only if `uniaxial`: d31
-        differs from d32.
+        The fields, each (forces, 3, ρ, θ), are in the order of `RimPlaces.unique_places`; the
+        raster has a multiple of the places' angles. Modes are left out whose norm is below the
+        share `least` of the largest. At 1e-6 that is an error of 3e-5 in the charge of an electrode
+        on the film's other side.
         """
-        stress, scale = _all_places(places, fields, uniaxial=uniaxial)
+        stress, scale = _all_places(places, fields)
         shape = stress.shape
-        rows = stress.reshape(int(np.prod(shape[:3])), -1)
+        rows = stress.reshape(int(np.prod(shape[:4])), -1)
         energy, vectors = np.linalg.eigh(rows @ rows.T)
-        vectors = vectors[:, energy > LEAST_MODE**2 * energy[-1]]
-        modes = (vectors.T @ rows).reshape(-1, *shape[3:])
-        amplitudes = vectors.reshape(*shape[:3], -1) * scale[:, None]
-        axes = (
-            UniformAxis(raster.rho_mm[0], raster.step_mm, shape[4]),
-            UniformAxis(0.0, 2.0 * np.pi / raster.angles, raster.angles, periodic=True),
-        )
-        # (ρ, θ, components and modes)
-        values = modes.transpose(2, 3, 1, 0).reshape(*shape[4:], -1)
-        return cls(places, UniformSpline.through(axes, values, np.float32), amplitudes)
+        vectors = vectors[:, energy > least**2 * energy[-1]]
+        modes = (vectors.T @ rows).reshape(-1, *shape[4:])
+        amplitudes = vectors.reshape(*shape[:4], -1) * scale[:, None]
+        # (s, θ, components and modes)
+        values = modes.transpose(2, 3, 1, 0).reshape(*shape[5:], -1)
+        spline = UniformSpline.through(raster.axes, values, np.float32)
+        return cls(places, spline, raster.stretch_mm, amplitudes)
+
+    @cached_property
+    def _trace(self) -> UniformSpline:
+        """The traces alone of the modes."""
+        coefficients = self.modes.coefficients[..., : self.amplitudes.shape[-1]]
+        return UniformSpline(self.modes.axes, np.ascontiguousarray(coefficients))
 
     def charges_pC(
         self,
@@ -181,54 +233,56 @@ class ProbeCharges:
     ) -> Array:
         """Charges (n, forces, electrodes) with the probe at positions (n, 2), turned in radians.
 
-        `d_pC_N` are d31 and d32.
+        `d_pC_N` are d31 and d32; the deviator counts only where they differ.
         """
         d31, d32 = d_pC_N
+        modes = self._trace if d31 == d32 else self.modes
         c, s = np.cos(rotation), np.sin(rotation)
-        turn = np.array([[c, -s], [s, c]])
-        weights = self.places.weights(-positions_mm @ turn)
-        amplitudes = np.tensordot(weights, self.amplitudes, axes=2)
+        turned = np.array([[c, -s], [s, c]])
+        weights = self.places.weights(-positions_mm @ turned, rotation)
+        amplitudes = np.tensordot(weights, self.amplitudes, axes=3)
         charges = []
         for electrode in electrodes:
             chunks = [positions_mm[i : i + CHUNK] for i in range(0, len(positions_mm), CHUNK)]
-            forces = np.concatenate([self._forces(electrode, places, turn) for places in chunks])
+            forces = np.concatenate([self._forces(modes, electrode, at, turned) for at in chunks])
             by_mode = 0.5 * (d31 + d32) * forces[:, 0]
-            if forces.shape[1] == 3:
+            if d31 != d32:
                 # the deviator, turned into the film's axes
                 c, s = np.cos(2.0 * rotation), np.sin(2.0 * rotation)
                 by_mode += (d31 - d32) * (c * forces[:, 1] - s * forces[:, 2])
             charges.append(np.einsum("nm,nfm->nf", by_mode, amplitudes))
         return np.stack(charges, axis=-1)
 
-    def _forces(self, electrode: Outline, positions_mm: Array, turn: Array) -> Array:
+    def _forces(
+        self, modes: UniformSpline, electrode: Outline, positions_mm: Array, turned: Array
+    ) -> Array:
         """Integrals (n, components, modes) in N of the stress over an electrode."""
-        points, normals = electrode.boundary_rule(12)
-        from_probe = (1e3 * points - positions_mm[:, None]) @ turn
-        factors = 0.5e-3 * np.einsum("nqi,qi->nq", from_probe, normals @ turn)
-        rho = np.linalg.norm(from_probe, axis=-1)
+        side_mm = 1e3 * electrode.perimeter / max(4, len(electrode.boundary))
+        count = max(LEAST_POINTS, int(np.ceil(POINTS_PER_STEP * side_mm / modes.axes[0].step)))
+        points, normals = electrode.boundary_rule(count)
+        from_probe = (1e3 * points - positions_mm[:, None]) @ turned
+        factors = 0.5e-3 * np.einsum("nqi,qi->nq", from_probe, normals @ turned)
+        s = stretched(np.linalg.norm(from_probe, axis=-1), self.stretch_mm)
         theta = np.arctan2(from_probe[..., 1], from_probe[..., 0])
-        forces = self.modes.sums(np.stack([rho, theta], axis=-1), factors)
+        forces = modes.sums(np.stack([s, theta], axis=-1), factors)
         return forces.reshape(len(positions_mm), -1, self.amplitudes.shape[-1])
 
 
-def _all_places(
-    places: RimPlaces, fields: Sequence[Array], *, uniaxial: bool
-) -> tuple[Array, Array]:
-    """Stress (radii, angles, forces, components, ρ, θ) at all places over its size, (forces,)."""
-    unique = places.unique_angles
+def _all_places(places: RimPlaces, fields: Sequence[Array]) -> tuple[Array, Array]:
+    """Stress (rotations, radii, angles, forces, components, s, θ) over its size, (forces,)."""
+    unique = places.unique
     stress = np.reshape(fields, (places.radii, len(unique), *np.shape(fields)[1:]))
     trace = stress[:, :, :, 0] + stress[:, :, :, 1]
     deviator = (stress[:, :, :, 0] - stress[:, :, :, 1]) / 2.0 + 1j * stress[:, :, :, 2]
     scale = np.sqrt((trace**2).mean(axis=(0, 1, 3, 4)))
-    by_angle = []
-    for image in places.images:
-        index = unique.index(image.angle)
-        components = [_transformed(trace[:, index], image, places.angles).real]
-        if uniaxial:
-            turned = _transformed(deviator[:, index], image, places.angles)
-            components += [turned.real, turned.imag]
-        by_angle.append(np.stack(components, axis=2) / scale[:, None, None, None])
-    return np.stack(by_angle, axis=1), scale
+    whole = np.empty((places.rotations, places.radii, places.angles, *stress.shape[2:]))
+    for place in np.ndindex(places.rotations, places.angles):
+        image = places.images[place[0]][place[1]]
+        index = unique.index((image.rotation, image.angle))
+        turned = _transformed(deviator[:, index], image, places.angles)
+        components = _transformed(trace[:, index], image, places.angles), turned.real, turned.imag
+        whole[place[0], :, place[1]] = np.stack(components, axis=2) / scale[:, None, None, None]
+    return whole, scale
 
 
 def _transformed(field: NDArray[Any], image: Image, angles: int) -> NDArray[Any]:

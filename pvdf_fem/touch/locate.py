@@ -15,16 +15,17 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.special import gammaincc
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model, X, Y, period_deg, touch_of
+from pvdf_fem.scene.scene import Scene
 from pvdf_fem.touch.descent import Descent, SearchOptions, descend, joined
 from pvdf_fem.touch.location import Location
-from pvdf_fem.touch.mistakes import charge_mistakes, deviation_mistakes, known_mistakes
+from pvdf_fem.touch.measurement import Deviations, Measurement, centre_mm
+from pvdf_fem.touch.mistakes import charge_mistakes, known_mistakes
 from pvdf_fem.touch.problem import Problem
 from pvdf_fem.touch.starts import starts
-from pvdf_fem.touch.touch import Touch
+from pvdf_fem.touch.touch import Touch, p_values
 
 PLACE_AND_FORCE = ("x_mm", "y_mm", "force_N")
 
@@ -65,11 +66,12 @@ DEFAULTS = LocateOptions()
 def locate(
     model: Model,
     charges_pC: Mapping[str, float],
-    sigma: float | Mapping[str, float] = 0.01,
+    sigma: Deviations = 0.01,
     *,
     unknown: Sequence[str] = PLACE_AND_FORCE,
     known: Mapping[str, float] | None = None,
-    noise_pC: float = 0.0,
+    noise_pC: Deviations | None = None,
+    reading: str | None = None,
     options: LocateOptions = DEFAULTS,
 ) -> Location:
     """All touches that may have given some charges, the likeliest first.
@@ -78,15 +80,22 @@ def locate(
     ----------
     model : Model
     charges_pC : mapping
-        Measured charges of some or all of the model's electrodes.
+        Readings in nominal pC of some or all of the model's electrodes: charges, if the channels
+        of the scene's readout have no gain or offset.
     sigma : float or mapping
-        Relative standard deviation of the charges, one for all or one by electrode.
+        Standard deviation over the charge or the change that is read, one for all or one by
+        electrode.
     unknown : sequence of str
         What is sought, of `QUANTITIES`.
     known : mapping, optional
-        Values of the other quantities; by default those of the model's scene.
-    noise_pC : float
-        Standard deviation in pC of a further error that every charge has.
+        Values of the other quantities in the frame of the scene's stage; by default those of the
+        model's scene.
+    noise_pC : float or mapping, optional
+        Standard deviation in pC of a further error that every reading has; by default that of the
+        readout, or none.
+    reading : str, optional
+        What is read: ``"total"`` charges, or their ``"change"`` by the touch, as by an amplifier
+        that was zeroed before it. By default that of the scene's readout, or else in total.
     options : LocateOptions
 
     Returns
@@ -97,37 +106,55 @@ def locate(
     ------
     ValueError
         Listing all mistakes, a line each: charges of electrodes that the model does not have,
-        numbers that are not finite, quantities that are both sought and known, known quantities
+        what is no finite number, quantities that are both sought and known, known quantities
         outside of the model's domain, no standard deviation at all.
 
     Notes
     -----
-    The model's own error, evenly distributed within `model.error_bound`, is added to the standard
-    deviations. It is taken as independent between electrodes.
+    The model's own error, evenly distributed within `model.error_bound` of the total charge, is
+    added to the standard deviations. It is taken as independent between electrodes.
     """
-    mistakes = [*charge_mistakes(model.names, charges_pC, sigma, noise_pC)]
-    default = touch_of(model.scene)
-    mistakes += known_mistakes(model.domain, unknown, known or {}, default)
-    mistakes += deviation_mistakes(model.error_bound, sigma, noise_pC)
+    default = staged_touch(model.scene)
+    mistakes = [*charge_mistakes(model.scene, charges_pC, sigma, noise_pC, reading)]
+    origin = *centre_mm(model.scene), 0.0, 0.0
+    mistakes += known_mistakes(model.domain, unknown, known or {}, default, origin)
     if mistakes:
         raise ValueError("\n".join(mistakes))
-    electrodes = np.array([model.names.index(name) for name in charges_pC])
-    charges = np.array(list(charges_pC.values()), dtype=float)
-    relative = [sigma[n] for n in charges_pC] if isinstance(sigma, Mapping) else sigma
-    spread = deviations(model, charges, np.array(relative), noise_pC)
+    readings = np.array([list(charges_pC.values())], dtype=float)
     sought = np.array([i for i, name in enumerate(QUANTITIES) if name in unknown])
     values = {**default, **(known or {})}
-    fixed = {i: float(values[n]) for i, n in enumerate(QUANTITIES) if n not in unknown}
-    problem = Problem(model, electrodes, charges[None], spread[None], sought)
-    return location(problem, search(problem, fixed, options), options)
+    fixed = {i: values[n] - origin[i] for i, n in enumerate(QUANTITIES) if n not in unknown}
+
+    def found(measurement: Measurement) -> Location:
+        problem = measurement.problem(readings, sought)
+        ends = search(problem, fixed, options)
+        return replace(location(problem, ends, options), reading=measurement.reading)
+
+    measurement = Measurement.of(model, tuple(charges_pC), sigma, noise_pC, reading)
+    best = found(measurement)
+    if best.explained:
+        return best
+    other = found(measurement.other)
+    return replace(best, other_reading=other.best if other.explained else None)
+
+
+def staged_touch(scene: Scene) -> dict[str, float]:
+    """The quantities of a scene's touch by name, in the frame of its stage."""
+    touch = touch_of(scene)
+    if scene.stage is None or scene.probe is None:
+        return touch
+    place = [touch[name] for name in QUANTITIES[:ROTATION]]
+    places, rotations = scene.stage.to_stage(np.array([place]), np.array([touch["rotation_deg"]]))
+    staged = [*places[0].tolist(), float(rotations[0]), touch["force_N"]]
+    return dict(zip(QUANTITIES, staged, strict=True))
 
 
 def search(problem: Problem, known: Mapping[int, float], options: LocateOptions) -> Descent:
     """Searches from everywhere for the touch of a problem.
 
-    `known` are values of what is not sought, by its index in `QUANTITIES`. A sought rotation is
-    held at first, at many values: a few degrees change charges by less than the distance of
-    neighbours in the table of starts does.
+    `known` are values of what is not sought, by its index in `QUANTITIES`, places being coordinates
+    of the problem. A sought rotation is held at first, at many values: a few degrees change charges
+    by less than the distance of neighbours in the table of starts does.
     """
     charges, spread = problem.charges_pC[0], problem.deviations_pC[0]
     at = starts(problem.model, charges, spread, problem.electrodes, known)
@@ -160,12 +187,6 @@ def _starts_about_fold(problem: Problem, ends: Descent, options: LocateOptions) 
     return at
 
 
-def deviations(model: Model, charges: Array, relative: Array, noise_pC: float) -> Array:
-    """Standard deviations in pC of charges: relative ones, noise, and the model's error."""
-    model_error = model.error_bound / math.sqrt(3.0)
-    return np.sqrt((relative**2 + model_error**2) * charges**2 + noise_pC**2)
-
-
 def location(problem: Problem, ends: Descent, options: LocateOptions = DEFAULTS) -> Location:
     """The location whose touches are the distinct ends of searches for one touch."""
     ends = ends.take(_distinct(problem, ends, options))
@@ -176,10 +197,8 @@ def location(problem: Problem, ends: Descent, options: LocateOptions = DEFAULTS)
     extent = extents(problem.model)
     logs = _log_masses(ends.slopes * extent, ends.chi_square)
     total = float(np.logaddexp.reduce(logs))
-    values, scale = ends.at.copy(), np.ones(ends.at.shape)
-    values[:, FORCE] = scale[:, FORCE] = np.exp(ends.at[:, FORCE])
-    if QUANTITIES[ROTATION] in names:
-        values[:, ROTATION] %= period_deg(problem.model)
+    values, scale = problem.touches(ends.at), np.ones(ends.at.shape)
+    scale[:, FORCE] = values[:, FORCE]
     columns = (
         (ends.slopes / scale[:, None]).take(problem.unknown, axis=2),
         (extent * scale).take(problem.unknown, axis=1),
@@ -232,13 +251,6 @@ def _log_masses(slopes: Array, chi_square: Array) -> Array:
     """
     normal = np.matmul(slopes.swapaxes(1, 2), slopes) + np.eye(slopes.shape[2])
     return -0.5 * (chi_square + np.log(np.linalg.det(normal)))
-
-
-def p_values(chi_square: Array, freedom: int) -> Array:
-    """Probabilities of a larger chi-square if the model is right; NaN without freedom."""
-    if freedom <= 0:
-        return np.full(len(chi_square), np.nan)
-    return gammaincc(0.5 * freedom, 0.5 * chi_square)
 
 
 def edges(problem: Problem, at: Array) -> list[tuple[str, ...]]:

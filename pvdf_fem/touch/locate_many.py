@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
@@ -11,18 +12,26 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pvdf_fem.arrays import Array, Indices, Mask
-from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model, X, Y, period_deg
-from pvdf_fem.touch.descent import Descent, descend
-from pvdf_fem.touch.locate import DEFAULTS, deviations, edges, extents, p_values, search
-from pvdf_fem.touch.mistakes import LARGEST_PC, LEAST_PC, charge_mistakes, deviation_mistakes
-from pvdf_fem.touch.nearest import NearestTouches, nearest_touches
+from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model, X, Y
+from pvdf_fem.touch.descent import Descent, descend, joined
+from pvdf_fem.touch.locate import DEFAULTS, edges, extents, location, search
+from pvdf_fem.touch.measurement import READINGS, Deviations, Measurement
+from pvdf_fem.touch.mistakes import LARGEST_PC, LEAST_PC, charge_mistakes
 from pvdf_fem.touch.problem import Problem
-from pvdf_fem.touch.touch import DETERMINED, SIGNIFICANCE
+from pvdf_fem.touch.starts import NearestTouches, nearest_touches
+from pvdf_fem.touch.touch import DETERMINED, SIGNIFICANCE, explains, p_values
 
 #: Rows that are located together: they take some 3 kB each while searches are under way.
 CHUNK = 32768
 #: Starts of the second search for a row.
 RETRIES = 8
+#: Columns with the standard deviations of quantities.
+DEVIATION_COLUMNS = {
+    "x_mm": "x_deviation_mm",
+    "y_mm": "y_deviation_mm",
+    "rotation_deg": "rotation_deviation_deg",
+    "force_N": "force_deviation_N",
+}
 
 
 class RowStatus(StrEnum):
@@ -34,6 +43,7 @@ class RowStatus(StrEnum):
     ZERO = "zero_charge"
     OUTSIDE = "known_outside_domain"
     NOT_FOUND = "no_touch_found"
+    MALFORMED = "malformed"
 
     @property
     def meaning(self) -> str:
@@ -49,6 +59,7 @@ MEANINGS = {
     " are, no touch",
     RowStatus.OUTSIDE: "the known force is outside of the model's domain; build one for it",
     RowStatus.NOT_FOUND: "no search ended: the charges fit no touch of the model's domain",
+    RowStatus.MALFORMED: "the row of the file has not one cell for each column of the header",
 }
 
 
@@ -59,65 +70,110 @@ class Touches:
     #: x and y in mm, rotation in degrees, force in N, (n, 4); NaN unless located, as all other
     #: numbers.
     values: Array
+    #: What the readings were taken for, of `READINGS`.
+    reading: str
     #: What was sought; the order of the covariances.
     unknown: tuple[str, ...]
     #: What became of each row: a `RowStatus`, (n,).
     status: NDArray[np.object_]
     #: Covariances (n, unknown, unknown) as for `Touch`: by the likelihood's curvature at this touch
-    #: alone. Where the likelihood has a ridge or other maxima, errors are larger: calibrated ones
-    #: are those of `Location`.
+    #: alone. Where the likelihood has a ridge or other maxima, errors are larger.
     covariances: Array
+    #: Standard deviations (n, unknown): calibrated ones as for `Location`, where these were asked
+    #: for, else those of the covariances.
+    deviations: Array
+    #: Number of other touches of a `Location` that are likely, (n,); NaN where calibrated
+    #: deviations were not asked for.
+    alternatives: Array
     #: Whether the charges determine every unknown, (n,).
     determined: Mask
     #: As for `Touch`, (n,).
     chi_square: Array
     p_value: Array
+    #: Whether a touch explains the charges, (n,).
+    explained: Mask
+    #: Whether no touch does, but one if the readings are the other of `READINGS`, (n,).
+    other_reading: Mask
     #: Whether the touch is held by a limit of the model's domain, (n,).
     at_edge: Mask
 
     @classmethod
-    def empty(cls, status: NDArray[np.object_], unknown: tuple[str, ...]) -> Touches:
+    def empty(cls, status: NDArray[np.object_], unknown: tuple[str, ...], reading: str) -> Touches:
         """Room for touches, none of which is located."""
         n, k = len(status), len(unknown)
-        numbers = [np.full(shape, np.nan) for shape in ((n, 4), (n, k, k), n, n)]
-        values, covariances, chi_square, p_value = numbers
-        determined, at_edge = np.zeros((2, n), dtype=bool)
-        return cls(values, unknown, status, covariances, determined, chi_square, p_value, at_edge)
+        shapes = {
+            "values": (n, 4),
+            "covariances": (n, k, k),
+            "deviations": (n, k),
+            **dict.fromkeys(("alternatives", "chi_square", "p_value"), (n,)),
+        }
+        masks = ("determined", "explained", "other_reading", "at_edge")
+        columns = {name: np.full(shape, np.nan) for name, shape in shapes.items()}
+        flags = {name: np.zeros(n, dtype=bool) for name in masks}
+        return cls(reading=reading, unknown=unknown, status=status, **columns, **flags)
 
     def put(self, rows: Indices, problem: Problem, ends: Descent) -> None:
         """Write down the ends of searches for some rows."""
         sought = problem.unknown
         self.status[rows[~ends.arrived]] = RowStatus.NOT_FOUND
         rows, ends = rows[ends.arrived], ends.take(np.flatnonzero(ends.arrived))
-        values = ends.at.copy()
-        if ROTATION in sought:
-            values[:, ROTATION] %= period_deg(problem.model)
-        values[:, FORCE] = np.exp(values[:, FORCE])
+        values = problem.touches(ends.at)
         scale = np.where(sought == FORCE, values[:, FORCE:], 1.0)
         extent = extents(problem.model)[sought]
         covariances, self.determined[rows] = _covariances(ends.slopes[:, :, sought], extent)
         self.values[rows] = values
         self.covariances[rows] = covariances * (scale[:, :, None] * scale[:, None])
+        if np.isnan(self.alternatives[rows]).all():  # not calibrated
+            self.deviations[rows] = np.sqrt(np.einsum("nuu->nu", self.covariances[rows]))
+        freedom = len(problem.electrodes) - len(sought)
         self.chi_square[rows] = ends.chi_square
-        self.p_value[rows] = p_values(ends.chi_square, len(problem.electrodes) - len(sought))
+        self.p_value[rows] = p_values(ends.chi_square, freedom)
+        self.explained[rows] = explains(ends.chi_square, freedom)
         self.at_edge[rows] = [bool(limits) for limits in edges(problem, ends.at)]
 
-    @property
-    def explained(self) -> Mask:
-        """Which charges a touch explains, (n,)."""
-        return ~(self.p_value < SIGNIFICANCE) & np.isfinite(self.chi_square)
+    def to_table(self) -> dict[str, NDArray[Any]]:
+        """Columns (n,): touches, deviations (NaN where known), fit, alternatives, status, remark.
+
+        The remark has words: ``unexplained``, ``explained as change`` or ``as total``,
+        ``undetermined``, ``at edge``.
+        """
+        deviations = np.full(self.values.shape, np.nan)
+        deviations[:, [QUANTITIES.index(name) for name in self.unknown]] = self.deviations
+        (other,) = READINGS.keys() - {self.reading}
+        located = self.status == RowStatus.LOCATED
+        words = {
+            "unexplained": ~self.explained,
+            f"explained as {other}": self.other_reading,
+            "undetermined": ~self.determined,
+            "at edge": self.at_edge,
+        }
+        remarks = np.full(len(self.status), "", dtype=object)
+        for word, rows in words.items():
+            remarks[located & rows] += f"; {word}"
+        counts = [None if np.isnan(count) else int(count) for count in self.alternatives]
+        return {
+            **dict(zip(QUANTITIES, self.values.T, strict=True)),
+            **dict(zip(DEVIATION_COLUMNS.values(), deviations.T, strict=True)),
+            "chi_square": self.chi_square,
+            "p_value": self.p_value,
+            "alternatives": np.array(counts, dtype=object),
+            "status": self.status,
+            "remark": np.array([remark[2:] for remark in remarks], dtype=object),
+        }
 
 
 def locate_many(
     model: Model,
     charges_pC: ArrayLike | Mapping[str, Sequence[float]],
-    sigma: float = 0.01,
+    sigma: Deviations = 0.01,
     *,
     rotations_deg: ArrayLike | None = None,
     forces_N: ArrayLike | None = None,
     electrodes: Sequence[str] | None = None,
-    noise_pC: float = 0.0,
+    noise_pC: Deviations | None = None,
+    reading: str | None = None,
     significance: float = SIGNIFICANCE,
+    calibrated: bool = False,
 ) -> Touches:
     """The likeliest place, and force and rotation if they are not known, for rows of charges.
 
@@ -129,18 +185,19 @@ def locate_many(
     ----------
     model : Model
     charges_pC : array_like, shape (n, electrodes), or mapping
-        Rows, or the charges of all rows by the electrode's name.
-    sigma : float
-        Relative standard deviation of all charges.
+        Rows of readings as for `locate`, or the readings of all rows by the electrode's name.
     rotations_deg, forces_N : array_like, shape (n,), optional
-        Known rotations and forces; sought if not given.
+        Known rotations, in the frame of the scene's stage, and forces; sought if not given.
     electrodes : sequence of str, optional
         The columns of `charges_pC`; by default the model's, or the names of the mapping.
-    noise_pC : float
+    sigma, noise_pC, reading
         As for `locate`.
     significance : float
         Charges count as explained if their p-value is not below this. With 0 the touches of the
         first search are kept, however far their charges are.
+    calibrated : bool
+        Find all likely touches of each row, and calibrated deviations, as `locate` does; that is
+        a hundred times slower.
 
     Raises
     ------
@@ -149,8 +206,8 @@ def locate_many(
         twice, and deviations as `locate` refuses them.
     """
     names, charges = _table(model, charges_pC, electrodes)
-    mistakes = [*charge_mistakes(model.names, dict.fromkeys(names, 1.0), sigma, noise_pC)]
-    mistakes += deviation_mistakes(model.error_bound, sigma, noise_pC)
+    any_charges = dict.fromkeys(names, math.pi)
+    mistakes = [*charge_mistakes(model.scene, any_charges, sigma, noise_pC, reading)]
     quantities = {ROTATION: ("rotations_deg", rotations_deg), FORCE: ("forces_N", forces_N)}
     known = {}
     for i, (name, values) in quantities.items():
@@ -160,20 +217,42 @@ def locate_many(
                 mistakes.append(f"{name} of shape {known[i].shape}: give one per row")
     if mistakes:
         raise ValueError("\n".join(mistakes))
-    columns = np.array([model.names.index(name) for name in names])
+    measurement = Measurement.of(model, names, sigma, noise_pC, reading)
     sought = np.array([i for i in range(len(QUANTITIES)) if i not in known])
-    status = _status(model, charges, known, noise_pC)
-    found = Touches.empty(status, tuple(QUANTITIES[i] for i in sought))
+    status = _status(measurement, charges, known)
+    found = Touches.empty(status, tuple(QUANTITIES[i] for i in sought), measurement.reading)
     usable = np.flatnonzero(status == RowStatus.LOCATED)
     for first in range(0, len(usable), CHUNK):
         rows = usable[first : first + CHUNK]
-        spread = deviations(model, charges[rows], np.array(sigma), noise_pC)
-        problem = Problem(model, columns, charges[rows], spread, sought)
         held = {i: values[rows] for i, values in known.items()}
         if FORCE in held:
             held[FORCE] = np.log(held[FORCE])
-        found.put(rows, problem, _ends(problem, held, significance))
+        problem = measurement.problem(charges[rows], sought)
+        ends = _ends(problem, held, significance)
+        if calibrated:
+            found.deviations[rows], found.alternatives[rows] = _calibrated(problem, ends)
+        found.put(rows, problem, ends)
+        strange = ~found.explained[rows] & ~_explained(problem, ends, significance)
+        if strange.any():
+            problem = measurement.other.problem(charges[rows[strange]], sought)
+            ends = _ends(problem, {i: values[strange] for i, values in held.items()}, significance)
+            found.other_reading[rows[strange]] = _explained(problem, ends)
     return found
+
+
+def _calibrated(problem: Problem, ends: Descent) -> tuple[Array, Array]:
+    """Calibrated deviations (n, unknown), and numbers (n,) of other touches that are likely.
+
+    The ends of the searches are improved.
+    """
+    count = len(problem.charges_pC)
+    deviations, alternatives = np.full((count, len(problem.unknown)), np.nan), np.zeros(count)
+    for row in range(count):
+        found = location(problem.row(row), _search_everywhere(problem, ends, row))
+        if found.touches:
+            deviations[row] = list(found.deviations.values())
+            alternatives[row] = found.alternatives
+    return deviations, alternatives
 
 
 def _table(
@@ -223,21 +302,20 @@ def _number(value: Any) -> float:
 
 
 def _status(
-    model: Model, charges: Array, known: Mapping[int, Array], noise_pC: float
+    measurement: Measurement, readings: Array, known: Mapping[int, Array]
 ) -> NDArray[np.object_]:
     """What keeps rows from being located; `RowStatus.LOCATED` for those that can be."""
-    size = np.abs(charges)
-    small = size < LEAST_PC
-    lowest, highest = model.domain.force_N
-    forces = known.get(FORCE, np.full(len(charges), lowest))
-    # the first reasons win
+    small = np.abs(measurement.signals(readings)) < LEAST_PC
+    lowest, highest = measurement.model.domain.force_N
+    forces = known.get(FORCE, np.full(len(readings), lowest))
+    # the last reasons win
     reasons = {
         RowStatus.OUTSIDE: ~((lowest <= forces) & (forces <= highest)),
-        RowStatus.ZERO: small.all(axis=1) if noise_pC else small.any(axis=1),
-        RowStatus.TOO_LARGE: (size > LARGEST_PC).any(axis=1),
-        RowStatus.NOT_FINITE: ~np.isfinite(np.column_stack([charges, *known.values()])).all(axis=1),
+        RowStatus.ZERO: small.all(axis=1) | (small & (measurement.noise_pC == 0.0)).any(axis=1),
+        RowStatus.TOO_LARGE: (np.abs(readings) > LARGEST_PC).any(axis=1),
+        RowStatus.NOT_FINITE: ~np.isfinite([*readings.T, *known.values()]).all(axis=0),
     }
-    status = np.full(len(charges), RowStatus.LOCATED, dtype=object)
+    status = np.full(len(readings), RowStatus.LOCATED, dtype=object)
     for reason, rows in reasons.items():
         status[rows] = reason
     return status
@@ -247,11 +325,10 @@ def _ends(problem: Problem, held: Mapping[int, Array], significance: float) -> D
     """The best end found for each row of the charges."""
     table = nearest_touches(problem.model, tuple(problem.electrodes.tolist()), ROTATION in held)
     ends = _nearest_end(problem, table, np.arange(len(problem.charges_pC)), held, 1)
-    freedom = len(problem.electrodes) - len(problem.unknown)
-    if (rows := _unexplained(ends, freedom, significance)).size:
+    if (rows := np.flatnonzero(~_explained(problem, ends, significance))).size:
         ends.improve(rows, _nearest_end(problem, table, rows, held, RETRIES))
-    for row in _unexplained(ends, freedom, significance):
-        _search_everywhere(problem, ends, int(row))
+    for row in np.flatnonzero(~_explained(problem, ends, significance)).tolist():
+        _search_everywhere(problem, ends, row)
     return ends
 
 
@@ -275,21 +352,22 @@ def _nearest_end(
     return ends.take(count * np.arange(len(rows)) + best)
 
 
-def _unexplained(ends: Descent, freedom: int, significance: float) -> Indices:
-    """Rows whose search was given up, or ended where the charges are not explained."""
-    return np.flatnonzero(~ends.arrived | (p_values(ends.chi_square, freedom) < significance))
+def _explained(problem: Problem, ends: Descent, significance: float = SIGNIFICANCE) -> Mask:
+    """Rows whose search was not given up, and ended where the charges are explained."""
+    freedom = len(problem.electrodes) - len(problem.unknown)
+    return ends.arrived & explains(ends.chi_square, freedom, significance)
 
 
-def _search_everywhere(problem: Problem, ends: Descent, row: int) -> None:
-    """Replace the end of a row by the best that a search from everywhere finds."""
+def _search_everywhere(problem: Problem, ends: Descent, row: int) -> Descent:
+    """Replace the end of a row by the best that a search from everywhere finds; return all."""
     known = {}
     if ROTATION not in problem.unknown:
         known[ROTATION] = float(ends.at[row, ROTATION])
     if FORCE not in problem.unknown:
         known[FORCE] = float(np.exp(ends.at[row, FORCE]))
-    charges, spread = problem.charges_pC[[row]], problem.deviations_pC[[row]]
-    others = search(replace(problem, charges_pC=charges, deviations_pC=spread), known, DEFAULTS)
+    others = search(problem.row(row), known, DEFAULTS)
     ends.improve(np.array([row]), others.take(np.array([others.ranking.argmin()])))
+    return joined([others, ends.take(np.array([row]))])
 
 
 def _covariances(slopes: Array, extent: Array) -> tuple[Array, Mask]:

@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.touch.measurement import READINGS
 from pvdf_fem.touch.posterior import Posterior, posterior
 from pvdf_fem.touch.problem import Problem
 from pvdf_fem.touch.touch import Touch
@@ -30,6 +31,15 @@ class Location:
     log_evidence: float
     #: The charges, and what explains them.
     problem: Problem
+    #: What the readings were taken for, of `measurement.READINGS`.
+    reading: str = "total"
+    #: The likeliest touch if they are the other, where only that explains them.
+    other_reading: Touch | None = None
+
+    @property
+    def explained(self) -> bool:
+        """Whether a touch of the model's domain gives such charges."""
+        return bool(self.touches) and self.best.explained
 
     @property
     def best(self) -> Touch:
@@ -65,25 +75,34 @@ class Location:
         return touch.values[self.problem.unknown]
 
     @property
+    def alternatives(self) -> int:
+        """Number of other touches that are likely as well."""
+        return sum(touch.weight > SHARE for touch in self.touches[1:])
+
+    @property
     def ambiguous(self) -> bool:
-        """Whether another touch is likely as well."""
-        return len(self.touches) > 1 and self.touches[1].weight > SHARE
+        """Whether there are any."""
+        return self.alternatives > 0
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """What keeps the best touch from being the answer, in sentences."""
+        texts = []
+        if self.other_reading:
+            texts.append(f"wrong reading: {self._about_other(self.other_reading)}")
         if not self.touches:
-            return ("no search ended: the charges fit no touch of the model's domain",)
-        best, texts = self.best, []
+            return ("no search ended: the charges fit no touch of the model's domain", *texts)
+        best = self.best
         if not best.explained:
-            texts.append(
-                f"unexplained: a touch of this probe gives such charges once in "
-                f"{1 / max(best.p_value, 1e-99):.0e} cases (chi-square {best.chi_square:.1f} with "
-                f"{self.degrees_of_freedom} degrees of freedom)"
-            )
+            often = f"chi-square {best.chi_square:.1f}"
+            if self.degrees_of_freedom > 0:
+                often = (
+                    f"a touch gives such charges once in {1 / max(best.p_value, 1e-99):.0e} cases "
+                    f"({often} with {self.degrees_of_freedom} degrees of freedom)"
+                )
+            texts.append(f"unexplained: no touch of the model's domain fits; {often}")
         if self.ambiguous:
-            likely = sum(touch.weight > SHARE for touch in self.touches)
-            texts.append(f"ambiguous: {likely} touches are likely")
+            texts.append(f"ambiguous: {1 + self.alternatives} touches are likely")
         if not best.determined:
             few = self.degrees_of_freedom < 0
             short = "fewer charges than unknown quantities; " if few else ""
@@ -94,9 +113,19 @@ class Location:
             texts.append(f"at the edge of the model's domain ({limits}): the touch may lie beyond")
         return tuple(texts)
 
+    def _about_other(self, touch: Touch) -> str:
+        (other,) = (name for reading, name in READINGS.items() if reading != self.reading)
+        place = f"({touch.x_mm:.4g}, {touch.y_mm:.4g}) mm, {touch.force_N:.4g} N"
+        return (
+            f"as {READINGS[self.reading]} no touch explains what was given; as {other} one does, "
+            f"at {place}"
+        )
+
     def to_json(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return {
+            "reading": self.reading,
+            "other_reading": self.other_reading and self.other_reading.to_json(),
             "unknown": list(self.unknown),
             "degrees_of_freedom": self.degrees_of_freedom,
             "ambiguous": self.ambiguous,

@@ -1,60 +1,85 @@
-"""What is wrong with charges and quantities that a touch is to be located from, in sentences."""
+"""What is wrong with readings and quantities that a touch is to be located from, in sentences."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 from pvdf_fem.response.model import QUANTITIES, Domain
+from pvdf_fem.scene.scene import Scene
+from pvdf_fem.touch.measurement import READINGS, Deviations, electrode_columns
 
-#: Charges beyond this many pC are in another unit, or none.
+#: Readings beyond this many pC are in another unit, or none.
 LARGEST_PC = 1e12
-#: Charges below this many pC count as zero.
+#: Charges or changes below this many pC count as zero.
 LEAST_PC = 1e-12
 
 
+def number(value: Any) -> float:
+    """A value as a float; NaN for a text and what else is no number."""
+    try:
+        return math.nan if isinstance(value, str | bytes) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
+
+
 def charge_mistakes(
-    names: Sequence[str],
-    charges_pC: Mapping[str, float],
-    sigma: float | Mapping[str, float],
-    noise_pC: float,
+    scene: Scene,
+    charges_pC: Mapping[str, Any],
+    sigma: Deviations,
+    noise_pC: Deviations | None = None,
+    reading: str | None = None,
 ) -> Iterator[str]:
-    """What is wrong with measured charges and their deviations."""
+    """What is wrong with readings and their deviations."""
+    by_name = electrode_columns(scene)
     if not charges_pC:
-        yield f"charges: none given; give some of {', '.join(names)}"
+        yield f"charges: none given; give some of {', '.join(by_name)}"
     for name, charge in charges_pC.items():
-        if name not in names:
-            yield f"charges.{name}: no such electrode; choose from {', '.join(names)}"
-        elif not abs(charge) <= LARGEST_PC:
-            yield f"charges.{name} = {charge}: give a charge in pC"
-    by_name = sigma if isinstance(sigma, Mapping) else {"": sigma}
-    for name in charges_pC if isinstance(sigma, Mapping) else ():
         if name not in by_name:
-            yield f"sigma.{name}: missing; give one for each charge, or one number for all"
-    for name, value in by_name.items():
-        if not 0.0 <= value <= 1.0:
-            yield f"sigma{'.' * bool(name)}{name} = {value}: give a share of the charge, 0 to 1"
-    if not 0.0 <= noise_pC < math.inf:
-        yield f"noise_pC = {noise_pC}: give a standard deviation in pC, not negative"
-    elif not noise_pC and any(charge == 0.0 for charge in charges_pC.values()):
-        yield "noise_pC = 0: a charge of 0 has no deviation then; give that of the amplifier"
+            yield f"charges.{name}: no such electrode; choose from {', '.join(by_name)}"
+        elif not abs(number(charge)) <= LARGEST_PC:
+            yield f"charges.{name} = {_shown(charge)}: give a charge in pC"
+        elif abs(number(charge) - by_name[name][1]) < LEAST_PC:
+            noise = noise_pC.get(name) if isinstance(noise_pC, Mapping) else noise_pC
+            if not (by_name[name][2] if noise is None else noise):
+                reason = "a charge of 0 has no deviation without noise_pC"
+                yield f"charges.{name} = {charge:g}: {reason}; give that of the amplifier"
+    yield from _deviation_mistakes("sigma", sigma, charges_pC, 1.0, "a share of the charge, 0 to 1")
+    if noise_pC is not None:
+        what = "a standard deviation in pC, not negative"
+        yield from _deviation_mistakes("noise_pC", noise_pC, charges_pC, math.inf, what)
+    if reading not in (None, *READINGS):
+        yield f"reading = {reading}: choose from {', '.join(READINGS)}"
 
 
-def deviation_mistakes(
-    error_bound: float, sigma: float | Mapping[str, float], noise_pC: float
+def _deviation_mistakes(
+    what: str, given: Deviations, charges_pC: Mapping[str, Any], most: float, wanted: str
 ) -> Iterator[str]:
-    """Whether there is no standard deviation at all."""
-    least = min(sigma.values(), default=0.0) if isinstance(sigma, Mapping) else sigma
-    if not (error_bound or noise_pC or least):
-        yield "sigma = 0: the model has no error of its own; give a positive one"
+    by_name = given if isinstance(given, Mapping) else {"": given}
+    for name in charges_pC if isinstance(given, Mapping) else ():
+        if name not in by_name:
+            yield f"{what}.{name}: missing; give one for each charge, or one number for all"
+    for name, value in by_name.items():
+        if not (0.0 <= number(value) <= most and number(value) < math.inf):
+            yield f"{what}{'.' * bool(name)}{name} = {_shown(value)}: give {wanted}"
+
+
+def _shown(value: Any) -> str:
+    return repr(value) if isinstance(value, str | bytes) else str(value)
 
 
 def known_mistakes(
-    domain: Domain, unknown: Sequence[str], known: Mapping[str, float], default: Mapping[str, float]
+    domain: Domain,
+    unknown: Sequence[str],
+    known: Mapping[str, float],
+    default: Mapping[str, float],
+    centre_mm: Sequence[float] = (0.0, 0.0),
 ) -> Iterator[str]:
     """What is wrong with the quantities sought and known.
 
-    `default` has the scene's values of what is neither sought nor in `known`.
+    `default` has the scene's values of what is neither sought nor in `known`; `centre_mm` is the
+    place of the film's centre in the same frame.
     """
     names = ", ".join(QUANTITIES)
     if not unknown:
@@ -64,13 +89,14 @@ def known_mistakes(
             yield f"{name}: no quantity of a touch; choose from {names}"
         elif name in unknown and name in known:
             yield f"{name}: both sought and known; remove one"
-        elif name in known and not math.isfinite(known[name]):
-            yield f"known.{name} = {known[name]}: give a finite number"
-    fixed = {n: v for n, v in {**default, **known}.items() if n not in unknown}
+        elif name in known and not math.isfinite(number(known[name])):
+            yield f"known.{name} = {_shown(known[name])}: give a finite number"
+    fixed = {n: number(v) for n, v in {**default, **known}.items() if n not in unknown}
     reach, (lowest, highest) = domain.reach_mm, domain.force_N
-    distance = math.hypot(fixed.get("x_mm", 0.0), fixed.get("y_mm", 0.0))
-    if distance > reach:
-        place = ", ".join(f"{n} = {fixed[n]:g}" for n in ("x_mm", "y_mm") if n in fixed)
+    places = {n: fixed[n] for n in QUANTITIES[:2] if n in fixed}
+    centre = {"x_mm": centre_mm[0], "y_mm": centre_mm[1]}
+    if math.hypot(*(value - centre[n] for n, value in places.items())) > reach:
+        place = ", ".join(f"{n} = {value:g}" for n, value in places.items())
         yield f"known {place}: beyond the {reach:g} mm that the model reaches; build a larger one"
     if not lowest <= fixed.get("force_N", lowest) <= highest:
         yield (

@@ -14,15 +14,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.response.model import FORCE, Domain, Model, scene_of_touch
+from pvdf_fem.response.model import ROTATION, Domain, Model, scene_of_touch
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import solve
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.touch.descent import Descent, descend, joined
-from pvdf_fem.touch.locate import deviations, location
+from pvdf_fem.touch.locate import location
 from pvdf_fem.touch.location import Location
-from pvdf_fem.touch.problem import Problem
+from pvdf_fem.touch.measurement import Deviations, Measurement
+from pvdf_fem.touch.problem import Problem, along_stage
 
 #: Rounds of polishing end when a touch moves by less than this share of a standard deviation.
 SETTLED = 1e-2
@@ -55,53 +56,60 @@ def polish(
     model: Model,
     found: Location,
     charges_pC: Mapping[str, float],
-    sigma: float = 0.01,
+    sigma: Deviations = 0.01,
     *,
     tolerance: float = 1e-4,
-    noise_pC: float = 0.0,
+    noise_pC: Deviations | None = None,
     solver: Callable[[Scene], Solution] = solve,
 ) -> Location:
     """The touches of a location with the finite-element model's charges.
 
-    `found` is from the model, of the same charges, `sigma` and `noise_pC`. The `tolerance` is the
-    relative error of the finite-element charges, which takes the place of the model's bound. Raises
-    `PolishError` when a solve does not converge, or rounds do not settle.
+    `found` is from the model, of the same readings with the same `sigma` and `noise_pC`. The
+    `tolerance` is the relative error of the finite-element charges, which takes the place of the
+    model's bound. Raises `PolishError` when a solve does not converge, or rounds do not settle.
     """
     if not found.touches:
         return found
     none = np.zeros(len(model.names))
     better = Corrected(model, model.names, model.scene, model.domain, tolerance, none)
-    electrodes = np.array([model.names.index(name) for name in charges_pC])
-    charges = np.array(list(charges_pC.values()))
-    spread = deviations(better, charges, np.array(sigma), noise_pC)
-    problem = Problem(better, electrodes, charges[None], spread[None], found.problem.unknown)
+    measurement = Measurement.of(better, tuple(charges_pC), sigma, noise_pC, found.reading)
+    readings = np.array([list(charges_pC.values())], dtype=float)
+    problem = measurement.problem(readings, found.problem.unknown)
     ends = [_polished(problem, better, touch.values, solver) for touch in found.touches]
     problems, descents = zip(*ends, strict=True)
-    return location(problems[0], joined(descents))
+    polished = location(problems[0], joined(descents))
+    return replace(polished, reading=found.reading, other_reading=found.other_reading)
 
 
 def _polished(
     problem: Problem, better: Corrected, at: Array, solver: Callable[[Scene], Solution]
 ) -> tuple[Problem, Descent]:
     """Where rounds from a touch `at` (4,) settle, and the problem that is right there."""
+    start = problem.coordinates(at[None])
     for _ in range(MAX_ROUNDS):
-        solution = solver(scene_of_touch(better.scene, at, better.error_bound))
+        on_film = _on_film(better.scene, problem.touches(start))
+        solution = solver(scene_of_touch(better.scene, on_film[0], better.error_bound))
+        place = _place(problem.touches(start)[0])
         if solution.status is not Status.CONVERGED:
-            raise PolishError(f"polish: the solve at {_place(at)} ended {solution.status}")
+            raise PolishError(f"polish: the solve at {place} ended {solution.status}")
         exact = np.array([solution.charges_pC[name] for name in better.names])
-        added = exact - better.model.evaluate(at[None])[0][0]
-        problem = replace(problem, model=replace(better, added_pC=added))
-        start = at.copy()
-        start[FORCE] = np.log(at[FORCE])
-        end = descend(problem, start[None])
+        added = exact - better.model.evaluate(on_film)[0][0]
+        problem = replace(problem, model=along_stage(replace(better, added_pC=added)))
+        end = descend(problem, start)
         if not end.arrived[0]:
-            raise PolishError(f"polish: the search from {_place(at)} did not end")
-        moved = end.at[0] - start
-        at = end.at[0].copy()
-        at[FORCE] = np.exp(at[FORCE])
+            raise PolishError(f"polish: the search from {place} did not end")
+        moved, start = end.at[0] - start[0], end.at
         if np.square(end.slopes[0] @ moved).sum() < SETTLED**2:
             return problem, end
-    raise PolishError(f"polish: {MAX_ROUNDS} rounds did not settle near {_place(at)}")
+    raise PolishError(f"polish: {MAX_ROUNDS} rounds did not settle near {place}")
+
+
+def _on_film(scene: Scene, touches: Array) -> Array:
+    """Touches (n, 4) in the frame of the scene's stage, in that of the film."""
+    if scene.stage is None:
+        return touches
+    places, rotations = scene.stage.to_film(touches[:, :ROTATION], touches[:, ROTATION])
+    return np.column_stack([places, rotations, touches[:, ROTATION + 1 :]])
 
 
 def _place(at: Array) -> str:

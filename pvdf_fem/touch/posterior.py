@@ -123,9 +123,8 @@ def posterior(problem: Problem, touches: Sequence[Touch]) -> Posterior:
     `touches` are the maxima of the likelihood.
     """
     unknown = problem.unknown
-    maxima = np.array([touch.values for touch in touches])
-    scale = np.where(unknown == FORCE, maxima[:, FORCE, None], 1.0)
-    maxima[:, FORCE] = np.log(maxima[:, FORCE])
+    maxima = problem.coordinates(np.array([touch.values for touch in touches]))
+    scale = np.where(unknown == FORCE, np.exp(maxima[:, FORCE, None]), 1.0)
     periods = np.where(unknown == ROTATION, period_deg(problem.model), 0.0)
     roots = WIDENING * np.array([touch.root for touch in touches]) / scale[:, :, None]
     shares: Array = np.maximum([touch.weight for touch in touches], LEAST_SHARE)
@@ -147,8 +146,7 @@ def posterior(problem: Problem, touches: Sequence[Touch]) -> Posterior:
         logs[~inside & inside.any()] = -np.inf
         weights = np.exp(logs - logs.max())
         weights /= weights.sum()
-    values[:, unknown == FORCE] = np.exp(values[:, unknown == FORCE])
-    return Posterior(values, weights, periods)
+    return Posterior(problem.touches(at)[:, unknown], weights, periods)
 
 
 def _nearest(apart: Array, periods: Array) -> Array:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from pvdf_fem.response.model import QUANTITIES, Model
 from pvdf_fem.touch.locate import locate
 from pvdf_fem.touch.location import Location
+from pvdf_fem.touch.measurement import Deviations
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,11 +29,10 @@ class ProbeMatch:
 def weigh(
     models: Mapping[str, Model],
     charges_pC: Mapping[str, float],
-    sigma: float | Mapping[str, float] = 0.01,
+    sigma: Deviations = 0.01,
     *,
     unknown: Sequence[str] = QUANTITIES,
-    known: Mapping[str, float] | None = None,
-    noise_pC: float = 0.0,
+    **options: Any,
 ) -> tuple[ProbeMatch, ...]:
     """The probes that may have touched, the most probable first.
 
@@ -43,7 +44,7 @@ def weigh(
     if not models:
         raise ValueError("models: none given; give one for each probe in question")
     locations = {
-        name: locate(model, charges_pC, sigma, unknown=unknown, known=known, noise_pC=noise_pC)
+        name: locate(model, charges_pC, sigma, unknown=unknown, **options)
         for name, model in models.items()
     }
     return match(locations)

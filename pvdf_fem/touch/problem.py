@@ -4,13 +4,16 @@ Touches are sought in the coordinates x, y in mm, rotation in degrees and the lo
 in N. Charges are close to linear in them, as they grow with a power of the force. Beyond the
 model's domain charges are continued linearly from its edge, so that errors of the charges may move
 a touch near the edge a little across it.
+
+Coordinates have their origin at the film's centre. Their axes are those of the model: of the film,
+or of the positioning stage, where one of x and y may be known.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -19,17 +22,53 @@ from pvdf_fem.response.model import (
     FORCE,
     QUANTITIES,
     ROTATION,
+    Domain,
     Model,
     X,
     Y,
     all_within,
+    period_deg,
     rotation_counts,
 )
+from pvdf_fem.scene.outlines.outline import turn
+from pvdf_fem.scene.scene import Scene
 
 #: Searches may go this far beyond the model's domain: a factor of its reach.
 ROOM_REACH = 1.05
 #: The same of its largest force and, inversely, its least.
 ROOM_FORCE = 1.1
+
+
+@dataclass(frozen=True, eq=False)
+class Turned:
+    """A model whose places are along the axes of its scene's stage, about the film's centre."""
+
+    model: Model
+    names: tuple[str, ...]
+    scene: Scene
+    domain: Domain
+    error_bound: float
+    #: The stage's rotation.
+    turn_deg: float
+
+    def evaluate(self, touches: Array) -> tuple[Array, Array]:
+        """Charges and slopes as the model's."""
+        to_film = np.eye(len(QUANTITIES))
+        to_film[:ROTATION, :ROTATION] = turn(np.eye(2), self.turn_deg)
+        turned = touches @ to_film.T
+        turned[:, ROTATION] -= self.turn_deg
+        charges, slopes = self.model.evaluate(turned)
+        return charges, slopes @ to_film
+
+
+@lru_cache(maxsize=8)
+def along_stage(model: Model) -> Model:
+    """The model with places along the axes of its scene's stage."""
+    stage = model.scene.stage
+    if stage is None or not stage.rotation_deg:
+        return model
+    kept = model.names, model.scene, model.domain, model.error_bound
+    return Turned(model, *kept, stage.rotation_deg)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +83,29 @@ class Problem:
     deviations_pC: Array
     #: Which of x, y, rotation and force are sought.
     unknown: Indices
+    #: Place of the film's centre in the frame of results.
+    centre_mm: tuple[float, float] = (0.0, 0.0)
+
+    def row(self, row: int) -> Problem:
+        """The problem of one row of the charges."""
+        charges, spread = self.charges_pC[[row]], self.deviations_pC[[row]]
+        return replace(self, charges_pC=charges, deviations_pC=spread)
+
+    def touches(self, at: Array) -> Array:
+        """Touches (n, 4) at coordinates (n, 4): x and y in mm, degrees, N."""
+        touches = at.copy()
+        touches[:, :ROTATION] += self.centre_mm
+        if ROTATION in self.unknown:
+            touches[:, ROTATION] %= period_deg(self.model)
+        touches[:, FORCE] = np.exp(at[:, FORCE])
+        return touches
+
+    def coordinates(self, touches: Array) -> Array:
+        """Coordinates (n, 4) of touches."""
+        at = touches.copy()
+        at[:, :ROTATION] -= self.centre_mm
+        at[:, FORCE] = np.log(touches[:, FORCE])
+        return at
 
     def linearised(self, at: Array, touch: Indices | None = None) -> Array:
         """Differences of charges, then their slopes, over deviations, (n, electrodes, 1 + 4).

@@ -6,6 +6,9 @@ minimum are taken, so that each valley wider than the lattice's pitch has a star
 include a ring on the edge of the reach: beyond the electrodes charges fall again, and a valley
 there may be narrower. A Gauss-Newton step with tabulated slopes leads from these places to the
 starts, of which the best are kept.
+
+Many touches are sought from one start each: the touch of the table whose charges have about the
+same ratios (`NearestTouches`).
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ from functools import lru_cache, reduce
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.response.model import FORCE, ROTATION, Model, X, Y, period_deg, rotation_counts
@@ -52,6 +56,9 @@ CLOSE = np.array([0.3, 0.3, 1e-9, 0.1])
 WORSE = 5.0
 #: The second order in a step, over the charges' size.
 NEGLECTED = 0.01
+#: Share by which a touch of about the same ratios may be farther than the nearest, for the sake of
+#: speed.
+NEARLY = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,3 +284,62 @@ def starts(
     for i, value in known.items():
         at[:, i] = math.log(value) if i == FORCE else value
     return at
+
+
+@dataclass(frozen=True, eq=False)
+class NearestTouches:
+    """The touches of a table by the ratios of their charges."""
+
+    #: Charges over their size, and where the rotation is known, the rotation as a point of a
+    #: circle.
+    tree: cKDTree
+    #: Coordinates x, y, rotation and logarithm of the force, (touches, 4).
+    at: Array
+    #: Norms of the charges, (touches,).
+    sizes_pC: Array
+    #: The power of the force by which the sizes grow, (touches,).
+    exponents: Array
+    #: Period of the rotation.
+    period_deg: float
+
+    def starts(self, charges_pC: Array, rotations_deg: Array | None, count: int) -> Array:
+        """Coordinates (n, count, 4) of touches with about the ratios of charges (n, electrodes).
+
+        `rotations_deg` (n,) are known rotations, if they are.
+        """
+        sizes = np.linalg.norm(charges_pC, axis=1)
+        ratios = charges_pC / sizes[:, None]
+        if rotations_deg is not None:
+            ratios = np.concatenate([ratios, _circle(rotations_deg, self.period_deg)], axis=1)
+        _, row = self.tree.query(ratios, np.arange(1, count + 1), eps=NEARLY)
+        at = self.at[row]
+        at[..., FORCE] += np.log(sizes[:, None] / self.sizes_pC[row]) / self.exponents[row]
+        return at
+
+
+@lru_cache(maxsize=8)
+def nearest_touches(
+    model: Model, electrodes: tuple[int, ...], with_rotation: bool
+) -> NearestTouches:
+    """The touches of a model's table; `with_rotation` where the rotation is known."""
+    table = table_of(model)
+    # (places, rotations, forces, electrodes)
+    charges = table.charges_pC[:, list(electrodes)].transpose(3, 0, 2, 1).astype(float)
+    sizes = np.linalg.norm(charges, axis=-1)
+    growth = np.diff(np.log(sizes), axis=-1) / np.diff(table.log_forces)
+    exponents = np.concatenate([growth, growth[..., -1:]], axis=-1)
+    at = np.empty((*sizes.shape, 4))
+    at[..., :ROTATION] = table.places_mm[:, None, None]
+    at[..., ROTATION] = table.rotations_deg[:, None]
+    at[..., FORCE] = table.log_forces
+    features = (charges / sizes[..., None]).reshape(-1, len(electrodes))
+    rows, period = at.reshape(-1, 4), table.period_deg
+    if with_rotation:
+        features = np.concatenate([features, _circle(rows[:, ROTATION], period)], axis=1)
+    return NearestTouches(cKDTree(features), rows, sizes.ravel(), exponents.ravel(), period)
+
+
+def _circle(rotations_deg: Array, period_deg: float) -> Array:
+    """Rotations as points (n, 2) of a circle, the probe's period about it once."""
+    angle = 2.0 * np.pi * rotations_deg / period_deg
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)

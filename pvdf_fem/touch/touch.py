@@ -7,14 +7,31 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.special import gammaincc
 
-from pvdf_fem.arrays import Array, finite
+from pvdf_fem.arrays import Array, Mask, finite
 from pvdf_fem.response.model import QUANTITIES
 
 #: Charges count as unexplained if a right model gives such charges less often than this.
 SIGNIFICANCE = 1e-3
 #: A direction is determined if the domain along it is wider than this many standard deviations.
 DETERMINED = 3.0
+
+
+def p_values(chi_square: Array, freedom: int) -> Array:
+    """Probabilities of a larger chi-square if the model is right; NaN without freedom."""
+    if freedom <= 0:
+        return np.full(len(chi_square), np.nan)
+    return gammaincc(0.5 * freedom, 0.5 * chi_square)
+
+
+def explains(chi_square: Array, freedom: int, significance: float = SIGNIFICANCE) -> Mask:
+    """Whether charges as far from the model's as these are common.
+
+    Without freedom a touch fits exactly unless the domain's edge holds it, as one condition more.
+    """
+    common: Mask = ~(p_values(chi_square, max(freedom, 1)) < significance)
+    return common
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,8 +125,9 @@ class Touch:
 
     @property
     def explained(self) -> bool:
-        """Whether charges as far from the model's are common, or cannot be judged."""
-        return not self.p_value < SIGNIFICANCE
+        """Whether charges as far from the model's are common."""
+        rows, columns = self.jacobian.shape
+        return bool(explains(np.array([self.chi_square]), rows - columns)[0])
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for JSON, None for what is infinite or not defined.

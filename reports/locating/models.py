@@ -18,6 +18,7 @@ from pvdf_fem.response.build import build_response
 from pvdf_fem.response.model import Domain, Model
 from pvdf_fem.response.response import Response
 from pvdf_fem.response.response_file import response_key
+from pvdf_fem.sweeps.store import key
 from reports.chapters.calibration import DIRECTIONS_DEG
 from reports.common.results import MATERIAL, Results
 from reports.common.thesis_data import Thesis
@@ -29,6 +30,8 @@ Array = NDArray[np.float64]
 
 #: Relative error of the finite-element charges.
 TOLERANCE = 5e-6
+#: Largest error bound of a model.
+MODEL_TOLERANCE = 2e-4
 #: A probe that the thesis has not, and which no turning changes.
 DISC = "disc8"
 REACH_MM = 12.0
@@ -87,12 +90,11 @@ def response_of(
     forces_N: tuple[float, float] = FORCES_N,
 ) -> Response:
     """The model of a scene, from its file in the folder or built and written there."""
-    path = folder / f"{response_key(scene, Domain(reach_mm, forces_N))[:24]}.response"
+    built_from = response_key(scene, Domain(reach_mm, forces_N), MODEL_TOLERANCE)
+    path = folder / f"{key(scene)[:12]}-{built_from[:12]}.response"
     if path.exists():
         return Response.load(path)
-    model = build_response(scene, reach_mm=reach_mm, force_N=forces_N, processes=processes)
-    model.save(path)
-    return model
+    return build_response(scene, reach_mm, forces_N, MODEL_TOLERANCE, processes, file=path)
 
 
 def scene_at(thesis: Thesis, probe: str, film: str, touch: Array) -> Scene:

@@ -10,7 +10,9 @@ import pytest
 
 from pvdf_fem import Scene
 from pvdf_fem.cli.main import main
+from pvdf_fem.response import response
 from pvdf_fem.response.model import Domain
+from pvdf_fem.response.response import reads_alike
 from pvdf_fem.solution.solution import NotConvergedError
 from tests.helpers.touch_models import bumps
 
@@ -20,9 +22,28 @@ TOUCH = np.array([3.0, -4.0, 25.0, 0.7])
 class Kept:
     """A `Response` that is written and read as a pickle."""
 
+    remarks = ("a remark",)
+    spline = None
+
+    def __init__(self, model, scene):
+        self.model, self.scene = model, scene
+
+    def __getattr__(self, name):
+        if name == "model":
+            raise AttributeError
+        return getattr(self.model, name)
+
+    def for_scene(self, scene):
+        read = Kept(self.model, scene)
+        read.spline = self.spline if reads_alike(self.scene, scene) else object()
+        return read
+
+    def save(self, path):
+        path.write_bytes(pickle.dumps((self.model, self.scene)))
+
     @staticmethod
     def load(path):
-        return pickle.loads(path.read_bytes())
+        return Kept(*pickle.loads(path.read_bytes()))
 
 
 @pytest.fixture
@@ -30,22 +51,15 @@ def built(monkeypatch):
     """What was built: scene, reach and forces; the module of responses is replaced."""
     calls = []
 
-    def build(scene, *, reach_mm, force_N, progress):
-        progress(1, 2)
-        calls.append((scene, reach_mm, force_N))
-        model = bumps(scene.probe.shape, domain=Domain(reach_mm, force_N))
-        object.__setattr__(model, "scene", scene)
-        object.__setattr__(model, "save", lambda path: path.write_bytes(pickle.dumps(stored)))
-        stored = bumps(scene.probe.shape, domain=Domain(reach_mm, force_N))
-        object.__setattr__(stored, "scene", scene)
+    def build(scene, reach_mm, force_N, tolerance, *, file):
+        calls.append((scene, reach_mm, force_N, tolerance))
+        model = Kept(bumps(scene.probe.shape, domain=Domain(reach_mm, force_N)), scene)
+        model.save(file)
         return model
 
-    replaced = {
-        "response": SimpleNamespace(Response=Kept),
-        "build": SimpleNamespace(build_response=build),
-    }
-    for name, module in replaced.items():
-        monkeypatch.setitem(sys.modules, f"pvdf_fem.response.{name}", module)
+    monkeypatch.setattr(response, "Response", Kept)
+    module = SimpleNamespace(build_response=build)
+    monkeypatch.setitem(sys.modules, "pvdf_fem.response.build", module)
     return calls
 
 
@@ -73,22 +87,42 @@ def test_a_touch_is_located_and_the_model_kept(built, file, capsys):
     assert best["standard_deviations"]["x_mm"] > 0.01
     assert result["deviations"] == best["standard_deviations"]
     assert "building the model" in err
-    [(scene, reach, forces)] = built
-    assert (scene.probe.rotation_deg, reach, forces) == (0.0, 12.0, (0.1, 5.0))
+    assert "a remark" in err
+    [(scene, *wanted)] = built
+    assert (scene.probe.rotation_deg, wanted) == (0.0, [12.0, (0.1, 5.0), 1e-3])
     assert main(arguments) == 0
     assert capsys.readouterr().err == ""
     assert len(built) == 1
     assert main([*arguments, "--set", "film.thickness_um=30"]) == 0
+    assert main([*arguments, "--tolerance", "1e-4"]) == 0
+    assert [call[3] for call in built] == [1e-3, 1e-3, 1e-4]
+
+
+def test_other_electrodes_find_the_old_model(built, file, capsys):
+    """Its file has the new electrodes then, unless it was named."""
+    arguments = ["locate", str(file), "--charges", given()]
+    named = ["--model", str(file.with_name("named.response"))]
+    for model, lines in (([], [1, 0]), (named, [1, 1])):
+        assert main([*arguments, *model]) == 0
+        files = list(file.parent.iterdir())
+        capsys.readouterr()
+        for expected in lines:
+            assert main([*arguments, *model, "--set", "electrodes.side_mm=2"]) == 0
+            err = capsys.readouterr().err.splitlines()
+            assert len(err) == expected
+            assert all("anew for other electrodes, d31 or d32" in line for line in err)
+        assert list(file.parent.iterdir()) == files
+        assert main([*arguments, *model, "--set", "probe.x_mm=2", "--set", "load.force_N=2"]) == 0
     assert len(built) == 2
 
 
 def test_a_model_that_cannot_be_built_has_its_exit_code(built, file, monkeypatch, capsys):
-    def build(scene, **domain):
-        raise NotConvergedError("tolerance: 0.001 is missed by the response")
+    def build(*_, **__):
+        raise NotConvergedError("probe at (0, 0) mm with 1 N: max_iterations")
 
     monkeypatch.setattr(sys.modules["pvdf_fem.response.build"], "build_response", build)
     assert main(["locate", str(file), "--charges", given()]) == 3
-    assert "is missed" in capsys.readouterr().err
+    assert "1 N: max_iterations" in capsys.readouterr().err
 
 
 def test_the_text_tells_values_and_remarks(built, file, capsys):
@@ -119,12 +153,15 @@ def test_a_model_of_another_scene_is_refused(built, file, capsys):
     assert main(["locate", str(file), "--charges", given(), "--model", str(path)]) == 0
     turned = ["--set", "probe.width_mm=12"]
     assert main(["locate", str(file), "--charges", given(), "--model", str(path), *turned]) == 2
-    assert "is of another film, probe or electrodes" in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert "probe.width_mm = 12.0 is 14.0 there" in err
+    assert err.endswith("build a response of this scene, or name another file\n")
 
 
 def test_all_mistakes_are_told_before_anything_is_built(built, file, capsys):
     arguments = ["--charges", "A=1,A=2,B", "--sigma", "x", "--noise=-1", "--unknown", "x,mass"]
-    assert main(["locate", str(file), *arguments, "--force-range", "5,1", "--reach", "0"]) == 2
+    arguments += ["--force-range", "5,1", "--reach", "0", "--tolerance", "none"]
+    assert main(["locate", str(file), *arguments]) == 2
     assert capsys.readouterr().err.splitlines() == [
         "--charges A: given twice; remove one",
         "--charges B: write NAME=CHARGE, such as A=905.1",
@@ -133,6 +170,7 @@ def test_all_mistakes_are_told_before_anything_is_built(built, file, capsys):
         "--unknown mass: choose from x, y, force, rotation",
         "--reach 0: give a positive number",
         "--force-range 5,1: give two forces in N, such as 0.1,5",
+        "--tolerance none: give a positive number",
     ]
     arguments = ["--charges", "A=1,E=2", "--unknown", "y,force", "--set", "probe.x_mm=13"]
     assert main(["locate", str(file), *arguments]) == 2

@@ -16,7 +16,7 @@ DOMAIN = Domain(12.0, (0.1, 5.0))
 
 @dataclass(frozen=True, eq=False)
 class Bumps:
-    """Charges k (40 + 700 F^0.65 mean of 1/(1 + |p - e|²/s²)) over points p of the probe.
+    """Charges rest + 700 F^0.65 mean of 1/(1 + |p - e|²/s²) over points p of the probe.
 
     They fall off about the electrodes' centres e (n, 2), and have the probe's symmetries.
     """
@@ -28,6 +28,8 @@ class Bumps:
     width_mm: float = 9.0
     error_bound: float = 1e-4
     domain: Domain = DOMAIN
+    #: By default not those of the scene, which are 48 pC.
+    rest_pC: float = 40.0
 
     def evaluate(self, touches):
         x, y, rotation, force = touches.T
@@ -43,7 +45,7 @@ class Bumps:
         mean = value.mean(axis=2)
         parts = [(slope * dx).mean(axis=2), (slope * dy).mean(axis=2), turned.mean(axis=2)]
         parts.append(0.65 * mean / force[:, None])
-        return 40.0 + power * mean, power[:, :, None] * np.stack(parts, axis=2)
+        return self.rest_pC + power * mean, power[:, :, None] * np.stack(parts, axis=2)
 
 
 POINTS = {
@@ -57,8 +59,12 @@ def bumps(shape: str = "triangle", electrodes: int = 4, **changes) -> Bumps:
     """Electrodes on the ring of 10 mm, the first at +x."""
     angles = 360.0 * np.arange(electrodes) / electrodes
     places = np.array([turn([10.0, 0.0], angle) for angle in angles])
-    scene = Scene().with_(probe={"shape": shape})
     names = tuple("ABCDEFGH"[:electrodes])
+    list_of = [
+        {"name": name, "x_mm": x, "y_mm": y, "shape": "square", "side_mm": 3.0}
+        for name, (x, y) in zip(names, places.tolist(), strict=True)
+    ]
+    scene = Scene().with_(probe={"shape": shape}, electrodes=list_of)
     return Bumps(scene, POINTS[shape], places, names, **changes)
 
 

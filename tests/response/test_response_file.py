@@ -141,16 +141,13 @@ def test_a_damaged_model_is_told_before_another_is_built(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Of two probes, the second one has a model, which is damaged."""
-    from pvdf_fem.cli import locate as cli_locate
+    from pvdf_fem.cli.response_model import ModelChoice
 
     for name, shape in (("first", "circle"), ("second", "triangle")):
         (tmp_path / f"{name}.toml").write_text(f'[probe]\nshape = "{shape}"\n')
-    path = cli_locate._path
-
-    def path_of(scene, name, file, request):  # type: ignore[no-untyped-def]
-        return path(scene, name, file, request).with_name(f"{Path(name).stem}.response")
-
-    monkeypatch.setattr(cli_locate, "_path", path_of)
+    monkeypatch.setattr(
+        ModelChoice, "path", lambda _, scene, name: tmp_path / f"{Path(name).stem}.response"
+    )
     monkeypatch.setattr(sys.modules[build_response.__module__], "build_response", None)
     (tmp_path / "second.response").write_bytes(kept.response_bytes()[:-1])
     first, second = (str(tmp_path / f"{name}.toml") for name in ("first", "second"))

@@ -1,0 +1,154 @@
+"""The model of the charges that commands need: from its file, or built and kept."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+import sys
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pvdf_fem.files import FileError, require_writable
+
+if TYPE_CHECKING:
+    from pvdf_fem.response.model import Domain
+    from pvdf_fem.response.response import Response
+    from pvdf_fem.scene.scene import Scene
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """The options that say which model a command uses."""
+    parser.add_argument(
+        "--model",
+        metavar="FILE",
+        type=Path,
+        help="the scene's model, built and written there if the file does not exist (default: "
+        "SCENE-HASH.response beside the scene file, the hash being of film and probe, domain, "
+        "tolerance and code); for other electrodes, d31 and d32 it is read anew",
+    )
+    parser.add_argument(
+        "--reach",
+        metavar="MM",
+        default="12",
+        help="a new model's largest distance of the centroid from the centre (default: 12)",
+    )
+    parser.add_argument(
+        "--force-range",
+        metavar="LEAST,LARGEST",
+        default="0.1,5",
+        help="a new model's forces in N (default: 0.1,5)",
+    )
+    parser.add_argument(
+        "--tolerance",
+        metavar="SHARE",
+        default="1e-3",
+        help="a new model's largest error bound, relative to a charge (default: 1e-3)",
+    )
+
+
+@dataclass(frozen=True)
+class ModelChoice:
+    """Which model is wanted, as the options say."""
+
+    file: Path | None
+    #: Of a new model.
+    domain: Domain
+    #: Largest error bound of a new model.
+    tolerance: float
+
+    @classmethod
+    def of(cls, options: argparse.Namespace, mistakes: list[str]) -> ModelChoice:
+        """The choice of a command line; what is wrong with it is added to `mistakes`."""
+        from pvdf_fem.response.model import Domain
+
+        reach = positive("--reach", options.reach, mistakes)
+        domain = Domain(reach, _range(options.force_range, mistakes))
+        return cls(options.model, domain, positive("--tolerance", options.tolerance, mistakes))
+
+    def path(self, scene: Scene, scene_file: str) -> Path:
+        """The file of a scene's model: the one that was named, or the default one."""
+        from pvdf_fem.response.response_file import response_key
+
+        if self.file:
+            return self.file
+        name = response_key(scene, self.domain, self.tolerance)[:16]
+        return Path(scene_file).with_name(f"{Path(scene_file).stem}-{name}.response")
+
+    def mistakes(self, scene: Scene, scene_file: str) -> list[str]:
+        """What keeps a new model from being built; `FileError` if it could not be written."""
+        path = self.path(scene, scene_file)
+        if path.is_file():  # the domain is the file's
+            return []
+        require_writable(path)
+        reach, rim = self.domain.reach_mm, scene.film.radius_mm
+        beyond = f"--reach {reach:g}: is beyond the rim at film.radius_mm = {rim:g}; give less"
+        return [beyond] if reach > rim else []
+
+
+def model_of(scene: Scene, scene_file: str, choice: ModelChoice) -> Response:
+    """The model of a scene, from its file or built and written there.
+
+    Raises
+    ------
+    ValueError
+        For a file with the model of a film or a probe that deforms otherwise.
+    FileError
+        For a file that holds no sound model.
+    """
+    from pvdf_fem.response.build import build_response
+    from pvdf_fem.response.response import Response, reads_alike, refuse_other_mechanics
+
+    path = choice.path(scene, scene_file)
+    if not path.exists():
+        print(f"building the model of {scene_file}, to be kept as {path}", file=sys.stderr)
+        domain, alone = choice.domain, _alone(scene)
+        model = build_response(alone, domain.reach_mm, domain.force_N, choice.tolerance, file=path)
+        print(*model.remarks, sep="\n", end="\n" if model.remarks else "", file=sys.stderr)
+        return model.for_scene(scene)
+    kept = Response.load(path)
+    try:
+        refuse_other_mechanics(kept.scene, scene)
+        if not reads_alike(kept.scene, scene):
+            print(f"reading {path} anew for other electrodes, d31 or d32", file=sys.stderr)
+        model = kept.for_scene(scene)
+    except ValueError as error:
+        raise ValueError(f"--model {path}: {error}, or name another file") from error
+    if model.spline is not kept.spline and not choice.file:
+        with suppress(FileError):  # a model that cannot be kept is read anew next time
+            model.for_scene(_alone(scene)).save(path)
+    return model
+
+
+def _alone(scene: Scene) -> Scene:
+    """The scene with the probe unturned at the centre under 1 N, as files of models have it."""
+    place = {"probe.x_mm": 0.0, "probe.y_mm": 0.0, "probe.rotation_deg": 0.0}
+    return scene.with_(**place, **{"load.force_N": 1.0})
+
+
+def _range(text: str, mistakes: list[str]) -> tuple[float, float]:
+    values = [number_of(part) for part in text.split(",")]
+    if len(values) == 2 and values[0] and values[1] and 0.0 < values[0] < values[1]:
+        return values[0], values[1]
+    mistakes.append(f"--force-range {text}: give two forces in N, such as 0.1,5")
+    return 0.0, 0.0
+
+
+def positive(option: str, text: str, mistakes: list[str], zero: bool = False) -> float:
+    """The positive number of an option; what is wrong with it is added to `mistakes`."""
+    value = number_of(text)
+    if value is None or value < 0.0 or (value == 0.0 and not zero):
+        wanted = "a number that is not negative" if zero else "a positive number"
+        mistakes.append(f"{option} {text}: give {wanted}")
+        return 0.0
+    return value
+
+
+def number_of(text: str) -> float | None:
+    """A finite number, or None."""
+    # float() also takes 1_000, and digits of other scripts
+    if not re.fullmatch(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", text):
+        return None
+    return value if math.isfinite(value := float(text)) else None

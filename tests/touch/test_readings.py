@@ -1,0 +1,297 @@
+"""Readings of channels: changes or total charges, gains and offsets, places on a stage."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pvdf_fem.charges.rest import rest_charges
+from pvdf_fem.response.model import QUANTITIES
+from pvdf_fem.solvers.status import Status
+from pvdf_fem.touch.descent import SearchOptions
+from pvdf_fem.touch.locate import LocateOptions, locate
+from pvdf_fem.touch.locate_many import RowStatus, locate_many
+from pvdf_fem.touch.polish import polish
+from pvdf_fem.touch.probes import weigh
+from tests.helpers.touch_models import bumps, random_touches
+
+TOUCH = np.array([3.0, -4.0, 25.0, 0.7])
+KNOWN = {"rotation_deg": 25.0}
+CHANNELS = {
+    "kind": "charge",
+    "feedback_capacitance_pF": {"A": 500.0, "B": 2000.0},
+    "gain": {"A": 1.1, "C": -0.9},
+    "offset_V": {"B": 0.02, "D": -0.1},
+    "noise_V": 0.003,
+    "reading": "total",
+}
+CAPACITANCES_PF = np.array([500.0, 2000.0, 1000.0, 1000.0])
+GAINS = np.array([1.1, 1.0, -0.9, 1.0])
+OFFSETS_V = np.array([0.0, 0.02, 0.0, -0.1])
+STAGE = {"x_mm": 30.0, "y_mm": -5.0, "rotation_deg": 50.0}
+
+
+def model_with(shape="rectangle", **sections):
+    """A stand-in whose charges without a touch are the scene's."""
+    model = bumps(shape)
+    scene = model.scene.with_(**sections)
+    return replace(model, scene=scene, rest_pC=1e12 * rest_charges(scene)[0])
+
+
+def readings_of(model, touch=TOUCH, less_pC=0.0):
+    charges = model.evaluate(np.atleast_2d(touch))[0][0] - less_pC
+    return dict(zip(model.names, charges.tolist(), strict=True))
+
+
+# ---------------------------------------------------------------------------- totals and changes
+
+
+def test_changes_are_located_as_changes():
+    model = model_with()
+    changes = readings_of(model, less_pC=model.rest_pC)
+    found = locate(model, changes, known=KNOWN, reading="change")
+    assert found.best.values == pytest.approx(TOUCH, abs=1e-4)
+    assert found.reading == "change"
+    assert found.remarks == ()
+    [probe] = weigh({"one": model}, changes, unknown=found.unknown, known=KNOWN, reading="change")
+    assert probe.location.best.values == pytest.approx(TOUCH, abs=1e-4)
+
+
+@pytest.mark.parametrize(("given", "other"), [("change", "total"), ("total", "change")])
+def test_a_wrong_reading_is_told(given, other):
+    """Changes given as totals used to be some other touch, without a word about changes."""
+    model = model_with()
+    readings = readings_of(model, less_pC=model.rest_pC if other == "change" else 0.0)
+    found = locate(model, readings, 0.002, known=KNOWN, reading=given)
+    assert abs(found.best.force_N - 0.7) > 0.05
+    assert found.other_reading.values == pytest.approx(TOUCH, abs=1e-4)
+    assert found.remarks[0].startswith("wrong reading: as ")
+    assert found.remarks[0].endswith("one does, at (3, -4) mm, 0.7 N")
+    result = found.to_json()
+    assert result["reading"] == given
+    assert result["other_reading"]["force_N"] == pytest.approx(0.7, abs=1e-4)
+    many = locate_many(
+        model, [list(readings.values())] * 2, 0.002, rotations_deg=[25.0, 25.0], reading=given
+    )
+    assert many.other_reading.all()
+    assert many.to_table()["remark"][1] == f"unexplained; explained as {other}"
+    right = locate_many(
+        model, [list(readings.values())], 0.002, rotations_deg=[25.0], reading=other
+    )
+    assert right.explained.all()
+    assert not right.other_reading.any()
+
+
+def test_charges_that_neither_reading_explains_fit_no_touch():
+    model = model_with("circle")
+    charges = readings_of(model)
+    charges["A"] *= 1.3
+    charges["C"] *= 1.3
+    found = locate(model, charges)
+    assert found.other_reading is None
+    assert found.to_json()["other_reading"] is None
+    assert found.remarks[0].startswith("unexplained: no touch of the model's domain fits; ")
+
+
+def test_too_few_charges_may_fit_no_touch():
+    """Three charges for three unknown quantities have no p-value; the edge of the domain holds."""
+    model = model_with("circle")
+    charges = {"A": 5.0, "B": 9000.0, "C": 5.0}
+    found = locate(model, charges)
+    assert np.isnan(found.best.p_value)
+    assert not found.best.explained
+    assert any(text.startswith("unexplained: no touch of") for text in found.remarks)
+    many = locate_many(
+        model, {name: [charge] for name, charge in charges.items()}, rotations_deg=[0]
+    )
+    assert not many.explained[0]
+    fitting = {name: charge for name, charge in readings_of(model).items() if name != "D"}
+    assert locate(model, fitting).best.explained
+
+
+@pytest.mark.parametrize("reading", ["total", "change"])
+def test_the_relative_deviation_is_of_what_is_read(reading):
+    model = model_with()
+    rest = model.rest_pC if reading == "change" else 0.0
+    readings = readings_of(model, less_pC=rest)
+    found = locate(model, readings, 0.02, known=KNOWN, reading=reading, noise_pC=2.0)
+    signals = np.array(list(readings.values()))
+    variance = (0.02 * signals) ** 2 + (1e-4 * (signals + rest)) ** 2 / 3.0 + 4.0
+    assert found.problem.deviations_pC[0] == pytest.approx(np.sqrt(variance))
+
+
+# ------------------------------------------------------------------------------------- channels
+
+
+def test_gains_offsets_and_noise_are_those_of_the_readout():
+    model = model_with(readout=CHANNELS)
+    charges = np.array(list(readings_of(model).values()))
+    nominal = GAINS * charges + OFFSETS_V * CAPACITANCES_PF
+    readings = dict(zip(model.names, nominal.tolist(), strict=True))
+    found = locate(model, readings, known=KNOWN)
+    assert found.best.values == pytest.approx(TOUCH, abs=1e-4)
+    noise = 0.003 * CAPACITANCES_PF / GAINS
+    variance = (0.01**2 + 1e-8 / 3.0) * charges**2 + noise**2
+    assert found.problem.deviations_pC[0] == pytest.approx(np.sqrt(variance))
+    many = locate_many(model, nominal[None], rotations_deg=[25.0])
+    assert many.values[0] == pytest.approx(TOUCH, abs=1e-3)
+    quiet = locate(model, readings, known=KNOWN, noise_pC=0.0)
+    assert quiet.best.deviations["force_N"] < found.best.deviations["force_N"]
+
+
+def test_a_readout_says_what_is_read():
+    model = model_with(readout={"reading": "change"})
+    changes = readings_of(model, less_pC=model.rest_pC)
+    assert locate(model, changes, known=KNOWN).best.values == pytest.approx(TOUCH, abs=1e-4)
+    many = locate_many(model, [list(changes.values())], rotations_deg=[25.0])
+    assert many.values[0] == pytest.approx(TOUCH, abs=1e-3)
+    assert locate(model, readings_of(model), known=KNOWN, reading="total").reading == "total"
+
+
+# ---------------------------------------------------------------------------------------- stage
+
+
+def on_stage(touches):
+    """Touches (..., 4) on the film in the frame of `STAGE`."""
+    c, s = np.cos(np.radians(50.0)), np.sin(np.radians(50.0))
+    x, y, rotation, force = np.moveaxis(np.asarray(touches), -1, 0)
+    place = [c * x - s * y + 30.0, s * x + c * y - 5.0, rotation + 50.0, force]
+    return np.stack(place, axis=-1)
+
+
+def test_touches_are_told_on_the_stage():
+    model, film = model_with(stage=STAGE), model_with()
+    touch = on_stage(TOUCH)
+    # slopes are those before the last step
+    options = LocateOptions(search=SearchOptions(arrived=1e-8))
+    known = {"rotation_deg": touch[2]}
+    found = locate(model, readings_of(model), known=known, options=options)
+    assert found.best.values == pytest.approx(touch, abs=1e-4)
+    same = locate(film, readings_of(film), known=KNOWN, options=options)
+    c, s = np.cos(np.radians(50.0)), np.sin(np.radians(50.0))
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    expected = turn @ same.best.covariance @ turn.T
+    assert found.best.covariance == pytest.approx(expected, rel=1e-3, abs=1e-9)
+    sizes = np.sqrt(np.diag(expected))
+    assert list(found.deviations.values()) == pytest.approx(sizes, rel=0.15)
+    anywhere = locate(model, readings_of(model), 1e-3, unknown=QUANTITIES)
+    assert any(one.values == pytest.approx(touch, abs=1e-3) for one in anywhere.touches)
+
+
+@pytest.mark.parametrize("unknown", [("x_mm",), ("y_mm", "force_N"), ("rotation_deg",)])
+def test_what_is_known_is_on_the_stage(unknown):
+    model, touch = model_with(stage=STAGE), on_stage(TOUCH)
+    known = {n: v for n, v in zip(QUANTITIES, touch, strict=True) if n not in unknown}
+    found = locate(model, readings_of(model), 1e-3, unknown=unknown, known=known)
+    assert found.best.values == pytest.approx(touch, abs=1e-4)
+
+
+def test_the_scenes_probe_is_on_the_film():
+    model = model_with(stage=STAGE, probe={"shape": "rectangle", "rotation_deg": 25.0})
+    assert locate(model, readings_of(model)).best.values == pytest.approx(on_stage(TOUCH), abs=1e-4)
+
+
+def test_many_touches_are_told_on_the_stage():
+    model, touches = model_with(stage=STAGE), random_touches(50, seed=3, reach_mm=10.0)
+    placed = on_stage(touches)
+    found = locate_many(model, model.evaluate(touches)[0], 1e-3, rotations_deg=placed[:, 2])
+    assert found.values == pytest.approx(placed, abs=1e-3)
+    assert not found.at_edge.any()
+
+
+def test_a_place_beyond_the_reach_is_measured_from_the_films_centre():
+    model = model_with(stage=STAGE)
+    with pytest.raises(ValueError, match="known x_mm = 3: beyond the 12 mm"):
+        locate(model, readings_of(model), unknown=("y_mm",), known={"x_mm": 3.0})
+    locate(model, readings_of(model), unknown=("y_mm",), known={"x_mm": 31.0})
+
+
+def test_a_touch_on_the_stage_is_polished_on_the_film():
+    model = model_with(stage=STAGE)
+    truth = replace(model, width_mm=9.05)
+    changes = readings_of(truth, less_pC=model.rest_pC)
+    asked = []
+
+    def solver(scene):
+        probe = scene.probe
+        asked.append([probe.x_mm, probe.y_mm, probe.rotation_deg, scene.load.force_N])
+        return SimpleNamespace(
+            status=Status.CONVERGED, charges_pC=readings_of(truth, np.array(asked[-1]))
+        )
+
+    known = {"rotation_deg": 75.0}
+    found = locate(model, changes, 1e-3, known=known, reading="change")
+    assert np.hypot(*(found.best.values - on_stage(TOUCH))[:2]) > 0.01
+    better = polish(model, found, changes, 1e-3, solver=solver)
+    assert better.best.values == pytest.approx(on_stage(TOUCH), abs=1e-4)
+    assert better.reading == "change"
+    assert asked[-1] == pytest.approx(TOUCH, abs=1e-2)
+
+
+# ------------------------------------------------------------------------------- rows and tables
+
+
+def test_calibrated_rows_have_the_deviations_of_a_location():
+    model, touches = bumps("circle", width_mm=4.0), random_touches(12, seed=5)
+    factors = 1.0 + 0.01 * np.random.default_rng(6).standard_normal((12, 4))
+    charges = model.evaluate(touches)[0] * factors
+    found = locate_many(model, charges, rotations_deg=np.zeros(12), calibrated=True)
+    quick = locate_many(model, charges, rotations_deg=np.zeros(12))
+    for k, row in enumerate(charges.tolist()):
+        one = locate(model, dict(zip(model.names, row, strict=True)))
+        # the best of two may be either, as they have the same chi-square
+        same = min(one.touches, key=lambda touch: abs(touch.x_mm - found.values[k, 0]))
+        assert found.values[k] == pytest.approx(same.values, abs=2e-3)
+        sizes = list(one.deviations_of(same).values())
+        assert found.deviations[k] == pytest.approx(sizes, rel=0.15)
+        assert found.alternatives[k] == sum(touch.weight > 0.01 for touch in one.touches) - 1
+    assert (found.alternatives > 0).any()
+    assert np.isnan(quick.alternatives).all()
+    variances = np.einsum("nuu->nu", quick.covariances)
+    assert quick.deviations == pytest.approx(np.sqrt(variances))
+
+
+def test_a_table_has_a_column_for_each_number():
+    model = bumps("rectangle")
+    charges = [list(readings_of(model).values()), [np.nan, 1.0, 1.0, 1.0]]
+    table = locate_many(model, charges, rotations_deg=[25.0, 25.0]).to_table()
+    assert [table[name][0] for name in QUANTITIES] == pytest.approx(TOUCH, abs=1e-3)
+    assert table["x_deviation_mm"][0] > 0.0
+    assert np.isnan(table["rotation_deviation_deg"][0])
+    assert table["status"].tolist() == ["located", "not_finite"]
+    assert np.isnan(table["x_mm"][1])
+    assert table["remark"].tolist() == ["", ""]
+
+
+# -------------------------------------------------------------------------------------- mistakes
+
+
+@pytest.mark.parametrize(
+    ("charges", "options", "message"),
+    [
+        ({"A": "12", "B": 3.0}, {}, "charges.A = '12': give a charge in pC"),
+        ({"A": None, "B": 3.0}, {}, "charges.A = None: give a charge in pC"),
+        ({"A": 700.0}, {"sigma": "little"}, "sigma = 'little': give a share of the charge"),
+        ({"A": 700.0}, {"noise_pC": "none"}, "noise_pC = 'none': give a standard deviation"),
+        ({"A": 700.0}, {"known": {"y_mm": "up"}, "unknown": ["x_mm"]}, "known.y_mm = 'up': give"),
+        ({"A": 700.0}, {"reading": "both"}, "reading = both: choose from total, change"),
+        (
+            {"A": 1.0, "B": 0.0},
+            {},
+            "charges.B = 0: a charge of 0 has no deviation without noise_pC",
+        ),
+    ],
+)
+def test_mistakes_are_told_by_their_keys(charges, options, message):
+    with pytest.raises(ValueError, match=message):
+        locate(bumps(), charges, **options)
+
+
+def test_a_reading_of_the_offset_is_a_charge_of_zero():
+    readout = {"offset_V": {"B": 0.02}, "reading": "total"}
+    model = model_with(readout=readout)
+    with pytest.raises(ValueError, match=r"charges\.B = 20: a charge of 0"):
+        locate(model, {"A": 700.0, "B": 20.0})
+    rows = locate_many(model, [[700.0, 20.0, 600.0, 500.0]], rotations_deg=[0.0])
+    assert rows.status[0] is RowStatus.ZERO
