@@ -313,9 +313,12 @@ def print_matches(matches: Sequence[ProbeMatch], as_json: bool) -> None:
 
 def location_lines(found: Location) -> list[str]:
     """A location as lines."""
-    from pvdf_fem.touch.measurement import READINGS
+    from pvdf_fem.touch.measurement import READINGS, electrode_columns
 
     lines = [f"reading     {READINGS[found.reading]}"]
+    if found.reading == "total":
+        rest = max(abs(pC) for *_, pC in electrode_columns(found.problem.model.scene).values())
+        lines[0] += f", up to {rest:.3g} pC of them without a touch"
     for number, touch in enumerate(found.touches, start=1):
         several = f" {number} of {len(found.touches)}" if len(found.touches) > 1 else ""
         lines += [f"touch{several}", *_touch_lines(touch, found)]

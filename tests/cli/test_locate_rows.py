@@ -323,7 +323,7 @@ def test_changes_are_given_by_their_option(file, capsys):
     assert result["remarks"] == []
     assert main(["locate", str(file), "--charges", changes, "--sigma", "0.002"]) == 0
     text = capsys.readouterr().out
-    assert "reading     total charges" in text
+    assert "reading     total charges, up to 48 pC of them without a touch\n" in text
     assert "remark      wrong reading: as total charges no touch explains what was given" in text
 
 
