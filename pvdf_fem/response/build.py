@@ -50,7 +50,7 @@ class ResponseOptions:
     #: The same for a disc, whose table can be finer as it needs no rotations.
     disc_cell: float = 1 / 14
     #: Largest cell.
-    largest_cell_mm: float = 0.75
+    largest_cell_mm: float = 0.6
     #: Way of the corners of the probe from one rotation to the next, over the cell.
     rotation_step: float = 0.8
     #: Step of the raster of the stress over the cell.
