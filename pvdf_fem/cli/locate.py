@@ -83,6 +83,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="another scene, with another probe, that may have given the charges; all are "
         "weighed by likelihood; may be given several times",
     )
+    add_model_options(parser)
+    parser.add_argument(
+        "--polish",
+        action="store_true",
+        help="improve the touches with finite-element solves, which takes seconds",
+    )
+
+
+def add_model_options(parser: argparse.ArgumentParser) -> None:
+    """The options that say which model is used."""
     parser.add_argument(
         "--model",
         metavar="FILE",
@@ -101,11 +111,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="LEAST,LARGEST",
         default="0.1,5",
         help="a new model's forces in N (default: 0.1,5)",
-    )
-    parser.add_argument(
-        "--polish",
-        action="store_true",
-        help="improve the touches with finite-element solves, which takes seconds",
     )
 
 
