@@ -132,7 +132,9 @@ def _tracker(scene: Scene, options: argparse.Namespace, chosen: TrackOptions) ->
         raise InputError(*wrong)
     request = cli_locate.Request({}, 0.0, 0.0, chosen.unknown, domain, ())
     try:
-        model = cli_locate.model_of(scene, options.scene, options.model, request)
+        # the model is of charges, whatever reads them
+        bare = scene.with_(readout=None, stage=None)
+        model = cli_locate.model_of(bare, options.scene, options.model, request)
         return Tracker(replace(model, scene=scene), options=chosen)
     except ValueError as error:
         raise InputError(*str(error).splitlines()) from error

@@ -8,7 +8,7 @@ from typing import Any
 from pvdf_fem.arrays import finite
 
 NAN = float("nan")
-#: What is told of a place and its force.
+#: What rows and summaries tell of a touch.
 NUMBERS = (
     *("x_mm", "y_mm", "force_N", "rotation_deg"),
     *("x_deviation_mm", "y_deviation_mm", "force_deviation_N", "rotation_deviation_deg"),

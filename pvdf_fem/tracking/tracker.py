@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from pvdf_fem.touch.mistakes import known_mistakes
 from pvdf_fem.tracking.baseline import WINDOWS, Baseline, Watch
 from pvdf_fem.tracking.circuit import PICO, Circuit
 from pvdf_fem.tracking.contact import BAD, Contact, Sought
-from pvdf_fem.tracking.course import ChangeModel, Hypotheses
+from pvdf_fem.tracking.course import ChangeModel, Places
 from pvdf_fem.tracking.rows import NUMBERS, Row, TouchSummary
 
 
@@ -90,7 +91,7 @@ class Tracker:
         self.names, self.options = response.names, options
         self._stage = scene.stage or Stage()
         self._sought = Sought(model, circuit, known, options.locate)
-        self._domain = response.domain
+        self._model, self._domain = response, response.domain
         self.touches: list[TouchSummary] = []
         self._restart()
 
@@ -213,75 +214,57 @@ class Tracker:
 
     def _row(self, t: float, contact: Contact) -> Row:
         """The row of a touch."""
-        places, number = contact.hypotheses, len(self.touches) + 1
-        if places is None:
+        number, (low, high) = len(self.touches) + 1, self._domain.log_force
+        if contact.places is None:
             return Row(t, "starting", number)
-        low, high = self._domain.log_force
-        force, status = places.at[0, FORCE], "touch"
+        force, status = contact.at[FORCE], "touch"
         if contact.strain > BAD:
             status = "unexplained"
         elif not low <= force <= high:
             status = "too_light" if force < low else "too_strong"
-        return Row(
-            t,
-            status,
-            number,
-            **self._values(places),
-            chi_square=float(places.chi_square[0]),
-            alternatives=_likely(places),
-        )
+        values = self._values(contact, contact.places)
+        chi_square, alternatives = contact.chi_square, _likely(contact.places)
+        return Row(t, status, number, **values, chi_square=chi_square, alternatives=alternatives)
 
-    def _values(self, places: Hypotheses) -> dict[str, float]:
-        """The likeliest touch on the stage by quantity, and its deviations."""
-        x, y, rotation, log_force = places.at[0].tolist()
+    def _values(self, contact: Contact, places: Places) -> dict[str, Any]:
+        """The touch on the stage and its deviations, as rows and summaries name them."""
+        x, y, rotation, log_force = contact.at.tolist()
         (x, y), rotation = self._stage.to_stage((x, y), rotation)
-        rotation %= period_deg(self._sought.model.problem.model)
-        deviations = places.deviations(self._stage.turn).tolist()
-        values = dict(
-            zip(QUANTITIES, map(float, (x, y, rotation, math.exp(log_force))), strict=True)
-        )
-        return values | {
-            f"{quantity}_deviation_{unit}": deviation
-            for (quantity, _, unit), deviation in zip(
-                (name.partition("_") for name in QUANTITIES), deviations, strict=True
-            )
-        }
+        rotation, force = rotation % period_deg(self._model), math.exp(log_force)
+        dx, dy, turn, relative = places.deviations(self._stage.turn).tolist()
+        values = (x, y, force, rotation, dx, dy, relative * force, turn)
+        return dict(zip(NUMBERS, map(float, values), strict=True))
 
     def _summary(self, contact: Contact, remark: str) -> TouchSummary:
         """What is known of a touch that has ended."""
-        places, remarks = contact.hypotheses, [remark] if remark else []
-        times = np.array([sample.time for sample in contact.history])
-        forces = np.nan_to_num(np.array(contact.forces))
-        values, alternatives, lowest, highest = (
-            dict.fromkeys(NUMBERS, math.nan),
-            0,
-            *self._domain.force_N,
-        )
+        places, remarks = contact.places, [remark] if remark else []
+        values, alternatives = dict.fromkeys(NUMBERS, math.nan), 0
         if places is None:
             remarks.append("not located: the charges are too small, or no touch gives them")
         else:
-            values, alternatives = self._values(places), _likely(places)
+            values, alternatives = self._values(contact, places), _likely(places)
+            (low, high), force = self._domain.force_N, values["force_N"]
             if alternatives > 1:
                 remarks.append(f"ambiguous: {alternatives} places are likely")
-            if not lowest <= values["force_N"] <= highest:
-                beyond = "too_light" if values["force_N"] < lowest else "too_strong"
-                remarks.append(f"{beyond}: the model is of {lowest:g} to {highest:g} N")
+            if not low <= force <= high:
+                beyond = "too_light" if force < low else "too_strong"
+                remarks.append(f"{beyond}: the model is of {low:g} to {high:g} N")
             if contact.strain > BAD:
                 remarks.append("unexplained: no touch of this probe gives such charges")
         if self._missing:
             remarks.append(f"without readings for a while: {' '.join(sorted(self._missing))}")
         return TouchSummary(
-            len(self.touches) + 1,
-            contact.onset,
-            contact.end,
+            number=len(self.touches) + 1,
+            onset_s=contact.onset,
+            end_s=contact.end,
             **values,
-            peak_s=float(times[contact.peak]),
-            impulse_N_s=float(np.trapezoid(forces, times)),
+            peak_s=contact.history[contact.peak].time,
+            impulse_N_s=contact.impulse,
             alternatives=alternatives,
             remarks=tuple(remarks),
         )
 
 
-def _likely(places: Hypotheses) -> int:
+def _likely(places: Places) -> int:
     """The number of places that may be touched."""
     return int((places.weights > SHARE).sum())
