@@ -126,7 +126,8 @@ def fitted(
     at[:, :, FORCE] += 1.5 * np.log(sizes / sizes[-1])
     # unknown: place, forces, and the size of the common error, which is 0 ± 1
     shared, prior = np.zeros(len(at)), np.zeros(places + count + 1)
-    prior[-1], damping = 1.0, prior.copy()
+    prior[-1] = 1.0
+    damping = prior.copy()
     damping[:places] = extents(model.problem.model)[moving] ** -2.0
     design = np.zeros((len(at), channels, count, places + count + 1))
     design[..., -1] = common[:, None]
@@ -158,19 +159,23 @@ def fitted(
             break
     chi_square = np.square(target).sum(axis=(1, 2)) - (right * step).sum(axis=1) + shared**2
     inverse = np.linalg.inv(normal)
-    volume = np.linalg.slogdet(inverse[:, :places, :places])[1] if places else 0.0
+    volume = np.linalg.slogdet(inverse[:, :places, :places])[1]
     covariance = np.zeros((len(at), 4, 4))
     part = np.array([*range(places), places + count - 1])
     kept = np.array([*moving, FORCE])
     covariance[:, kept[:, None], kept] = inverse[:, part[:, None], part]
     beyond = np.hypot(at[:, -1, X], at[:, -1, Y]) > model.problem.model.domain.reach_mm
-    return _likely(at[:, -1], covariance, 0.5 * (volume - chi_square) - BEYOND * beyond)
+    return _likely(at[:, -1], covariance, -0.5 * chi_square - BEYOND * beyond, volume)
 
 
-def _likely(at: Array, covariance: Array, logs: Array) -> Places:
-    """Places in the order of their likelihood, without those that repeat a better one."""
+def _likely(at: Array, covariance: Array, logs: Array, volume: Array) -> Places:
+    """Places in the order of their likelihood, without those that repeat a better one.
+
+    They weigh as much as the likelihood about them, integrated; `volume` is twice its logarithm.
+    """
     order = np.argsort(-logs, kind="stable")
     order = order[logs[order] > logs[order[0]] - DROPPED]
     order = order[~repeated(at[order], np.arange(len(order), dtype=float), CLOSE)]
-    weights = np.exp(logs[order] - logs[order[0]])
+    masses = logs[order] + 0.5 * volume[order]
+    weights = np.exp(masses - masses.max())
     return Places(at[order], covariance[order], weights / weights.sum())
