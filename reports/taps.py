@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from pvdf_fem import Scene
-from pvdf_fem.arrays import Array
+from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.cli.program import ArgumentParser, run_program
 from pvdf_fem.files import make_directory
 from pvdf_fem.readout.channel import channels
@@ -65,7 +65,7 @@ class Trial:
     #: Detection after the beginning in ms, (draws,); infinite where a tap was missed.
     delay_ms: Array
     #: Whether x, y and force are within their stated deviations, (draws, 3).
-    within: Array
+    within: Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,8 +186,8 @@ def _sentences(trials: Sequence[Trial], seconds: Sequence[Array]) -> list[str]:
     delays = np.concatenate([trial.delay_ms for trial in trials])
     times = 1e3 * np.concatenate(seconds)
     return [
-        f"Errors of tracked taps over those of the charges at the peak: place {place:.2f} and force "
-        f"{force:.2f} in the median tap; {place_all:.2f} and {force_all:.2f} of the root mean "
+        f"Errors of tracked taps over those of the charges at the peak: place {place:.2f} and "
+        f"force {force:.2f} in the median tap; {place_all:.2f} and {force_all:.2f} of the root mean "
         "squares over all taps.",
         f"Within the stated deviation: x {within[0]:.0f}, y {within[1]:.0f}, force "
         f"{within[2]:.0f} %.",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
 import numpy as np
@@ -14,8 +15,8 @@ from pvdf_fem.tracking.circuit import LEAST_NOISE, Circuit
 WINDOWS = np.array([1, 2, 4, 8, 16, 32, 64])
 #: Probability of a false alarm in a sample. Windows share it evenly, which is more than enough.
 FALSE_ALARM = 1e-7
-#: Variance of the sum over a window that comes from the baseline, over that of white noise.
-BASELINE_SHARE = 0.1
+#: Share of voltages that are left of a touch when they stay.
+LEFT = 0.1
 #: First samples, whose deviations from the line through those before tell nothing of the noise.
 EARLY = 8
 #: Samples with the same weight that give a line's end the variance of the filter's, per memory.
@@ -32,6 +33,8 @@ class Baseline:
 
     def __init__(self, circuit: Circuit, memory: int) -> None:
         self.circuit, self.memory, self.count = circuit, memory, 0
+        #: Samples since a touch from which the level was taken anew.
+        self.fresh = 0
         none = np.zeros_like(circuit.noise)
         self.time, self.level, self.slope, self.square = 0.0, none, none, none
         #: Voltages that a touch left, and when; they decay.
@@ -55,23 +58,33 @@ class Baseline:
 
         That of the end of a straight line through as many samples as the memory is worth.
         """
-        count = min(self.count, MEMORY_WORTH * self.memory)
-        return self.noise * (2.0 / np.sqrt(count) * (1.0 + samples / count))
+        return self.noise * self.relative_error(samples)
 
-    def keep(self, time: float, voltage: Array) -> None:
-        """Go on after a touch that leaves voltages over the level, NaN for none, at a time."""
-        self.left, self.left_at = np.nan_to_num(voltage), time
+    def relative_error(self, samples: float = 0.0) -> float:
+        """This over the noise."""
+        count = min(self.count, MEMORY_WORTH * self.memory)
+        return math.hypot(2.0 / math.sqrt(count) * (1.0 + samples / count), self.fresh**-0.5)
+
+    def keep(self, since: float, time: float, voltages: Array) -> None:
+        """Go on after a touch that leaves voltages (n, channels) over the level, NaN for none.
+
+        They are of the samples between two times. Where they stay, the level is learned anew.
+        """
+        stay = self.circuit.decay(time - since).max() > LEFT
+        self.left = np.nan_to_num(voltages.mean(axis=0) if stay else voltages[-1])
+        self.left_at, self.fresh = time, len(voltages) if stay else self.fresh
 
     def follow(self, time: float, voltage: Array) -> None:
         """Take a quiet sample in; a channel that was never heard before begins all anew."""
         self.count += 1
         if self.count == 1 or (np.isnan(self.level) & ~np.isnan(voltage)).any():
-            self.count, self.time, self.level = 1, time, voltage
+            self.count, self.fresh, self.time, self.level = 1, 1, time, voltage
             self.slope, self.square = np.zeros_like(voltage), np.zeros_like(voltage)
             return
+        self.fresh += 1
         k, share = self.count, 1.0 / self.memory
         step, surprise = time - self.time, np.nan_to_num(voltage - self.at(time))
-        gain = max(2.0 * (2 * k - 1) / (k * (k + 1)), 2.0 * share)
+        gain = max(2.0 * (2 * k - 1) / (k * (k + 1)), 2.0 * share, 1.0 / self.fresh)
         bend = max(6.0 / (k * (k + 1)), share**2)
         self.level = self.level + self.slope * step + gain * surprise
         self.slope = self.slope + bend / step * surprise
@@ -94,8 +107,11 @@ class Watch:
         self._count = 0
         self.threshold = float(chi2.isf(FALSE_ALARM / len(WINDOWS), channels))
 
-    def add(self, time: float, voltage: Array, deviation: Array) -> int:
-        """Add a sample with its deviations over the noise; the window that sees a touch, or 0."""
+    def add(self, time: float, voltage: Array, deviation: Array, error: float) -> int:
+        """Add a sample with its deviations over the noise; the window that sees a touch, or 0.
+
+        `error` is the standard deviation of the baseline over the noise.
+        """
         self.samples.append((time, voltage, deviation))
         size = len(self._sums)
         total = self._sums[self._count % size] + deviation
@@ -103,7 +119,7 @@ class Watch:
         self._sums[self._count % size] = total
         windows = WINDOWS[: np.searchsorted(WINDOWS, self._count, side="right")]
         sums = total - self._sums[(self._count - windows) % size]
-        squares = np.square(sums).sum(axis=1) / (windows * (1.0 + BASELINE_SHARE))
+        squares = np.square(sums).sum(axis=1) / (windows + np.square(windows * error))
         return int(windows[squares.argmax()]) if squares.max() > self.threshold else 0
 
     def onset(self, window: int) -> int:

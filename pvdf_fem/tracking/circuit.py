@@ -77,7 +77,8 @@ class ChargeSum:
         none = np.zeros_like(before)
         #: Variance in pC² that sums up from sample to sample.
         self.variance = none.copy()
-        self._settled, self._linear, self._bend, self._slope = none, none, none, none
+        self._settled, self._linear, self._slope = none, none, none
+        self._bend: Array | None = None
         self._step, self._gap = 0.0, none.copy()
 
     def add(self, time: float, voltage: Array, noise: Array) -> Array:
@@ -89,12 +90,15 @@ class ChargeSum:
             self._settled = self._settled + jump
             self.variance += np.square(self.circuit.leak * jump)
             self._gap = np.where(missing, self._gap + step, 0.0)
-        slope = (voltage - self.voltage) / step
-        bend = (slope - self._slope) / (step + self._step) if self._step else np.zeros_like(slope)
-        self._settled = self._settled + self._linear - self._step**3 / 12.0 * (self._bend + bend)
+        slope, bend = (voltage - self.voltage) / step, np.zeros_like(voltage)
+        if self._step:
+            bend = (slope - self._slope) / (step + self._step)
+            before = bend if self._bend is None else self._bend
+            self._settled = self._settled + self._linear - self._step**3 / 12.0 * (before + bend)
+            self._bend = bend
         self._linear = step * (voltage + self.voltage) / 2.0
         self.time, self.voltage, self._slope = time, voltage, slope
-        self._step, self._bend = step, bend
+        self._step = step
         self.variance += np.square(self.circuit.leak * noise * step)
         integral = self._settled + self._linear - step**3 / 6.0 * bend
         return self.circuit.capacitance * (voltage - self.before) + self.circuit.leak * integral

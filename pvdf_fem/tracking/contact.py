@@ -161,7 +161,9 @@ class Contact:
             model.problem, electrodes=heard, charges_pC=total[None], deviations_pC=spread[None]
         )
         options = self.sought.options
-        touches = location(problem, search(problem, self.sought.known, options), options).touches
+        with np.errstate(divide="ignore", invalid="ignore"):  # charges may be far from any touch's
+            ends = search(problem, self.sought.known, options)
+        touches = location(problem, ends, options).touches
         at = np.array([touch.values for touch in touches[:MOST]]).reshape(-1, 4)
         at[:, FORCE] = np.log(at[:, FORCE])
         return at if len(at) and at[0, FORCE] > model.least else at[:0]
@@ -196,6 +198,10 @@ class Contact:
         left = (last.charges @ largest.charges) / (largest.charges @ largest.charges)
         faint = len(self.history) > PATIENCE and self._significance < INSIGNIFICANT
         return bool(left < ENDED) or faint
+
+    def left(self) -> Array:
+        """Voltages over the baseline while the charges did not change, (n, electrodes)."""
+        return np.array(self._voltages[-STILL:])
 
     def lost(self, patience: int) -> bool:
         """Whether the errors have grown over the charges, or no place was found in time."""

@@ -43,9 +43,10 @@ class Sample:
 class ChangeModel:
     """Changes of the charges, since the film was untouched, by touches of any force.
 
-    Below the model's least force they are continued to zero: the tension of a film grows as
-    (c² + F²)^(1/3), where c is the force at which the tension that it makes itself takes over from
-    the pretension. It follows from the share of the rest charges at the least force.
+    Below the model's least force they are continued to zero as the tension T of a membrane with the
+    pretension T0 is, for which T² (T - T0) grows as the square of the force. T0 over T at the least
+    force is the share of the charges at rest. Full solves of the thesis's film from 0.1 N down to
+    5 mN differ from this by at most a tenth of the charge.
     """
 
     def __init__(self, model: Model, rest_pC: Array, unknown: Indices) -> None:
@@ -62,15 +63,18 @@ class ChangeModel:
         held = at.copy()
         held[:, FORCE] = np.maximum(at[:, FORCE], self.least)
         system = self.problem.linearised(held)
-        change = system[light, :, 0]
+        change = system[light, :, 0].copy()
         total = np.linalg.norm(change + self.rest_pC, axis=1)
-        share = np.clip((np.linalg.norm(self.rest_pC) / total) ** 3, 1e-9, 0.9)
-        square, ratio = share / (1.0 - share), np.exp(2.0 * (at[light, FORCE] - self.least))
-        size = np.cbrt(square + 1.0) - np.cbrt(square)
-        factor = (np.cbrt(square + ratio) - np.cbrt(square)) / size
-        system[light] *= factor[:, None, None]
-        slope = 2.0 / 3.0 * ratio / np.cbrt(square + ratio) ** 2 / size
-        system[light, :, 1 + FORCE] = change * slope[:, None]
+        share = np.clip(np.linalg.norm(self.rest_pC) / total, 0.0, 0.95)
+        square = (1.0 - share) * np.exp(2.0 * (at[light, FORCE] - self.least))
+        tension = share + np.cbrt(square)
+        for _ in range(STEPS):  # from above, where Newton's method comes ever closer
+            slope = 3.0 * np.square(tension) - 2.0 * share * tension
+            tension -= (np.square(tension) * (tension - share) - square) / slope
+        growth = (tension - share) / (1.0 - share)
+        system[light] *= growth[:, None, None]
+        rate = 2.0 * square / slope / (1.0 - share)
+        system[light, :, 1 + FORCE] = change * rate[:, None]
         return system
 
     def pressed(self, at: Array, sample: Sample) -> tuple[Array, float]:

@@ -25,8 +25,13 @@ POINTS = 80
 #: deviations of the curvature, of the beginning in samples, and of the logarithm of the force.
 POWER = 1.4
 SPREADS = np.array([3.0, 0.5, 0.5, 1.0])
+#: Searches start from the best of these, added to what is likely.
+BEGINS = (-1.0, -0.5, 0.0, 0.5, 1.0)
+POWERS = (-0.4, 0.1, 0.6)
+#: Part of a voltage by which such a course may differ from the true one.
+MISFIT = 0.01
 #: Share of the charge missed that is in doubt, as the course may be another.
-DOUBT = 0.15
+DOUBT = 0.5
 #: The touch has begun where this share of its squared voltages has come.
 BEGUN = 0.01
 
@@ -41,7 +46,8 @@ def missed_charge(
     with t0, f, p and c fitted. Returns charges (electrodes,) in pC, and the standard deviation of
     this over the charge at the last time.
     """
-    weights = np.where(np.isnan(voltages), 0.0, 1.0 / noise)
+    errors = np.hypot(noise, MISFIT * np.abs(voltages))
+    weights = np.where(np.isnan(voltages), 0.0, 1.0 / errors)
     measured = np.nan_to_num(voltages) * weights
     power = np.cumsum(np.square(measured).sum(axis=1))
     first = max(int(np.searchsorted(power, BEGUN * power[-1])) - 1, 0)
@@ -66,7 +72,10 @@ def missed_charge(
         return charge - _summed(circuit, times, predicted)
 
     likely = np.array([0.5, 0.0, POWER, 0.0])
-    found = least_squares(residuals, likely, method="lm", x_scale=0.1 * SPREADS, diff_step=1e-4)
+    starts = [likely + np.array([begin, 0.0, power, 0.0]) for begin in BEGINS for power in POWERS]
+    costs = [np.square(residuals(start)).sum() for start in starts]
+    start = starts[int(np.argmin(costs))]
+    found = least_squares(residuals, start, method="lm", x_scale=0.1 * SPREADS, diff_step=1e-4)
     best, root = missed(found.x), np.linalg.cholesky(np.linalg.inv(found.jac.T @ found.jac))
     changes = np.array([missed(found.x + 0.3 * way) - best for way in root.T]) / 0.3
     error = np.hypot(np.linalg.norm(changes), DOUBT * np.linalg.norm(best))

@@ -147,7 +147,7 @@ class Tracker:
         if math.isinf(self._time) and math.isfinite(t):
             status = "settling"
         if self._contact:
-            self._finish(t, np.zeros(len(self.names)), remark)
+            self._finish(self._time, remark)
         self._restart()
         self._time = t if math.isfinite(t) else -math.inf
         return Row(t, status)
@@ -159,7 +159,9 @@ class Tracker:
         deviation = np.zeros_like(voltage)
         if not settling:
             deviation = np.nan_to_num((voltage - baseline.at(t)) / baseline.noise)
-        window = watch.add(t, voltage, deviation)
+        window = watch.add(
+            t, voltage, deviation, baseline.relative_error() if baseline.count else 0.0
+        )
         if window:
             return self._begin(watch.onset(window))
         if len(watch.samples) > WINDOWS[-1]:
@@ -197,19 +199,20 @@ class Tracker:
         contact.add(t, over, noise, doubt)
         self._missing |= {n for n, v in zip(self.names, voltage, strict=True) if math.isnan(v)}
         if contact.ended():
-            self._finish(t, over)
+            self._finish(t)
             return Row(t, "quiet")
         if contact.lost(self.options.memory):
-            self._finish(t, over, "lost: its errors have grown over its charges")
+            self._finish(t, "lost: its errors have grown over its charges")
             return Row(t, "lost")
         return self._row(t, contact)
 
-    def _finish(self, t: float, left: Array, remark: str = "") -> None:
-        """End the touch; `left` are voltages that it leaves over the baseline, NaN for none."""
+    def _finish(self, t: float, remark: str = "") -> None:
+        """End the touch, and begin to watch out for another."""
         contact = self._contact
         assert contact is not None
-        self.touches.append(self._summary(contact if remark else contact.closed(), remark))
-        self._baseline.keep(t, left)
+        told = contact if remark else contact.closed()
+        self.touches.append(self._summary(told, remark))
+        self._baseline.keep(told.end, t, contact.left())
         self._contact, self._watch = None, Watch(len(self.names))
 
     def _row(self, t: float, contact: Contact) -> Row:

@@ -57,16 +57,14 @@ def random_taps(count: int, seed: int, reach_mm: float, forces_N: tuple[float, f
     """Taps of 50 to 500 ms: places evenly over a disc, durations and forces evenly in logarithm."""
     draw = np.random.default_rng(seed)
     lowest, highest = forces_N
-    return [
-        Tap(
-            KINDS[k % len(KINDS)],
-            0.6 + 1e-3 * draw.random(),
-            0.05 * 10.0 ** draw.random(),
-            *over_disc(draw, 1, reach_mm)[0].tolist(),
-            lowest * (highest / lowest) ** draw.random(),
-        )
-        for k in range(count)
-    ]
+    taps = []
+    for k in range(count):
+        kind, begin = KINDS[k % len(KINDS)], 0.6 + 1e-3 * draw.random()
+        duration = 0.05 * 10.0 ** draw.random()
+        x, y = over_disc(draw, 1, reach_mm)[0].tolist()
+        force = lowest * (highest / lowest) ** draw.random()
+        taps.append(Tap(kind, begin, duration, x, y, force))
+    return taps
 
 
 class TapCharges:
@@ -118,6 +116,6 @@ def readings(
     return time, np.column_stack(columns)
 
 
-def spread(values: Sequence[float]) -> float:
+def spread(values: Sequence[float] | Array) -> float:
     """Root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))

@@ -32,11 +32,24 @@ class Tap:
 
 @dataclass(frozen=True, eq=False)
 class Rested(Bumps):
-    """Made-up charges that are the film's at rest without a force."""
+    """Made-up charges that grow with the force as those of a stretched membrane.
+
+    The total T and the charge at rest T0 of an electrode have T² (T - T0) in proportion to F².
+    """
 
     def evaluate(self, touches):
-        charges, slopes = super().evaluate(touches)
-        return charges - 40.0 + 1e12 * rest_charges(self.scene), slopes
+        force = touches[:, 3, None]
+        at_one = np.column_stack([touches[:, :3], np.ones(len(touches))])
+        charges, slopes = super().evaluate(at_one)
+        rest, change = 1e12 * rest_charges(self.scene), charges - 40.0
+        square = (rest + change) ** 2 * change * force**2
+        total = rest + np.cbrt(square)
+        for _ in range(12):
+            slope = 3.0 * total**2 - 2.0 * rest * total
+            total = total - (total**2 * (total - rest) - square) / slope
+        slopes = slopes * ((total - rest) / change)[..., None]
+        slopes[:, :, 3] = 2.0 * square / force / slope
+        return total, slopes
 
 
 def sensor(shape: str = "circle", **readout):
