@@ -187,8 +187,8 @@ def _sentences(trials: Sequence[Trial], seconds: Sequence[Array]) -> list[str]:
     times = 1e3 * np.concatenate(seconds)
     return [
         f"Errors of tracked taps over those of the charges at the peak: place {place:.2f} and "
-        f"force {force:.2f} in the median tap; {place_all:.2f} and {force_all:.2f} of the root mean "
-        "squares over all taps.",
+        f"force {force:.2f} in the median tap; {place_all:.2f} and {force_all:.2f} of the root "
+        "mean squares over all taps.",
         f"Within the stated deviation: x {within[0]:.0f}, y {within[1]:.0f}, force "
         f"{within[2]:.0f} %.",
         f"A touch is seen {np.median(delays):.1f} ms after it begins in the median, at most "

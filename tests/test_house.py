@@ -45,14 +45,14 @@ LIBRARY = (
     "pvdf_fem.response",
     "pvdf_fem.touch",
     "pvdf_fem.tracking",
-    "pvdf_fem.maps",
     "pvdf_fem.output",
     "pvdf_fem.cli",
     "pvdf_fem.door",
 )
 REPORTS = (
     *LIBRARY,
-    "pvdf_fem.reference",
+    "reports.reference",
+    "reports.maps",
     "reports.common",
     "reports.thesis_methods",
     "reports.chapters",
@@ -62,9 +62,9 @@ REPORTS = (
     "reports.robustness",
     "reports",
 )
-# `pvdf_fem.reference` checks the rest, so it shares none of its code.
+# `reports.reference` checks the rest, so it shares none of its code.
 MAY_IMPORT = {folder: set(REPORTS[: i + 1]) for i, folder in enumerate(REPORTS)}
-MAY_IMPORT["pvdf_fem.reference"] = {"pvdf_fem.reference", "pvdf_fem.root"}
+MAY_IMPORT["reports.reference"] = {"reports.reference", "pvdf_fem.root"}
 
 # Imports inside functions that point upwards, for methods that save users an import.
 UPWARD_WHEN_CALLED = {

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvdf_fem import Scene
-from pvdf_fem.maps.carried import CarriedField
-from pvdf_fem.maps.charge_map import Calibration, ChargeFunction, ChargeMap
 from pvdf_fem.sweeps.lines import MappingScheme
 from reports.common.results import MATERIAL, Results
 from reports.common.thesis_data import Thesis
 from reports.common.thesis_scene import thesis_scene
+from reports.maps.carried import CarriedField
+from reports.maps.charge_map import Calibration, ChargeFunction, ChargeMap
 from reports.thesis_methods.mapping import Line, LineMapping
 
 Array = NDArray[np.float64]

@@ -11,8 +11,6 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from pvdf_fem import Scene
-from pvdf_fem.maps.charge_map import ChargeMap
-from pvdf_fem.maps.isocharge import contour
 from pvdf_fem.output.figures import COLOURS, GREY
 from pvdf_fem.sweeps.lines import direction
 from reports.chapters.calibration import (
@@ -30,6 +28,8 @@ from reports.common.page import Cell, Column, Picture, Table, signed
 from reports.common.results import MATERIAL, THESIS_EDGE, Results
 from reports.common.thesis_data import ContourPoint, Thesis
 from reports.common.thesis_scene import thesis_scene
+from reports.maps.charge_map import ChargeMap
+from reports.maps.isocharge import contour
 
 Array = NDArray[np.float64]
 

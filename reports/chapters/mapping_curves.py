@@ -12,13 +12,13 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from pvdf_fem import Scene
-from pvdf_fem.maps.carried import CarriedField
 from pvdf_fem.sweeps.lines import MappingScheme, direction
 from pvdf_fem.sweeps.store import Record
 from reports.common.charge_figures import Series
 from reports.common.results import MATERIAL, Results
 from reports.common.thesis_data import ContourPoint, Thesis
 from reports.common.thesis_scene import thesis_scene
+from reports.maps.carried import CarriedField
 from reports.thesis_methods.mapping import Line, LineMapping
 
 Array = NDArray[np.float64]
@@ -138,7 +138,7 @@ def _three(angles_deg: Sequence[float]) -> tuple[float, ...]:
 class LineCurve:
     """The charge on a line as a function of the distance from the electrode.
 
-    The charge divided by its leading part (`pvdf_fem.maps.carried`) varies slowly. A cubic spline
+    The charge divided by its leading part (`reports.maps.carried`) varies slowly. A cubic spline
     through the solved places interpolates that ratio.
 
     Attributes

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from pvdf_fem import Scene
-from pvdf_fem.maps.carried import CarriedField, carried_field
 from pvdf_fem.sweeps.store import Record, Store
 from pvdf_fem.sweeps.sweep import Progress, planned, silent, solve_all
+from reports.maps.carried import CarriedField, carried_field
 
 #: The observable that the thesis's post-processor computes: stresses averaged along the edges.
 THESIS_EDGE = "thesis-edge"
@@ -55,7 +55,7 @@ class Results:
         return selection
 
     def field(self, scene: Scene) -> CarriedField:
-        """The stress about the probe of a scene, from `pvdf_fem.maps.carried`."""
+        """The stress about the probe of a scene, from `reports.maps.carried`."""
         return carried_field(scene, self.folder)
 
     @property

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvdf_fem import Scene
-from pvdf_fem.maps.isocharge import contour
 from pvdf_fem.response.build import build_response
 from pvdf_fem.response.model import Domain, Model
 from pvdf_fem.response.response import Response
@@ -23,6 +22,7 @@ from reports.chapters.calibration import DIRECTIONS_DEG
 from reports.common.results import MATERIAL, Results
 from reports.common.thesis_data import Thesis
 from reports.common.thesis_scene import PROBES
+from reports.maps.isocharge import contour
 from reports.thesis_methods.triangulation import triangulate
 
 Array = NDArray[np.float64]

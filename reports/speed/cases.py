@@ -14,8 +14,8 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.reference.axisymmetric import axisymmetric_membrane
-from pvdf_fem.reference.closed_form import hencky
+from reports.reference.axisymmetric import axisymmetric_membrane
+from reports.reference.closed_form import hencky
 
 #: Radius of the round electrode of the closed-form cases, over the film's radius.
 DISC_RATIO = 0.2
@@ -112,7 +112,7 @@ def _disc(x_mm: float, y_mm: float, radius_mm: float) -> Scene:
 def _round(patch_ratio: float, force: float, poisson_ratio: float, pretension: float) -> Scene:
     """A round film under a round probe of radius `patch_ratio` a, over a round electrode.
 
-    `force` is F/(E h a) and `pretension` N0/(E h), as in `pvdf_fem.reference.axisymmetric`.
+    `force` is F/(E h a) and `pretension` N0/(E h), as in `reports.reference.axisymmetric`.
     """
     radius_mm, thickness_um, modulus_GPa = 45.0, 25.0, 2.0
     stiffness = modulus_GPa * 1e9 * thickness_um * 1e-6

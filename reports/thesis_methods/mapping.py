@@ -15,9 +15,9 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.maps.isocharge import Contour, ContourCurve
 from pvdf_fem.sweeps.lines import MappingScheme, direction
 from pvdf_fem.sweeps.store import Record
+from reports.maps.isocharge import Contour, ContourCurve
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,8 +24,8 @@ from itertools import combinations, product
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.maps.charge_map import ChargeFunction
-from pvdf_fem.maps.isocharge import Contour, distinct
+from reports.maps.charge_map import ChargeFunction
+from reports.maps.isocharge import Contour, distinct
 
 
 class PlaceStatus(StrEnum):

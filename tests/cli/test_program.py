@@ -20,7 +20,6 @@ import pytest
 from pvdf_fem import Scene, Solution, solve
 from pvdf_fem.cli.program import InputError, run_program
 from pvdf_fem.files import FileError, make_directory, replacing, require_writable
-from pvdf_fem.maps import carried
 from pvdf_fem.output.export import write_mesh, write_vtu
 from pvdf_fem.output.figures import new_figure, save
 from pvdf_fem.sweeps.records import record_of
@@ -30,6 +29,7 @@ from reports.common.page import Column, Page, Section, Table
 from reports.common.results import Results
 from reports.common.section_cache import cached_section
 from reports.common.thesis_data import Thesis
+from reports.maps import carried
 
 ROOT = Path(__file__).parents[2]
 SCENE = '[probe]\nshape = "circle"\nradius_mm = 2.0\n[numerics]\ntolerance = 0.05\n'

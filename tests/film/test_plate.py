@@ -16,14 +16,14 @@ from pvdf_fem.film.space import Space
 from pvdf_fem.mesh.gmsh_mesh import FILM, PROBE, RIM
 from pvdf_fem.mesh.six_node import compression
 from pvdf_fem.mesh.size_field import Sizes
-from pvdf_fem.reference.circular_plate import (
+from pvdf_fem.solution.first_sizes import first_sizes
+from pvdf_fem.solution.modes import modes
+from pvdf_fem.solvers.newton import factorise, negative_pivots
+from reports.reference.circular_plate import (
     clamped_plate_deflection,
     stretched_plate_deflection,
     von_karman_plate,
 )
-from pvdf_fem.solution.first_sizes import first_sizes
-from pvdf_fem.solution.modes import modes
-from pvdf_fem.solvers.newton import factorise, negative_pivots
 from tests.helpers.discs import (
     LOADS,
     RECTANGLE,

@@ -11,8 +11,6 @@ import pytest
 from pvdf_fem import solve
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.laws import TensionField
-from pvdf_fem.reference.axisymmetric import axisymmetric_membrane
-from pvdf_fem.reference.axisymmetric_wrinkled import wrinkled_membrane
 from pvdf_fem.scene.film import Film
 from pvdf_fem.solvers import ladder, wrinkling
 from pvdf_fem.solvers.interior_point import interior_points
@@ -21,6 +19,8 @@ from pvdf_fem.solvers.newton import NewtonResult, negative_pivots
 from pvdf_fem.solvers.seed import deflected_film
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.solvers.wrinkling import barely_loaded
+from reports.reference.axisymmetric import axisymmetric_membrane
+from reports.reference.axisymmetric_wrinkled import wrinkled_membrane
 from reports.robustness.scenes import scene_of
 from tests.helpers.discs import RECTANGLE, TRIANGLE, free_disc, graded_mesh
 

@@ -45,7 +45,7 @@ def free_disc(
     centre: tuple[float, float] = (0.0, 0.0),
     **changes: object,
 ) -> Scene:
-    """A film under a round probe, in the scale-free terms of `pvdf_fem.reference.axisymmetric`.
+    """A film under a round probe, in the scale-free terms of `reports.reference.axisymmetric`.
 
     `force` is F/(E h a), `pretension` N0/(E h), lengths are in a. One square electrode, with a
     corner on the film's centre, so that every mesh has a node there.

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pvdf_fem.maps.isocharge import Contour, contour
 from pvdf_fem.sweeps.store import Record
+from reports.maps.isocharge import Contour, contour
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,13 @@ from pvdf_fem import solve
 from pvdf_fem.charges.forces import Forces
 from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.reference.axisymmetric import axisymmetric_membrane
-from pvdf_fem.reference.axisymmetric_wrinkled import wrinkled_membrane
 from pvdf_fem.solution import admissible
 from pvdf_fem.solution.fields import Fields
 from pvdf_fem.solution.solve import solve_goals
 from pvdf_fem.solvers.newton import factorise, negative_pivots
 from pvdf_fem.solvers.status import Status
+from reports.reference.axisymmetric import axisymmetric_membrane
+from reports.reference.axisymmetric_wrinkled import wrinkled_membrane
 from tests.helpers.discs import RECTANGLE, TRIANGLE, free_disc, graded_mesh
 from tests.helpers.solvers import newton_result
 

@@ -11,10 +11,10 @@ from skfem import BilinearForm
 from skfem.helpers import dot
 
 from pvdf_fem import Scene
-from pvdf_fem.reference.closed_form import disc_frequencies
 from pvdf_fem.solution.modes import MOST_MODES, Modes, modes
 from pvdf_fem.solution.solution import NotConvergedError
 from pvdf_fem.solvers.status import Status
+from reports.reference.closed_form import disc_frequencies
 from tests.helpers.random_scenes import random_scene
 
 TRIANGLE = '[probe]\nshape = "triangle"\nx_mm = 5.0714\ny_mm = 0.8757\n'

@@ -8,12 +8,12 @@ import pytest
 from pvdf_fem import solve
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.mesh.gmsh_mesh import mesh_scene
-from pvdf_fem.reference.axisymmetric import axisymmetric_membrane
 from pvdf_fem.solution.first_sizes import first_sizes
 from pvdf_fem.solvers.arc_length import Path, beyond_limit, follow, turned
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.newton import FullSteps, factorise, newton
 from pvdf_fem.solvers.status import Status
+from reports.reference.axisymmetric import axisymmetric_membrane
 from tests.helpers.discs import free_disc
 from tests.helpers.solvers import newton_result
 

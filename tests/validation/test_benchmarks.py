@@ -17,9 +17,9 @@ import pytest
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.mesh.gmsh_mesh import mesh_scene
 from pvdf_fem.mesh.size_field import Sizes
-from pvdf_fem.reference.axisymmetric import axisymmetric_membrane
-from pvdf_fem.reference.closed_form import campbell, hencky, linear_patch_deflection
 from pvdf_fem.solvers.status import Status
+from reports.reference.axisymmetric import axisymmetric_membrane
+from reports.reference.closed_form import campbell, hencky, linear_patch_deflection
 from tests.helpers.discs import free_disc, uniform_mesh
 from tests.helpers.solvers import newton_result
 
@@ -124,7 +124,7 @@ def test_campbell(pretension):
 def test_fichter(kind, pressure, deflection):
     """Uniform pressure at finite slopes; the problem of W. B. Fichter, NASA TP-3658 (1997).
 
-    Digits of the project's reference values; `pvdf_fem.reference.axisymmetric` gives more of them.
+    Digits of the project's reference values; `reports.reference.axisymmetric` gives more of them.
     """
     scene = free_disc(math.pi * pressure, poisson_ratio=0.3, **{"load.kind": kind})
     film = RoundFilm.solved(scene, uniform_mesh(scene, 4.0))

@@ -12,8 +12,8 @@ from skfem import Basis
 from pvdf_fem import Scene, solve
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.membrane import IDENTITY, strain_of, strain_rate
-from pvdf_fem.reference.axisymmetric import axisymmetric_membrane
 from pvdf_fem.solvers.newton import factorise
+from reports.reference.axisymmetric import axisymmetric_membrane
 from tests.helpers.discs import free_disc, uniform_mesh
 
 RADIUS = 45e-3

@@ -11,8 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvdf_fem import Scene
-from pvdf_fem.maps.charge_map import ChargeFunction
-from pvdf_fem.maps.isocharge import Contour, contour
 from reports.chapters.calibration import (
     Setting,
     TurnedMap,
@@ -24,6 +22,8 @@ from reports.chapters.calibration import (
 from reports.common.results import MATERIAL, Results
 from reports.common.thesis_data import Position, Thesis, TriangulationPoint
 from reports.common.thesis_scene import scene_of
+from reports.maps.charge_map import ChargeFunction
+from reports.maps.isocharge import Contour, contour
 from reports.thesis_methods.mapping import polynomial_contour
 from reports.thesis_methods.triangulation import PlaceFit, Triangulation, fit_place, triangulate
 

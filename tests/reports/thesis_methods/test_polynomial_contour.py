@@ -5,8 +5,8 @@ import csv
 import numpy as np
 import pytest
 
-from pvdf_fem.maps.isocharge import Contour, ContourCurve
 from reports.common.thesis_data import DATA
+from reports.maps.isocharge import Contour, ContourCurve
 from reports.thesis_methods.mapping import Line, LineMapping, polynomial_contour
 from reports.thesis_methods.triangulation import triangulate
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pvdf_fem.maps.isocharge import contour
+from reports.maps.isocharge import contour
 from reports.thesis_methods.triangulation import PlaceStatus, fit_place, triangulate
 from tests.helpers.sensing_cases import Peak
 

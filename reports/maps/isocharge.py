@@ -12,7 +12,7 @@ import shapely
 from scipy.interpolate import CubicSpline
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.maps.charge_map import ChargeFunction
+from reports.maps.charge_map import ChargeFunction
 
 # Distance in mm between samples of a curve: chords leave a curve of 3 mm radius by 0.4 µm.
 _SAMPLE_MM = 0.1

@@ -6,8 +6,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from pvdf_fem.reference.axisymmetric import _grid, _pieces, _ScaledProblem, axisymmetric_membrane
-from pvdf_fem.reference.closed_form import hencky
+from reports.reference.axisymmetric import _grid, _pieces, _ScaledProblem, axisymmetric_membrane
+from reports.reference.closed_form import hencky
 
 FVK = "foeppl-von-karman"
 FORCE = 4.444e-4  # F/(E h a): 1 N on the 25 um film of 45 mm radius

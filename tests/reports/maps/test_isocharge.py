@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pvdf_fem.maps.isocharge import Contour, contour
+from reports.maps.isocharge import Contour, contour
 from tests.helpers.sensing_cases import Peak, Sum
 
 

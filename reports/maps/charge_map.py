@@ -18,10 +18,10 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.maps.carried import CarriedField
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.sweeps.lines import placed
 from pvdf_fem.sweeps.store import Record
+from reports.maps.carried import CarriedField
 
 ValueAndGradient = Callable[[Array], tuple[Array, Array]]
 

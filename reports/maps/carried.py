@@ -9,10 +9,13 @@ this is right within 3 % as far as 16 mm from the centre, and the difference var
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Hashable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from scipy.interpolate import CloughTocher2DInterpolator, NdBSpline, RectBivariateSpline
@@ -30,7 +33,7 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solution import NotConvergedError
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.status import Status
-from pvdf_fem.sweeps.store import NUMERICAL_FOLDERS, key
+from pvdf_fem.sweeps.store import key
 
 # With the numbers below a field takes about a second, and the errors of charge maps are those of
 # the scenes that they interpolate.
@@ -143,15 +146,17 @@ def carried_field(scene: Scene, folder: Path | None = None) -> CarriedField:
     )
     if folder is None:
         return _field(centred)
-    path = folder / f"field-{key(centred, (*NUMERICAL_FOLDERS, 'maps'))[:24]}.npz"
-    if not path.exists():
-        computed = _field(centred)
-        arrays: dict[str, Any] = {"offsets_mm": computed.offsets_mm, **computed.stress}
-        with replacing(path) as temporary:
-            np.savez(temporary, **arrays)
-    with np.load(path) as file:
+    own_code = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
+    path = folder / f"field-{key(centred)[:24]}-{own_code[:8]}.npz"
+    # a damaged file is replaced
+    with suppress(OSError, ValueError, KeyError, BadZipFile), np.load(path) as file:
         stress = {name: file[name] for name in file.files}
-    return CarriedField(stress.pop("offsets_mm"), stress)
+        return CarriedField(stress.pop("offsets_mm"), stress)
+    computed = _field(centred)
+    arrays: dict[str, Any] = {"offsets_mm": computed.offsets_mm, **computed.stress}
+    with replacing(path) as temporary:
+        np.savez(temporary, **arrays)
+    return computed
 
 
 def _some_electrode(scene: Scene) -> dict[str, Any]:

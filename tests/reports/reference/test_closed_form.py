@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from pvdf_fem.reference.axisymmetric import axisymmetric_membrane
-from pvdf_fem.reference.closed_form import (
+from reports.reference.axisymmetric import axisymmetric_membrane
+from reports.reference.closed_form import (
     _fall,
     campbell,
     disc_frequencies,

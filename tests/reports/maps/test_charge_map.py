@@ -7,11 +7,11 @@ import pytest
 import shapely
 
 from pvdf_fem import NotConvergedError, Scene, solve
-from pvdf_fem.maps.carried import CarriedField, carried_field
-from pvdf_fem.maps.charge_map import Calibration, ChargeMap, PolyharmonicSpline
 from pvdf_fem.scene.outlines.circle import CircleShape
 from pvdf_fem.scene.outlines.polygon import PolygonShape, RectangleShape, SquareShape
 from pvdf_fem.sweeps.sweep import planned, solve_all
+from reports.maps.carried import CarriedField, carried_field
+from reports.maps.charge_map import Calibration, ChargeMap, PolyharmonicSpline
 from reports.thesis_methods.triangulation import fit_place
 from tests.helpers.sensing_cases import Peak, record
 

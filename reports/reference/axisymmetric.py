@@ -20,7 +20,7 @@ from numpy.polynomial import legendre
 from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array, Mask
-from pvdf_fem.reference.closed_form import require_taut
+from reports.reference.closed_form import require_taut
 
 Kind = Literal["dead", "follower", "rigid"]
 Contact = Literal["sliding", "stuck"]
