@@ -9,7 +9,8 @@ Many scenes
     `sweep` solves a grid of scenes.
 From charges to touches
     `build_response` makes a `Response`, the charges as a fast function of the touch; `locate` and
-    `locate_many` find the touches that explain measured charges.
+    `locate_many` find the touches that explain measured charges; `Tracker` follows touches in a
+    stream of readings.
 
 ``help(pvdf_fem.solve)`` describes `solve` with its arguments, and so on.
 """
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from pvdf_fem.sweeps.sweep import sweep
     from pvdf_fem.touch.locate import locate
     from pvdf_fem.touch.locate_many import locate_many
+    from pvdf_fem.tracking.tracker import Tracker
 
 __all__ = [
     "NotConvergedError",
@@ -40,6 +42,7 @@ __all__ = [
     "Scene",
     "SceneError",
     "Solution",
+    "Tracker",
     "build_response",
     "gradients",
     "locate",
@@ -57,6 +60,7 @@ _MODULES = {
     "Scene": "scene.scene",
     "SceneError": "scene.scene",
     "Solution": "solution.solution",
+    "Tracker": "tracking.tracker",
     "build_response": "response.build",
     "gradients": "solution.gradients",
     "locate": "touch.locate",

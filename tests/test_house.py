@@ -26,6 +26,7 @@ PUBLIC = (
     "build_response",
     "locate",
     "locate_many",
+    "Tracker",
 )
 
 # A folder, together with the folders in it, imports from itself and from the folders before it.
@@ -43,6 +44,7 @@ LIBRARY = (
     "pvdf_fem.sweeps",
     "pvdf_fem.response",
     "pvdf_fem.touch",
+    "pvdf_fem.tracking",
     "pvdf_fem.output",
     "pvdf_fem.cli",
     "pvdf_fem.door",

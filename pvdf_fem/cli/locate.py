@@ -168,7 +168,7 @@ class Request:
         noise = options.noise
         if noise is not None:
             noise = positive("--noise", noise, wrong, zero=True)
-        unknown = _unknown(options.unknown, wrong)
+        unknown = sought(options.unknown, wrong)
         model = ModelChoice.of(options, wrong)
         if options.model and options.others:
             wrong.append("--model: is of one scene; leave it out with --or")
@@ -221,7 +221,8 @@ def _charges(option: str, text: str, mistakes: list[str]) -> dict[str, float]:
     return charges
 
 
-def _unknown(text: str, mistakes: list[str]) -> tuple[str, ...]:
+def sought(text: str, mistakes: list[str]) -> tuple[str, ...]:
+    """The quantities that are named as sought; what is wrong is added to `mistakes`."""
     items = [item.strip() for item in text.split(",")]
     mistakes += [f"--unknown {i}: choose from {', '.join(NAMES)}" for i in items if i not in NAMES]
     return tuple(NAMES[item] for item in dict.fromkeys(items) if item in NAMES)

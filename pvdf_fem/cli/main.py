@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from pvdf_fem import __version__
 from pvdf_fem.cli import locate as cli_locate
 from pvdf_fem.cli import sweep as cli_sweep
+from pvdf_fem.cli import track as cli_track
 from pvdf_fem.cli.program import (
     ArgumentParser,
     ExitCode,
@@ -147,6 +148,9 @@ def _parser() -> argparse.ArgumentParser:
     locate = _command(commands, "locate", _locate, summary, *about)
     cli_locate.add_options(locate)
     _add_json(locate)
+    summary = "touches in a stream of readings"
+    about = cli_track.DESCRIPTION, cli_track.EPILOG
+    cli_track.add_options(_command(commands, "track", _track, summary, *about))
     return parser
 
 
@@ -318,6 +322,11 @@ def _locate(options: argparse.Namespace) -> int:
     cli_locate.print_matches(choices, options.json)
     located = choices[0].location.touches
     return ExitCode.CONVERGED if located else ExitCode.NOT_CONVERGED
+
+
+def _track(options: argparse.Namespace) -> int:
+    cli_track.track(_scene(options), options)
+    return ExitCode.CONVERGED
 
 
 def _plot_extensions() -> list[str]:

@@ -1,0 +1,245 @@
+"""One touch under way: its charges from the first sample on, and where it may be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from pvdf_fem.arrays import Array, Mask
+from pvdf_fem.response.model import FORCE
+from pvdf_fem.touch.locate import LocateOptions, location, search
+from pvdf_fem.touch.touch import SIGNIFICANCE
+from pvdf_fem.tracking.circuit import ChargeSum, Circuit
+from pvdf_fem.tracking.course import ChangeModel, Places, Sample, fitted
+from pvdf_fem.tracking.onset import missed_charge
+
+#: Variance in pC² of a charge that is not known.
+UNKNOWN = 1e12
+#: Charges are located when they are this many deviations large, and again as they grow by a factor.
+ENOUGH = 15.0
+GROWTH = 1.3
+#: Most places that are followed, and samples of the course that they are fitted to.
+MOST = 6
+FITTED = 16
+#: Places are fitted again when there are more samples by this share.
+MORE = 0.1
+#: Share of the largest charges that a sample needs to tell of the place.
+TELLING = 0.3
+#: Samples after the onset before the first search; up to more the onset is corrected again.
+FIRST_SEARCH = 6
+ONSET_SAMPLES = 24
+#: Share of a voltage left after a sample above which sampling misses nothing.
+SLOW = 0.9
+#: Relative error of charges by what sampling misses at an onset or an end that is not corrected.
+ONSET_ERROR = 0.05
+#: Samples over which charges must not change for a touch to have ended.
+STILL = 12
+#: A touch has ended when this share of its largest charges is left, or, after a number of samples,
+#: this many deviations.
+ENDED = 0.2
+INSIGNIFICANT = 4.0
+PATIENCE = 100
+#: It is lost when the deviations of charges are this share of its largest charges.
+LOST = 0.3
+#: Mean chi-square per degree of freedom above which places are searched for anew, and the share of
+#: a new sample in it.
+BAD = 4.0
+FORGET = 1.0 / 16.0
+
+
+@dataclass(frozen=True, eq=False)
+class Sought:
+    """What is sought with which model, and the values of what is known by index."""
+
+    model: ChangeModel
+    circuit: Circuit
+    known: Mapping[int, float]
+    options: LocateOptions
+
+
+class Contact:
+    """A touch under way."""
+
+    def __init__(self, sought: Sought, time: float, before: Array) -> None:
+        """Begin at a time just before the touch; `before` are the voltages left by others."""
+        self.sought, self.onset, self.end = sought, time, time
+        self.history: list[Sample] = []
+        self.places: Places | None = None
+        #: The likeliest touch at the last sample, and chi-square of its charges.
+        self.at, self.chi_square = np.full(4, math.nan), math.nan
+        #: Mean chi-square of the last samples over its degrees of freedom.
+        self.strain = 1.0
+        #: Number of the sample with the largest charges, and the integral of the force in N s.
+        self.peak, self.impulse = 0, 0.0
+        self._sum = ChargeSum(sought.circuit, time, before)
+        self._voltages = [before]
+        self._missed, self._onset_error = np.zeros_like(before), ONSET_ERROR
+        self._searched, self._fitted, self._corrected = 0.0, 0, False
+
+    def add(self, time: float, voltage: Array, noise: Array, doubt: Array) -> None:
+        """Take in a sample.
+
+        Voltages are those over the baseline, NaN where missing, and `noise` their deviations in V;
+        `doubt` is the variance in pC² that the baseline's error has by now.
+        """
+        charges = self._sum.add(time, voltage, noise) + self._missed
+        white = np.square(self.sought.circuit.capacitance * noise)
+        white[np.isnan(voltage)] = UNKNOWN
+        sample = Sample(time, charges, white, self._sum.variance + doubt)
+        self.history.append(sample)
+        self._voltages.append(voltage)
+        if np.linalg.norm(charges) > np.linalg.norm(self.history[self.peak].charges):
+            self.peak = len(self.history) - 1
+        count = len(self.history)
+        larger = self._significance > max(ENOUGH, GROWTH * self._searched)
+        if count >= FIRST_SEARCH and larger:
+            self._search()
+        elif self.places and self._telling(sample) and count > (1.0 + MORE) * self._fitted:
+            self._fit(self.places.at)
+            if self.strain > BAD:
+                self._search()
+        if self.places:
+            self.at, self.chi_square = self.sought.model.pressed(self.places.at[0], sample)
+            freedom = max(int((white < UNKNOWN).sum()) - 1, 1)
+            self.strain += FORGET * (self.chi_square / freedom - self.strain)
+            self.impulse += (time - self.end) * math.exp(self.at[FORCE])
+        self.end = time
+
+    @property
+    def _significance(self) -> float:
+        """Size of the charges of the last sample in standard deviations."""
+        last = self.history[-1]
+        return float(np.linalg.norm(last.charges / np.sqrt(last.walked + last.noise)))
+
+    def _telling(self, sample: Sample) -> bool:
+        largest = self.history[self.peak].charges
+        return bool(np.linalg.norm(sample.charges) >= TELLING * np.linalg.norm(largest))
+
+    def _search(self) -> None:
+        """Look for all places that explain the charges of the last sample, then the course."""
+        self._searched, self.strain = self._significance, 1.0
+        at = self._candidates(self.history[-1])
+        if len(at) and (len(self.history) <= ONSET_SAMPLES or not self._corrected):
+            self._correct_onset(at[0])
+            at = self._candidates(self.history[-1])
+        if self.places:
+            at = np.concatenate([at, self.places.at])
+        if len(at):
+            self._fit(at)
+
+    def _fit(self, starts: Array) -> None:
+        """Fit places near some to the course, the last sample last."""
+        self._fitted = len(self.history)
+        samples = self._course(len(self.history) - 1)
+        walked = np.array([sample.walked for sample in samples]).T
+        errors = np.minimum(walked[:, :, None], walked[:, None])
+        common = self._onset_error * np.abs(samples[-1].charges)
+        self.places = fitted(self.sought.model, starts, samples, _noisy(errors, samples), common)
+
+    def _course(self, last: int) -> list[Sample]:
+        """Telling samples, spread over the course, and one more at the end."""
+        telling = [k for k, sample in enumerate(self.history) if self._telling(sample)]
+        chosen = np.linspace(0, len(telling) - 1, FITTED).round().astype(int)
+        numbers = {telling[k] for k in chosen.tolist()} - {last}
+        return [self.history[k] for k in (*sorted(numbers), last)]
+
+    def _candidates(self, sample: Sample) -> Array:
+        """Coordinates (n, 4) of the likely touches that explain the charges of one sample.
+
+        None where the likeliest is lighter than the model knows.
+        """
+        model, heard = self.sought.model, np.flatnonzero(sample.noise < UNKNOWN)
+        total = (sample.charges + model.rest_pC)[heard]
+        error = model.problem.model.error_bound * total
+        spread = np.sqrt((sample.walked + sample.noise)[heard] + np.square(error))
+        problem = replace(
+            model.problem, electrodes=heard, charges_pC=total[None], deviations_pC=spread[None]
+        )
+        options = self.sought.options
+        with np.errstate(divide="ignore", invalid="ignore"):  # charges may be far from any touch's
+            ends = search(problem, self.sought.known, options)
+        touches = location(problem, ends, options).touches
+        at = np.array([touch.values for touch in touches[:MOST]]).reshape(-1, 4)
+        at[:, FORCE] = np.log(at[:, FORCE])
+        return at if len(at) and at[0, FORCE] > model.least else at[:0]
+
+    def _correct_onset(self, at: Array) -> None:
+        """Add the charge that sampling misses at the onset."""
+        circuit, before = self.sought.circuit, self._missed
+        times = np.array([self.onset, *(sample.time for sample in self.history)])
+        self._corrected, self._onset_error = True, 0.0
+        if circuit.decay(times[1] - times[0]).min() > SLOW:
+            return
+        noise = np.sqrt(self.history[-1].noise) / circuit.capacitance
+        voltages = np.array(self._voltages)
+        self._missed, self._onset_error = missed_charge(
+            self.sought.model, circuit, at, times, voltages, noise
+        )
+        self.history = [
+            replace(sample, charges=sample.charges + self._missed - before)
+            for sample in self.history
+        ]
+
+    def ended(self) -> bool:
+        """Whether the charges do not change any longer, and hardly any are left."""
+        if len(self.history) <= STILL:
+            return False
+        last, before, largest = (self.history[k] for k in (-1, -1 - STILL, self.peak))
+        heard: Mask = (last.noise < UNKNOWN) & (before.noise < UNKNOWN)
+        variance = last.walked - before.walked + last.noise + before.noise
+        change = np.square(last.charges - before.charges) / variance
+        if change[heard].sum() > chi2.isf(SIGNIFICANCE, max(int(heard.sum()), 1)):
+            return False
+        left = (last.charges @ largest.charges) / (largest.charges @ largest.charges)
+        faint = len(self.history) > PATIENCE and self._significance < INSIGNIFICANT
+        return bool(left < ENDED) or faint
+
+    def left(self) -> Array:
+        """Voltages over the baseline while the charges did not change, (n, electrodes)."""
+        return np.array(self._voltages[-STILL:])
+
+    def lost(self, patience: int) -> bool:
+        """Whether the errors have grown over the charges, or no place was found in time."""
+        deviation = np.linalg.norm(np.sqrt(self.history[-1].walked))
+        largest = np.linalg.norm(self.history[self.peak].charges)
+        return bool(deviation > LOST * largest) or (
+            self.places is None and len(self.history) > patience
+        )
+
+    def closed(self) -> Contact:
+        """The touch with what its end tells: no charge is left, so that what is was an error.
+
+        The errors' walk is a bridge between onset and end then. The touch is that at its peak.
+        """
+        last, size = self.history[-1], np.square(self.history[self.peak].charges)
+        begin = self._onset_error**2 * size
+        total = begin + last.walked + (ONSET_ERROR**2 * size if self._onset_error else 0.0)
+        closed = copy(self)
+        closed.end = self.history[-1 - STILL].time
+        closed.history = [
+            replace(s, charges=s.charges - last.charges * (begin + s.walked) / total)
+            for s in self.history
+        ]
+        at = closed._candidates(closed.history[self.peak])
+        if self.places:
+            at = np.concatenate([at, self.places.at])
+        if len(at):
+            samples = closed._course(self.peak)
+            walked = np.array([begin + sample.walked for sample in samples]).T
+            errors = np.minimum(walked[:, :, None], walked[:, None])
+            errors = errors - walked[:, :, None] * walked[:, None] / total[:, None, None]
+            errors = _noisy(errors, samples)
+            closed.places = fitted(self.sought.model, at, samples, errors, np.zeros_like(begin))
+            closed.at = closed.places.at[0]
+        return closed
+
+
+def _noisy(errors: Array, samples: Sequence[Sample]) -> Array:
+    """Covariances (electrodes, n, n) of errors with the noise of each of n samples."""
+    noise = np.array([sample.noise for sample in samples]).T
+    return errors + noise[:, :, None] * np.eye(len(samples))

@@ -1,0 +1,125 @@
+"""The command `track`, with a made-up model in the place of a built one."""
+
+import io
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+
+from pvdf_fem.cli import locate as cli_locate
+from pvdf_fem.cli.main import main
+from tests.helpers.streams import Tap, sensor, stream
+
+SCENE = """
+[probe]
+shape = "circle"
+[readout]
+kind = "voltage"
+input_resistance_MOhm = 1.0
+cable_capacitance_pF = 100.0
+"""
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    """A scene file, and a file of signals with one tap."""
+    model = sensor()
+    monkeypatch.setattr(cli_locate, "model_of", lambda scene, *_: replace(model, scene=scene))
+    scene, signals = tmp_path / "sensor.toml", tmp_path / "signals.csv"
+    scene.write_text(SCENE)
+    t, readings = stream(model, [Tap(0.6, 0.1, (3.0, -2.0), 0.8)], 0.8, noise_V=2e-4)
+    lines = [",".join(f"{v:.9g}" for v in (a, *b)) for a, b in zip(t, readings, strict=True)]
+    signals.write_text("\n".join(["t_s,A,B,C,D", *lines]) + "\n")
+    return scene, signals
+
+
+def test_a_row_in_is_a_row_out_and_touches_are_told(files, tmp_path, capsys):
+    scene, signals = files
+    output = tmp_path / "rows.csv"
+    assert main(["track", str(scene), str(signals), "--output", str(output)]) == 0
+    rows = output.read_text().splitlines()
+    assert len(rows) == len(signals.read_text().splitlines())
+    assert rows[0].startswith("t_s,status,touch,x_mm,y_mm,force_N,rotation_deg,")
+    assert any(",touch,1," in row for row in rows)
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("touch 1: 0.59")
+
+
+def test_json_lines_from_standard_input(files, monkeypatch, capsys):
+    scene, signals = files
+    monkeypatch.setattr(sys, "stdin", io.StringIO(signals.read_text()))
+    assert main(["track", str(scene), "-", "--json"]) == 0
+    answers = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    (summary,) = [answer["summary"] for answer in answers if "summary" in answer]
+    assert summary["force_N"] == pytest.approx(0.8, rel=0.03)
+    assert answers[0]["status"] == "settling"
+    assert answers[0]["x_mm"] is None
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("t,A,B\n", "line 1 is 't,A,B'; give the columns t_s,A,B,C,D"),
+        ("t_s,A,A\n", "line 1 has a column twice"),
+        ("t_s,A,B,E\n", "line 1 is 't_s,A,B,E'"),
+        ("t_s,A,B,C,D\n0,1,2\n", "line 2 has 3 cells, and line 1 has 5"),
+        ("t_s,A,B,C,D\n0,1,2,3,x\n", "line 2, D = 'x': give a number, or nan"),
+        ("", "line 1 is ''"),
+    ],
+)
+def test_wrong_signals_are_told_by_line(files, text, complaint, capsys):
+    scene, signals = files
+    signals.write_text(text)
+    assert main(["track", str(scene), str(signals)]) == 2
+    assert complaint in capsys.readouterr().err
+
+
+def test_missing_cells_are_missing_readings(files, capsys):
+    scene, signals = files
+    signals.write_text("t_s,A,C,D\n0,1,,nan\n0.001,1,2,3\n")
+    assert main(["track", str(scene), str(signals)]) == 0
+    first, second = capsys.readouterr().out.splitlines()[1:]
+    assert first.endswith(",B C D")
+    assert second.endswith(",B")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["--unknown", "z"], "--unknown z: choose from"),
+        (["--limit", "-1"], "--limit -1: give a positive number"),
+        (["--output", "rows.txt"], "has no extension of a known format"),
+        (["--unknown", "x,y"], "force of a touch is always sought"),
+    ],
+)
+def test_wrong_options_are_told(files, arguments, complaint, capsys):
+    scene, signals = files
+    assert main(["track", str(scene), str(signals), *arguments]) == 2
+    assert complaint in capsys.readouterr().err
+
+
+def test_a_live_pipe_is_answered_row_by_row(files, tmp_path):
+    """Before the second line is sent, the answer to the first one is there."""
+    scene, _ = files
+    program = (
+        "import sys\n"
+        "from dataclasses import replace\n"
+        "from pvdf_fem.cli import locate, main\n"
+        "from tests.helpers.streams import sensor\n"
+        "locate.model_of = lambda scene, *_: replace(sensor(), scene=scene)\n"
+        f"sys.exit(main.main(['track', {str(scene)!r}, '-']))\n"
+    )
+    command = [sys.executable, "-c", program]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, **pipes) as process:
+        for line in ("t_s,A,B,C,D", "0,0.1,0.1,0.1,0.1"):
+            print(line, file=process.stdin, flush=True)
+        assert process.stdout.readline().startswith("t_s,status")
+        assert process.stdout.readline().startswith("0.0,settling")
+        print("0.001,0.1,0.1,0.1,0.1", file=process.stdin, flush=True)
+        assert process.stdout.readline().startswith("0.001,settling")
+        process.stdin.close()
+        assert process.wait(timeout=60) == 0

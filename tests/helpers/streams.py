@@ -1,0 +1,93 @@
+"""Streams of readings of made-up sensors under taps of known force, by a circuit solved exactly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pvdf_fem.charges.rest import rest_charges
+from pvdf_fem.readout.channel import channels
+from tests.helpers.touch_models import Bumps, bumps
+
+RESISTIVE = {"kind": "voltage", "input_resistance_MOhm": 1.0, "cable_capacitance_pF": 100.0}
+#: Steps of the circuit in a sample.
+STEPS = 40
+
+
+@dataclass(frozen=True)
+class Tap:
+    """A touch with a force like half a sine."""
+
+    begin_s: float
+    duration_s: float
+    place_mm: tuple[float, float]
+    force_N: float
+    rotation_deg: float = 0.0
+
+    def force(self, t):
+        phase = np.clip((t - self.begin_s) / self.duration_s, 0.0, 1.0)
+        return self.force_N * np.sin(np.pi * phase)
+
+
+@dataclass(frozen=True, eq=False)
+class Rested(Bumps):
+    """Made-up charges that grow with the force as those of a stretched membrane.
+
+    The total T and the charge at rest T0 of an electrode have T² (T - T0) in proportion to F².
+    """
+
+    def evaluate(self, touches):
+        force = touches[:, 3, None]
+        at_one = np.column_stack([touches[:, :3], np.ones(len(touches))])
+        charges, slopes = super().evaluate(at_one)
+        rest, change = 1e12 * rest_charges(self.scene), charges - 40.0
+        square = (rest + change) ** 2 * change * force**2
+        total = rest + np.cbrt(square)
+        for _ in range(12):
+            slope = 3.0 * total**2 - 2.0 * rest * total
+            total = total - (total**2 * (total - rest) - square) / slope
+        slopes = slopes * ((total - rest) / change)[..., None]
+        slopes[:, :, 3] = 2.0 * square / force / slope
+        return total, slopes
+
+
+def sensor(shape: str = "circle", **readout):
+    """A made-up sensor with three voltage channels of 1 MOhm, or another readout."""
+    model = bumps(shape)
+    scene = model.scene.with_(readout=readout or RESISTIVE)
+    return Rested(scene, model.points_mm, model.electrodes_mm, model.names)
+
+
+def charges_of(model, tap, force):
+    """Changes of the charges in pC, (n, electrodes), by forces in N, however small."""
+    rows = np.column_stack(
+        [np.tile([*tap.place_mm, tap.rotation_deg], (len(force), 1)), np.maximum(force, 1e-12)]
+    )
+    return model.evaluate(rows)[0] - 1e12 * rest_charges(model.scene)
+
+
+def stream(
+    model, taps, seconds, *, noise_V=0.0, offset_V=0.0, drift_V_s=0.0, seed=0, rate_Hz=1000.0
+):
+    """Times and readings in V, (n,) and (n, electrodes)."""
+    t = np.arange(round(seconds * rate_Hz)) / rate_Hz
+    fine = np.linspace(t[0], t[-1], (len(t) - 1) * STEPS + 1)
+    charges = sum(charges_of(model, tap, tap.force(fine)) for tap in taps) + np.zeros(
+        (1, len(model.names))
+    )
+    charges = np.broadcast_to(charges, (len(fine), len(model.names)))
+    voltages = np.zeros_like(charges)
+    for e, channel in enumerate(channels(model.scene)):
+        step = fine[1] / channel.time_constant
+        kept, spread = np.exp(-step), -np.expm1(-step) / step if step else 1.0
+        jumps = 1e-12 * spread * np.diff(charges[:, e], prepend=0.0) / channel.capacitance
+        value = 0.0
+        for k, jump in enumerate(jumps.tolist()):
+            value = kept * value + jump
+            voltages[k, e] = value
+    readings = np.array([c.gain for c in channels(model.scene)]) * voltages[::STEPS]
+    readings = (
+        readings + [c.offset for c in channels(model.scene)] + offset_V + drift_V_s * t[:, None]
+    )
+    return t, readings + noise_V * np.random.default_rng(seed).standard_normal(readings.shape)

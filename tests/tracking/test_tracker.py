@@ -1,0 +1,197 @@
+"""Touches in made-up streams of readings."""
+
+import time
+
+import numpy as np
+import pytest
+
+from pvdf_fem.tracking.tracker import Tracker, TrackOptions
+from tests.helpers.streams import RESISTIVE, Tap, sensor, stream
+
+TAP = Tap(0.6004, 0.12, (3.0, -2.0), 0.8)
+
+
+def followed(model, t, readings, **options):
+    tracker = Tracker(model, options=TrackOptions(**options))
+    return tracker, [tracker.update(*sample) for sample in zip(t, readings, strict=True)]
+
+
+def assert_found(touch, tap, mm=0.3, force=0.02):
+    assert touch.onset_s == pytest.approx(tap.begin_s, abs=4e-3)
+    assert touch.end_s == pytest.approx(tap.begin_s + tap.duration_s, abs=0.01)
+    assert np.hypot(touch.x_mm - tap.place_mm[0], touch.y_mm - tap.place_mm[1]) < mm
+    assert touch.force_N == pytest.approx(tap.force_N, rel=force)
+
+
+def test_a_tap_through_a_resistance_is_found_located_and_weighed():
+    model = sensor()
+    tracker, rows = followed(model, *stream(model, [TAP], 1.0, noise_V=5e-4, offset_V=0.1))
+    (touch,) = tracker.touches
+    assert_found(touch, TAP)
+    assert touch.impulse_N_s == pytest.approx(0.8 * 0.12 * 2.0 / np.pi, rel=0.05)
+    assert {row.status for row in rows[:200]} == {"settling"}
+    assert {row.status for row in rows if row.t_s < 0.59} == {"settling", "quiet"}
+    pressed = [row for row in rows if row.status == "touch"]
+    assert {row.touch for row in pressed} == {1}
+    forces = np.array([row.force_N for row in pressed])
+    truth = TAP.force(np.array([row.t_s for row in pressed]))
+    assert np.abs(forces - truth).max() < 0.06
+
+
+@pytest.mark.parametrize("duration", [0.05, 0.5])
+def test_taps_are_weighed_in_spite_of_what_sampling_misses(duration):
+    """The plain sum of samples is off by some percent, as the force begins at once."""
+    model = sensor()
+    for shift, force in ((0.0, 0.08), (0.3, 0.02), (0.6, 0.02)):
+        # what comes right after a sample leaves no trace in the next one
+        tap = Tap(0.6 + 1e-3 * shift, duration, (-2.0, 4.0), 1.5)
+        tracker, _ = followed(model, *stream(model, [tap], 0.8 + duration, noise_V=1e-4))
+        (touch,) = tracker.touches
+        assert_found(touch, tap, mm=0.3, force=force)
+
+
+def test_a_charge_amplifier_whose_baseline_drifts():
+    model = sensor(kind="charge", feedback_capacitance_pF=1000.0)
+    taps = [TAP, Tap(1.0, 0.3, (-4.0, 1.0), 1.2)]
+    circuit = {"noise_V": 2e-3, "offset_V": -0.3, "drift_V_s": 0.02}
+    tracker, _ = followed(model, *stream(model, taps, 1.6, **circuit))
+    assert len(tracker.touches) == 2
+    for touch, tap in zip(tracker.touches, taps, strict=True):
+        assert_found(touch, tap)
+
+
+def test_a_charge_amplifier_that_decays_during_the_touch():
+    readout = {"kind": "charge", "feedback_capacitance_pF": 1000.0}
+    model = sensor(**readout, feedback_resistance_MOhm=100.0)  # 0.1 s
+    tap = Tap(0.6, 0.4, (4.0, 3.0), 1.0)
+    tracker, _ = followed(model, *stream(model, [tap], 1.5, noise_V=1e-3))
+    (touch,) = tracker.touches
+    assert_found(touch, tap, mm=0.2)
+
+
+def test_gains_offsets_the_stage_and_readings_in_pC_count():
+    readout = {**RESISTIVE, "gain": {"A": 2.0, "C": -0.5}, "offset_V": {"B": 0.2}}
+    model = sensor(**readout)
+    scene = model.scene.with_(stage={"x_mm": 10.0, "y_mm": -1.0, "rotation_deg": 90.0})
+    object.__setattr__(model, "scene", scene)
+    t, readings = stream(model, [TAP], 1.0, noise_V=2e-4)
+    tracker, _ = followed(model, t, readings)
+    (touch,) = tracker.touches
+    assert (touch.x_mm, touch.y_mm) == pytest.approx((12.0, 2.0), abs=0.2)
+    assert touch.force_N == pytest.approx(0.8, rel=0.02)
+    nominal, _ = followed(model, t, 1e12 * readings * capacitances(model), unit="pC")
+    assert nominal.touches[0].x_mm == pytest.approx(touch.x_mm, abs=1e-3)
+
+
+def capacitances(model):
+    from pvdf_fem.readout.channel import channels
+
+    return np.array([channel.capacitance for channel in channels(model.scene)])
+
+
+def test_the_rotation_is_sought_when_asked_for():
+    model = sensor("rectangle")
+    tap = Tap(0.6, 0.2, (5.0, 2.0), 2.0, 30.0)
+    unknown = ("x_mm", "y_mm", "force_N", "rotation_deg")
+    t, readings = stream(model, [tap], 1.0, noise_V=2e-5)
+    tracker, _ = followed(model, t, readings, unknown=unknown)
+    (touch,) = tracker.touches
+    apart = abs(touch.x_mm - 5.0), abs(touch.y_mm - 2.0), abs(touch.rotation_deg - 30.0)
+    stated = touch.x_deviation_mm, touch.y_deviation_mm, touch.rotation_deviation_deg
+    assert all(a < max(4.0 * s, 0.1) for a, s in zip(apart, stated, strict=True))
+
+
+def test_quiet_readings_give_no_touch_and_their_noise_is_estimated():
+    model = sensor()
+    draw = np.random.default_rng(3)
+    tracker = Tracker(model)
+    for k in range(30_000):
+        drift = 0.01 * np.sin(k / 2e4)
+        row = tracker.update(k / 1e3, 0.1 + drift + 1e-3 * draw.standard_normal(4))
+    assert tracker.touches == []
+    assert row.status == "quiet"
+
+
+def test_a_light_touch_says_so():
+    model = sensor()
+    tap = Tap(0.6, 0.1, (3.0, -2.0), 0.01)
+    tracker, rows = followed(model, *stream(model, [tap], 1.0, noise_V=5e-5))
+    (touch,) = tracker.touches
+    assert "touch" not in {row.status for row in rows}
+    assert any("not located" in remark or "too_light" in remark for remark in touch.remarks)
+
+
+def test_the_end_of_a_touch_is_light_at_the_place_of_before():
+    model = sensor()
+    _, rows = followed(model, *stream(model, [TAP], 1.0, noise_V=1e-4))
+    light = [row for row in rows if row.status == "too_light" and row.t_s > 0.7]
+    assert light
+    assert all(np.hypot(row.x_mm - 3.0, row.y_mm + 2.0) < 0.5 for row in light)
+
+
+def test_a_lost_channel_is_named_and_the_others_go_on():
+    model = sensor()
+    t, readings = stream(model, [TAP], 1.0, noise_V=2e-4)
+    readings[(t > 0.64) & (t < 0.66), 1] = np.nan
+    tracker, rows = followed(model, t, readings)
+    (touch,) = tracker.touches
+    assert {row.missing for row in rows if 0.641 < row.t_s < 0.659} == {"B"}
+    assert "without readings for a while: B" in touch.remarks
+    assert_found(touch, TAP, mm=0.6, force=0.06)
+
+
+def test_clipped_readings_count_as_missing():
+    model = sensor()
+    t, readings = stream(model, [TAP], 0.8, noise_V=2e-4)
+    _, rows = followed(model, t, readings, limit=0.9 * np.abs(readings).max())
+    assert any(row.missing for row in rows)
+
+
+def test_the_clock_may_go_back():
+    model = sensor()
+    t, readings = stream(model, [TAP], 0.66, noise_V=2e-4)
+    tracker, _ = followed(model, t, readings)
+    assert tracker.update(0.0, readings[0]).status == "clock"
+    assert tracker.touches[-1].remarks[0] == "lost: the clock went back"
+    rows = [tracker.update(*s) for s in zip(t[1:], readings[1:], strict=True)]
+    assert rows[0].status == "settling"
+    assert rows[-1].status == "touch"
+    assert tracker.update(np.nan, readings[0]).status == "clock"
+
+
+def test_a_pause_loses_the_touch():
+    model = sensor()
+    t, readings = stream(model, [TAP], 0.66, noise_V=2e-4)
+    tracker, _ = followed(model, t, readings)
+    assert tracker.update(5.0, readings[-1]).status == "lost"
+    assert tracker.touches[-1].remarks[0] == "lost: readings paused"
+
+
+def test_missed_samples_and_uneven_sampling():
+    model = sensor()
+    tap = Tap(0.6, 0.3, (3.0, -2.0), 0.8)
+    t, readings = stream(model, [tap], 1.2, noise_V=2e-4)
+    kept = np.random.default_rng(1).random(len(t)) > 0.1
+    tracker, _ = followed(model, t[kept], readings[kept])
+    (touch,) = tracker.touches
+    assert_found(touch, tap, mm=0.3, force=0.03)
+
+
+def test_a_sample_takes_less_than_a_millisecond_in_the_median():
+    model = sensor()
+    tracker, times = Tracker(model), []
+    for t, readings in zip(*stream(model, [Tap(0.4, 0.4, (3.0, 1.0), 1.0)], 1.0), strict=True):
+        begun = time.perf_counter()
+        tracker.update(t, readings + 1e-4 * np.sin(1e5 * t * np.arange(1.0, 5.0)))
+        times.append(time.perf_counter() - begun)
+    assert np.median(times) < 1e-3
+
+
+def test_wrong_options_and_readings_are_refused():
+    model = sensor()
+    with pytest.raises(ValueError, match="unit = mV"):
+        Tracker(model, options=TrackOptions(unit="mV"))
+    with pytest.raises(ValueError, match="force of a touch is always sought"):
+        Tracker(model, options=TrackOptions(unknown=("x_mm",)))
+    with pytest.raises(ValueError, match="3 given; give one for each of A, B, C, D"):
+        Tracker(model).update(0.0, [1.0, 2.0, 3.0])
