@@ -7,6 +7,8 @@ About one solution
     `gradients` differentiates the charges; `modes` gives the frequencies of the film.
 Many scenes
     `sweep` solves a grid of scenes.
+From known touches to the sensor
+    `calibrate` finds film, gains, offsets and the film's place under the stage from readings.
 From charges to touches
     `build_response` makes a `Response`, the charges as a fast function of the touch; `locate` and
     `locate_many` find the touches that explain measured charges; `Tracker` follows touches in a
@@ -24,6 +26,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
+    from pvdf_fem.calibration.calibrate import calibrate
     from pvdf_fem.response.build import build_response
     from pvdf_fem.response.response import Response
     from pvdf_fem.scene.scene import Scene, SceneError
@@ -44,6 +47,7 @@ __all__ = [
     "Solution",
     "Tracker",
     "build_response",
+    "calibrate",
     "gradients",
     "locate",
     "locate_many",
@@ -62,6 +66,7 @@ _MODULES = {
     "Solution": "solution.solution",
     "Tracker": "tracking.tracker",
     "build_response": "response.build",
+    "calibrate": "calibration.calibrate",
     "gradients": "solution.gradients",
     "locate": "touch.locate",
     "locate_many": "touch.locate_many",

@@ -22,6 +22,7 @@ PUBLIC = (
     "modes",
     "gradients",
     "sweep",
+    "calibrate",
     "Response",
     "build_response",
     "locate",
@@ -41,6 +42,7 @@ LIBRARY = (
     "pvdf_fem.readout",
     "pvdf_fem.solvers",
     "pvdf_fem.solution",
+    "pvdf_fem.calibration",
     "pvdf_fem.sweeps",
     "pvdf_fem.response",
     "pvdf_fem.touch",
@@ -60,6 +62,7 @@ REPORTS = (
     "reports.locating",
     "reports.speed",
     "reports.robustness",
+    "reports.sensors",
     "reports",
 )
 # `reports.reference` checks the rest, so it shares none of its code.

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pvdf_fem import __version__
+from pvdf_fem.cli import calibrate as cli_calibrate
 from pvdf_fem.cli import locate as cli_locate
 from pvdf_fem.cli import sweep as cli_sweep
 from pvdf_fem.cli import track as cli_track
@@ -151,6 +152,11 @@ def _parser() -> argparse.ArgumentParser:
     summary = "touches in a stream of readings"
     about = cli_track.DESCRIPTION, cli_track.EPILOG
     cli_track.add_options(_command(commands, "track", _track, summary, *about))
+    summary = "the sensor from known touches"
+    about = cli_calibrate.DESCRIPTION, cli_calibrate.EPILOG
+    calibrate = _command(commands, "calibrate", _calibrate, summary, *about)
+    cli_calibrate.add_options(calibrate)
+    _add_json(calibrate)
     return parser
 
 
@@ -327,6 +333,10 @@ def _locate(options: argparse.Namespace) -> int:
 def _track(options: argparse.Namespace) -> int:
     cli_track.track(_scene(options), options)
     return ExitCode.CONVERGED
+
+
+def _calibrate(options: argparse.Namespace) -> int:
+    return cli_calibrate.run(options, _scene(options, *cli_calibrate.mistakes_of(options)))
 
 
 def _plot_extensions() -> list[str]:

@@ -89,14 +89,20 @@ def save(figure: Figure, path: str | Path) -> None:
         When the file cannot be written.
     """
     path = Path(path)
+    content = content_of(figure, path.suffix.lower())  # a full disk confuses some writers
+    with replacing(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def content_of(figure: Figure, suffix: str) -> bytes:
+    """The file that `save` writes for an extension with its dot."""
     with matplotlib.rc_context({**_STYLE, **_REPRODUCIBLE}):
         if layout := figure.get_layout_engine():
             layout.execute(figure)
             figure.set_layout_engine("none")  # or matplotlib lays out twice more
-        suffix, content = path.suffix.lower(), io.BytesIO()  # a full disk confuses some writers
+        content = io.BytesIO()
         figure.savefig(content, format=suffix[1:], dpi=200, metadata=_NO_DATE.get(suffix))
-    with replacing(path) as temporary:
-        temporary.write_bytes(content.getvalue())
+    return content.getvalue()
 
 
 def deflection_map(ax: Axes, solution: Solution, *, reach_mm: float | None = None) -> None:

@@ -19,14 +19,15 @@ reference area: e_z for a dead load, F1 x F2 for a follower load.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.arrays import COMPLEX_STEP, Array
-from pvdf_fem.charges.forces import charge_gradients, electrode_forces
+from pvdf_fem.charges.forces import charges_of, goal_forces, goal_gradients
+from pvdf_fem.charges.goals import Goal, goals_of
 from pvdf_fem.charges.quadrature import facet_quadrature
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.laws import StVenantKirchhoff
@@ -214,11 +215,34 @@ def _refusal(scene: Scene, key: str) -> str:
     return "is not a parameter of this scene that charges are differentiated by"
 
 
+def force_rates(solution: Solution, keys: Sequence[str]) -> Array:
+    """Derivatives of the forces X, Y of each electrode, without errors.
+
+    Parameters
+    ----------
+    solution : Solution
+        A converged one.
+    keys : sequence of str
+        Of `parameters_of` its scene, but for d31 and d32.
+
+    Returns
+    -------
+    (keys, electrodes, 2)
+        In N per unit of the key.
+    """
+    units = [(1.0, 0.0), (0.0, 1.0)]
+    goals = [replace(goal, d=d) for goal in goals_of(solution.scene) for d in units]
+    solved, q, factors = _factorised(solution)
+    adjoint = _Adjoint.of(solved, goals, q, factors)
+    return np.reshape([_rate(adjoint, key) for key in keys], (len(keys), -1, 2))
+
+
 @dataclass(frozen=True, eq=False)
 class _Adjoint:
     """A displacement with the adjoint solutions of its charges."""
 
     equilibrium: Equilibrium
+    goals: Sequence[Goal]
     #: Of the displacement.
     state: State
     #: X and Y in N, (electrodes, 2).
@@ -227,32 +251,42 @@ class _Adjoint:
     dofs: Array
 
     @classmethod
-    def of(cls, equilibrium: Equilibrium, q: Array, factors: SuperLU) -> _Adjoint:
+    def of(
+        cls, equilibrium: Equilibrium, goals: Sequence[Goal], q: Array, factors: SuperLU
+    ) -> _Adjoint:
         """One solve per electrode with the tangent's `factors` at the unknowns `q`."""
-        scene, membrane, state = equilibrium.scene, equilibrium.membrane, equilibrium.state(q)
+        membrane, state = equilibrium.membrane, equilibrium.state(q)
         spread = equilibrium.unknowns.expansion
-        unknowns = factors.solve(spread.T @ charge_gradients(scene, membrane, state.dofs), "T")
-        forces = electrode_forces(scene, membrane, state.dofs)
-        return cls(equilibrium, state, forces, spread @ unknowns)
+        unknowns = factors.solve(spread.T @ goal_gradients(goals, membrane, state.dofs), "T")
+        forces = goal_forces(goals, membrane, state.dofs)
+        return cls(equilibrium, goals, state, forces, spread @ unknowns)
 
     def of_stress(self, membrane: Membrane) -> Array:
         """∂Q/∂θ - λ · ∂R/∂θ, (electrodes,), where the stress becomes that of `membrane`."""
-        scene, x = self.equilibrium.scene, self.state.dofs
-        explicit = electrode_forces(scene, membrane, x) @ [scene.film.d31, scene.film.d32]
+        x = self.state.dofs
+        explicit = charges_of(self.goals, goal_forces(self.goals, membrane, x))
         return explicit - membrane.internal_forces(membrane.state(x)) @ self.dofs
 
 
 def _adjoints(solution: Solution) -> tuple[_Adjoint, _Adjoint]:
     """The adjoint solutions of a solution, and those of the order above on the same mesh."""
-    fields, solved = solution.fields, solution.fields.equilibrium
-    q = solved.unknowns.restrict(fields.displacement)
-    factors = factorise(solved.tangent(fields.state))  # Newton's last may be of an earlier state
+    solved, q, factors = _factorised(solution)
+    goals = goals_of(solution.scene)
     rich = Equilibrium(solution.scene, solved.space.mesh, solved.space.order + 1)
     correction = corrected(solved, q, factors, rich, Budget.of(solution.scene))
     if isinstance(correction, NewtonResult):
         raise NotConvergedError(f"{correction.status}: {correction.status.advice}")
     rich_factors = factorise(rich.tangent(rich.state(correction.q)))
-    return _Adjoint.of(solved, q, factors), _Adjoint.of(rich, correction.q, rich_factors)
+    coarse = _Adjoint.of(solved, goals, q, factors)
+    return coarse, _Adjoint.of(rich, goals, correction.q, rich_factors)
+
+
+def _factorised(solution: Solution) -> tuple[Equilibrium, Array, SuperLU]:
+    """The whole film's equations with their unknowns and the tangent's factors."""
+    fields, solved = solution.fields, solution.fields.equilibrium
+    q = solved.unknowns.restrict(fields.displacement)
+    # Newton's last may be of an earlier state
+    return solved, q, factorise(solved.tangent(fields.state))
 
 
 def _rate(adjoint: _Adjoint, key: str) -> Array:

@@ -1,0 +1,178 @@
+"""From known touches and what the channels read to the sensor."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from pvdf_fem.calibration.calibration import Calibration
+from pvdf_fem.calibration.diagnosis import (
+    FAR,
+    MOST_SCATTER,
+    UNLIKELY,
+    CalibrationStatus,
+    Change,
+    explained,
+    place_error,
+    suspect,
+    what_is_wrong,
+)
+from pvdf_fem.calibration.fit import Fit, Noise
+from pvdf_fem.calibration.model import TouchModel
+from pvdf_fem.calibration.touches import read_touches
+from pvdf_fem.calibration.unknowns import unknowns_of
+from pvdf_fem.film.loads import LOADS
+from pvdf_fem.scene.scene import Scene
+
+DEFAULT_UNKNOWN = ("film.pretension_N_m", "gains")
+#: Tolerance of the solves over the relative noise, and the range that it is kept in.
+TOLERANCE_SHARE, FINEST, COARSEST = 0.05, 1e-5, 1e-3
+READINGS, UNITS = ("change", "total"), ("pC", "V")
+
+
+def calibrate(
+    scene: Scene,
+    touches: Any,
+    unknown: Sequence[str] = DEFAULT_UNKNOWN,
+    *,
+    reading: str | None = None,
+    unit: str = "pC",
+    sigma: float = 0.01,
+    noise: float = 0.0,
+    place_sd: float = 0.0,
+    priors: Mapping[str, float] | None = None,
+) -> Calibration:
+    """Parameters of a sensor from touches with known place, rotation and force.
+
+    Parameters
+    ----------
+    scene : Scene
+        The sensor as it is thought to be, with the probe.
+    touches : path, mapping of columns, or table with `columns`
+        ``x_mm``, ``y_mm`` and ``rotation_deg`` on the stage, ``force_N``, and a column for each
+        electrode with what its channel read. A cell that is empty or NaN is left out.
+    unknown : sequence of str
+        What is sought: keys of the film by which `gradients` differentiates; ``gain.A``,
+        ``offset.A`` (V), ``stage.x_mm``, ``stage.y_mm``, ``stage.rotation_deg``; ``gains``,
+        ``offsets``, ``shift`` and ``turn`` for groups of these.
+    reading : {"change", "total"}, optional
+        Whether readings are of the change of the charge since the untouched film or of the total
+        charge; by default what the scene's ``[readout]`` says, else ``change``.
+    unit : {"pC", "V"}
+        Of the readings; those in pC are readings in V times the channel's capacitance.
+    sigma, noise : float
+        Standard deviations of a reading: relative to it, and in its unit.
+    place_sd : float
+        Standard deviation in mm of each coordinate of the touches' places.
+    priors : mapping, optional
+        Standard deviations by parameter or group, relative but for shift, turn (mm, degrees) and
+        offsets (V). By default gains 10 %, d31 and d32 20 %, pretension 30 %, other film
+        parameters 20 %, shift 1 mm, turn 3°, offsets 0.1 V.
+
+    Returns
+    -------
+    Calibration
+        Its `status` tells whether there is a result; printed, it tells all.
+
+    Raises
+    ------
+    ValueError
+        A line for each mistake in the arguments (`TouchesError`: in the touches).
+    """
+    began = time.perf_counter()
+    if reading is None:
+        reading = scene.readout.reading if scene.readout else "change"
+    if mistakes := _mistakes(scene, reading, unit, sigma, noise, place_sd):
+        raise ValueError("\n".join(mistakes))
+    unknowns = unknowns_of(scene, unknown, priors or {})
+    given = read_touches(touches, scene)
+    tolerance = min(max(TOLERANCE_SHARE * sigma, FINEST), COARSEST)
+    model = TouchModel(unknowns, given, reading, unit, tolerance)
+    fit, found = explained(model, Noise(sigma, noise, place_sd))
+    status, reason, remarks = _judged(fit, found)
+    rows = given.rows.tolist()
+    outliers = {rows[i]: why for i, why in model.failures.items()}
+    if status is CalibrationStatus.CALIBRATED:
+        bad = np.flatnonzero(model.solved & ~fit.kept)
+        outliers |= {rows[i]: what_is_wrong(fit, int(i)) for i in bad}
+    remarks = [*given.remarks, *remarks]
+    return Calibration(status, reason, tuple(remarks), outliers, time.perf_counter() - began, fit)
+
+
+def _mistakes(
+    scene: Scene, reading: str, unit: str, sigma: float, noise: float, place_sd: float
+) -> list[str]:
+    mistakes = []
+    if scene.probe is None:
+        mistakes.append("probe: the scene has none; add the [probe] that touched the film")
+    elif LOADS[scene.load.kind].rigid:
+        reason = "has no derivatives by the place; take dead or follower"
+        mistakes.append(f'load.kind = "{scene.load.kind}": {reason}')
+    for name, word, known in (("reading", reading, READINGS), ("unit", unit, UNITS)):
+        if word not in known:
+            mistakes.append(f"{name} = {word!r}: choose from {', '.join(known)}")
+    for name, value in (("sigma", sigma), ("noise", noise), ("place_sd", place_sd)):
+        if not 0.0 <= value < np.inf:
+            mistakes.append(f"{name} = {value:g}: give a standard deviation, not negative")
+    if not (sigma or noise):
+        mistakes.append("sigma = 0: readings have errors; give sigma or noise")
+    return mistakes
+
+
+def _judged(
+    fit: Fit, found: Sequence[tuple[Change, Fit]]
+) -> tuple[CalibrationStatus, str, list[str]]:
+    """Status, reason and remarks of a fit."""
+    unknowns, count = fit.model.unknowns, int(fit.kept.sum())
+    remarks = _remarks(fit)
+    if count < len(unknowns.names):
+        readings = f"{count} touches ({fit.counts[fit.kept].sum()} readings)"
+        text = f"{readings} for {len(unknowns.names)} unknowns; give more touches or seek less"
+        return CalibrationStatus.TOO_FEW, text, remarks
+    if suspect(fit):
+        for change, better in found:
+            values = f"{fit.chi_square:.3g} to {better.chi_square:.3g}"
+            freedom = f"{better.degrees_of_freedom} degrees of freedom"
+            remarks.append(f"{change.text}: chi-square falls from {values} ({freedom})")
+        if found:
+            return found[0][0].status, "; or ".join(change.text for change, _ in found), remarks
+        if not fit.converged:
+            text = "solves of the touches do not settle, or fail; correct scene and touches"
+            return CalibrationStatus.NOT_CONVERGED, text, remarks
+        if fit.scale > MOST_SCATTER:
+            text = f"readings scatter {fit.scale:.2g} times as much as their noise about any sensor"
+            return CalibrationStatus.NOT_EXPLAINED, f"{text} like the scene's", remarks
+        remarks += _scatter(fit)
+    bad = len(fit.kept) - count
+    without = f" without {bad} of them" if bad else ""
+    text = f"{len(unknowns.names)} parameters from {len(fit.kept)} touches{without}"
+    return CalibrationStatus.CALIBRATED, text, remarks
+
+
+def _remarks(fit: Fit) -> list[str]:
+    """What is remarkable in touches that were read and in what they tell."""
+    remarks, force = [], fit.model.touches.touches[:, 3]
+    if np.ptp(force) == 0.0:
+        remarks.append(
+            f"force_N is {force[0]:g} in every row; touches with several forces tell more"
+        )
+    return remarks
+
+
+def _scatter(fit: Fit) -> list[str]:
+    unknowns, remarks = fit.model.unknowns, []
+    pulls = np.abs(fit.values - unknowns.start) / unknowns.priors
+    for i in np.flatnonzero(pulls > FAR):
+        far = f"{pulls[i]:.2g} deviations of its prior from the scene's value"
+        remarks.append(f"{unknowns.names[i]}: is {far}")
+    if fit.p_value < UNLIKELY:
+        text = (
+            f"readings scatter {fit.scale:.2g} times as much as their noise, so do the deviations"
+        )
+        if (place := place_error(fit)) is not None:
+            text += f"; places uncertain by {place:.2g} mm would explain it: give --place-sd"
+        remarks.append(text)
+    return remarks

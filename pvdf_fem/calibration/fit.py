@@ -1,0 +1,264 @@
+"""Gauss-Newton for parameters and places at once: errors in variables, robust against bad touches.
+
+The errors e of a touch's place are eliminated: with the readings' derivatives E by the place and
+the prior S of e, the residual r + E e of the linearised touch has the covariance
+V = diag(σ²) + E S E^T (separable least squares: Golub and Pereyra, Inverse Problems 19 (2003)
+R1-R26). What is left is a least-squares problem for the parameters, whose prior is a row each.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.stats import chi2
+
+from pvdf_fem.arrays import Array, Mask
+from pvdf_fem.calibration.model import Prediction, TouchModel
+
+#: Probability with which a good touch is taken for a bad one, over all touches.
+FALSE_OUTLIERS = 1e-3
+#: Largest part of the touches that may be bad.
+MOST_OUTLIERS = 0.2
+#: Rounds of Gauss-Newton between solves, and of solves.
+MOST_STEPS, MOST_ROUNDS = 25, 12
+#: Readings that change by this part of their deviations are settled.
+SETTLED = 0.02
+#: Largest step of a parameter between solves, over its prior's deviation.
+LONGEST_STEP = 2.0
+#: Longest correction of a place, over its deviation.
+MOST_MOVE = 4.0
+#: A deviation of a reading that is missing, over the reading.
+MISSING = 1e6
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What is uncertain in readings and places."""
+
+    #: Of a reading, relative and in its unit.
+    sigma: float = 0.01
+    noise: float = 0.0
+    #: Of each coordinate of a touch's place in mm.
+    place_mm: float = 0.0
+    #: Of a force, relative.
+    force: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Parameters and places that explain the readings, and what they are worth."""
+
+    model: TouchModel
+    noise: Noise
+    #: (parameters,)
+    values: Array
+    #: Of the touches' places on the stage in mm, (touches, 2).
+    moves: Array
+    #: Touches that count, (touches,).
+    kept: Mask
+    converged: bool = True
+
+    @cached_property
+    def prediction(self) -> Prediction:
+        """Readings at the values."""
+        return self.model.predict(self.values, self.moves)
+
+    @cached_property
+    def deviations(self) -> Array:
+        """Standard deviations of readings without errors of places, (touches, electrodes)."""
+        readings, predicted = self.model.touches.readings, self.prediction.readings
+        size = np.fmax(np.abs(readings), np.abs(predicted))
+        floor = 1e-9 * np.nanmax(np.abs(readings))
+        variance = (self.noise.sigma**2 + self.model.errors**2) * size**2 + self.noise.noise**2
+        missing = np.where(np.isnan(readings), MISSING, 1.0)
+        return np.asarray(missing * np.sqrt(variance + floor**2))
+
+    @cached_property
+    def whitened(self) -> tuple[Array, Array, Array]:
+        """Roots of V; residuals (touches, electrodes) and slopes (..., parameters) over them."""
+        E = self.prediction.by_touch
+        by_force = E[..., 2:] * self.model.touches.touches[:, 3, None, None] * self.noise.force
+        E = E[..., :2]
+        V = self.noise.place_mm**2 * E @ E.swapaxes(1, 2)
+        V += by_force @ by_force.swapaxes(1, 2)
+        V += self.deviations[:, :, None] ** 2 * np.eye(V.shape[1])
+        residual = np.nan_to_num(self.model.touches.readings - self.prediction.readings)
+        residual += (E @ self.moves[:, :, None])[..., 0]
+        roots = np.linalg.cholesky(V)
+        both = np.concatenate([residual[..., None], self.prediction.by_parameter], axis=-1)
+        both = np.asarray(np.linalg.solve(roots, both))
+        return np.asarray(roots), both[..., 0], both[..., 1:]
+
+    @property
+    def distances(self) -> Array:
+        """Squared lengths of the whitened residuals, (touches,)."""
+        return np.asarray((self.whitened[1] ** 2).sum(axis=1))
+
+    @property
+    def counts(self) -> Array:
+        """Readings of each touch, (touches,)."""
+        return np.asarray(np.isfinite(self.model.touches.readings).sum(axis=1))
+
+    @property
+    def scale(self) -> float:
+        """Scatter over what the noise says, at least 1, from the median of the touches."""
+        medians = chi2.ppf(0.5, self.counts)
+        ratios = (self.distances / medians)[self.model.solved]
+        return float(max(1.0, np.median(ratios) ** 0.5)) if len(ratios) else np.inf
+
+    @property
+    def chi_square(self) -> float:
+        """Of the touches that count; the priors have no part in it."""
+        return float(self.distances[self.kept].sum())
+
+    @cached_property
+    def told(self) -> tuple[Array, Array]:
+        """Singular values (k,) and directions (k, parameters) of derivatives by priors' deviations.
+
+        Below 1 the priors tell more of a direction than the readings do.
+        """
+        slopes = self.whitened[2][self.kept].reshape(-1, len(self.values))
+        slopes = slopes * self.model.unknowns.priors
+        squares, directions = np.linalg.eigh(slopes.T @ slopes)
+        return np.sqrt(np.maximum(squares, 0.0)), directions.T
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Readings less the directions that they tell."""
+        return int(self.counts[self.kept].sum()) - int((self.told[0] >= 1.0).sum())
+
+    @property
+    def p_value(self) -> float:
+        """Probability of as large a chi-square."""
+        return float(chi2.sf(self.chi_square, max(self.degrees_of_freedom, 1)))
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Of the parameters, with the scatter of the readings where it exceeds the noise."""
+        singular, directions = self.told
+        scaled = directions.T * (1.0 / (singular**2 + 1.0))
+        priors = self.model.unknowns.priors
+        inflation = self.scale**2 if self.p_value < FALSE_OUTLIERS else 1.0
+        return np.asarray(inflation * (scaled @ directions) * np.outer(priors, priors))
+
+    def weights(self, soft: bool) -> Array:
+        """Of touches: those that count, or less the farther they are, (touches,)."""
+        if not soft:
+            return self.kept.astype(float)
+        limits = self._limits() * self.scale**2
+        weights = np.minimum(1.0, limits / np.maximum(self.distances, 1e-300))
+        return np.asarray(np.where(self.model.solved, weights, 0.0))
+
+    def _limits(self) -> Array:
+        return np.asarray(chi2.isf(FALSE_OUTLIERS / len(self.kept), self.counts))
+
+    def step(self, soft: bool) -> Fit:
+        """A step of Gauss-Newton without a solve."""
+        priors, start = self.model.unknowns.priors, self.model.unknowns.start
+        roots, residuals, slopes = self.whitened
+        weights = self.weights(soft)
+        A = np.einsum("t,tep,teq->pq", weights, slopes, slopes) * np.outer(priors, priors)
+        b = np.einsum("t,tep,te->p", weights, slopes, residuals) * priors
+        step = np.linalg.solve(A + np.eye(len(priors)), b + (start - self.values) / priors)
+        left = (residuals - slopes @ (priors * step))[..., None]
+        E = np.linalg.solve(roots, self.prediction.by_touch[..., :2])
+        moves = self.noise.place_mm**2 * (E.swapaxes(1, 2) @ left)[..., 0]
+        limit = MOST_MOVE * self.noise.place_mm  # that of a bad touch would lead far away
+        moves *= np.minimum(1.0, limit / np.maximum(np.linalg.norm(moves, axis=1), 1e-12))[:, None]
+        return replace(self, values=self.values + priors * step, moves=moves)
+
+    def settled(self, soft: bool) -> Fit:
+        """Steps until the values rest, not far from here: solves follow."""
+        fit, unknowns = self, self.model.unknowns
+        for _ in range(MOST_STEPS):
+            new = fit.step(soft)
+            limit = LONGEST_STEP * unknowns.priors
+            values = np.clip(new.values, self.values - limit, self.values + limit)
+            film = unknowns.columns(unknowns.film_keys)  # moduli and tension keep their signs
+            halves = self.values[film] * 0.5
+            values[film] = np.where(halves > 0.0, np.maximum(values[film], halves), values[film])
+            length = np.max(np.abs(values - fit.values) / unknowns.priors, initial=0.0)
+            fit = replace(new, values=values)
+            if length < 1e-4:
+                break
+        return fit
+
+    def without_bad(self) -> Fit:
+        """The fit without touches that are too far from what the others say."""
+        fit = replace(self, kept=self.model.solved).settled(soft=True)
+        limits = fit._limits()
+        for _ in range(10):
+            kept = fit.model.solved & (fit.deleted_distances() <= limits * fit.scale**2)
+            if kept.sum() < (1.0 - MOST_OUTLIERS) * len(kept) - 1.0:
+                return replace(self, kept=self.model.solved).settled(soft=True)
+            if (kept == fit.kept).all() and fit is not self:
+                break
+            fit = replace(fit, kept=kept).settled(soft=False)
+        return fit
+
+    def deleted_residuals(self) -> Array:
+        """Whitened residuals of each touch from a fit to the others, (touches, electrodes)."""
+        _, residuals, slopes = self.whitened
+        singular, directions = self.told
+        slopes = slopes * self.model.unknowns.priors @ directions.T
+        leverage = (slopes / (singular**2 + 1.0)) @ slopes.swapaxes(1, 2)
+        leverage *= np.where(self.kept, 1.0, 0.0)[:, None, None]
+        left = np.eye(leverage.shape[1]) - leverage
+        return np.asarray(np.linalg.solve(left, residuals[..., None])[..., 0])
+
+    def deleted_distances(self) -> Array:
+        """Squared lengths of deleted residuals over those that a good touch has, (touches,)."""
+        residuals, deleted = self.whitened[1], self.deleted_residuals()
+        # r_i of the others has the covariance (I - H)^-1: its length is r (I - H)^-1 r
+        inside = (residuals * deleted).sum(axis=1)
+        _, _, slopes = self.whitened
+        singular, directions = self.told
+        slopes = slopes * self.model.unknowns.priors @ directions.T
+        spread = np.eye(slopes.shape[1]) + (slopes / (singular**2 + 1.0)) @ slopes.swapaxes(1, 2)
+        outside = (residuals * np.linalg.solve(spread, residuals[..., None])[..., 0]).sum(axis=1)
+        return np.asarray(np.where(self.kept, inside, outside))
+
+
+def fitted(model: TouchModel, noise: Noise, most_scatter: float = np.inf) -> Fit:
+    """The fit of solves: touches are solved anew until linear steps between solves are small.
+
+    It ends without convergence where the first steps leave a scatter above `most_scatter`.
+    """
+    unknowns, count = model.unknowns, len(model.touches)
+    values, moves = unknowns.start.copy(), np.zeros((count, 2))
+    stepped = np.zeros(count)
+    pending, curvature = np.ones(count, dtype=bool), np.full(count, np.inf)
+    for number in range(MOST_ROUNDS):
+        predicted = model.predict(values, moves).readings
+        last = model.at.copy()
+        model.solve(values, moves, pending)
+        fit = Fit(model, noise, values, moves, model.solved)
+        if 2 * model.solved.sum() < count:
+            return replace(fit, converged=False)
+        if np.isfinite(last).any():
+            missed = (fit.prediction.readings - predicted) / fit.deviations
+            with np.errstate(invalid="ignore", divide="ignore"):
+                new = np.linalg.norm(missed, axis=1) / stepped**2
+            curvature = np.where(pending, np.where(np.isfinite(new), new, np.inf), curvature)
+        fit = fit.without_bad()
+        if number == 0 and fit.scale > most_scatter:
+            return replace(fit, converged=False)
+        values, moves = fit.values, fit.moves
+        stepped = _change(model, fit)
+        error = np.where(stepped < SETTLED, 0.0, curvature * stepped**2)
+        pending = model.solved & ~(error < SETTLED)
+        if not (pending & fit.kept).any():
+            return fit
+    return replace(fit, converged=False)
+
+
+def _change(model: TouchModel, fit: Fit) -> Array:
+    """Change of readings since the solves over their deviations, (touches,)."""
+    steps = fit.model.arguments(fit.values, fit.moves) - model.at
+    forces = np.einsum("tk,tkex->tex", np.nan_to_num(steps), model.rates)
+    largest = np.maximum(
+        np.abs(model.forces), 1e-3 * np.abs(model.forces).max(axis=(1, 2), keepdims=True)
+    )
+    return np.asarray(np.linalg.norm(forces / largest, axis=(1, 2)) / max(fit.noise.sigma, 1e-4))

@@ -1,0 +1,171 @@
+"""Touches of a calibration: read from a file or from columns, and checked before any solve."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.files import read_text
+from pvdf_fem.scene.scene import Scene, SceneError
+from pvdf_fem.scene.scene_file import choose
+
+PLACE_COLUMNS = ("x_mm", "y_mm", "rotation_deg", "force_N")
+#: Largest file of touches in bytes.
+MOST_BYTES = 10_000_000
+#: Readings of a channel that differ by less than this part of them are constant.
+CONSTANT = 1e-6
+
+
+class TouchesError(ValueError):
+    """Touches that nothing can be calibrated with; each argument is a line about a mistake."""
+
+
+@dataclass(frozen=True, eq=False)
+class Touches:
+    """Touches on the stage with what the channels read."""
+
+    #: Numbers of the rows, the first of a file's data being 1.
+    rows: Indices
+    #: x, y in mm, rotation in degrees and force in N, (touches, 4).
+    touches: Array
+    #: In V or nominal pC, NaN where missing, (touches, electrodes).
+    readings: Array
+    #: What was left out, in sentences.
+    remarks: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+
+def read_touches(source: Any, scene: Scene) -> Touches:
+    """Touches of a CSV file, a mapping of columns or a table with `columns`.
+
+    Raises
+    ------
+    TouchesError
+        For columns that are missing, unknown, constant or no numbers, and for places off the film.
+    FileError
+        When the file cannot be read.
+    """
+    columns = _columns(source)
+    names = [electrode.name for electrode in scene.electrode_list]
+    assert scene.probe is not None
+    if not scene.probe.period_deg and columns:  # a disc has no rotation
+        columns.setdefault("rotation_deg", ["0"] * len(next(iter(columns.values()))))
+    if mistakes := list(_heading_mistakes(list(columns), [*PLACE_COLUMNS, *names])):
+        raise TouchesError(*mistakes)
+    mistakes, table = [], []
+    for name in [*PLACE_COLUMNS, *names]:
+        table.append(list(_numbers(name, columns[name], mistakes)))
+    if not mistakes and len({len(column) for column in table}) > 1:
+        mistakes = ["touches: columns differ in length; give a value of each for every touch"]
+    if mistakes:
+        raise TouchesError(*mistakes)
+    values = np.array(table).T
+    whole = np.isfinite(values[:, :4]).all(axis=1) & np.isfinite(values[:, 4:]).any(axis=1)
+    touches = Touches(np.arange(1, len(values) + 1)[whole], values[whole, :4], values[whole, 4:])
+    if mistakes := list(_mistakes(touches, names, scene)):
+        raise TouchesError(*mistakes)
+    empty = np.isnan(touches.readings)
+    remarks = [
+        f"row {row}: has no place, force or reading; left out" for row in np.flatnonzero(~whole) + 1
+    ]
+    remarks += [
+        f"row {touches.rows[i]}: {names[j]} has no reading; left out" for i, j in np.argwhere(empty)
+    ]
+    return Touches(touches.rows, touches.touches, touches.readings, tuple(remarks))
+
+
+def _columns(source: Any) -> dict[str, Sequence[Any]]:
+    if not isinstance(source, str | Path):
+        names = source if isinstance(source, Mapping) else source.columns
+        return {str(name): list(source[name]) for name in names}
+    text = read_text(Path(source), MOST_BYTES, "a CSV file of touches")
+    try:
+        lines = [line for line in csv.reader(io.StringIO(text)) if any(map(str.strip, line))]
+    except csv.Error as error:
+        raise TouchesError(f"{source}: is no CSV file ({error}); save it as one") from None
+    heading = [name.strip() for name in lines[0]] if lines else []
+    if len(set(heading)) < len(heading):
+        raise TouchesError(f"{source}: two columns have one name; rename or remove one")
+    for number, line in enumerate(lines[1:], 1):
+        if len(line) != len(heading):
+            reason = f"{len(line)} cells below {len(heading)} names; correct the row"
+            raise TouchesError(f"{source}: row {number} has {reason}")
+    return {name: [line[i] for line in lines[1:]] for i, name in enumerate(heading)}
+
+
+def _heading_mistakes(given: Sequence[str], wanted: Sequence[str]) -> Iterator[str]:
+    missing = [name for name in wanted if name not in given]
+    for name in missing:
+        yield f"column {name}: missing; the columns are {', '.join(wanted)}"
+    for name in given:
+        if name not in wanted:
+            yield f"column {name[:40]}: unknown; remove it, or {choose(name, missing or wanted)}"
+
+
+def _numbers(name: str, cells: Sequence[Any], mistakes: list[str]) -> Iterator[float]:
+    for row, cell in enumerate(cells, 1):
+        try:
+            value = float(cell) if str(cell).strip() else np.nan
+        except (TypeError, ValueError):
+            mistakes.append(f"row {row}: {name} = {str(cell)[:40]!r} is no number; correct it")
+            continue
+        yield value if np.isfinite(value) else np.nan
+
+
+def _mistakes(touches: Touches, names: Sequence[str], scene: Scene) -> Iterator[str]:
+    """What is wrong with whole columns and with places."""
+    if len(touches) < 2:
+        yield f"touches: {len(touches)} with numbers; give more of them than unknowns"
+        return
+    for name, column in zip(names, touches.readings.T, strict=True):
+        known = column[np.isfinite(column)]
+        if not len(known) or np.ptp(known) <= CONSTANT * np.abs(known).max():
+            what = f"{known[0]:g} in every row" if len(known) else "empty"
+            yield f"column {name}: is {what}; the channel is dead or not connected"
+    x_y, force = touches.touches[:, :2], touches.touches[:, 3]
+    if (np.ptp(x_y, axis=0) == 0.0).all():
+        yield (
+            f"columns x_mm, y_mm: one place ({x_y[0, 0]:g}, {x_y[0, 1]:g}) is repeated in all rows;"
+            " touch at places all over the film"
+        )
+    for row in touches.rows[force <= 0.0]:
+        yield f"row {row}: force_N is not positive; a touch presses with more than 0 N"
+    yield from _place_mistakes(touches, scene)
+
+
+def _place_mistakes(touches: Touches, scene: Scene) -> Iterator[str]:
+    outside = [i for i, touch in enumerate(touches.touches) if touched(scene, touch) is None]
+    radius, reach = scene.film.radius_mm, np.hypot(*touches.touches[:, :2].T)
+    if 2 * len(outside) > len(touches) and np.median(reach) > 2.0 * radius:
+        yield (
+            f"columns x_mm, y_mm: places are {np.median(reach):.3g} mm from the centre of a film of"
+            f" {radius:g} mm; they look like µm, give mm"
+        )
+    elif len(outside) < len(touches) and 0.0 < reach.max() < 1e-3 * radius:
+        yield (
+            f"columns x_mm, y_mm: all places are within {reach.max():.2g} mm of the centre; they"
+            " look like m, give mm"
+        )
+    else:
+        for i in outside:
+            x, y = touches.touches[i, :2]
+            yield f"row {touches.rows[i]}: x_mm, y_mm = {x:g}, {y:g} is over the film's rim"
+
+
+def touched(scene: Scene, touch: Array) -> Scene | None:
+    """The scene with its probe at a touch x, y, rotation, force on the film; None over the rim."""
+    place = zip(("x_mm", "y_mm", "rotation_deg"), touch[:3].tolist(), strict=True)
+    changes = {f"probe.{key}": value for key, value in place}
+    try:
+        return scene.with_(**changes, **{"load.force_N": float(touch[3])})
+    except SceneError:
+        return None

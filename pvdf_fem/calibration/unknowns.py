@@ -1,0 +1,164 @@
+"""What a calibration seeks: parameters with start values and priors, and scenes that have them.
+
+A prior is a normal distribution about the scene's value. It decides what the readings cannot tell,
+and hardly moves what they tell better than it does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.readout.channel import channels
+from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.scene_file import choose
+from pvdf_fem.scene.stage import Stage
+from pvdf_fem.solution.gradients import COEFFICIENTS, parameters_of
+
+GAIN, OFFSET = "gain.", "offset."
+SHIFT = ("stage.x_mm", "stage.y_mm")
+TURN = "stage.rotation_deg"
+PRETENSION = "film.pretension_N_m"
+#: Relative standard deviations of priors; other film parameters have `PRIOR_OF_FILM`.
+RELATIVE_PRIORS = {"gain": 0.1, "film.d31_pC_N": 0.2, "film.d32_pC_N": 0.2, PRETENSION: 0.3}
+PRIOR_OF_FILM = 0.2
+#: Standard deviations of priors in mm, degrees and V.
+ABSOLUTE_PRIORS = {"stage.x_mm": 1.0, "stage.y_mm": 1.0, TURN: 3.0, "offset": 0.1}
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """Parameters that are sought."""
+
+    #: Which has the other parameters.
+    scene: Scene
+    #: Of all parameters.
+    names: tuple[str, ...]
+    #: Start values, which are the priors' means, and the priors' deviations, (parameters,).
+    start: Array
+    priors: Array
+
+    @property
+    def film_keys(self) -> tuple[str, ...]:
+        """Those that change the film's stress."""
+        return tuple(n for n in self.names if n.startswith("film.") and n not in COEFFICIENTS)
+
+    def columns(self, keys: Sequence[str]) -> list[int]:
+        """Where some of them are."""
+        return [self.names.index(key) for key in keys]
+
+    def value(self, key: str, values: Array) -> float:
+        """One parameter among `values`, or the scene's where it is not sought."""
+        return float(
+            values[self.names.index(key)] if key in self.names else value_of(self.scene, key)
+        )
+
+    def scene_at(self, values: Array, reading: str | None = None) -> Scene:
+        """The scene with the parameters, and with a reading if one is given."""
+        found = dict(zip(self.names, map(float, values), strict=True))
+        changes: dict[str, Any] = {
+            key: value for key, value in found.items() if key.startswith(("film.", "stage."))
+        }
+        for prefix, key in ((GAIN, "gain"), (OFFSET, "offset_V")):
+            sought = {n.removeprefix(prefix): v for n, v in found.items() if n.startswith(prefix)}
+            if sought:
+                before = {
+                    c.name: c.gain if key == "gain" else c.offset for c in channels(self.scene)
+                }
+                changes[f"readout.{key}"] = {**before, **sought}
+        if reading is not None:
+            changes["readout.reading"] = reading
+        return self.scene.with_(**changes)
+
+
+def value_of(scene: Scene, key: str) -> float:
+    """The scene's value of a parameter."""
+    section, _, name = key.partition(".")
+    if section in ("gain", "offset"):
+        channel = next(channel for channel in channels(scene) if channel.name == name)
+        return channel.gain if section == "gain" else channel.offset
+    value: Any = getattr(scene, section) or Stage()
+    for step in name.split("."):
+        value = value[int(step)] if step.isdecimal() else getattr(value, step)
+    return float(value)
+
+
+def unknowns_of(scene: Scene, words: Sequence[str], priors: Mapping[str, float]) -> Unknowns:
+    """The parameters that words name, of which some stand for several.
+
+    Parameters
+    ----------
+    scene : Scene
+    words : sequence of str
+        ``gains``, ``offsets``, ``shift``, ``turn`` or names of parameters.
+    priors : mapping
+        Standard deviations by name or word in place of the defaults, relative but for shift, turn
+        and offsets.
+
+    Raises
+    ------
+    ValueError
+        A line for each word that is none.
+    """
+    if any(word.startswith(PRETENSION) for word in words):
+        scene = _with_pretension(scene)
+    known, names, mistakes = _known(scene), [], []
+    for word in words:
+        if word in known:
+            names += known[word]
+        else:
+            mistakes.append(f"unknown {word[:60]}: {choose(word, list(known))}")
+    if not words:
+        mistakes.append(f"unknown: nothing is sought; choose from {', '.join(known)}")
+    names = list(dict.fromkeys(names))
+    given = {name: sd for word, sd in priors.items() for name in known.get(word, ())}
+    for word, sd in priors.items():
+        if word not in known:
+            mistakes.append(f"prior {word[:60]}: {choose(word, list(known))}")
+        elif not set(known[word]) & set(names):
+            mistakes.append(f"prior {word}: is not sought; add it to the unknown ones")
+        elif not 0.0 < sd < np.inf:
+            mistakes.append(f"prior {word} = {sd:g}: give a positive standard deviation")
+    if mistakes:
+        raise ValueError("\n".join(mistakes))
+    start = np.array([value_of(scene, name) for name in names])
+    deviations = [_prior(name, value, given) for name, value in zip(names, start, strict=True)]
+    return Unknowns(scene, tuple(names), start, np.array(deviations))
+
+
+def _prior(name: str, value: float, given: Mapping[str, float]) -> float:
+    kind = name.split(".")[0] if name.startswith((GAIN, OFFSET)) else name
+    if kind in ABSOLUTE_PRIORS:
+        return given.get(name, ABSOLUTE_PRIORS[kind])
+    share = RELATIVE_PRIORS.get(kind.removesuffix(".0").removesuffix(".1"), PRIOR_OF_FILM)
+    return given.get(name, share) * (abs(value) or 1.0)
+
+
+def _known(scene: Scene) -> dict[str, list[str]]:
+    """The parameters that each word names."""
+    electrodes = [electrode.name for electrode in scene.electrode_list]
+    film = [key for key in parameters_of(scene) if key.startswith("film.")]
+    groups = {
+        "gains": [f"{GAIN}{name}" for name in electrodes],
+        "offsets": [f"{OFFSET}{name}" for name in electrodes],
+        "shift": list(SHIFT),
+        "turn": [TURN],
+    }
+    for key in film:  # a pair's key stands for both numbers
+        if key.endswith((".0", ".1")):
+            groups.setdefault(key[:-2], []).append(key)
+    single = [*film, *groups["gains"], *groups["offsets"], *SHIFT, TURN]
+    return {**groups, **{name: [name] for name in single}}
+
+
+def _with_pretension(scene: Scene) -> Scene:
+    """The scene with its pretension in N/m where it is given as a temperature."""
+    if scene.film.pretension_N_m is not None:
+        return scene
+    tension = scene.film.tension_at_rest
+    isotropic = not isinstance(scene.film.youngs_modulus_GPa, tuple)
+    return scene.with_(**{PRETENSION: float(tension[0]) if isotropic else tension.tolist()})

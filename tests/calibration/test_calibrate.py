@@ -1,0 +1,182 @@
+"""Calibrations of a made-up sensor: what is found, what is left out, and what is wrong."""
+
+import re
+
+import numpy as np
+import pytest
+
+from pvdf_fem import Scene, calibrate
+from pvdf_fem.calibration.model import TouchModel
+from pvdf_fem.calibration.touches import read_touches
+from pvdf_fem.calibration.unknowns import unknowns_of
+from tests.helpers.touched_sensor import NAMES, SCENE, TRUE, UNKNOWN, made
+
+
+@pytest.fixture(scope="module")
+def found():
+    return calibrate(SCENE, made(sigma=0.01, place_sd=0.3), UNKNOWN, place_sd=0.3)
+
+
+def test_exact_readings_give_the_true_parameters():
+    calibration = calibrate(SCENE, made(), UNKNOWN, sigma=1e-3)
+    assert (calibration.status, calibration.outliers) == ("calibrated", {})
+    for name, true in TRUE.items():
+        of = calibration.parameters[name]
+        assert abs(of["value"] - true) < 1.5 * of["deviation"], name
+        unit = 1.0 if name.startswith("stage.") else true
+        assert abs(of["value"] - true) < 0.02 * unit, name
+
+
+def test_noise_and_places_are_within_the_deviations(found):
+    assert found.status == "calibrated"
+    assert found.p_value > 0.01
+    errors = [(of["value"] - TRUE[name]) / of["deviation"] for name, of in found.parameters.items()]
+    assert np.abs(errors).max() < 3.0
+    assert 0.3 < np.sqrt(np.mean(np.square(errors))) < 1.8
+    moved = np.linalg.norm(found.places_mm - found.given_places_mm, axis=1)
+    assert 0.1 < np.median(moved) < 0.6
+    assert 0.01 < found.leave_one_out["charge"] < 0.15
+    assert 0.1 < found.leave_one_out["place_mm"] < 1.5
+
+
+def test_the_calibrated_scene_reads_as_the_sensor_does(found):
+    scene = Scene.parse(found.scene.to_toml())
+    assert scene == found.scene
+    assert scene.film.pretension_N_m == found.parameters["film.pretension_N_m"]["value"]
+    assert scene.readout.gain == {n: found.parameters[f"gain.{n}"]["value"] for n in NAMES}
+    assert scene.readout.reading == "change"
+    assert scene.stage.x_mm == found.parameters["stage.x_mm"]["value"]
+
+
+def test_derivatives_are_those_of_solves():
+    """By every kind of parameter, by places and by forces, against differences of solves."""
+    words = ("film.pretension_N_m", "film.d31_pC_N", "gain.B", "offset.C", "shift", "turn")
+    unknowns = unknowns_of(SCENE, words, {})
+    columns = {name: column[:2] for name, column in made().items()}
+    values, moves = unknowns.start + 0.01, np.array([[0.1, -0.2], [0.0, 0.3]])
+
+    def model(step=(0.0, 0.0, 0.0)):
+        changed = {
+            key: columns[key] + h for key, h in zip(("x_mm", "y_mm", "force_N"), step, strict=True)
+        }
+        return TouchModel(
+            unknowns, read_touches({**columns, **changed}, SCENE), "change", "V", 1e-7
+        )
+
+    def readings(at, values):
+        at.solve(values, moves, np.ones(2, dtype=bool))
+        return at.predict(values, moves)
+
+    prediction = readings(model(), values)
+    scale = np.abs(prediction.readings).max()
+    for i, (name, h) in enumerate(zip(unknowns.names, 0.1 * unknowns.priors, strict=True)):
+        step = np.eye(len(values))[i] * h
+        ends = [readings(model(), values + sign * step).readings for sign in (1.0, -1.0)]
+        slope = (ends[0] - ends[1]) / 2.0
+        np.testing.assert_allclose(
+            prediction.by_parameter[..., i] * h, slope, atol=1e-4 * scale, err_msg=name
+        )
+    for i in range(3):
+        step = 0.05 * np.eye(3)[i]
+        ends = [readings(model(sign * step), values).readings for sign in (1.0, -1.0)]
+        slope = (ends[0] - ends[1]) / 0.1
+        np.testing.assert_allclose(prediction.by_touch[..., i], slope, atol=2e-3 * scale)
+
+
+def test_one_misplaced_touch_is_named_and_does_not_bias(found):
+    columns = made(sigma=0.01, place_sd=0.3)
+    x_mm = columns["x_mm"].copy()
+    x_mm[4] -= 5.0 * np.sign(x_mm[4])
+    wrong = calibrate(SCENE, {**columns, "x_mm": x_mm}, UNKNOWN, place_sd=0.3)
+    assert wrong.status == "calibrated"
+    assert list(wrong.outliers) == [5]
+    assert "misplaced" in wrong.outliers[5]
+    for name, of in found.parameters.items():
+        assert abs(wrong.parameters[name]["value"] - of["value"]) < 2.0 * of["deviation"]
+
+
+def test_what_cannot_be_told_apart_is_decided_by_the_priors():
+    words = ("film.d31_pC_N", "film.d32_pC_N", "gains")
+    truth = SCENE.with_(**{"film.pretension_N_m": 9.5, "stage.x_mm": 0.6, "stage.y_mm": -0.4})
+    truth = truth.with_(**{"stage.rotation_deg": 2.0})
+    calibration = calibrate(truth, made(sigma=0.01), words)
+    (text,) = calibration.not_told_apart
+    assert all(name in text for name in calibration.parameters)
+    assert "gain.A 1 ± 10 %" in text
+    assert "film.d31_pC_N 8 ± 20 %" in text
+    # the product is told to the noise, the factors to their priors
+    gain, d31 = calibration.parameters["gain.A"], calibration.parameters["film.d31_pC_N"]
+    assert gain["value"] * d31["value"] == pytest.approx(8.0 * 1.07, rel=0.02)
+    assert gain["deviation"] > 0.03
+    narrow = calibrate(truth, made(sigma=0.01), words, priors={"gains": 1e-3})
+    assert narrow.parameters["gain.A"]["value"] == pytest.approx(1.0, abs=0.005)
+    assert narrow.parameters["film.d31_pC_N"]["value"] == pytest.approx(8.0, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("change", "status", "said"),
+    [
+        (lambda c: {"A": c["B"], "B": c["A"]}, "swapped_channels", "channels A and B are swapped"),
+        (lambda c: {n: 1e-3 * c[n] for n in NAMES}, "wrong_unit", "another unit: 1e[+]3"),
+        (lambda c: {"y_mm": -c["y_mm"]}, "wrong_frame", "y_mm has the wrong sign"),
+    ],
+)
+def test_mistakes_are_named(change, status, said):
+    columns = made(sigma=0.01, place_sd=0.3)
+    calibration = calibrate(SCENE, {**columns, **change(columns)}, UNKNOWN, place_sd=0.3)
+    assert calibration.status == status
+    assert re.search(said, calibration.reason)
+    assert "parameters" not in calibration.to_json()
+    with pytest.raises(ValueError, match=status):
+        calibration.scene  # noqa: B018
+
+
+def test_too_few_touches_are_named():
+    columns = {name: column[:6] for name, column in made(sigma=0.01, place_sd=0.3).items()}
+    calibration = calibrate(SCENE, columns, UNKNOWN, place_sd=0.3)
+    assert calibration.status == "too_few_touches"
+    assert calibration.reason.startswith("6 touches (24 readings) for 8 unknowns")
+
+
+def test_volts_are_read_through_the_channels():
+    scene = SCENE.with_(**{"readout.feedback_capacitance_pF": 220.0})
+    columns = made(sigma=0.01, place_sd=0.3)
+    volts = {n: columns[n] / 220.0 + 0.02 for n in NAMES}
+    words = (*UNKNOWN, "offsets")
+    calibration = calibrate(scene, {**columns, **volts}, words, unit="V", place_sd=0.3)
+    assert calibration.status == "calibrated"
+    for name in NAMES:
+        offset = calibration.parameters[f"offset.{name}"]
+        assert abs(offset["value"] - 0.02) < 3.0 * offset["deviation"] < 0.05
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"unknown": ["gain"]}, "unknown gain: did you mean gains"),
+        ({"unknown": []}, "nothing is sought"),
+        ({"reading": "changes"}, "reading = 'changes'"),
+        ({"unit": "mV"}, "unit = 'mV'"),
+        ({"sigma": -1.0}, "sigma = -1"),
+        ({"sigma": 0.0}, "sigma = 0: readings have errors"),
+        ({"place_sd": float("nan")}, "place_sd = nan"),
+        ({"priors": {"gains": 0.0}}, "prior gains = 0"),
+        ({"priors": {"turn": 1.0}}, "prior turn: is not sought"),
+    ],
+)
+def test_arguments_are_refused_before_any_solve(arguments, said):
+    with pytest.raises(ValueError, match=said):
+        calibrate(SCENE, {}, **arguments)
+
+
+def test_scenes_without_a_probe_or_with_a_rigid_one_are_refused():
+    with pytest.raises(ValueError, match="probe: the scene has none"):
+        calibrate(SCENE.with_(probe=None), made())
+    with pytest.raises(ValueError, match="rigid"):
+        calibrate(SCENE.with_(**{"load.kind": "rigid"}), made())
+
+
+def test_a_cooled_film_starts_at_its_tension():
+    cooled = Scene.parse('[probe]\nshape = "triangle"\n')
+    unknowns = unknowns_of(cooled, ["film.pretension_N_m"], {})
+    assert unknowns.start[0] == pytest.approx(25e-6 * 2e9 / 0.66 * 110e-6)
