@@ -17,7 +17,6 @@ from pvdf_fem.calibration.diagnosis import (
     Change,
     explained,
     place_error,
-    suspect,
     what_is_wrong,
 )
 from pvdf_fem.calibration.fit import Fit, Noise
@@ -125,54 +124,40 @@ def _mistakes(
 def _judged(
     fit: Fit, found: Sequence[tuple[Change, Fit]]
 ) -> tuple[CalibrationStatus, str, list[str]]:
-    """Status, reason and remarks of a fit."""
-    unknowns, count = fit.model.unknowns, int(fit.kept.sum())
-    remarks = _remarks(fit)
-    if count < len(unknowns.names):
+    """Status, reason and remarks of a fit and of the changes that explain the touches better."""
+    names, count, remarks = fit.model.unknowns.names, int(fit.kept.sum()), _remarks(fit)
+    for change, better in found:
+        values = f"{fit.chi_square:.3g} to {better.chi_square:.3g}"
+        remarks.append(f"{change.text}: chi-square falls from {values}")
+    if count < len(names):
         readings = f"{count} touches ({fit.counts[fit.kept].sum()} readings)"
-        text = f"{readings} for {len(unknowns.names)} unknowns; give more touches or seek less"
+        text = f"{readings} for {len(names)} unknowns; give more touches or seek less"
         return CalibrationStatus.TOO_FEW, text, remarks
-    if suspect(fit):
-        for change, better in found:
-            values = f"{fit.chi_square:.3g} to {better.chi_square:.3g}"
-            freedom = f"{better.degrees_of_freedom} degrees of freedom"
-            remarks.append(f"{change.text}: chi-square falls from {values} ({freedom})")
-        if found:
-            return found[0][0].status, "; or ".join(change.text for change, _ in found), remarks
-        if not fit.converged:
-            text = "solves of the touches do not settle, or fail; correct scene and touches"
-            return CalibrationStatus.NOT_CONVERGED, text, remarks
-        if fit.scale > MOST_SCATTER:
-            text = f"readings scatter {fit.scale:.2g} times as much as their noise about any sensor"
-            return CalibrationStatus.NOT_EXPLAINED, f"{text} like the scene's", remarks
-        remarks += _scatter(fit)
-    bad = len(fit.kept) - count
-    without = f" without {bad} of them" if bad else ""
-    text = f"{len(unknowns.names)} parameters from {len(fit.kept)} touches{without}"
+    if found:
+        return found[0][0].status, "; or ".join(change.text for change, _ in found), remarks
+    if not fit.converged:
+        text = "solves of the touches do not settle, or fail; correct scene and touches"
+        return CalibrationStatus.NOT_CONVERGED, text, remarks
+    if fit.scale > MOST_SCATTER:
+        text = f"readings scatter {fit.scale:.2g} times as much as their noise about any sensor"
+        return CalibrationStatus.NOT_EXPLAINED, f"{text} like the scene's", remarks
+    text = f"{len(names)} parameters from {count} of {len(fit.kept)} touches"
     return CalibrationStatus.CALIBRATED, text, remarks
 
 
 def _remarks(fit: Fit) -> list[str]:
-    """What is remarkable in touches that were read and in what they tell."""
-    remarks, force = [], fit.model.touches.touches[:, 3]
+    """What is remarkable in touches and in what they tell."""
+    remarks, force, unknowns = [], fit.model.touches.touches[:, 3], fit.model.unknowns
     if np.ptp(force) == 0.0:
-        remarks.append(
-            f"force_N is {force[0]:g} in every row; touches with several forces tell more"
-        )
-    return remarks
-
-
-def _scatter(fit: Fit) -> list[str]:
-    unknowns, remarks = fit.model.unknowns, []
+        text = f"force_N is {force[0]:g} in every row; touches with several forces tell more"
+        remarks.append(text)
     pulls = np.abs(fit.values - unknowns.start) / unknowns.priors
     for i in np.flatnonzero(pulls > FAR):
         far = f"{pulls[i]:.2g} deviations of its prior from the scene's value"
         remarks.append(f"{unknowns.names[i]}: is {far}")
     if fit.p_value < UNLIKELY:
-        text = (
-            f"readings scatter {fit.scale:.2g} times as much as their noise, so do the deviations"
-        )
-        if (place := place_error(fit)) is not None:
+        text = f"readings scatter {fit.scale:.2g} times as much as their noise, so do the ±"
+        if fit.converged and (place := place_error(fit)) is not None:
             text += f"; places uncertain by {place:.2g} mm would explain it: give --place-sd"
         remarks.append(text)
     return remarks

@@ -130,7 +130,7 @@ class Calibration:
         """
         fit = self._fit
         roots = fit.whitened[0][fit.kept]
-        left = (roots @ fit.deleted_residuals()[fit.kept][..., None])[..., 0]
+        left = (roots @ fit.deleted()[0][fit.kept][..., None])[..., 0]
         weights = 1.0 / fit.deviations[fit.kept]
         slopes = weights[..., None] * fit.prediction.by_touch[fit.kept]
         steps = (np.linalg.pinv(slopes) @ (weights * left)[..., None])[..., 0]

@@ -202,16 +202,13 @@ def _frames(touches: Array) -> Iterator[tuple[str, Array]]:
     frames = {
         "x_mm has the wrong sign (a mirrored axis)": (-x, y, turn),
         "y_mm has the wrong sign (a mirrored axis)": (x, -y, turn),
-        "the frame is mirrored: x_mm and rotation_deg have the wrong sign": (-x, y, -turn),
-        "the frame is mirrored: y_mm has the wrong sign, and rotation_deg is clockwise": (
-            x,
-            -y,
-            180.0 - turn,
-        ),
+        "x_mm and rotation_deg have the wrong sign (a mirrored frame)": (-x, y, -turn),
+        "y_mm and rotation_deg have the wrong sign (a mirrored frame)": (x, -y, -turn),
+        "y_mm points the other way (a mirrored frame)": (x, -y, 180.0 - turn),
+        "x_mm and y_mm are swapped": (y, x, turn),
+        "x and y are swapped (a mirrored frame)": (y, x, 90.0 - turn),
         "rotation_deg is clockwise": (x, y, -turn),
         "the frame is turned by 180°": (-x, -y, turn + 180.0),
-        "x_mm and y_mm are swapped": (y, x, turn),
-        "the frame is mirrored: x_mm and y_mm are swapped": (y, x, 90.0 - turn),
         "the frame is turned by 90°": (-y, x, turn + 90.0),
         "the frame is turned by -90°": (y, -x, turn - 90.0),
     }

@@ -143,22 +143,19 @@ class Fit:
         inflation = self.scale**2 if self.p_value < FALSE_OUTLIERS else 1.0
         return np.asarray(inflation * (scaled @ directions) * np.outer(priors, priors))
 
-    def weights(self, soft: bool) -> Array:
-        """Of touches: those that count, or less the farther they are, (touches,)."""
-        if not soft:
-            return self.kept.astype(float)
-        limits = self._limits() * self.scale**2
-        weights = np.minimum(1.0, limits / np.maximum(self.distances, 1e-300))
-        return np.asarray(np.where(self.model.solved, weights, 0.0))
-
-    def _limits(self) -> Array:
-        return np.asarray(chi2.isf(FALSE_OUTLIERS / len(self.kept), self.counts))
+    @property
+    def limits(self) -> Array:
+        """Squared lengths that residuals of good touches do not exceed, (touches,)."""
+        most = chi2.isf(FALSE_OUTLIERS / len(self.kept), self.counts)
+        return np.asarray(most * self.scale**2)
 
     def step(self, soft: bool) -> Fit:
         """A step of Gauss-Newton without a solve."""
         priors, start = self.model.unknowns.priors, self.model.unknowns.start
         roots, residuals, slopes = self.whitened
-        weights = self.weights(soft)
+        weights = self.kept.astype(float)
+        if soft:  # the less the farther they are
+            weights *= np.minimum(1.0, self.limits / np.maximum(self.distances, 1e-300))
         A = np.einsum("t,tep,teq->pq", weights, slopes, slopes) * np.outer(priors, priors)
         b = np.einsum("t,tep,te->p", weights, slopes, residuals) * priors
         step = np.linalg.solve(A + np.eye(len(priors)), b + (start - self.values) / priors)
@@ -187,38 +184,30 @@ class Fit:
 
     def without_bad(self) -> Fit:
         """The fit without touches that are too far from what the others say."""
-        fit = replace(self, kept=self.model.solved).settled(soft=True)
-        limits = fit._limits()
+        soft = fit = replace(self, kept=self.model.solved).settled(soft=True)
         for _ in range(10):
-            kept = fit.model.solved & (fit.deleted_distances() <= limits * fit.scale**2)
+            kept = fit.model.solved & (fit.deleted()[1] <= fit.limits)
             if kept.sum() < (1.0 - MOST_OUTLIERS) * len(kept) - 1.0:
-                return replace(self, kept=self.model.solved).settled(soft=True)
-            if (kept == fit.kept).all() and fit is not self:
+                return soft
+            if (kept == fit.kept).all():
                 break
             fit = replace(fit, kept=kept).settled(soft=False)
         return fit
 
-    def deleted_residuals(self) -> Array:
-        """Whitened residuals of each touch from a fit to the others, (touches, electrodes)."""
+    def deleted(self) -> tuple[Array, Array]:
+        """Whitened residuals (touches, electrodes) of each touch from a fit to the others.
+
+        With their squared lengths (touches,) over the covariance that those of a good touch have.
+        """
         _, residuals, slopes = self.whitened
         singular, directions = self.told
         slopes = slopes * self.model.unknowns.priors @ directions.T
         leverage = (slopes / (singular**2 + 1.0)) @ slopes.swapaxes(1, 2)
-        leverage *= np.where(self.kept, 1.0, 0.0)[:, None, None]
-        left = np.eye(leverage.shape[1]) - leverage
-        return np.asarray(np.linalg.solve(left, residuals[..., None])[..., 0])
-
-    def deleted_distances(self) -> Array:
-        """Squared lengths of deleted residuals over those that a good touch has, (touches,)."""
-        residuals, deleted = self.whitened[1], self.deleted_residuals()
-        # r_i of the others has the covariance (I - H)^-1: its length is r (I - H)^-1 r
-        inside = (residuals * deleted).sum(axis=1)
-        _, _, slopes = self.whitened
-        singular, directions = self.told
-        slopes = slopes * self.model.unknowns.priors @ directions.T
-        spread = np.eye(slopes.shape[1]) + (slopes / (singular**2 + 1.0)) @ slopes.swapaxes(1, 2)
-        outside = (residuals * np.linalg.solve(spread, residuals[..., None])[..., 0]).sum(axis=1)
-        return np.asarray(np.where(self.kept, inside, outside))
+        leverage *= np.where(self.kept, -1.0, 1.0)[:, None, None]
+        spread = np.eye(leverage.shape[1]) + leverage
+        others = np.linalg.solve(spread, residuals[..., None])[..., 0]
+        lengths = (residuals * others).sum(axis=1)
+        return np.where(self.kept[:, None], others, residuals), lengths
 
 
 def fitted(model: TouchModel, noise: Noise, most_scatter: float = np.inf) -> Fit:

@@ -123,6 +123,11 @@ def unknowns_of(scene: Scene, words: Sequence[str], priors: Mapping[str, float])
             mistakes.append(f"prior {word}: is not sought; add it to the unknown ones")
         elif not 0.0 < sd < np.inf:
             mistakes.append(f"prior {word} = {sd:g}: give a positive standard deviation")
+    electrodes = [electrode.name for electrode in scene.electrode_list]
+    volts = scene.readout and any(scene.readout.of("kind", n) == "voltage" for n in electrodes)
+    if volts and "film.thickness_um" in names:
+        reason = 'changes the capacitance of a channel of kind "voltage", too; seek gains instead'
+        mistakes.append(f"unknown film.thickness_um: {reason}")
     if mistakes:
         raise ValueError("\n".join(mistakes))
     start = np.array([value_of(scene, name) for name in names])

@@ -176,6 +176,12 @@ def test_scenes_without_a_probe_or_with_a_rigid_one_are_refused():
         calibrate(SCENE.with_(**{"load.kind": "rigid"}), made())
 
 
+def test_a_thickness_is_not_sought_through_the_capacitance_of_the_film():
+    scene = SCENE.with_(**{"readout.kind": "voltage"})
+    with pytest.raises(ValueError, match="thickness_um: changes the capacitance"):
+        unknowns_of(scene, ["film.thickness_um"], {})
+
+
 def test_a_cooled_film_starts_at_its_tension():
     cooled = Scene.parse('[probe]\nshape = "triangle"\n')
     unknowns = unknowns_of(cooled, ["film.pretension_N_m"], {})
