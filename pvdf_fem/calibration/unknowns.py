@@ -164,6 +164,5 @@ def _with_pretension(scene: Scene) -> Scene:
     """The scene with its pretension in N/m where it is given as a temperature."""
     if scene.film.pretension_N_m is not None:
         return scene
-    tension = scene.film.tension_at_rest
-    isotropic = not isinstance(scene.film.youngs_modulus_GPa, tuple)
-    return scene.with_(**{PRETENSION: float(tension[0]) if isotropic else tension.tolist()})
+    x, y, _ = (scene.film.thickness * scene.film.stress_at_rest).tolist()
+    return scene.with_(**{PRETENSION: [x, y] if abs(x - y) > 1e-12 * abs(x) else x})

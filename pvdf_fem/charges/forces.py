@@ -64,11 +64,6 @@ def electrode_forces(scene: Scene, membrane: Membrane, x: Array) -> Array:
     return goal_forces(goals_of(scene), membrane, x)
 
 
-def charge_gradients(scene: Scene, membrane: Membrane, x: Array) -> Array:
-    """`goal_gradients` of the electrodes of a scene."""
-    return goal_gradients(goals_of(scene), membrane, x)
-
-
 def goal_forces(
     goals: Sequence[Goal], membrane: Membrane, x: Array, part: MirroredPart = WHOLE
 ) -> Array:

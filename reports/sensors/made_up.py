@@ -40,7 +40,7 @@ class MadeUpSensor:
     def drawn(cls, scene: Scene, seed: int, number: int) -> MadeUpSensor:
         """The sensor of a number."""
         rng = np.random.default_rng([seed, number])
-        tension = float(scene.film.tension_at_rest[0])
+        tension = float(scene.film.thickness * scene.film.stress_at_rest[0])
         scene = scene.with_(**{"film.pretension_N_m": tension})
         film = {
             "film.pretension_N_m": tension * (1.0 + PRETENSION * rng.uniform(-1.0, 1.0)),
