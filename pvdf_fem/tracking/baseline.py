@@ -53,15 +53,11 @@ class Baseline:
         """Standard deviation of the voltages: that of the quiet signal, at least the scene's."""
         return np.maximum(np.sqrt(self.square), np.maximum(self.circuit.noise, LEAST_NOISE))
 
-    def error(self, samples: float) -> Array:
-        """Standard deviation in V of the level after a number of samples without a look at it.
+    def relative_error(self, samples: float = 0.0) -> float:
+        """Standard deviation of the level over the noise, after samples without a look at it.
 
         That of the end of a straight line through as many samples as the memory is worth.
         """
-        return self.noise * self.relative_error(samples)
-
-    def relative_error(self, samples: float = 0.0) -> float:
-        """This over the noise."""
         count = min(self.count, MEMORY_WORTH * self.memory)
         return math.hypot(2.0 / math.sqrt(count) * (1.0 + samples / count), self.fresh**-0.5)
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
 
-from pvdf_fem.arrays import Array, Mask
+from pvdf_fem.arrays import Array
 from pvdf_fem.response.model import FORCE
-from pvdf_fem.touch.locate import LocateOptions, location, search
+from pvdf_fem.touch.locate import DEFAULTS, location, search
 from pvdf_fem.touch.touch import SIGNIFICANCE
 from pvdf_fem.tracking.circuit import ChargeSum, Circuit
 from pvdf_fem.tracking.course import ChangeModel, Places, Sample, fitted
@@ -59,7 +59,6 @@ class Sought:
     model: ChangeModel
     circuit: Circuit
     known: Mapping[int, float]
-    options: LocateOptions
 
 
 class Contact:
@@ -135,18 +134,29 @@ class Contact:
     def _fit(self, starts: Array) -> None:
         """Fit places near some to the course, the last sample last."""
         self._fitted = len(self.history)
-        samples = self._course(len(self.history) - 1)
-        walked = np.array([sample.walked for sample in samples]).T
-        errors = np.minimum(walked[:, :, None], walked[:, None])
-        common = self._onset_error * np.abs(samples[-1].charges)
-        self.places = fitted(self.sought.model, starts, samples, _noisy(errors, samples), common)
+        common = self._onset_error * np.abs(self.history[-1].charges)
+        none = np.zeros_like(common)
+        self.places = self._fitted_places(
+            starts, len(self.history) - 1, none, none + np.inf, common
+        )
 
-    def _course(self, last: int) -> list[Sample]:
-        """Telling samples, spread over the course, and one more at the end."""
+    def _fitted_places(
+        self, starts: Array, last: int, begin: Array, total: Array, common: Array
+    ) -> Places:
+        """Places near some that explain telling samples, spread over the course, and one at last.
+
+        Errors walk from the variance `begin` on, and were it not for what is known at the end, they
+        would be `total` there.
+        """
         telling = [k for k, sample in enumerate(self.history) if self._telling(sample)]
         chosen = np.linspace(0, len(telling) - 1, FITTED).round().astype(int)
         numbers = {telling[k] for k in chosen.tolist()} - {last}
-        return [self.history[k] for k in (*sorted(numbers), last)]
+        samples = [self.history[k] for k in (*sorted(numbers), last)]
+        walked = begin[:, None] + np.array([sample.walked for sample in samples]).T
+        noise = np.array([sample.noise for sample in samples]).T[:, :, None] * np.eye(len(samples))
+        errors = np.minimum(walked[:, :, None], walked[:, None]) + noise
+        errors -= walked[:, :, None] * walked[:, None] / total[:, None, None]
+        return fitted(self.sought.model, starts, samples, errors, common)
 
     def _candidates(self, sample: Sample) -> Array:
         """Coordinates (n, 4) of the likely touches that explain the charges of one sample.
@@ -160,10 +170,9 @@ class Contact:
         problem = replace(
             model.problem, electrodes=heard, charges_pC=total[None], deviations_pC=spread[None]
         )
-        options = self.sought.options
         with np.errstate(divide="ignore", invalid="ignore"):  # charges may be far from any touch's
-            ends = search(problem, self.sought.known, options)
-        touches = location(problem, ends, options).touches
+            ends = search(problem, self.sought.known, DEFAULTS)
+        touches = location(problem, ends).touches
         at = np.array([touch.values for touch in touches[:MOST]]).reshape(-1, 4)
         at[:, FORCE] = np.log(at[:, FORCE])
         return at if len(at) and at[0, FORCE] > model.least else at[:0]
@@ -190,7 +199,7 @@ class Contact:
         if len(self.history) <= STILL:
             return False
         last, before, largest = (self.history[k] for k in (-1, -1 - STILL, self.peak))
-        heard: Mask = (last.noise < UNKNOWN) & (before.noise < UNKNOWN)
+        heard = (last.noise < UNKNOWN) & (before.noise < UNKNOWN)
         variance = last.walked - before.walked + last.noise + before.noise
         change = np.square(last.charges - before.charges) / variance
         if change[heard].sum() > chi2.isf(SIGNIFICANCE, max(int(heard.sum()), 1)):
@@ -229,17 +238,7 @@ class Contact:
         if self.places:
             at = np.concatenate([at, self.places.at])
         if len(at):
-            samples = closed._course(self.peak)
-            walked = np.array([begin + sample.walked for sample in samples]).T
-            errors = np.minimum(walked[:, :, None], walked[:, None])
-            errors = errors - walked[:, :, None] * walked[:, None] / total[:, None, None]
-            errors = _noisy(errors, samples)
-            closed.places = fitted(self.sought.model, at, samples, errors, np.zeros_like(begin))
+            none = np.zeros_like(total)
+            closed.places = closed._fitted_places(at, self.peak, begin, total, none)
             closed.at = closed.places.at[0]
         return closed
-
-
-def _noisy(errors: Array, samples: Sequence[Sample]) -> Array:
-    """Covariances (electrodes, n, n) of errors with the noise of each of n samples."""
-    noise = np.array([sample.noise for sample in samples]).T
-    return errors + noise[:, :, None] * np.eye(len(samples))

@@ -11,6 +11,7 @@ from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.response.model import FORCE, ROTATION, Model, X, Y
 from pvdf_fem.touch.descent import repeated
 from pvdf_fem.touch.locate import extents
+from pvdf_fem.touch.location import SHARE
 from pvdf_fem.touch.problem import ROOM_REACH, Problem
 
 #: Gauss-Newton steps at most, and the longest: mm, mm, degrees, logarithm of the force.
@@ -20,9 +21,8 @@ LONGEST = np.array([1.5, 1.5, 10.0, 1.0])
 SHORT = 0.05
 #: Part of the largest entry that is added to the diagonal of normal equations.
 RIDGE = 1e-10
-#: Places this close are one, and places e to this power less likely than another are dropped.
+#: Places this close are one.
 CLOSE = np.array([0.3, 0.3, 3.0, np.inf])
-DROPPED = 12.0
 #: Places beyond the model's reach are e to this power less likely before.
 BEYOND = 6.0
 #: Forces are followed down to the model's least over e to this power.
@@ -173,13 +173,14 @@ def fitted(
 
 
 def _likely(at: Array, covariance: Array, logs: Array, volume: Array) -> Places:
-    """Places in the order of their likelihood, without those that repeat a better one.
+    """Places in the order of their likelihood, without repeated and unlikely ones.
 
     They weigh as much as the likelihood about them, integrated; `volume` is twice its logarithm.
     """
     order = np.argsort(-logs, kind="stable")
-    order = order[logs[order] > logs[order[0]] - DROPPED]
     order = order[~repeated(at[order], np.arange(len(order), dtype=float), CLOSE)]
     masses = logs[order] + 0.5 * volume[order]
     weights = np.exp(masses - masses.max())
+    likely = weights > SHARE * weights.sum()
+    order, weights = order[likely], weights[likely]
     return Places(at[order], covariance[order], weights / weights.sum())
