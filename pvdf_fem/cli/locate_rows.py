@@ -5,9 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +19,6 @@ from pvdf_fem.cli.response_model import model_of
 from pvdf_fem.cli.table import ENDINGS, Row, form, number, plain, rows_of, writer
 
 if TYPE_CHECKING:
-    from pvdf_fem.response.response import Response
     from pvdf_fem.scene.scene import Scene
 
 #: Rows with calibrated deviations, which take milliseconds each, that are written together.
@@ -45,13 +43,21 @@ def locate_rows(scene: Scene, request: Request, options: argparse.Namespace) -> 
     electrodes = [e.name for e in scene.electrode_list]
     with ExitStack() as stack:
         columns, batches = rows_of(stack, source, form(source, options.json), electrodes)
-        rows = _located_by(scene, request, options, columns)
-        write = writer(stack, target, form(target, options.json), [*rows.passed, *_touch_columns()])
+        found = _touch_columns()
+        if mistakes := [
+            f"{options.csv}: column {c}: is what is written; rename it, such as to given_{c}"
+            for c in found
+            if c in columns and c not in KNOWN
+        ]:
+            raise InputError(*mistakes)
+        locate = _locator(scene, request, options, columns)
+        passed = [c for c in columns if c not in electrodes and c not in KNOWN]
+        write = writer(stack, target, form(target, options.json), [*passed, *found])
         counts = Counter[str]()
         for batch in batches:
             step = len(batch) if options.quick else CALIBRATED_ROWS
             for first in range(0, len(batch), step):
-                located = rows.located(batch[first : first + step])
+                located = locate(batch[first : first + step])
                 counts.update(row["status"] for row in located)
                 counts[OTHER] += sum(OTHER in row["remark"] for row in located)
                 write(located)
@@ -74,79 +80,47 @@ def _touch_columns() -> list[str]:
     return list(Touches.empty(np.array([], dtype=object), (), "total").to_table())
 
 
-def _located_by(
+def _locator(
     scene: Scene, request: Request, options: argparse.Namespace, columns: list[str]
-) -> _Rows:
-    """What locates rows with some columns; raises `ValueError` before a model is built."""
+) -> Callable[[Sequence[Row]], list[dict[str, Any]]]:
+    """What makes touches, by column, of rows; raises `ValueError` before a model is built."""
     from pvdf_fem.touch.locate import staged_touch
+    from pvdf_fem.touch.locate_many import RowStatus, locate_many
 
-    if mistakes := [
-        f"{options.csv}: column {column}: is what is written; rename it, such as to given_{column}"
-        for column in _touch_columns()
-        if column in columns and column not in KNOWN
-    ]:
-        raise InputError(*mistakes)
     names = [e.name for e in scene.electrode_list if e.name in columns]
+    passed = [c for c in columns if c not in names and c not in KNOWN]
     known = {
         name: value
         for name, value in staged_touch(scene).items()
         if name not in (*request.unknown, *columns)
     }
-    any_readings = dict.fromkeys(names, np.pi)
-    require({options.scene: scene}, request, any_readings, known)
-    model = model_of(scene, options.scene, request.model)
-    return _Rows(model, request, columns, names, known, not options.quick)
+    require({options.scene: scene}, request, dict.fromkeys(names, np.pi), known)
+    model, units = model_of(scene, options.scene, request.model), request.unit_pC(scene)
 
-
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """How rows of readings become rows of touches."""
-
-    model: Response
-    request: Request
-    #: Of the readings.
-    columns: list[str]
-    #: Electrodes among them.
-    names: list[str]
-    #: What is known of all rows.
-    known: dict[str, float]
-    calibrated: bool
-
-    @property
-    def passed(self) -> list[str]:
-        """Columns that are passed through."""
-        return [c for c in self.columns if c not in self.names and c not in KNOWN]
-
-    def located(self, rows: Sequence[Row]) -> list[dict[str, Any]]:
-        """The touches of some rows, by column."""
-        from pvdf_fem.touch.locate_many import RowStatus, locate_many
-
-        known: dict[str, Any] = {
-            KNOWN[name]: np.full(len(rows), value) for name, value in self.known.items()
-        }
-        for name in KNOWN.keys() & set(self.columns):
-            known[KNOWN[name]] = _numbers(rows, [name])[:, 0]
-        scene, units = self.model.scene, self.request.unit_pC(self.model.scene)
+    def located(rows: Sequence[Row]) -> list[dict[str, Any]]:
+        given: dict[str, Any] = {KNOWN[n]: np.full(len(rows), v) for n, v in known.items()}
+        for name in KNOWN.keys() & set(columns):
+            given[KNOWN[name]] = _numbers(rows, [name])[:, 0]
         touches = locate_many(
-            self.model,
-            _numbers(rows, self.names) * [units[name] for name in self.names],
-            self.request.sigma,
-            electrodes=self.names,
-            noise_pC=self.request.noise_pC(scene),
-            reading=self.request.reading,
-            calibrated=self.calibrated,
-            **known,
+            model,
+            _numbers(rows, names) * [units[name] for name in names],
+            request.sigma,
+            electrodes=names,
+            noise_pC=request.noise_pC(scene),
+            reading=request.reading,
+            calibrated=not options.quick,
+            **given,
         ).to_table()
-        columns = [[plain(value) for value in column.tolist()] for column in touches.values()]
+        cells = [[plain(value) for value in column.tolist()] for column in touches.values()]
         result = []
-        for (values, sound), *found in zip(rows, *columns, strict=True):
-            row = {name: values.get(name) for name in self.passed}
-            row |= dict(zip(touches, found, strict=True))
+        for (values, sound), *found in zip(rows, *cells, strict=True):
+            row = dict(zip(touches, found, strict=True))
             if not sound:
-                nothing = dict.fromkeys(touches)
-                row |= {**nothing, "status": str(RowStatus.MALFORMED), "remark": ""}
-            result.append(row)
+                row = {**dict.fromkeys(touches), "status": str(RowStatus.MALFORMED), "remark": ""}
+            result.append({**{name: values.get(name) for name in passed}, **row})
         return result
+
+    return located
 
 
 def _numbers(rows: Sequence[Row], columns: list[str]) -> Array:

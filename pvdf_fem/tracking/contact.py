@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -14,7 +13,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.response.model import FORCE
 from pvdf_fem.touch.locate import DEFAULTS, location, search
 from pvdf_fem.touch.touch import SIGNIFICANCE
-from pvdf_fem.tracking.circuit import ChargeSum, Circuit
+from pvdf_fem.tracking.circuit import ChargeSum
 from pvdf_fem.tracking.course import ChangeModel, Places, Sample, fitted
 from pvdf_fem.tracking.onset import missed_charge
 
@@ -52,21 +51,12 @@ BAD = 4.0
 FORGET = 1.0 / 16.0
 
 
-@dataclass(frozen=True, eq=False)
-class Sought:
-    """What is sought with which model, and the values of what is known by index."""
-
-    model: ChangeModel
-    circuit: Circuit
-    known: Mapping[int, float]
-
-
 class Contact:
     """A touch under way."""
 
-    def __init__(self, sought: Sought, time: float, before: Array) -> None:
+    def __init__(self, model: ChangeModel, time: float, before: Array) -> None:
         """Begin at a time just before the touch; `before` are the voltages left by others."""
-        self.sought, self.onset, self.end = sought, time, time
+        self.model, self.onset, self.end = model, time, time
         self.history: list[Sample] = []
         self.places: Places | None = None
         #: The likeliest touch at the last sample, and chi-square of its charges.
@@ -75,7 +65,7 @@ class Contact:
         self.strain = 1.0
         #: Number of the sample with the largest charges, and the integral of the force in N s.
         self.peak, self.impulse = 0, 0.0
-        self._sum = ChargeSum(sought.circuit, time, before)
+        self._sum = ChargeSum(model.circuit, time, before)
         self._voltages = [before]
         self._missed, self._onset_error = np.zeros_like(before), ONSET_ERROR
         self._searched, self._fitted, self._corrected = 0.0, 0, False
@@ -87,7 +77,7 @@ class Contact:
         `doubt` is the variance in pC² that the baseline's error has by now.
         """
         charges = self._sum.add(time, voltage, noise) + self._missed
-        white = np.square(self.sought.circuit.capacitance * noise)
+        white = np.square(self.model.circuit.capacitance * noise)
         white[np.isnan(voltage)] = UNKNOWN
         sample = Sample(time, charges, white, self._sum.variance + doubt)
         self.history.append(sample)
@@ -103,7 +93,7 @@ class Contact:
             if self.strain > BAD:
                 self._search()
         if self.places:
-            self.at, self.chi_square = self.sought.model.pressed(self.places.at[0], sample)
+            self.at, self.chi_square = self.model.pressed(self.places.at[0], sample)
             freedom = max(int((white < UNKNOWN).sum()) - 1, 1)
             self.strain += FORGET * (self.chi_square / freedom - self.strain)
             self.impulse += (time - self.end) * math.exp(self.at[FORCE])
@@ -156,14 +146,14 @@ class Contact:
         noise = np.array([sample.noise for sample in samples]).T[:, :, None] * np.eye(len(samples))
         errors = np.minimum(walked[:, :, None], walked[:, None]) + noise
         errors -= walked[:, :, None] * walked[:, None] / total[:, None, None]
-        return fitted(self.sought.model, starts, samples, errors, common)
+        return fitted(self.model, starts, samples, errors, common)
 
     def _candidates(self, sample: Sample) -> Array:
         """Coordinates (n, 4) of the likely touches that explain the charges of one sample.
 
         None where the likeliest is lighter than the model knows.
         """
-        model, heard = self.sought.model, np.flatnonzero(sample.noise < UNKNOWN)
+        model, heard = self.model, np.flatnonzero(sample.noise < UNKNOWN)
         total = (sample.charges + model.rest_pC)[heard]
         error = model.problem.model.error_bound * total
         spread = np.sqrt((sample.walked + sample.noise)[heard] + np.square(error))
@@ -171,7 +161,7 @@ class Contact:
             model.problem, electrodes=heard, charges_pC=total[None], deviations_pC=spread[None]
         )
         with np.errstate(divide="ignore", invalid="ignore"):  # charges may be far from any touch's
-            ends = search(problem, self.sought.known, DEFAULTS)
+            ends = search(problem, model.known, DEFAULTS)
         touches = location(problem, ends).touches
         at = np.array([touch.values for touch in touches[:MOST]]).reshape(-1, 4)
         at[:, FORCE] = np.log(at[:, FORCE])
@@ -179,16 +169,14 @@ class Contact:
 
     def _correct_onset(self, at: Array) -> None:
         """Add the charge that sampling misses at the onset."""
-        circuit, before = self.sought.circuit, self._missed
+        circuit, before = self.model.circuit, self._missed
         times = np.array([self.onset, *(sample.time for sample in self.history)])
         self._corrected, self._onset_error = True, 0.0
         if circuit.decay(times[1] - times[0]).min() > SLOW:
             return
         noise = np.sqrt(self.history[-1].noise) / circuit.capacitance
         voltages = np.array(self._voltages)
-        self._missed, self._onset_error = missed_charge(
-            self.sought.model, circuit, at, times, voltages, noise
-        )
+        self._missed, self._onset_error = missed_charge(self.model, at, times, voltages, noise)
         self.history = [
             replace(sample, charges=sample.charges + self._missed - before)
             for sample in self.history

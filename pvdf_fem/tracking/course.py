@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,7 @@ from pvdf_fem.touch.descent import repeated
 from pvdf_fem.touch.locate import extents
 from pvdf_fem.touch.location import SHARE
 from pvdf_fem.touch.problem import ROOM_REACH, Problem
+from pvdf_fem.tracking.circuit import Circuit
 
 #: Gauss-Newton steps at most, and the longest: mm, mm, degrees, logarithm of the force.
 STEPS = 8
@@ -49,7 +50,16 @@ class ChangeModel:
     5 mN differ from this by at most a tenth of the charge.
     """
 
-    def __init__(self, model: Model, rest_pC: Array, unknown: Indices) -> None:
+    def __init__(
+        self,
+        model: Model,
+        circuit: Circuit,
+        rest_pC: Array,
+        unknown: Indices,
+        known: Mapping[int, float],
+    ) -> None:
+        """`unknown` are indices of what is sought, and `known` are values of the rest by index."""
+        self.circuit, self.known = circuit, known
         self.rest_pC, self.least = rest_pC, model.domain.log_force[0]
         every, ones = np.arange(len(rest_pC)), np.ones((1, len(rest_pC)))
         #: Its charges are the rest charges, so that differences from them are changes.

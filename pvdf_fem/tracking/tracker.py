@@ -21,7 +21,7 @@ from pvdf_fem.touch.locate import PLACE_AND_FORCE
 from pvdf_fem.touch.mistakes import known_mistakes
 from pvdf_fem.tracking.baseline import WINDOWS, Baseline, Watch
 from pvdf_fem.tracking.circuit import PICO, Circuit
-from pvdf_fem.tracking.contact import BAD, Contact, Sought
+from pvdf_fem.tracking.contact import BAD, Contact
 from pvdf_fem.tracking.course import ChangeModel
 from pvdf_fem.tracking.rows import Row, TouchSummary
 
@@ -81,15 +81,13 @@ class Tracker:
         circuit = Circuit.of(channels(scene))
         self.touches: list[TouchSummary] = []
         self._names, self._unit, self._stage = response.names, unit, scene.stage or Stage()
-        self._sought = Sought(
-            ChangeModel(response, PICO * rest_charges(scene), moving), circuit, fixed
-        )
-        self._model, self._time = response, -math.inf
+        self._model = ChangeModel(response, circuit, PICO * rest_charges(scene), moving, fixed)
+        self._response, self._time = response, -math.inf
         self._restart()
 
     def _restart(self) -> None:
         self._step = math.inf
-        self._baseline = Baseline(self._sought.circuit, MEMORY)
+        self._baseline = Baseline(self._model.circuit, MEMORY)
         self._watch = Watch(len(self._names))
         self._contact: Contact | None = None
         self._missing: set[str] = set()
@@ -118,7 +116,7 @@ class Tracker:
         values[np.isinf(values)] = math.nan
         silent = [n for n, v in zip(self._names, values.tolist(), strict=True) if math.isnan(v)]
         self._missing.update(silent)
-        voltage = self._sought.circuit.voltages(values, self._unit == "pC")
+        voltage = self._model.circuit.voltages(values, self._unit == "pC")
         step, most = t - self._time, PAUSE if self._contact else MEMORY
         if math.isfinite(step) and 0.0 < step <= most * self._step:
             row = self._follow(t, voltage) if self._contact else self._watch_out(t, voltage)
@@ -160,14 +158,14 @@ class Tracker:
             self._baseline.follow(old, quiet)
         self._missing = set()
         start = samples[0][0] - self._step
-        contact = self._contact = Contact(self._sought, start, self._baseline.remaining(start))
+        contact = self._contact = Contact(self._model, start, self._baseline.remaining(start))
         for t, voltage, _ in samples:
             self._add(contact, t, voltage)
         return self._row(t, contact)
 
     def _add(self, contact: Contact, t: float, voltage: Array) -> None:
         """Give a touch the voltages over the baseline, and the doubt by the baseline's error."""
-        baseline, circuit, elapsed = self._baseline, self._sought.circuit, t - contact.onset
+        baseline, circuit, elapsed = self._baseline, self._model.circuit, t - contact.onset
         error = baseline.noise * baseline.relative_error(elapsed / self._step)
         doubt = np.square((circuit.capacitance + circuit.leak * elapsed) * error)
         contact.add(t, voltage - baseline.at(t) + baseline.remaining(t), baseline.noise, doubt)
@@ -198,7 +196,7 @@ class Tracker:
 
     def _row(self, t: float, contact: Contact) -> Row:
         """The touch on the stage and its deviations."""
-        number, (low, high) = len(self.touches) + 1, self._model.domain.log_force
+        number, (low, high) = len(self.touches) + 1, self._response.domain.log_force
         if contact.places is None:
             return Row(t, "starting", number)
         status = "touch"
@@ -208,7 +206,7 @@ class Tracker:
             status = "too_light" if contact.at[FORCE] < low else "too_strong"
         x, y, rotation, log_force = contact.at.tolist()
         (x, y), rotation = self._stage.to_stage((x, y), rotation)
-        force, rotation = math.exp(log_force), float(rotation) % period_deg(self._model)
+        force, rotation = math.exp(log_force), float(rotation) % period_deg(self._response)
         dx, dy, turn, relative = contact.places.deviations(self._stage.turn).tolist()
         numbers = float(x), float(y), force, rotation, dx, dy, relative * force, turn
         return Row(t, status, number, *numbers, contact.chi_square, len(contact.places.at))
