@@ -66,7 +66,8 @@ class Contact:
         #: Number of the sample with the largest charges, and the integral of the force in N s.
         self.peak, self.impulse = 0, 0.0
         self._sum = ChargeSum(model.circuit, time, before)
-        self._voltages = [before]
+        #: Voltages over the baseline, from the beginning on.
+        self.voltages = [before]
         self._missed, self._onset_error = np.zeros_like(before), ONSET_ERROR
         self._searched, self._fitted, self._corrected = 0.0, 0, False
 
@@ -81,7 +82,7 @@ class Contact:
         white[np.isnan(voltage)] = UNKNOWN
         sample = Sample(time, charges, white, self._sum.variance + doubt)
         self.history.append(sample)
-        self._voltages.append(voltage)
+        self.voltages.append(voltage)
         if np.linalg.norm(charges) > np.linalg.norm(self.history[self.peak].charges):
             self.peak = len(self.history) - 1
         count = len(self.history)
@@ -175,7 +176,7 @@ class Contact:
         if circuit.decay(times[1] - times[0]).min() > SLOW:
             return
         noise = np.sqrt(self.history[-1].noise) / circuit.capacitance
-        voltages = np.array(self._voltages)
+        voltages = np.array(self.voltages)
         self._missed, self._onset_error = missed_charge(self.model, at, times, voltages, noise)
         self.history = [
             replace(sample, charges=sample.charges + self._missed - before)
@@ -195,10 +196,6 @@ class Contact:
         left = (last.charges @ largest.charges) / (largest.charges @ largest.charges)
         faint = len(self.history) > PATIENCE and self._significance < INSIGNIFICANT
         return bool(left < ENDED) or faint
-
-    def left(self) -> Array:
-        """Voltages over the baseline while the charges did not change, (n, electrodes)."""
-        return np.array(self._voltages[-STILL:])
 
     def lost(self, patience: int) -> bool:
         """Whether the errors have grown over the charges, or no place was found in time."""

@@ -21,7 +21,7 @@ from pvdf_fem.touch.locate import PLACE_AND_FORCE
 from pvdf_fem.touch.mistakes import known_mistakes
 from pvdf_fem.tracking.baseline import WINDOWS, Baseline, Watch
 from pvdf_fem.tracking.circuit import PICO, Circuit
-from pvdf_fem.tracking.contact import BAD, Contact
+from pvdf_fem.tracking.contact import BAD, STILL, Contact
 from pvdf_fem.tracking.course import ChangeModel
 from pvdf_fem.tracking.rows import Row, TouchSummary
 
@@ -143,8 +143,9 @@ class Tracker:
         if not settling:
             error = baseline.relative_error()
             deviation = np.nan_to_num((voltage - baseline.at(t)) / baseline.noise)
-        if window := watch.add(t, voltage, deviation, error):
-            return self._begin(watch.onset(window))
+        watch.samples.append((t, voltage, deviation))
+        if size := watch.touched(error):
+            return self._begin(size)
         if len(watch.samples) > WINDOWS[-1]:
             old, quiet, _ = watch.samples.popleft()
             baseline.follow(old, quiet)
@@ -191,7 +192,7 @@ class Tracker:
         self.touches.append(
             TouchSummary(**row, onset_s=contact.onset, end_s=told.end, impulse_N_s=contact.impulse)
         )
-        self._baseline.keep(told.end, t, contact.left())
+        self._baseline.keep(told.end, t, np.array(contact.voltages[-STILL:]))
         self._contact, self._watch = None, Watch(len(self._names))
 
     def _row(self, t: float, contact: Contact) -> Row:
