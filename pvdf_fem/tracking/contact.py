@@ -124,20 +124,17 @@ class Contact:
 
     def _fit(self, starts: Array) -> None:
         """Fit places near some to the course, the last sample last."""
-        self._fitted = len(self.history)
+        last, self._fitted = len(self.history) - 1, len(self.history)
         common = self._onset_error * np.abs(self.history[-1].charges)
         none = np.zeros_like(common)
-        self.places = self._fitted_places(
-            starts, len(self.history) - 1, none, none + np.inf, common
-        )
+        self.places = self._fitted_places(starts, last, none, none + np.inf, common)
 
     def _fitted_places(
         self, starts: Array, last: int, begin: Array, total: Array, common: Array
     ) -> Places:
-        """Places near some that explain telling samples, spread over the course, and one at last.
+        """Places near some that explain telling samples of the whole course, one of them last.
 
-        Errors walk from the variance `begin` on, and were it not for what is known at the end, they
-        would be `total` there.
+        The variance of errors walks from `begin` on to `total`, at whose end they are known.
         """
         telling = [k for k, sample in enumerate(self.history) if self._telling(sample)]
         chosen = np.linspace(0, len(telling) - 1, FITTED).round().astype(int)

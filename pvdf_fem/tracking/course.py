@@ -165,9 +165,8 @@ def fitted(
         at += part[:, None, None] * move
         shared += part * step[:, -1]
         reach = ROOM_REACH * model.problem.model.domain.reach_mm
-        at[:, :, : Y + 1] *= (reach / np.maximum(np.hypot(at[..., X], at[..., Y]), reach))[
-            ..., None
-        ]
+        distance = np.hypot(at[..., X], at[..., Y])[..., None]
+        at[..., : Y + 1] *= reach / np.maximum(distance, reach)
         at[:, :, FORCE] = np.maximum(at[:, :, FORCE], model.least - LIGHTEST)
         if length.max() < SHORT:
             break

@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.response.model import FORCE
-from pvdf_fem.tracking.circuit import ChargeSum, Circuit
+from pvdf_fem.tracking.circuit import ChargeSum
 from pvdf_fem.tracking.course import LIGHTEST, ChangeModel
 
 #: Points of the course of the force, which are dense where it begins, and of the law of charges.
@@ -49,7 +49,7 @@ def missed_charge(
     measured = np.nan_to_num(voltages) * weights
     power = np.cumsum(np.square(measured).sum(axis=1))
     first = max(int(np.searchsorted(power, BEGUN * power[-1])) - 1, 0)
-    circuit, end, step = model.circuit, times[-1], (times[-1] - times[0]) / len(times)
+    end, step = times[-1], (times[-1] - times[0]) / len(times)
     law = np.tile(at, (2 * POINTS, 1))
     bounds = model.least - LIGHTEST, model.problem.model.domain.log_force[1]
     law[:, FORCE] = np.linspace(*bounds, len(law))
@@ -64,7 +64,7 @@ def missed_charge(
         log_force = at[FORCE] + values[1] + values[2] * np.log(since) + values[3] * (since - 1.0)
         charges = np.array([np.interp(log_force, law[:, FORCE], q) for q in charges_by_force]).T
         charges *= (nodes > start)[:, None]
-        return charges[-1], circuit.response(nodes, charges, np.searchsorted(nodes, times))
+        return charges[-1], model.circuit.response(nodes, charges, np.searchsorted(nodes, times))
 
     def residuals(values: Array) -> Array:
         voltage_misfit = (course(values)[1] * weights - measured).ravel()
@@ -72,7 +72,10 @@ def missed_charge(
 
     def missed(values: Array) -> Array:
         charge, predicted = course(values)
-        return charge - _summed(circuit, times, predicted)
+        total, summed = ChargeSum(model.circuit, times[0], np.zeros_like(charge)), charge
+        for time, voltage in zip(times[1:].tolist(), predicted[1:], strict=True):
+            summed = total.add(time, voltage, np.zeros_like(charge))
+        return charge - summed
 
     likely = np.array([0.5, 0.0, POWER, 0.0])
     starts = [likely + np.array([begin, 0.0, power, 0.0]) for begin in BEGINS for power in POWERS]
@@ -83,12 +86,3 @@ def missed_charge(
     changes = np.array([missed(found.x + 0.3 * way) - best for way in root.T]) / 0.3
     error = np.hypot(np.linalg.norm(changes), DOUBT * np.linalg.norm(best))
     return best, float(error / np.linalg.norm(course(found.x)[0]))
-
-
-def _summed(circuit: Circuit, times: Array, voltages: Array) -> Array:
-    """What a `ChargeSum` that begins at the first time gives at the last."""
-    none = np.zeros(voltages.shape[1])
-    total, charge = ChargeSum(circuit, times[0], none), none
-    for time, voltage in zip(times[1:].tolist(), voltages[1:], strict=True):
-        charge = total.add(time, voltage, none)
-    return charge

@@ -200,11 +200,9 @@ class Tracker:
         number, (low, high) = len(self.touches) + 1, self._response.domain.log_force
         if contact.places is None:
             return Row(t, "starting", number)
-        status = "touch"
-        if contact.strain > BAD:
-            status = "unexplained"
-        elif not low <= contact.at[FORCE] <= high:
-            status = "too_light" if contact.at[FORCE] < low else "too_strong"
+        status = "too_light" if contact.at[FORCE] < low else "touch"
+        status = "too_strong" if contact.at[FORCE] > high else status
+        status = "unexplained" if contact.strain > BAD else status
         x, y, rotation, log_force = contact.at.tolist()
         (x, y), rotation = self._stage.to_stage((x, y), rotation)
         force, rotation = math.exp(log_force), float(rotation) % period_deg(self._response)

@@ -75,13 +75,20 @@ def test_wrong_signals_are_told_by_line(files, text, complaint, capsys):
     assert complaint in capsys.readouterr().err
 
 
-def test_missing_cells_are_missing_readings(files, capsys):
+def test_missing_cells_are_missing_readings_and_other_columns_are_left_out(files, capsys):
     scene, signals = files
-    signals.write_text("t_s,A,C,D\n0,1,,nan\n0.001,1,2,3\n")
+    signals.write_text("t_s,A,C,D,note\n0,1,,nan,warm\n0.001,1,2,3,\n")
     assert main(["track", str(scene), str(signals)]) == 0
     first, second = capsys.readouterr().out.splitlines()[1:]
     assert first.endswith(",B C D")
     assert second.endswith(",B")
+
+
+def test_volts_need_a_readout(files, capsys):
+    scene, signals = files
+    scene.write_text(SCENE.partition("[readout]")[0])
+    assert main(["track", str(scene), str(signals)]) == 2
+    assert "has no [readout]; add one, or give pC" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
