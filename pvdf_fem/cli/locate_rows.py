@@ -34,6 +34,8 @@ def locate_rows(scene: Scene, request: Request, options: argparse.Namespace) -> 
 
     Raises `InputError` or `ValueError` with all mistakes in the options and the table's header.
     """
+    from pvdf_fem.touch.locate_many import Touches
+
     source, target = (None if p == "-" else Path(p) for p in (options.csv, options.output))
     mistakes = output_mistakes(target, ENDINGS, Path(options.scene), source, options.model)
     if not {"x_mm", "y_mm"} <= set(request.unknown):
@@ -43,7 +45,7 @@ def locate_rows(scene: Scene, request: Request, options: argparse.Namespace) -> 
     electrodes = [e.name for e in scene.electrode_list]
     with ExitStack() as stack:
         columns, batches = rows_of(stack, source, form(source, options.json), electrodes)
-        found = _touch_columns()
+        found = list(Touches.empty(np.array([], dtype=object), (), "total").to_table())
         if mistakes := [
             f"{options.csv}: column {c}: is what is written; rename it, such as to given_{c}"
             for c in found
@@ -72,12 +74,6 @@ def _told(counts: Counter[str]) -> int:
     print(f"{counts.total()} rows: {named or 'none'}", file=sys.stderr)
     failed = counts["no_touch_found"] or (counts and not counts["located"])
     return ExitCode.NOT_CONVERGED if failed else ExitCode.CONVERGED
-
-
-def _touch_columns() -> list[str]:
-    from pvdf_fem.touch.locate_many import Touches
-
-    return list(Touches.empty(np.array([], dtype=object), (), "total").to_table())
 
 
 def _locator(
