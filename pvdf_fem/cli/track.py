@@ -90,10 +90,11 @@ def track(scene: Scene, options: argparse.Namespace) -> None:
         raise InputError(*mistakes)
     electrodes = [electrode.name for electrode in scene.electrode_list]
     source = None if options.signals == "-" else Path(options.signals)
+    name = source or "standard input"
     with ExitStack() as stack:
         columns, batches = rows_of(stack, source, ".csv", electrodes)
         if "t_s" not in columns:
-            raise InputError(f"{options.signals}: has no column t_s; give the times in s there")
+            raise InputError(f"{name}: has no column t_s; give the times in s there")
         if mistakes := choice.mistakes(scene, options.scene):
             raise InputError(*mistakes)
         try:
@@ -106,13 +107,13 @@ def track(scene: Scene, options: argparse.Namespace) -> None:
         )
         rows, told = (row for batch in batches for row in batch), 0
         for count, (cells, sound) in enumerate(rows, 1):
-            texts = {name: cells.get(name, "").strip() for name in ("t_s", *electrodes)}
-            values = {name: number(text) for name, text in texts.items()}
+            texts = {key: cells.get(key, "").strip() for key in ("t_s", *electrodes)}
+            values = {key: number(text) for key, text in texts.items()}
             wrong = {texts[n] for n, v in values.items() if math.isnan(v)} - {"", "nan", "NaN"}
             if wrong or not sound:
                 shown = printable(", ".join(sorted(wrong)))[:40] or f"{len(cells)} cells"
                 wanted = f"give {len(columns)} numbers, or nan for what is missing"
-                raise InputError(f"{options.signals}: row {count} has {shown}; {wanted}")
+                raise InputError(f"{name}: row {count} has {shown}; {wanted}")
             row = tracker.update(values.pop("t_s"), values)
             write([_plain(row)])
             for summary in tracker.touches[told:]:
