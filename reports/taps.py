@@ -151,7 +151,7 @@ def _trial(
             stated = (touch.x_deviation_mm, touch.y_deviation_mm, touch.force_deviation_N)
             within.append(np.abs(errors) < stated)
             tracked.append((np.hypot(*errors[:2]), errors[2] / tap.peak_N))
-            first = next(row.t_s for row in stream.rows if row.touch == touch.number)
+            first = next(row.t_s for row in stream.rows if row.touch == touch.touch)
             delays.append(1e3 * (first - tap.begin_s))
         seconds.append(stream.seconds[[row.touch > 0 for row in stream.rows]])
         draw = np.random.default_rng([SEED, seed, 1]).standard_normal(len(model.names))

@@ -53,15 +53,11 @@ class Baseline:
         """Standard deviation of the voltages: that of the quiet signal, at least the scene's."""
         return np.maximum(np.sqrt(self.square), np.maximum(self.circuit.noise, LEAST_NOISE))
 
-    def error(self, samples: float) -> Array:
-        """Standard deviation in V of the level after a number of samples without a look at it.
+    def relative_error(self, samples: float = 0.0) -> float:
+        """Standard deviation of the level over the noise, after samples without a look at it.
 
         That of the end of a straight line through as many samples as the memory is worth.
         """
-        return self.noise * self.relative_error(samples)
-
-    def relative_error(self, samples: float = 0.0) -> float:
-        """This over the noise."""
         count = min(self.count, MEMORY_WORTH * self.memory)
         return math.hypot(2.0 / math.sqrt(count) * (1.0 + samples / count), self.fresh**-0.5)
 
@@ -102,34 +98,23 @@ class Watch:
     """
 
     def __init__(self, channels: int) -> None:
+        #: Times, voltages, and deviations over the noise.
         self.samples: deque[tuple[float, Array, Array]] = deque()
-        self._sums = np.zeros((2 * WINDOWS[-1], channels))
-        self._count = 0
         self.threshold = float(chi2.isf(FALSE_ALARM / len(WINDOWS), channels))
 
-    def add(self, time: float, voltage: Array, deviation: Array, error: float) -> int:
-        """Add a sample with its deviations over the noise; the window that sees a touch, or 0.
+    def touched(self, error: float) -> int:
+        """Number of the last samples that belong to a touch, 0 if none is seen.
 
-        `error` is the standard deviation of the baseline over the noise.
+        `error` is the standard deviation of the baseline over the noise. Backwards from the window
+        that sees it, the touch lasts as long as further samples make the mean deviation more
+        significant, and then a quarter of that and two samples more.
         """
-        self.samples.append((time, voltage, deviation))
-        size = len(self._sums)
-        total = self._sums[self._count % size] + deviation
-        self._count += 1
-        self._sums[self._count % size] = total
-        windows = WINDOWS[: np.searchsorted(WINDOWS, self._count, side="right")]
-        sums = total - self._sums[(self._count - windows) % size]
-        squares = np.square(sums).sum(axis=1) / (windows + np.square(windows * error))
-        return int(windows[squares.argmax()]) if squares.max() > self.threshold else 0
-
-    def onset(self, window: int) -> int:
-        """Number of the last samples that belong to the touch that a window sees.
-
-        Backwards from the window the touch lasts as long as further samples make the mean
-        deviation more significant, and then a quarter of that and two samples more.
-        """
-        deviations = np.array([deviation for *_, deviation in self.samples])[::-1]
-        along = deviations @ deviations[:window].sum(axis=0)
-        lengths = np.arange(1, len(along) + 1)
-        size = int(np.argmax(np.cumsum(along) / np.sqrt(lengths))) + 1
+        sums = np.cumsum([deviation for *_, deviation in reversed(self.samples)], axis=0)
+        windows = WINDOWS[: np.searchsorted(WINDOWS, len(sums), side="right")]
+        squares = np.square(sums[windows - 1]).sum(axis=1)
+        squares /= windows + np.square(windows * error)
+        if squares.max() <= self.threshold:
+            return 0
+        along = sums @ sums[windows[squares.argmax()] - 1]
+        size = int(np.argmax(along / np.sqrt(np.arange(1, len(along) + 1)))) + 1
         return min(size + size // 4 + 2, len(along))

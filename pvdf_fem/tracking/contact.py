@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.stats import chi2
 
-from pvdf_fem.arrays import Array, Mask
+from pvdf_fem.arrays import Array
 from pvdf_fem.response.model import FORCE
-from pvdf_fem.touch.locate import LocateOptions, location, search
+from pvdf_fem.touch.locate import DEFAULTS, location, search
 from pvdf_fem.touch.touch import SIGNIFICANCE
-from pvdf_fem.tracking.circuit import ChargeSum, Circuit
+from pvdf_fem.tracking.circuit import ChargeSum
 from pvdf_fem.tracking.course import ChangeModel, Places, Sample, fitted
 from pvdf_fem.tracking.onset import missed_charge
 
@@ -52,22 +51,12 @@ BAD = 4.0
 FORGET = 1.0 / 16.0
 
 
-@dataclass(frozen=True, eq=False)
-class Sought:
-    """What is sought with which model, and the values of what is known by index."""
-
-    model: ChangeModel
-    circuit: Circuit
-    known: Mapping[int, float]
-    options: LocateOptions
-
-
 class Contact:
     """A touch under way."""
 
-    def __init__(self, sought: Sought, time: float, before: Array) -> None:
+    def __init__(self, model: ChangeModel, time: float, before: Array) -> None:
         """Begin at a time just before the touch; `before` are the voltages left by others."""
-        self.sought, self.onset, self.end = sought, time, time
+        self.model, self.onset, self.end = model, time, time
         self.history: list[Sample] = []
         self.places: Places | None = None
         #: The likeliest touch at the last sample, and chi-square of its charges.
@@ -76,8 +65,9 @@ class Contact:
         self.strain = 1.0
         #: Number of the sample with the largest charges, and the integral of the force in N s.
         self.peak, self.impulse = 0, 0.0
-        self._sum = ChargeSum(sought.circuit, time, before)
-        self._voltages = [before]
+        self._sum = ChargeSum(model.circuit, time, before)
+        #: Voltages over the baseline, from the beginning on.
+        self.voltages = [before]
         self._missed, self._onset_error = np.zeros_like(before), ONSET_ERROR
         self._searched, self._fitted, self._corrected = 0.0, 0, False
 
@@ -88,11 +78,11 @@ class Contact:
         `doubt` is the variance in pC² that the baseline's error has by now.
         """
         charges = self._sum.add(time, voltage, noise) + self._missed
-        white = np.square(self.sought.circuit.capacitance * noise)
+        white = np.square(self.model.circuit.capacitance * noise)
         white[np.isnan(voltage)] = UNKNOWN
         sample = Sample(time, charges, white, self._sum.variance + doubt)
         self.history.append(sample)
-        self._voltages.append(voltage)
+        self.voltages.append(voltage)
         if np.linalg.norm(charges) > np.linalg.norm(self.history[self.peak].charges):
             self.peak = len(self.history) - 1
         count = len(self.history)
@@ -104,7 +94,7 @@ class Contact:
             if self.strain > BAD:
                 self._search()
         if self.places:
-            self.at, self.chi_square = self.sought.model.pressed(self.places.at[0], sample)
+            self.at, self.chi_square = self.model.pressed(self.places.at[0], sample)
             freedom = max(int((white < UNKNOWN).sum()) - 1, 1)
             self.strain += FORGET * (self.chi_square / freedom - self.strain)
             self.impulse += (time - self.end) * math.exp(self.at[FORCE])
@@ -134,52 +124,57 @@ class Contact:
 
     def _fit(self, starts: Array) -> None:
         """Fit places near some to the course, the last sample last."""
-        self._fitted = len(self.history)
-        samples = self._course(len(self.history) - 1)
-        walked = np.array([sample.walked for sample in samples]).T
-        errors = np.minimum(walked[:, :, None], walked[:, None])
-        common = self._onset_error * np.abs(samples[-1].charges)
-        self.places = fitted(self.sought.model, starts, samples, _noisy(errors, samples), common)
+        last, self._fitted = len(self.history) - 1, len(self.history)
+        common = self._onset_error * np.abs(self.history[-1].charges)
+        none = np.zeros_like(common)
+        self.places = self._fitted_places(starts, last, none, none + np.inf, common)
 
-    def _course(self, last: int) -> list[Sample]:
-        """Telling samples, spread over the course, and one more at the end."""
+    def _fitted_places(
+        self, starts: Array, last: int, begin: Array, total: Array, common: Array
+    ) -> Places:
+        """Places near some that explain telling samples of the whole course, one of them last.
+
+        The variance of errors walks from `begin` on to `total`, at whose end they are known.
+        """
         telling = [k for k, sample in enumerate(self.history) if self._telling(sample)]
         chosen = np.linspace(0, len(telling) - 1, FITTED).round().astype(int)
         numbers = {telling[k] for k in chosen.tolist()} - {last}
-        return [self.history[k] for k in (*sorted(numbers), last)]
+        samples = [self.history[k] for k in (*sorted(numbers), last)]
+        walked = begin[:, None] + np.array([sample.walked for sample in samples]).T
+        noise = np.array([sample.noise for sample in samples]).T[:, :, None] * np.eye(len(samples))
+        errors = np.minimum(walked[:, :, None], walked[:, None]) + noise
+        errors -= walked[:, :, None] * walked[:, None] / total[:, None, None]
+        return fitted(self.model, starts, samples, errors, common)
 
     def _candidates(self, sample: Sample) -> Array:
         """Coordinates (n, 4) of the likely touches that explain the charges of one sample.
 
         None where the likeliest is lighter than the model knows.
         """
-        model, heard = self.sought.model, np.flatnonzero(sample.noise < UNKNOWN)
+        model, heard = self.model, np.flatnonzero(sample.noise < UNKNOWN)
         total = (sample.charges + model.rest_pC)[heard]
         error = model.problem.model.error_bound * total
         spread = np.sqrt((sample.walked + sample.noise)[heard] + np.square(error))
         problem = replace(
             model.problem, electrodes=heard, charges_pC=total[None], deviations_pC=spread[None]
         )
-        options = self.sought.options
         with np.errstate(divide="ignore", invalid="ignore"):  # charges may be far from any touch's
-            ends = search(problem, self.sought.known, options)
-        touches = location(problem, ends, options).touches
+            ends = search(problem, model.known, DEFAULTS)
+        touches = location(problem, ends).touches
         at = np.array([touch.values for touch in touches[:MOST]]).reshape(-1, 4)
         at[:, FORCE] = np.log(at[:, FORCE])
         return at if len(at) and at[0, FORCE] > model.least else at[:0]
 
     def _correct_onset(self, at: Array) -> None:
         """Add the charge that sampling misses at the onset."""
-        circuit, before = self.sought.circuit, self._missed
+        circuit, before = self.model.circuit, self._missed
         times = np.array([self.onset, *(sample.time for sample in self.history)])
         self._corrected, self._onset_error = True, 0.0
         if circuit.decay(times[1] - times[0]).min() > SLOW:
             return
         noise = np.sqrt(self.history[-1].noise) / circuit.capacitance
-        voltages = np.array(self._voltages)
-        self._missed, self._onset_error = missed_charge(
-            self.sought.model, circuit, at, times, voltages, noise
-        )
+        voltages = np.array(self.voltages)
+        self._missed, self._onset_error = missed_charge(self.model, at, times, voltages, noise)
         self.history = [
             replace(sample, charges=sample.charges + self._missed - before)
             for sample in self.history
@@ -190,7 +185,7 @@ class Contact:
         if len(self.history) <= STILL:
             return False
         last, before, largest = (self.history[k] for k in (-1, -1 - STILL, self.peak))
-        heard: Mask = (last.noise < UNKNOWN) & (before.noise < UNKNOWN)
+        heard = (last.noise < UNKNOWN) & (before.noise < UNKNOWN)
         variance = last.walked - before.walked + last.noise + before.noise
         change = np.square(last.charges - before.charges) / variance
         if change[heard].sum() > chi2.isf(SIGNIFICANCE, max(int(heard.sum()), 1)):
@@ -198,10 +193,6 @@ class Contact:
         left = (last.charges @ largest.charges) / (largest.charges @ largest.charges)
         faint = len(self.history) > PATIENCE and self._significance < INSIGNIFICANT
         return bool(left < ENDED) or faint
-
-    def left(self) -> Array:
-        """Voltages over the baseline while the charges did not change, (n, electrodes)."""
-        return np.array(self._voltages[-STILL:])
 
     def lost(self, patience: int) -> bool:
         """Whether the errors have grown over the charges, or no place was found in time."""
@@ -229,17 +220,7 @@ class Contact:
         if self.places:
             at = np.concatenate([at, self.places.at])
         if len(at):
-            samples = closed._course(self.peak)
-            walked = np.array([begin + sample.walked for sample in samples]).T
-            errors = np.minimum(walked[:, :, None], walked[:, None])
-            errors = errors - walked[:, :, None] * walked[:, None] / total[:, None, None]
-            errors = _noisy(errors, samples)
-            closed.places = fitted(self.sought.model, at, samples, errors, np.zeros_like(begin))
+            none = np.zeros_like(total)
+            closed.places = closed._fitted_places(at, self.peak, begin, total, none)
             closed.at = closed.places.at[0]
         return closed
-
-
-def _noisy(errors: Array, samples: Sequence[Sample]) -> Array:
-    """Covariances (electrodes, n, n) of errors with the noise of each of n samples."""
-    noise = np.array([sample.noise for sample in samples]).T
-    return errors + noise[:, :, None] * np.eye(len(samples))

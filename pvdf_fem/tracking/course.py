@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,9 @@ from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.response.model import FORCE, ROTATION, Model, X, Y
 from pvdf_fem.touch.descent import repeated
 from pvdf_fem.touch.locate import extents
+from pvdf_fem.touch.location import SHARE
 from pvdf_fem.touch.problem import ROOM_REACH, Problem
+from pvdf_fem.tracking.circuit import Circuit
 
 #: Gauss-Newton steps at most, and the longest: mm, mm, degrees, logarithm of the force.
 STEPS = 8
@@ -20,9 +22,8 @@ LONGEST = np.array([1.5, 1.5, 10.0, 1.0])
 SHORT = 0.05
 #: Part of the largest entry that is added to the diagonal of normal equations.
 RIDGE = 1e-10
-#: Places this close are one, and places e to this power less likely than another are dropped.
+#: Places this close are one.
 CLOSE = np.array([0.3, 0.3, 3.0, np.inf])
-DROPPED = 12.0
 #: Places beyond the model's reach are e to this power less likely before.
 BEYOND = 6.0
 #: Forces are followed down to the model's least over e to this power.
@@ -49,7 +50,16 @@ class ChangeModel:
     5 mN differ from this by at most a tenth of the charge.
     """
 
-    def __init__(self, model: Model, rest_pC: Array, unknown: Indices) -> None:
+    def __init__(
+        self,
+        model: Model,
+        circuit: Circuit,
+        rest_pC: Array,
+        unknown: Indices,
+        known: Mapping[int, float],
+    ) -> None:
+        """`unknown` are indices of what is sought, and `known` are values of the rest by index."""
+        self.circuit, self.known = circuit, known
         self.rest_pC, self.least = rest_pC, model.domain.log_force[0]
         every, ones = np.arange(len(rest_pC)), np.ones((1, len(rest_pC)))
         #: Its charges are the rest charges, so that differences from them are changes.
@@ -155,9 +165,8 @@ def fitted(
         at += part[:, None, None] * move
         shared += part * step[:, -1]
         reach = ROOM_REACH * model.problem.model.domain.reach_mm
-        at[:, :, : Y + 1] *= (reach / np.maximum(np.hypot(at[..., X], at[..., Y]), reach))[
-            ..., None
-        ]
+        distance = np.hypot(at[..., X], at[..., Y])[..., None]
+        at[..., : Y + 1] *= reach / np.maximum(distance, reach)
         at[:, :, FORCE] = np.maximum(at[:, :, FORCE], model.least - LIGHTEST)
         if length.max() < SHORT:
             break
@@ -173,13 +182,14 @@ def fitted(
 
 
 def _likely(at: Array, covariance: Array, logs: Array, volume: Array) -> Places:
-    """Places in the order of their likelihood, without those that repeat a better one.
+    """Places in the order of their likelihood, without repeated and unlikely ones.
 
     They weigh as much as the likelihood about them, integrated; `volume` is twice its logarithm.
     """
     order = np.argsort(-logs, kind="stable")
-    order = order[logs[order] > logs[order[0]] - DROPPED]
     order = order[~repeated(at[order], np.arange(len(order), dtype=float), CLOSE)]
     masses = logs[order] + 0.5 * volume[order]
     weights = np.exp(masses - masses.max())
+    likely = weights > SHARE * weights.sum()
+    order, weights = order[likely], weights[likely]
     return Places(at[order], covariance[order], weights / weights.sum())

@@ -9,14 +9,12 @@ samples, and what the sum over samples misses of its charge is added.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from scipy.optimize import least_squares
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.response.model import FORCE
-from pvdf_fem.tracking.circuit import ChargeSum, Circuit
+from pvdf_fem.tracking.circuit import ChargeSum
 from pvdf_fem.tracking.course import LIGHTEST, ChangeModel
 
 #: Points of the course of the force, which are dense where it begins, and of the law of charges.
@@ -37,7 +35,7 @@ BEGUN = 0.01
 
 
 def missed_charge(
-    model: ChangeModel, circuit: Circuit, at: Array, times: Array, voltages: Array, noise: Array
+    model: ChangeModel, at: Array, times: Array, voltages: Array, noise: Array
 ) -> tuple[Array, float]:
     """What a `ChargeSum` over the first samples of a touch misses, and how well that is known.
 
@@ -51,7 +49,11 @@ def missed_charge(
     measured = np.nan_to_num(voltages) * weights
     power = np.cumsum(np.square(measured).sum(axis=1))
     first = max(int(np.searchsorted(power, BEGUN * power[-1])) - 1, 0)
-    law, end, step = _charges_by_force(model, at), times[-1], (times[-1] - times[0]) / len(times)
+    end, step = times[-1], (times[-1] - times[0]) / len(times)
+    law = np.tile(at, (2 * POINTS, 1))
+    bounds = model.least - LIGHTEST, model.problem.model.domain.log_force[1]
+    law[:, FORCE] = np.linspace(*bounds, len(law))
+    charges_by_force = model.evaluate(law)[:, :, 0].T
 
     def course(values: Array) -> tuple[Array, Array]:
         """Charges at the last time, and voltages."""
@@ -60,8 +62,9 @@ def missed_charge(
         nodes = np.unique(np.concatenate([nodes, times]))
         since = np.maximum((nodes - start) / (end - start), 1e-9)
         log_force = at[FORCE] + values[1] + values[2] * np.log(since) + values[3] * (since - 1.0)
-        charges = law(log_force) * (nodes > start)[:, None]
-        return charges[-1], circuit.response(nodes, charges, np.searchsorted(nodes, times))
+        charges = np.array([np.interp(log_force, law[:, FORCE], q) for q in charges_by_force]).T
+        charges *= (nodes > start)[:, None]
+        return charges[-1], model.circuit.response(nodes, charges, np.searchsorted(nodes, times))
 
     def residuals(values: Array) -> Array:
         voltage_misfit = (course(values)[1] * weights - measured).ravel()
@@ -69,7 +72,10 @@ def missed_charge(
 
     def missed(values: Array) -> Array:
         charge, predicted = course(values)
-        return charge - _summed(circuit, times, predicted)
+        total, summed = ChargeSum(model.circuit, times[0], np.zeros_like(charge)), charge
+        for time, voltage in zip(times[1:].tolist(), predicted[1:], strict=True):
+            summed = total.add(time, voltage, np.zeros_like(charge))
+        return charge - summed
 
     likely = np.array([0.5, 0.0, POWER, 0.0])
     starts = [likely + np.array([begin, 0.0, power, 0.0]) for begin in BEGINS for power in POWERS]
@@ -80,29 +86,3 @@ def missed_charge(
     changes = np.array([missed(found.x + 0.3 * way) - best for way in root.T]) / 0.3
     error = np.hypot(np.linalg.norm(changes), DOUBT * np.linalg.norm(best))
     return best, float(error / np.linalg.norm(course(found.x)[0]))
-
-
-def _charges_by_force(model: ChangeModel, at: Array) -> Callable[[Array], Array]:
-    """Charges (n, electrodes) at a place by the logarithm of the force, (n,)."""
-    lowest, highest = model.least - LIGHTEST, model.problem.model.domain.log_force[1]
-    rows = np.tile(at, (2 * POINTS, 1))
-    rows[:, FORCE] = np.linspace(lowest, highest, len(rows))
-    charges, pitch = model.evaluate(rows)[:, :, 0], (highest - lowest) / (len(rows) - 1)
-
-    def law(log_force: Array) -> Array:
-        place = np.clip((log_force - lowest) / pitch, 0.0, len(rows) - 1.001)
-        below = place.astype(np.int64)
-        share = (place - below)[:, None]
-        between: Array = (1.0 - share) * charges[below] + share * charges[below + 1]
-        return between * np.exp(np.minimum(log_force - lowest, 0.0))[:, None]
-
-    return law
-
-
-def _summed(circuit: Circuit, times: Array, voltages: Array) -> Array:
-    """What a `ChargeSum` that begins at the first time gives at the last."""
-    none = np.zeros(voltages.shape[1])
-    total, charge = ChargeSum(circuit, times[0], none), none
-    for time, voltage in zip(times[1:].tolist(), voltages[1:], strict=True):
-        charge = total.add(time, voltage, none)
-    return charge

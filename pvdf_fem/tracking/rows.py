@@ -2,28 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
-
-from pvdf_fem.arrays import finite
+from dataclasses import dataclass
 
 NAN = float("nan")
-#: What rows and summaries tell of a touch.
-NUMBERS = (
-    *("x_mm", "y_mm", "force_N", "rotation_deg"),
-    *("x_deviation_mm", "y_deviation_mm", "force_deviation_N", "rotation_deviation_deg"),
-)
-
-
-class _Plain:
-    def to_json(self) -> dict[str, Any]:
-        """Plain values for JSON, None for what is not known."""
-        values = asdict(self)  # type: ignore[call-overload]
-        return {k: finite(v) if isinstance(v, float) else v for k, v in values.items()}
 
 
 @dataclass(frozen=True)
-class Row(_Plain):
+class Row:
     """What is known at a sample. Numbers that are not are NaN.
 
     The status is one of: ``settling`` (the baseline is not known yet), ``quiet``, ``starting`` (a
@@ -55,35 +40,21 @@ class Row(_Plain):
 
 
 @dataclass(frozen=True)
-class TouchSummary(_Plain):
-    """A touch from onset to end."""
+class TouchSummary(Row):
+    """A touch that has ended: its row at the peak of its charges, by the whole course.
 
-    number: int
-    onset_s: float
-    end_s: float
-    #: The place, and the force at its peak, with standard deviations; NaN where not located.
-    x_mm: float
-    y_mm: float
-    force_N: float
-    rotation_deg: float
-    x_deviation_mm: float
-    y_deviation_mm: float
-    force_deviation_N: float
-    rotation_deviation_deg: float
-    peak_s: float
-    #: Integral of the force over time in N s.
-    impulse_N_s: float
-    alternatives: int
-    remarks: tuple[str, ...]
+    The status is ``starting`` if no place was found; `missing` are channels that had no reading for
+    a while.
+    """
 
-    @property
-    def duration_s(self) -> float:
-        """From onset to end."""
-        return self.end_s - self.onset_s
+    onset_s: float = NAN
+    end_s: float = NAN
+    #: Integral of the force over time.
+    impulse_N_s: float = NAN
 
     def __str__(self) -> str:
         """A line for people."""
-        line = f"touch {self.number}: {self.onset_s:.4f} to {self.end_s:.4f} s"
+        line = f"touch {self.touch}: {self.onset_s:.4f} to {self.end_s:.4f} s"
         if self.alternatives:
             line += (
                 f", x {self.x_mm:.2f} ± {self.x_deviation_mm:.2f} mm"
@@ -92,4 +63,10 @@ class TouchSummary(_Plain):
             )
             if self.rotation_deviation_deg:
                 line += f", {self.rotation_deg:.0f} ± {self.rotation_deviation_deg:.0f}°"
-        return "; ".join([line, *self.remarks])
+        if self.alternatives > 1:
+            line += f"; {self.alternatives} places are likely"
+        if not self.alternatives:
+            line += "; not located"
+        if self.status not in ("touch", "starting"):
+            line += f"; {self.status}"
+        return line + (f"; without {self.missing} for a while" if self.missing else "")

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import asdict, replace
 
 import numpy as np
 
@@ -18,39 +17,20 @@ from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.response.model import FORCE, QUANTITIES, Model, period_deg, touch_of
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.touch.locate import PLACE_AND_FORCE, LocateOptions
-from pvdf_fem.touch.location import SHARE
+from pvdf_fem.touch.locate import PLACE_AND_FORCE
 from pvdf_fem.touch.mistakes import known_mistakes
 from pvdf_fem.tracking.baseline import WINDOWS, Baseline, Watch
 from pvdf_fem.tracking.circuit import PICO, Circuit
-from pvdf_fem.tracking.contact import BAD, Contact, Sought
-from pvdf_fem.tracking.course import ChangeModel, Places
-from pvdf_fem.tracking.rows import NUMBERS, Row, TouchSummary
+from pvdf_fem.tracking.contact import BAD, STILL, Contact
+from pvdf_fem.tracking.course import ChangeModel
+from pvdf_fem.tracking.rows import Row, TouchSummary
 
-
-@dataclass(frozen=True)
-class TrackOptions:
-    """What is sought, and how the baseline is followed."""
-
-    #: What is sought, of `QUANTITIES`; the force is always.
-    unknown: tuple[str, ...] = PLACE_AND_FORCE
-    #: Values of the rest in the film's frame; by default those of the response's scene.
-    known: Mapping[str, float] = field(default_factory=dict)
-    #: ``V``, or ``pC``: V times the channel's capacitance.
-    unit: str = "V"
-    #: Readings of this size or more, in their unit, are clipped and count as missing.
-    limit: float = math.inf
-    #: Samples of quiet signal before touches are looked for.
-    settle: int = 256
-    #: Samples over which the baseline is followed. A faster drift than in this time is not.
-    memory: int = 2000
-    #: A pause in samples after which a touch is lost.
-    pause: int = 50
-    #: Options of the searches.
-    locate: LocateOptions = field(default_factory=LocateOptions)
-
-
-DEFAULTS = TrackOptions()
+#: Samples of quiet signal before touches are looked for.
+SETTLE = 256
+#: Samples over which the baseline is followed. A faster drift than in this time is not.
+MEMORY = 2000
+#: A pause in samples after which a touch is lost.
+PAUSE = 50
 
 
 class Tracker:
@@ -60,7 +40,12 @@ class Tracker:
     ----------
     response : Response
         Its scene has the readout of the channels and the stage.
-    options : TrackOptions
+    unknown : sequence of str
+        What is sought, of ``x_mm``, ``y_mm``, ``rotation_deg`` and ``force_N``, which always is.
+    known : mapping
+        Values of the rest in the film's frame; by default those of the response's scene.
+    unit : str
+        Of the readings: ``V``, or ``pC``: V times the channel's capacitance.
 
     Attributes
     ----------
@@ -73,32 +58,37 @@ class Tracker:
         Listing all mistakes in the options, a line each.
     """
 
-    def __init__(self, response: Model, *, options: TrackOptions = DEFAULTS) -> None:
-        scene = response.scene
+    def __init__(
+        self,
+        response: Model,
+        *,
+        unknown: Sequence[str] = PLACE_AND_FORCE,
+        known: Mapping[str, float] | None = None,
+        unit: str = "V",
+    ) -> None:
+        scene, known = response.scene, known or {}
         default = touch_of(scene)
-        mistakes = [*known_mistakes(response.domain, options.unknown, options.known, default)]
-        if "force_N" not in options.unknown:
+        mistakes = [*known_mistakes(response.domain, unknown, known, default)]
+        if "force_N" not in unknown:
             mistakes.append("unknown: force_N is missing; the force of a touch is always sought")
-        if options.unit not in ("V", "pC"):
-            mistakes.append(f"unit = {options.unit}: choose from V, pC")
+        if unit not in ("V", "pC"):
+            mistakes.append(f"unit = {unit}: choose from V, pC")
         if mistakes:
             raise ValueError("\n".join(mistakes))
-        values = {**default, **options.known}
-        known = {i: values[n] for i, n in enumerate(QUANTITIES) if n not in options.unknown}
-        unknown = np.array([i for i, n in enumerate(QUANTITIES) if n in options.unknown])
-        model = ChangeModel(response, PICO * rest_charges(scene), unknown)
+        values = {**default, **known}
+        fixed = {i: values[n] for i, n in enumerate(QUANTITIES) if n not in unknown}
+        moving = np.array([i for i, n in enumerate(QUANTITIES) if n in unknown])
         circuit = Circuit.of(channels(scene))
-        self.names, self.options = response.names, options
-        self._stage = scene.stage or Stage()
-        self._sought = Sought(model, circuit, known, options.locate)
-        self._model, self._domain = response, response.domain
         self.touches: list[TouchSummary] = []
+        self._names, self._unit, self._stage = response.names, unit, scene.stage or Stage()
+        self._model = ChangeModel(response, circuit, PICO * rest_charges(scene), moving, fixed)
+        self._response, self._time = response, -math.inf
         self._restart()
 
     def _restart(self) -> None:
-        self._time, self._step = -math.inf, math.inf
-        self._baseline = Baseline(self._sought.circuit, self.options.memory)
-        self._watch = Watch(len(self.names))
+        self._step = math.inf
+        self._baseline = Baseline(self._model.circuit, MEMORY)
+        self._watch = Watch(len(self._names))
         self._contact: Contact | None = None
         self._missing: set[str] = set()
 
@@ -118,52 +108,44 @@ class Tracker:
             For readings of another number of channels.
         """
         if isinstance(readings, Mapping):
-            readings = [readings.get(name, math.nan) for name in self.names]
+            readings = [readings.get(name, math.nan) for name in self._names]
         values = np.array(readings, dtype=float)
-        if values.shape != (len(self.names),):
-            names = ", ".join(self.names)
+        if values.shape != (len(self._names),):
+            names = ", ".join(self._names)
             raise ValueError(f"readings: {values.size} given; give one for each of {names}")
-        values[~(np.abs(values) < self.options.limit)] = math.nan
-        voltage = self._sought.circuit.voltages(values, self.options.unit == "pC")
-        step = t - self._time
-        most = self.options.pause if self._contact else self.options.memory
+        values[np.isinf(values)] = math.nan
+        silent = [n for n, v in zip(self._names, values.tolist(), strict=True) if math.isnan(v)]
+        self._missing.update(silent)
+        voltage = self._model.circuit.voltages(values, self._unit == "pC")
+        step, most = t - self._time, PAUSE if self._contact else MEMORY
         if math.isfinite(step) and 0.0 < step <= most * self._step:
             row = self._follow(t, voltage) if self._contact else self._watch_out(t, voltage)
             known = self._step if math.isfinite(self._step) else step
             self._step = known + (min(step, 2.0 * known) - known) / 16.0
-            self._time = t
         else:
             row = self._begin_anew(t)
-        silent = np.isnan(voltage)
-        if silent.any():
-            row = replace(row, missing=" ".join(np.array(self.names)[silent].tolist()))
-        return row
+        self._time = t
+        return replace(row, missing=" ".join(silent)) if silent else row
 
     def _begin_anew(self, t: float) -> Row:
         """After the first sample, a pause, or a time that did not grow."""
-        status, remark = "lost", "lost: readings paused"
-        if not t > self._time:
-            status, remark = "clock", "lost: the clock went back"
-        if math.isinf(self._time) and math.isfinite(t):
-            status = "settling"
+        status = "lost" if t > self._time else "clock"
         if self._contact:
-            self._finish(self._time, remark)
+            self._finish(self._time, self._contact, status)
+        first = self._time == -math.inf and math.isfinite(t)
         self._restart()
-        self._time = t if math.isfinite(t) else -math.inf
-        return Row(t, status)
+        return Row(t, "settling" if first else status)
 
     def _watch_out(self, t: float, voltage: Array) -> Row:
         """Without a touch: follow the baseline with old samples, and see whether a touch begins."""
-        baseline, watch = self._baseline, self._watch
-        settling = baseline.count < self.options.settle
-        deviation = np.zeros_like(voltage)
+        baseline, watch, deviation, error = self._baseline, self._watch, np.zeros_like(voltage), 0.0
+        settling = baseline.count < SETTLE
         if not settling:
+            error = baseline.relative_error()
             deviation = np.nan_to_num((voltage - baseline.at(t)) / baseline.noise)
-        window = watch.add(
-            t, voltage, deviation, baseline.relative_error() if baseline.count else 0.0
-        )
-        if window:
-            return self._begin(watch.onset(window))
+        watch.samples.append((t, voltage, deviation))
+        if size := watch.touched(error):
+            return self._begin(size)
         if len(watch.samples) > WINDOWS[-1]:
             old, quiet, _ = watch.samples.popleft()
             baseline.follow(old, quiet)
@@ -177,97 +159,53 @@ class Tracker:
             self._baseline.follow(old, quiet)
         self._missing = set()
         start = samples[0][0] - self._step
-        self._contact = Contact(self._sought, start, self._baseline.remaining(start))
+        contact = self._contact = Contact(self._model, start, self._baseline.remaining(start))
         for t, voltage, _ in samples:
-            self._contact.add(t, *self._over_baseline(t, voltage, self._contact.onset))
-        return self._row(t, self._contact)
+            self._add(contact, t, voltage)
+        return self._row(t, contact)
 
-    def _over_baseline(self, t: float, voltage: Array, onset: float) -> tuple[Array, Array, Array]:
-        """Voltages over the baseline, their noise, and the variance of charges by its error."""
-        baseline, circuit, elapsed = self._baseline, self._sought.circuit, t - onset
-        level = baseline.at(t) - baseline.remaining(t)
-        charge = (circuit.capacitance + circuit.leak * elapsed) * baseline.error(
-            elapsed / self._step
-        )
-        return voltage - level, baseline.noise, np.square(charge)
+    def _add(self, contact: Contact, t: float, voltage: Array) -> None:
+        """Give a touch the voltages over the baseline, and the doubt by the baseline's error."""
+        baseline, circuit, elapsed = self._baseline, self._model.circuit, t - contact.onset
+        error = baseline.noise * baseline.relative_error(elapsed / self._step)
+        doubt = np.square((circuit.capacitance + circuit.leak * elapsed) * error)
+        contact.add(t, voltage - baseline.at(t) + baseline.remaining(t), baseline.noise, doubt)
 
     def _follow(self, t: float, voltage: Array) -> Row:
         """During a touch."""
         contact = self._contact
         assert contact is not None
-        over, noise, doubt = self._over_baseline(t, voltage, contact.onset)
-        contact.add(t, over, noise, doubt)
-        self._missing |= {n for n, v in zip(self.names, voltage, strict=True) if math.isnan(v)}
+        self._add(contact, t, voltage)
         if contact.ended():
-            self._finish(t)
+            self._finish(t, contact)
             return Row(t, "quiet")
-        if contact.lost(self.options.memory):
-            self._finish(t, "lost: its errors have grown over its charges")
+        if contact.lost(MEMORY):
+            self._finish(t, contact, "lost")
             return Row(t, "lost")
         return self._row(t, contact)
 
-    def _finish(self, t: float, remark: str = "") -> None:
-        """End the touch, and begin to watch out for another."""
-        contact = self._contact
-        assert contact is not None
-        told = contact if remark else contact.closed()
-        self.touches.append(self._summary(told, remark))
-        self._baseline.keep(told.end, t, contact.left())
-        self._contact, self._watch = None, Watch(len(self.names))
+    def _finish(self, t: float, contact: Contact, status: str = "") -> None:
+        """End the touch, for a reason if it is no plain end, and watch out for another."""
+        told = contact if status else contact.closed()
+        row = asdict(self._row(told.history[told.peak].time, told))
+        row |= {"missing": " ".join(sorted(self._missing))} | ({"status": status} if status else {})
+        self.touches.append(
+            TouchSummary(**row, onset_s=contact.onset, end_s=told.end, impulse_N_s=contact.impulse)
+        )
+        self._baseline.keep(told.end, t, np.array(contact.voltages[-STILL:]))
+        self._contact, self._watch = None, Watch(len(self._names))
 
     def _row(self, t: float, contact: Contact) -> Row:
-        """The row of a touch."""
-        number, (low, high) = len(self.touches) + 1, self._domain.log_force
+        """The touch on the stage and its deviations."""
+        number, (low, high) = len(self.touches) + 1, self._response.domain.log_force
         if contact.places is None:
             return Row(t, "starting", number)
-        force, status = contact.at[FORCE], "touch"
-        if contact.strain > BAD:
-            status = "unexplained"
-        elif not low <= force <= high:
-            status = "too_light" if force < low else "too_strong"
-        values = self._values(contact, contact.places)
-        chi_square, alternatives = contact.chi_square, _likely(contact.places)
-        return Row(t, status, number, **values, chi_square=chi_square, alternatives=alternatives)
-
-    def _values(self, contact: Contact, places: Places) -> dict[str, Any]:
-        """The touch on the stage and its deviations, as rows and summaries name them."""
+        status = "too_light" if contact.at[FORCE] < low else "touch"
+        status = "too_strong" if contact.at[FORCE] > high else status
+        status = "unexplained" if contact.strain > BAD else status
         x, y, rotation, log_force = contact.at.tolist()
         (x, y), rotation = self._stage.to_stage((x, y), rotation)
-        rotation, force = rotation % period_deg(self._model), math.exp(log_force)
-        dx, dy, turn, relative = places.deviations(self._stage.turn).tolist()
-        values = (x, y, force, rotation, dx, dy, relative * force, turn)
-        return dict(zip(NUMBERS, map(float, values), strict=True))
-
-    def _summary(self, contact: Contact, remark: str) -> TouchSummary:
-        """What is known of a touch that has ended."""
-        places, remarks = contact.places, [remark] if remark else []
-        values, alternatives = dict.fromkeys(NUMBERS, math.nan), 0
-        if places is None:
-            remarks.append("not located: the charges are too small, or no touch gives them")
-        else:
-            values, alternatives = self._values(contact, places), _likely(places)
-            (low, high), force = self._domain.force_N, values["force_N"]
-            if alternatives > 1:
-                remarks.append(f"ambiguous: {alternatives} places are likely")
-            if not low <= force <= high:
-                beyond = "too_light" if force < low else "too_strong"
-                remarks.append(f"{beyond}: the model is of {low:g} to {high:g} N")
-            if contact.strain > BAD:
-                remarks.append("unexplained: no touch of this probe gives such charges")
-        if self._missing:
-            remarks.append(f"without readings for a while: {' '.join(sorted(self._missing))}")
-        return TouchSummary(
-            number=len(self.touches) + 1,
-            onset_s=contact.onset,
-            end_s=contact.end,
-            **values,
-            peak_s=contact.history[contact.peak].time,
-            impulse_N_s=contact.impulse,
-            alternatives=alternatives,
-            remarks=tuple(remarks),
-        )
-
-
-def _likely(places: Places) -> int:
-    """The number of places that may be touched."""
-    return int((places.weights > SHARE).sum())
+        force, rotation = math.exp(log_force), float(rotation) % period_deg(self._response)
+        dx, dy, turn, relative = contact.places.deviations(self._stage.turn).tolist()
+        numbers = float(x), float(y), force, rotation, dx, dy, relative * force, turn
+        return Row(t, status, number, *numbers, contact.chi_square, len(contact.places.at))

@@ -14,6 +14,7 @@ import pytest
 from pvdf_fem.cli import locate as cli_locate
 from pvdf_fem.cli import locate_rows as module
 from pvdf_fem.cli import program
+from pvdf_fem.cli import table as cli_table
 from pvdf_fem.cli.main import main
 from tests.helpers.touch_models import bumps, random_touches
 
@@ -290,13 +291,13 @@ def test_errors_are_not_taken_for_those_of_the_input(file, tmp_path, monkeypatch
     def broken(self):
         raise BrokenPipeError
 
-    monkeypatch.setattr(module.csv.DictWriter, "writeheader", broken)
+    monkeypatch.setattr(csv.DictWriter, "writeheader", broken)
     monkeypatch.setattr(program, "_drop_output", lambda: None)
     assert run(file, source) == 141
 
 
 def test_memory_does_not_grow_with_the_rows(file, tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "CHUNK", 1 << 12)
+    monkeypatch.setattr(cli_table, "CHUNK", 1 << 12)
     line, peaks = table().splitlines()[1], []
     for count in (500, 6000):
         source = tmp_path / "readings.csv"

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from pvdf_fem.cli import locate as cli_locate
+from pvdf_fem.cli import track as cli_track
 from pvdf_fem.cli.main import main
 from tests.helpers.streams import Tap, sensor, stream
 
@@ -26,7 +26,7 @@ cable_capacitance_pF = 100.0
 def files(tmp_path, monkeypatch):
     """A scene file, and a file of signals with one tap."""
     model = sensor()
-    monkeypatch.setattr(cli_locate, "model_of", lambda scene, *_: replace(model, scene=scene))
+    monkeypatch.setattr(cli_track, "model_of", lambda scene, *_: replace(model, scene=scene))
     scene, signals = tmp_path / "sensor.toml", tmp_path / "signals.csv"
     scene.write_text(SCENE)
     t, readings = stream(model, [Tap(0.6, 0.1, (3.0, -2.0), 0.8)], 0.8, noise_V=2e-4)
@@ -35,22 +35,20 @@ def files(tmp_path, monkeypatch):
     return scene, signals
 
 
-def test_a_row_in_is_a_row_out_and_touches_are_told(files, tmp_path, capsys):
+def test_a_row_in_is_a_row_out_and_touches_are_told(files, capsys):
     scene, signals = files
-    output = tmp_path / "rows.csv"
-    assert main(["track", str(scene), str(signals), "--output", str(output)]) == 0
-    rows = output.read_text().splitlines()
+    assert main(["track", str(scene), str(signals)]) == 0
+    printed = capsys.readouterr()
+    rows = printed.out.splitlines()
     assert len(rows) == len(signals.read_text().splitlines())
     assert rows[0].startswith("t_s,status,touch,x_mm,y_mm,force_N,rotation_deg,")
     assert any(",touch,1," in row for row in rows)
-    printed = capsys.readouterr()
-    assert printed.out == ""
     assert printed.err.startswith("touch 1: 0.59")
 
 
 def test_json_lines_from_standard_input(files, monkeypatch, capsys):
     scene, signals = files
-    monkeypatch.setattr(sys, "stdin", io.StringIO(signals.read_text()))
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(signals.read_bytes())))
     assert main(["track", str(scene), "-", "--json"]) == 0
     answers = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     (summary,) = [answer["summary"] for answer in answers if "summary" in answer]
@@ -62,12 +60,12 @@ def test_json_lines_from_standard_input(files, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("t,A,B\n", "line 1 is 't,A,B'; give the columns t_s,A,B,C,D"),
-        ("t_s,A,A\n", "line 1 has a column twice"),
-        ("t_s,A,B,E\n", "line 1 is 't_s,A,B,E'"),
-        ("t_s,A,B,C,D\n0,1,2\n", "line 2 has 3 cells, and line 1 has 5"),
-        ("t_s,A,B,C,D\n0,1,2,3,x\n", "line 2, D = 'x': give a number, or nan"),
-        ("", "line 1 is ''"),
+        ("t,A,B\n", "has no column t_s; give the times in s there"),
+        ("t_s,A,A\n", "column A is there twice; rename one"),
+        ("t_s;A;B;C;D\n", "name some of A, B, C, D in its first line; separate columns by commas"),
+        ("t_s,A,B,C,D\n0,1,2\n", "row 1 has 3 cells; give 5 numbers, or nan for what is missing"),
+        ("t_s,A,B,C,D\n0,1,2,3,4\n1,1,2,3,x\n", "row 2 has x; give 5 numbers"),
+        ("", "has no electrode among its columns"),
     ],
 )
 def test_wrong_signals_are_told_by_line(files, text, complaint, capsys):
@@ -77,21 +75,27 @@ def test_wrong_signals_are_told_by_line(files, text, complaint, capsys):
     assert complaint in capsys.readouterr().err
 
 
-def test_missing_cells_are_missing_readings(files, capsys):
+def test_missing_cells_are_missing_readings_and_other_columns_are_left_out(files, capsys):
     scene, signals = files
-    signals.write_text("t_s,A,C,D\n0,1,,nan\n0.001,1,2,3\n")
+    signals.write_text("t_s,A,C,D,note\n0,1,,nan,warm\n0.001,1,2,3,\n")
     assert main(["track", str(scene), str(signals)]) == 0
     first, second = capsys.readouterr().out.splitlines()[1:]
     assert first.endswith(",B C D")
     assert second.endswith(",B")
 
 
+def test_volts_need_a_readout(files, capsys):
+    scene, signals = files
+    scene.write_text(SCENE.partition("[readout]")[0])
+    assert main(["track", str(scene), str(signals)]) == 2
+    assert "has no [readout]; add one, or give pC" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
         (["--unknown", "z"], "--unknown z: choose from"),
-        (["--limit", "-1"], "--limit -1: give a positive number"),
-        (["--output", "rows.txt"], "has no extension of a known format"),
+        (["--set", "readout={}", "--reach", "0"], "--reach 0: give a positive number"),
         (["--unknown", "x,y"], "force of a touch is always sought"),
     ],
 )
@@ -107,9 +111,9 @@ def test_a_live_pipe_is_answered_row_by_row(files, tmp_path):
     program = (
         "import sys\n"
         "from dataclasses import replace\n"
-        "from pvdf_fem.cli import locate, main\n"
+        "from pvdf_fem.cli import main, track\n"
         "from tests.helpers.streams import sensor\n"
-        "locate.model_of = lambda scene, *_: replace(sensor(), scene=scene)\n"
+        "track.model_of = lambda scene, *_: replace(sensor(), scene=scene)\n"
         f"sys.exit(main.main(['track', {str(scene)!r}, '-']))\n"
     )
     command = [sys.executable, "-c", program]

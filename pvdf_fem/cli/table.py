@@ -1,0 +1,171 @@
+"""Tables of readings, read as their rows come, and tables of touches, written row by row."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import json
+import math
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, BinaryIO, TextIO
+
+from pvdf_fem.cli.program import InputError
+from pvdf_fem.cli.response_model import number_of
+from pvdf_fem.files import FileError, reading, replacing
+
+#: Largest size in bytes of a line, or of an object.
+LONGEST_ROW = 1 << 20
+#: Bytes that are read at once at most; a pipe gives what has come.
+CHUNK = 1 << 18
+ENDINGS = [".csv", ".json", ".jsonl"]
+
+#: Values by column, and whether there is one for each column.
+Row = tuple[dict[str, Any], bool]
+
+
+def form(path: Path | None, as_json: bool) -> str:
+    """The form of a file, one of `ENDINGS`; that of a pipe for None."""
+    if path is None:
+        return ".json" if as_json else ".csv"
+    return path.suffix.lower() if path.suffix.lower() in ENDINGS else ".csv"
+
+
+def rows_of(
+    stack: ExitStack, source: Path | None, kind: str, electrodes: Sequence[str]
+) -> tuple[list[str], Iterator[list[Row]]]:
+    """The columns of a file, or of standard input for None, and its rows as they come.
+
+    Raises `InputError` for a table without electrodes, and `FileError` for what is no table.
+    """
+    if source is None and sys.stdin is None:
+        raise InputError("standard input: is closed; redirect it from a file")
+    stream = stack.enter_context(reading(source, "a table")) if source else sys.stdin.buffer
+    name = str(source or "standard input")
+    batches = (_csv_rows if kind == ".csv" else _json_rows)(_lines(stream, name), name)
+    columns = list(next(batches, [({}, True)])[0][0])
+    if not set(columns) & set(electrodes):
+        shown = ", ".join(columns)
+        advice = "; separate columns by commas" if ";" in shown or "\t" in shown else ""
+        wanted = f"name some of {', '.join(electrodes)} in its first line{advice}"
+        raise InputError(f"{name}: has no electrode among its columns {shown}; {wanted}")
+    return columns, batches
+
+
+def number(cell: Any) -> float:
+    """The number in a cell, NaN where there is none."""
+    is_number = isinstance(cell, int | float) and not isinstance(cell, bool)
+    value = number_of(str(cell).strip()) if is_number or isinstance(cell, str) else None
+    return math.nan if value is None else value
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON has it, numbers with nine digits, None for NaN."""
+    if isinstance(value, float):
+        return None if math.isnan(value) else float(f"{value:.9g}")
+    return value if value is None or isinstance(value, int) else str(value)
+
+
+def writer(
+    stack: ExitStack, target: Path | None, kind: str, columns: Sequence[str]
+) -> Callable[[list[dict[str, Any]]], None]:
+    """A function that writes rows to a file, which appears whole at the end, or at once."""
+    file: TextIO = sys.stdout
+    if target:
+        temporary = stack.enter_context(replacing(target))
+        file = stack.enter_context(
+            temporary.open("w", encoding="utf-8", errors="surrogateescape", newline="")
+        )
+    table = csv.DictWriter(file, columns, extrasaction="ignore", lineterminator="\n")
+    separator = "\n"
+    if kind == ".csv":
+        table.writeheader()
+    elif kind == ".json":
+        file.write("[")
+        stack.callback(file.write, "\n]\n")
+
+    def write(rows: list[dict[str, Any]]) -> None:
+        nonlocal separator
+        if kind == ".csv":
+            table.writerows(rows)
+        for row in rows if kind != ".csv" else ():
+            text = json.dumps(row, allow_nan=False)
+            file.write(f"{text}\n" if kind == ".jsonl" else f"{separator}{text}")
+            separator = ",\n"
+        file.flush()
+
+    return write
+
+
+def _csv_rows(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
+    """First a row with the columns of a table, then its rows as they come."""
+    header, *first = next(lines, [""])
+    columns = [column.strip() for column in _cells(header)]
+    if twice := sorted({column for column in columns if columns.count(column) > 1}):
+        raise FileError(f"{name}: column {twice[0]} is there twice; rename one")
+    yield [(dict.fromkeys(columns), True)]
+    for batch in itertools.chain([first], lines):
+        cells = [_cells(line) for line in batch]
+        yield [(dict(zip(columns, row, strict=False)), len(row) == len(columns)) for row in cells]
+
+
+def _cells(line: str) -> list[str]:
+    """The cells of a line; none if a quotation mark is missing."""
+    try:
+        return next(csv.reader([line], strict=True), [])
+    except csv.Error:
+        return []
+
+
+def _json_rows(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
+    """First a row with the keys of the first object, then all as they come, of a list or not."""
+    text, columns = "", None
+    for batch in lines:
+        rows: list[Row] = []
+        for line in batch:
+            text += line
+            try:
+                objects = _JSON.decode(f"[{text.strip(_BETWEEN)}]")
+            except (ValueError, RecursionError):  # an object may go on in the next line
+                if len(text) > LONGEST_ROW:
+                    break
+            else:
+                rows += [(v, True) if isinstance(v, dict) else ({}, False) for v in objects]
+                text = ""
+        if rows and columns is None:
+            yield [(columns := rows[0][0], True)]
+        if rows:
+            yield rows
+    if text:
+        wanted = "give a list of objects, each on a line"
+        raise FileError(f"{name}: is no JSON from {text[:40]} on; {wanted}")
+
+
+def _finite(text: str) -> float | None:
+    return value if math.isfinite(value := float(text)) else None
+
+
+_JSON = json.JSONDecoder(parse_float=_finite, parse_constant=_finite)
+#: Characters before, between and after objects of a list.
+_BETWEEN = "[], \t"
+
+
+def _lines(stream: BinaryIO, name: str) -> Iterator[list[str]]:
+    """Lines that are not blank, as many at once as have come."""
+    rest = b""
+    while chunk := stream.read1(CHUNK):  # type: ignore[attr-defined]
+        *lines, rest = (rest + chunk).split(b"\n")
+        if len(rest) > LONGEST_ROW:
+            raise FileError(f"{name}: has a line of more than {LONGEST_ROW} bytes; give a table")
+        if texts := [_text(line) for line in lines if line.strip()]:
+            yield texts
+    if rest.strip():
+        yield [_text(rest)]
+
+
+def _text(line: bytes) -> str:
+    # other encodings are passed through as they are
+    text = line.decode("utf-8", "surrogateescape")
+    return text.removesuffix("\r").removeprefix("\ufeff")
