@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -16,7 +15,6 @@ from pvdf_fem.calibration.diagnosis import (
     CalibrationStatus,
     Change,
     explained,
-    place_error,
     what_is_wrong,
 )
 from pvdf_fem.calibration.fit import Fit, Noise
@@ -81,7 +79,6 @@ def calibrate(
     ValueError
         A line for each mistake in the arguments (`TouchesError`: in the touches).
     """
-    began = time.perf_counter()
     if reading is None:
         reading = scene.readout.reading if scene.readout else "change"
     if mistakes := _mistakes(scene, reading, unit, sigma, noise, place_sd):
@@ -98,7 +95,7 @@ def calibrate(
         bad = np.flatnonzero(model.solved & ~fit.kept)
         outliers |= {rows[i]: what_is_wrong(fit, int(i)) for i in bad}
     remarks = [*given.remarks, *remarks]
-    return Calibration(status, reason, tuple(remarks), outliers, time.perf_counter() - began, fit)
+    return Calibration(status, reason, tuple(remarks), outliers, fit)
 
 
 def _mistakes(
@@ -113,7 +110,7 @@ def _mistakes(
     for name, word, known in (("reading", reading, READINGS), ("unit", unit, UNITS)):
         if word not in known:
             mistakes.append(f"{name} = {word!r}: choose from {', '.join(known)}")
-    for name, value in (("sigma", sigma), ("noise", noise), ("place_sd", place_sd)):
+    for name, value in {"sigma": sigma, "noise": noise, "place_sd": place_sd}.items():
         if not 0.0 <= value < np.inf:
             mistakes.append(f"{name} = {value:g}: give a standard deviation, not negative")
     if not (sigma or noise):
@@ -138,26 +135,28 @@ def _judged(
     if not fit.converged:
         text = "solves of the touches do not settle, or fail; correct scene and touches"
         return CalibrationStatus.NOT_CONVERGED, text, remarks
+    if fit.scale > MOST_SCATTER and np.ptp(fit.model.touches.touches[:, 3]) == 0.0:
+        text = "force_N is the same in every row, and the readings ask for others"
+        return CalibrationStatus.FORCE, text, remarks
     if fit.scale > MOST_SCATTER:
         text = f"readings scatter {fit.scale:.2g} times as much as their noise about any sensor"
         return CalibrationStatus.NOT_EXPLAINED, f"{text} like the scene's", remarks
-    text = f"{len(names)} parameters from {count} of {len(fit.kept)} touches"
+    text = f"{len(names)} parameters from {count} touches"
     return CalibrationStatus.CALIBRATED, text, remarks
 
 
 def _remarks(fit: Fit) -> list[str]:
     """What is remarkable in touches and in what they tell."""
-    remarks, force, unknowns = [], fit.model.touches.touches[:, 3], fit.model.unknowns
+    remarks, force, names = [], fit.model.touches.touches[:, 3], fit.model.unknowns.names
     if np.ptp(force) == 0.0:
         text = f"force_N is {force[0]:g} in every row; touches with several forces tell more"
         remarks.append(text)
-    pulls = np.abs(fit.values - unknowns.start) / unknowns.priors
-    for i in np.flatnonzero(pulls > FAR):
-        far = f"{pulls[i]:.2g} deviations of its prior from the scene's value"
-        remarks.append(f"{unknowns.names[i]}: is {far}")
+    for i in np.flatnonzero(fit.pulls > FAR):
+        far = f"{fit.pulls[i]:.2g} deviations of its prior from the scene's value"
+        remarks.append(f"{names[i]}: is {far}")
     if fit.p_value < UNLIKELY:
         text = f"readings scatter {fit.scale:.2g} times as much as their noise, so do the ±"
-        if fit.converged and (place := place_error(fit)) is not None:
-            text += f"; places uncertain by {place:.2g} mm would explain it: give --place-sd"
+        if not fit.noise.place_mm:
+            text += "; if the places are uncertain, give place_sd"
         remarks.append(text)
     return remarks

@@ -42,8 +42,6 @@ class Noise:
     noise: float = 0.0
     #: Of each coordinate of a touch's place in mm.
     place_mm: float = 0.0
-    #: Of a force, relative.
-    force: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,11 +76,8 @@ class Fit:
     @cached_property
     def whitened(self) -> tuple[Array, Array, Array]:
         """Roots of V; residuals (touches, electrodes) and slopes (..., parameters) over them."""
-        E = self.prediction.by_touch
-        by_force = E[..., 2:] * self.model.touches.touches[:, 3, None, None] * self.noise.force
-        E = E[..., :2]
+        E = self.prediction.by_touch[..., :2]
         V = self.noise.place_mm**2 * E @ E.swapaxes(1, 2)
-        V += by_force @ by_force.swapaxes(1, 2)
         V += self.deviations[:, :, None] ** 2 * np.eye(V.shape[1])
         residual = np.nan_to_num(self.model.touches.readings - self.prediction.readings)
         residual += (E @ self.moves[:, :, None])[..., 0]
@@ -112,6 +107,12 @@ class Fit:
     def chi_square(self) -> float:
         """Of the touches that count; the priors have no part in it."""
         return float(self.distances[self.kept].sum())
+
+    @property
+    def pulls(self) -> Array:
+        """Distances of the parameters from the scene's values over their priors' deviations."""
+        unknowns = self.model.unknowns
+        return np.asarray(np.abs(self.values - unknowns.start) / unknowns.priors)
 
     @cached_property
     def told(self) -> tuple[Array, Array]:
@@ -215,10 +216,9 @@ def fitted(model: TouchModel, noise: Noise, most_scatter: float = np.inf) -> Fit
 
     It ends without convergence where the first steps leave a scatter above `most_scatter`.
     """
-    unknowns, count = model.unknowns, len(model.touches)
-    values, moves = unknowns.start.copy(), np.zeros((count, 2))
-    stepped = np.zeros(count)
-    pending, curvature = np.ones(count, dtype=bool), np.full(count, np.inf)
+    count = len(model.touches)
+    values, moves, stepped = model.unknowns.start.copy(), np.zeros((count, 2)), np.zeros(count)
+    pending, curvature = ~model.solved, np.full(count, np.inf)
     for number in range(MOST_ROUNDS):
         predicted = model.predict(values, moves).readings
         last = model.at.copy()
@@ -236,7 +236,7 @@ def fitted(model: TouchModel, noise: Noise, most_scatter: float = np.inf) -> Fit
             return replace(fit, converged=False)
         values, moves = fit.values, fit.moves
         stepped = _change(model, fit)
-        error = np.where(stepped < SETTLED, 0.0, curvature * stepped**2)
+        error = np.where(stepped < SETTLED, 0.0, curvature * np.maximum(stepped, SETTLED) ** 2)
         pending = model.solved & ~(error < SETTLED)
         if not (pending & fit.kept).any():
             return fit
@@ -247,7 +247,6 @@ def _change(model: TouchModel, fit: Fit) -> Array:
     """Change of readings since the solves over their deviations, (touches,)."""
     steps = fit.model.arguments(fit.values, fit.moves) - model.at
     forces = np.einsum("tk,tkex->tex", np.nan_to_num(steps), model.rates)
-    largest = np.maximum(
-        np.abs(model.forces), 1e-3 * np.abs(model.forces).max(axis=(1, 2), keepdims=True)
-    )
-    return np.asarray(np.linalg.norm(forces / largest, axis=(1, 2)) / max(fit.noise.sigma, 1e-4))
+    size = np.abs(model.forces)
+    size = np.maximum(size, 1e-3 * size.max(axis=(1, 2), keepdims=True))
+    return np.asarray(np.linalg.norm(forces / size, axis=(1, 2)) / max(fit.noise.sigma, 1e-4))

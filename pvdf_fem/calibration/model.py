@@ -6,7 +6,7 @@ linear in them, in gains, offsets, d31 and d32, and that is kept as it is.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -66,6 +66,14 @@ class TouchModel:
         self.rest = film, np.zeros((shape[1], 2)), np.zeros((count, shape[1], 2))
         #: Estimated relative errors of the solved charges.
         self.errors = np.zeros(shape)
+
+    def changed(self, touches: Touches, reading: str) -> TouchModel:
+        """A model of other touches; where only readings differ, it has the solves of this one."""
+        other = replace(self, touches=touches, reading=reading, failures={}, solves=0)
+        if np.array_equal(touches.touches, self.touches.touches):
+            other.at, other.errors, other.rest = self.at.copy(), self.errors.copy(), self.rest
+            other.forces, other.rates = self.forces.copy(), self.rates.copy()
+        return other
 
     @property
     def keys(self) -> tuple[str, ...]:

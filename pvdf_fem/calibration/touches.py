@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +43,10 @@ class Touches:
     def __len__(self) -> int:
         return len(self.rows)
 
+    def some(self, which: Sequence[int]) -> Touches:
+        """Some of them, by index."""
+        return Touches(self.rows[which], self.touches[which], self.readings[which])
+
 
 def read_touches(source: Any, scene: Scene) -> Touches:
     """Touches of a CSV file, a mapping of columns or a table with `columns`.
@@ -59,13 +63,12 @@ def read_touches(source: Any, scene: Scene) -> Touches:
     assert scene.probe is not None
     if not scene.probe.period_deg and columns:  # a disc has no rotation
         columns.setdefault("rotation_deg", ["0"] * len(next(iter(columns.values()))))
-    if mistakes := list(_heading_mistakes(list(columns), [*PLACE_COLUMNS, *names])):
+    mistakes = list(_heading_mistakes(list(columns), [*PLACE_COLUMNS, *names]))
+    if mistakes:
         raise TouchesError(*mistakes)
-    mistakes, table = [], []
-    for name in [*PLACE_COLUMNS, *names]:
-        table.append(list(_numbers(name, columns[name], mistakes)))
-    if not mistakes and len({len(column) for column in table}) > 1:
-        mistakes = ["touches: columns differ in length; give a value of each for every touch"]
+    if len({len(column) for column in columns.values()}) > 1:
+        raise TouchesError("touches: columns differ in length; give a value for every touch")
+    table = [list(_numbers(n, columns[n], mistakes)) for n in [*PLACE_COLUMNS, *names]]
     if mistakes:
         raise TouchesError(*mistakes)
     values = np.array(table).T
@@ -73,14 +76,11 @@ def read_touches(source: Any, scene: Scene) -> Touches:
     touches = Touches(np.arange(1, len(values) + 1)[whole], values[whole, :4], values[whole, 4:])
     if mistakes := list(_mistakes(touches, names, scene)):
         raise TouchesError(*mistakes)
-    empty = np.isnan(touches.readings)
-    remarks = [
-        f"row {row}: has no place, force or reading; left out" for row in np.flatnonzero(~whole) + 1
-    ]
-    remarks += [
-        f"row {touches.rows[i]}: {names[j]} has no reading; left out" for i, j in np.argwhere(empty)
-    ]
-    return Touches(touches.rows, touches.touches, touches.readings, tuple(remarks))
+    left_out = [(row, "place, force or reading") for row in np.flatnonzero(~whole) + 1]
+    empty = np.argwhere(np.isnan(touches.readings))
+    left_out += [(touches.rows[i], f"reading of {names[j]}") for i, j in empty]
+    remarks = tuple(f"row {row}: has no {what}; left out" for row, what in left_out)
+    return replace(touches, remarks=remarks)
 
 
 def _columns(source: Any) -> dict[str, Sequence[Any]]:
@@ -104,11 +104,9 @@ def _columns(source: Any) -> dict[str, Sequence[Any]]:
 
 def _heading_mistakes(given: Sequence[str], wanted: Sequence[str]) -> Iterator[str]:
     missing = [name for name in wanted if name not in given]
-    for name in missing:
-        yield f"column {name}: missing; the columns are {', '.join(wanted)}"
-    for name in given:
-        if name not in wanted:
-            yield f"column {name[:40]}: unknown; remove it, or {choose(name, missing or wanted)}"
+    yield from (f"column {name}: missing; give {', '.join(wanted)}" for name in missing)
+    for name in [name for name in given if name not in wanted]:
+        yield f"column {name[:40]}: unknown; remove it, or {choose(name, missing or wanted)}"
 
 
 def _numbers(name: str, cells: Sequence[Any], mistakes: list[str]) -> Iterator[float]:
@@ -116,13 +114,12 @@ def _numbers(name: str, cells: Sequence[Any], mistakes: list[str]) -> Iterator[f
         try:
             value = float(cell) if str(cell).strip() else np.nan
         except (TypeError, ValueError):
+            value = np.nan
             mistakes.append(f"row {row}: {name} = {str(cell)[:40]!r} is no number; correct it")
-            continue
         yield value if np.isfinite(value) else np.nan
 
 
 def _mistakes(touches: Touches, names: Sequence[str], scene: Scene) -> Iterator[str]:
-    """What is wrong with whole columns and with places."""
     if len(touches) < 2:
         yield f"touches: {len(touches)} with numbers; give more of them than unknowns"
         return
@@ -133,31 +130,20 @@ def _mistakes(touches: Touches, names: Sequence[str], scene: Scene) -> Iterator[
             yield f"column {name}: is {what}; the channel is dead or not connected"
     x_y, force = touches.touches[:, :2], touches.touches[:, 3]
     if (np.ptp(x_y, axis=0) == 0.0).all():
-        yield (
-            f"columns x_mm, y_mm: one place ({x_y[0, 0]:g}, {x_y[0, 1]:g}) is repeated in all rows;"
-            " touch at places all over the film"
-        )
+        yield "columns x_mm, y_mm: the same in every row; touch at places all over the film"
     for row in touches.rows[force <= 0.0]:
         yield f"row {row}: force_N is not positive; a touch presses with more than 0 N"
-    yield from _place_mistakes(touches, scene)
-
-
-def _place_mistakes(touches: Touches, scene: Scene) -> Iterator[str]:
+    radius, reach = scene.film.radius_mm, np.hypot(*x_y.T)
     outside = [i for i, touch in enumerate(touches.touches) if touched(scene, touch) is None]
-    radius, reach = scene.film.radius_mm, np.hypot(*touches.touches[:, :2].T)
     if 2 * len(outside) > len(touches) and np.median(reach) > 2.0 * radius:
-        yield (
-            f"columns x_mm, y_mm: places are {np.median(reach):.3g} mm from the centre of a film of"
-            f" {radius:g} mm; they look like µm, give mm"
-        )
-    elif len(outside) < len(touches) and 0.0 < reach.max() < 1e-3 * radius:
-        yield (
-            f"columns x_mm, y_mm: all places are within {reach.max():.2g} mm of the centre; they"
-            " look like m, give mm"
-        )
+        far = f"{np.median(reach):.3g} mm from the centre of a film of {radius:g} mm"
+        yield f"columns x_mm, y_mm: places are {far}; they look like µm, give mm"
+    elif not outside and 0.0 < reach.max() < 1e-3 * radius:
+        near = f"within {reach.max():.2g} mm of the centre"
+        yield f"columns x_mm, y_mm: all places are {near}; they look like m, give mm"
     else:
         for i in outside:
-            x, y = touches.touches[i, :2]
+            x, y = x_y[i]
             yield f"row {touches.rows[i]}: x_mm, y_mm = {x:g}, {y:g} is over the film's rim"
 
 

@@ -59,28 +59,28 @@ class Unknowns:
 
     def scene_at(self, values: Array, reading: str | None = None) -> Scene:
         """The scene with the parameters, and with a reading if one is given."""
-        found = dict(zip(self.names, map(float, values), strict=True))
-        changes: dict[str, Any] = {
-            key: value for key, value in found.items() if key.startswith(("film.", "stage."))
-        }
-        for prefix, key in ((GAIN, "gain"), (OFFSET, "offset_V")):
-            sought = {n.removeprefix(prefix): v for n, v in found.items() if n.startswith(prefix)}
-            if sought:
-                before = {
-                    c.name: c.gain if key == "gain" else c.offset for c in channels(self.scene)
-                }
-                changes[f"readout.{key}"] = {**before, **sought}
-        if reading is not None:
-            changes["readout.reading"] = reading
+        changes: dict[str, Any] = {"readout.reading": reading} if reading else {}
+        before = {kind: value_by_channel(self.scene, kind) for kind in (GAIN, OFFSET)}
+        for name, value in zip(self.names, map(float, values), strict=True):
+            if name.startswith((GAIN, OFFSET)):
+                kind, dot, channel = name.partition(".")
+                key = "readout.gain" if kind + dot == GAIN else "readout.offset_V"
+                changes.setdefault(key, before[kind + dot])[channel] = value
+            else:
+                changes[name] = value
         return self.scene.with_(**changes)
+
+
+def value_by_channel(scene: Scene, kind: str) -> dict[str, float]:
+    """Gains, or offsets in V, by channel."""
+    return {c.name: c.gain if kind == GAIN else c.offset for c in channels(scene)}
 
 
 def value_of(scene: Scene, key: str) -> float:
     """The scene's value of a parameter."""
     section, _, name = key.partition(".")
-    if section in ("gain", "offset"):
-        channel = next(channel for channel in channels(scene) if channel.name == name)
-        return channel.gain if section == "gain" else channel.offset
+    if key.startswith((GAIN, OFFSET)):
+        return value_by_channel(scene, f"{section}.")[name]
     value: Any = getattr(scene, section) or Stage()
     for step in name.split("."):
         value = value[int(step)] if step.isdecimal() else getattr(value, step)
@@ -88,21 +88,9 @@ def value_of(scene: Scene, key: str) -> float:
 
 
 def unknowns_of(scene: Scene, words: Sequence[str], priors: Mapping[str, float]) -> Unknowns:
-    """The parameters that words name, of which some stand for several.
+    """The parameters that words name, of which some stand for several, with their priors.
 
-    Parameters
-    ----------
-    scene : Scene
-    words : sequence of str
-        ``gains``, ``offsets``, ``shift``, ``turn`` or names of parameters.
-    priors : mapping
-        Standard deviations by name or word in place of the defaults, relative but for shift, turn
-        and offsets.
-
-    Raises
-    ------
-    ValueError
-        A line for each word that is none.
+    Raises ValueError with a line for each mistake.
     """
     if any(word.startswith(PRETENSION) for word in words):
         scene = _with_pretension(scene)
@@ -114,7 +102,6 @@ def unknowns_of(scene: Scene, words: Sequence[str], priors: Mapping[str, float])
             mistakes.append(f"unknown {word[:60]}: {choose(word, list(known))}")
     if not words:
         mistakes.append(f"unknown: nothing is sought; choose from {', '.join(known)}")
-    names = list(dict.fromkeys(names))
     given = {name: sd for word, sd in priors.items() for name in known.get(word, ())}
     for word, sd in priors.items():
         if word not in known:
@@ -123,13 +110,13 @@ def unknowns_of(scene: Scene, words: Sequence[str], priors: Mapping[str, float])
             mistakes.append(f"prior {word}: is not sought; add it to the unknown ones")
         elif not 0.0 < sd < np.inf:
             mistakes.append(f"prior {word} = {sd:g}: give a positive standard deviation")
-    electrodes = [electrode.name for electrode in scene.electrode_list]
-    volts = scene.readout and any(scene.readout.of("kind", n) == "voltage" for n in electrodes)
-    if volts and "film.thickness_um" in names:
+    volts = [scene.readout and scene.readout.of("kind", e.name) for e in scene.electrode_list]
+    if "voltage" in volts and "film.thickness_um" in names:
         reason = 'changes the capacitance of a channel of kind "voltage", too; seek gains instead'
         mistakes.append(f"unknown film.thickness_um: {reason}")
     if mistakes:
         raise ValueError("\n".join(mistakes))
+    names = list(dict.fromkeys(names))
     start = np.array([value_of(scene, name) for name in names])
     deviations = [_prior(name, value, given) for name, value in zip(names, start, strict=True)]
     return Unknowns(scene, tuple(names), start, np.array(deviations))

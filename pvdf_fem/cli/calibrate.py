@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pvdf_fem.cli.program import ExitCode, InputError, output_mistakes
+from pvdf_fem.cli.response_model import number_of
 from pvdf_fem.files import replacing
 
 if TYPE_CHECKING:
@@ -24,43 +25,37 @@ EPILOG = """\
 TOUCHES.csv has the columns x_mm, y_mm, rotation_deg (of the scene's probe on
 the stage), force_N, and one for each electrode (A, B, ...) with its reading.
 
-unknowns:
-  film.KEY      pretension_N_m, d31_pC_N, d32_pC_N, thickness_um, ...
-  gains         gain.A, gain.B, ...         offsets       offset.A, ... in V
-  shift         stage.x_mm, stage.y_mm      turn          stage.rotation_deg
-What the readings cannot tell is decided by priors about the scene's values:
-gains 10 %, d31 and d32 20 %, pretension 30 %, other keys of the film 20 %,
-shift 1 mm, turn 3 degrees, offsets 0.1 V. The answer names it.
+unknowns: film.pretension_N_m and other keys of the film; gain.A, ... or gains;
+offset.A, ... (V) or offsets; stage.x_mm and stage.y_mm or shift;
+stage.rotation_deg or turn. What the readings cannot tell is decided by priors
+about the scene's values, and named: gains 10 %, d31 and d32 20 %, pretension
+30 %, other keys of the film 20 %, shift 1 mm, turn 3 degrees, offsets 0.1 V.
 
 examples:
   pvdf-fem calibrate scene.toml touches.csv --place-sd 0.3 --output sensor.toml
   pvdf-fem calibrate scene.toml touches.csv --unknown gains,shift,turn --unit V
 
 exit codes: 0 calibrated, 2 bad input, 3 not calibrated (the status says why)"""
+DEVIATIONS = ("sigma", "noise", "place-sd")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """The options of the command."""
     parser.add_argument("touches", metavar="TOUCHES.csv", help="touches with readings")
-    parser.add_argument(
-        "--unknown",
-        metavar="NAMES",
-        default="film.pretension_N_m,gains",
-        help="what is sought (default: film.pretension_N_m,gains)",
-    )
-    parser.add_argument("--unit", default="pC", help="of the readings: pC or V (default: pC)")
-    parser.add_argument(
-        "--reading",
-        help="change: of the charge since the untouched film; total: of the charge (default: what "
-        "the scene's [readout] says, else change)",
-    )
     for option, metavar, default, text in (
+        ("--unknown", "NAMES", "film.pretension_N_m,gains", "what is sought"),
+        ("--unit", "UNIT", "pC", "of the readings: pC or V"),
         ("--sigma", "SHARE", "0.01", "standard deviation of each reading, relative to it"),
         ("--noise", "VALUE", "0", "standard deviation of each reading besides, in its unit"),
         ("--place-sd", "MM", "0", "standard deviation of x and y of the touches' places"),
     ):
         help_text = f"{text} (default: {default})"
         parser.add_argument(option, metavar=metavar, default=default, help=help_text)
+    parser.add_argument(
+        "--reading",
+        help="change: of the charge since the untouched film; total: of the charge (default: what "
+        "the scene's [readout] says, else change)",
+    )
     parser.add_argument(
         "--prior",
         metavar="NAME=SD",
@@ -82,32 +77,24 @@ def mistakes_of(options: argparse.Namespace) -> list[str]:
 
 def run(options: argparse.Namespace, scene: Scene) -> int:
     """Calibrate a scene as the options say."""
-    mistakes: list[str] = []
-    sigma, noise, place_sd = (
-        _number(f"--{name}", getattr(options, name.replace("-", "_")), mistakes)
-        for name in ("sigma", "noise", "place-sd")
-    )
-    priors = {}
-    for text in options.prior:
-        name, _, value = (part.strip() for part in text.partition("="))
-        priors[name] = _number(f"--prior {name}", value, mistakes)
-    if mistakes:
-        raise InputError(*mistakes)
+    given = {f"--{name}": getattr(options, name.replace("-", "_")) for name in DEVIATIONS}
+    given |= {f"--prior {n.strip()}": v for n, _, v in (t.partition("=") for t in options.prior)}
+    numbers = {option: number_of(text) for option, text in given.items()}
+    if bad := [option for option, number in numbers.items() if number is None]:
+        raise InputError(*(f"{option} {given[option][:60]}: give a number" for option in bad))
+    values = {option: number for option, number in numbers.items() if number is not None}
     from pvdf_fem.calibration.calibrate import calibrate
     from pvdf_fem.calibration.diagnosis import CalibrationStatus
 
-    words = [word.strip() for word in options.unknown.split(",") if word.strip()]
     try:
         found = calibrate(
             scene,
             options.touches,
-            words,
+            [word.strip() for word in options.unknown.split(",") if word.strip()],
             reading=options.reading,
             unit=options.unit,
-            sigma=sigma,
-            noise=noise,
-            place_sd=place_sd,
-            priors=priors,
+            priors={o[len("--prior ") :]: v for o, v in values.items() if o.startswith("--prior ")},
+            **{name.replace("-", "_"): values[f"--{name}"] for name in DEVIATIONS},
         )
     except ValueError as error:
         raise InputError(*(line for text in error.args for line in str(text).split("\n"))) from None
@@ -126,11 +113,3 @@ def run(options: argparse.Namespace, scene: Scene) -> int:
         else:
             print(found, file=sys.stdout if calibrated else sys.stderr)
     return ExitCode.CONVERGED if calibrated else ExitCode.NOT_CONVERGED
-
-
-def _number(option: str, text: str, mistakes: list[str]) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        mistakes.append(f"{option} {text[:60]}: give a number")
-        return 0.0

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pvdf_fem.calibration.calibration import Calibration
@@ -24,57 +23,45 @@ svg {{ max-width: 100%; height: auto }}
 MARKERS = "os^Dv<>pP*"
 
 
-def write_page(calibration: Calibration, path: str | Path) -> None:
+def write_page(calibration: Calibration, path: Path) -> None:
     """Write one self-contained HTML page."""
-    pictures = "".join(_svg(figure) for figure in _figures(calibration))
+    with style():
+        texts = [content_of(draw(calibration), ".svg").decode() for draw in (_channels, _places)]
+    pictures = "".join(text[text.index("<svg") :] for text in texts)
+    pictures = re.sub("<metadata>.*?</metadata>", "", pictures, flags=re.DOTALL)
     page = _PAGE.format(summary=calibration._repr_html_(), pictures=pictures)
-    with replacing(Path(path)) as unfinished:
+    with replacing(path) as unfinished:
         unfinished.write_text(page, encoding="utf-8")
 
 
-def _svg(figure: Figure) -> str:
-    text = content_of(figure, ".svg").decode()
-    return text[text.index("<svg") :]
-
-
-def _figures(calibration: Calibration) -> list[Figure]:
-    with style():
-        both, places = new_figure(190.0, 85.0), new_figure(110.0, 100.0)
-        parity, residuals = both.subplots(1, 2)
-        _draw_channels(parity, residuals, calibration)
-        _draw_places(places.subplots(), calibration)
-    return [both, places]
-
-
-def _draw_channels(parity: Axes, residuals: Axes, calibration: Calibration) -> None:
-    unit, rows = calibration.unit, calibration.rows
-    read, predicted = calibration.readings, calibration.predictions
-    for j, name in enumerate(calibration.electrodes):
-        look: dict[str, Any] = {
-            "color": COLOURS[j % len(COLOURS)],
-            "marker": MARKERS[j % len(MARKERS)],
-        }
-        parity.plot(predicted[:, j], read[:, j], linestyle="none", label=name, **look)
+def _channels(calibration: Calibration) -> Figure:
+    figure, model = new_figure(190.0, 85.0), calibration.fit.model
+    parity, residuals = figure.subplots(1, 2)
+    read, predicted = model.touches.readings, calibration.fit.prediction.readings
+    for j, channel in enumerate(model.channels):
+        look = {"color": COLOURS[j % len(COLOURS)], "marker": MARKERS[j % len(MARKERS)]}
+        parity.plot(predicted[:, j], read[:, j], linestyle="none", label=channel.name, **look)
         share = 100.0 * (read[:, j] / predicted[:, j] - 1.0)
-        residuals.plot(rows, share, linestyle="none", label=name, **look)
+        residuals.plot(model.touches.rows, share, linestyle="none", **look)
     ends = [np.nanmin([read, predicted]), np.nanmax([read, predicted])]
     parity.plot(ends, ends, color=GREY, linewidth=0.8, zorder=0)
+    unit = model.unit
     parity.set(xlabel=f"calibrated sensor ({unit})", ylabel=f"reading ({unit})", title="Parity")
     parity.legend()
     residuals.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
-    residuals.set(
-        xlabel="row", ylabel="reading over that of the sensor, less 1 (%)", title="Residuals"
-    )
+    residuals.set(xlabel="row", ylabel="reading over the sensor's, less 1 (%)", title="Residuals")
+    return figure
 
 
-def _draw_places(ax: Axes, calibration: Calibration) -> None:
-    given, found = calibration.given_places_mm, calibration.places_mm
-    for j, (label, places) in enumerate((("in the file", given), ("as calibrated", found))):
-        ax.plot(*places.T, marker=MARKERS[j], linestyle="none", color=COLOURS[j], label=label)
+def _places(calibration: Calibration) -> Figure:
+    figure, touches = new_figure(110.0, 100.0), calibration.fit.model.touches
+    ax, given, found = figure.subplots(), touches.touches[:, :2], calibration.places_mm
+    ax.plot(*given.T, "o", color=COLOURS[0], label="in the file")
+    ax.plot(*found.T, "s", color=COLOURS[1], label="as calibrated")
     ax.plot(*np.stack([given, found], axis=1).T, color=GREY, linewidth=0.8, zorder=0)
-    bad = np.isin(calibration.rows, list(calibration.outliers))
+    bad = np.isin(touches.rows, list(calibration.outliers))
     ax.plot(*given[bad].T, "x", color="black", markersize=9.0, label="left out")
-    ax.set(
-        xlabel="x on the stage (mm)", ylabel="y on the stage (mm)", aspect="equal", title="Places"
-    )
+    ax.set(xlabel="x on the stage (mm)", ylabel="y on the stage (mm)", aspect="equal")
+    ax.set_title("Places")
     ax.legend()
+    return figure

@@ -36,8 +36,8 @@ def trial(scene: Scene, seed: int, number: int, touches: int, new: int) -> dict[
         "status": str(found.status),
         "remarks": [*found.remarks, *found.outliers.values()],
         "seconds": time.process_time() - began,
-        "chi_square": found.chi_square,
-        "degrees_of_freedom": found.degrees_of_freedom,
+        "chi_square": found.fit.chi_square,
+        "degrees_of_freedom": found.fit.degrees_of_freedom,
     }
     if found.status is not CalibrationStatus.CALIBRATED:
         return {**result, "reason": found.reason}

@@ -45,6 +45,7 @@ WRONG_FILES: dict[str, Callable[[Columns], Columns]] = {
     "channels B and C swapped": _swapped("B", "C"),
     "charges in nC": _readings(1e-3),
     "x axis mirrored": _changed(x_mm=-1.0),
+    "y axis mirrored": _changed(y_mm=-1.0),
     "frame mirrored: y and rotation": _changed(y_mm=-1.0, rotation_deg=-1.0),
     "places in µm": _changed(x_mm=1e3, y_mm=1e3),
     "places in m": _changed(x_mm=1e-3, y_mm=1e-3),
@@ -52,6 +53,7 @@ WRONG_FILES: dict[str, Callable[[Columns], Columns]] = {
     "six touches for ten unknowns": lambda touches: {k: v[:6] for k, v in touches.items()},
     "channel B dead": _with("B", 0.0),
     "forces in grams": _changed(force_N=1e3 / g),
+    "forces in kgf": _changed(force_N=1 / g),
     "forces all 1 N": _with("force_N", 1.0),
     "charges with the wrong sign": _readings(-1.0),
 }

@@ -10,7 +10,8 @@ from pvdf_fem import Scene, solve
 from pvdf_fem.scene.stage import Stage
 
 FILM = {"film.pretension_N_m": 8.0}
-SCENE = Scene.parse('[probe]\nshape = "triangle"\nside_mm = 7.0\n').with_(**FILM)
+#: A disc is solved faster than the triangle.
+SCENE = Scene.parse('[probe]\nshape = "circle"\nradius_mm = 3.0\n').with_(**FILM)
 NAMES = ("A", "B", "C", "D")
 TRUE = {
     "film.pretension_N_m": 9.5,
