@@ -142,7 +142,8 @@ class TouchTable:
         places, forces = len(self.places_mm), len(self.log_forces)
         lower = (turn * forces + chord) * places + place
         upper = lower + places if self._chord_count else lower
-        return self.nodes.take(lower, axis=0), self.nodes.take(upper, axis=0)
+        ends = self.nodes.take(np.stack([lower, upper]), axis=0).astype(float)
+        return ends[0], ends[1]
 
     def _log_force_along(self, lower: Array, upper: Array, share: Array) -> Array | float:
         """Increase of log force along a share of a chord, charges being a power of the force."""
