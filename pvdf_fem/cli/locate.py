@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.cli import response_model
 from pvdf_fem.cli.response_model import ModelChoice, model_of, number_of, positive
@@ -164,8 +164,7 @@ class Request:
             readings, reading = _charges("--charges", options.charges, wrong), "total"
         elif options.readings_of_change is not None:
             readings, reading = _charges("--changes", options.readings_of_change, wrong), "change"
-        sigma = positive("--sigma", options.sigma, wrong, zero=True)
-        noise = options.noise
+        sigma, noise = positive("--sigma", options.sigma, wrong, zero=True), options.noise
         if noise is not None:
             noise = positive("--noise", noise, wrong, zero=True)
         unknown = sought(options.unknown, wrong)
@@ -233,12 +232,7 @@ def located(
 ) -> tuple[ProbeMatch, ...]:
     """Locations with the probe of each scene, the likeliest first.
 
-    What is not sought is known from the first scene.
-
-    Raises
-    ------
-    ValueError
-        With all mistakes in what was asked for.
+    What is not sought is known from the first. Raises `ValueError` with all mistakes.
     """
     from pvdf_fem.touch.locate import staged_touch
     from pvdf_fem.touch.polish import polish
@@ -251,25 +245,13 @@ def located(
     # files that are there come first, so that a damaged one is told before any model is built
     order = sorted(scenes, key=lambda name: not request.model.path(scenes[name], name).exists())
     models = {name: model_of(scenes[name], name, request.model) for name in order}
-    readings, noise = request.readings_pC(sensor), request.noise_pC(sensor)
-    matches = weigh(
-        models,
-        readings,
-        request.sigma,
-        unknown=request.unknown,
-        known=known,
-        noise_pC=noise,
-        reading=request.reading,
-    )
+    readings = request.readings_pC(sensor)
+    errors: dict[str, Any] = {"sigma": request.sigma, "noise_pC": request.noise_pC(sensor)}
+    asked: dict[str, Any] = {"unknown": request.unknown, "known": known, "reading": request.reading}
+    matches = weigh(models, readings, **asked, **errors)
     if not polishing:
         return matches
-    polished = {
-        probe.name: polish(
-            models[probe.name], probe.location, readings, request.sigma, noise_pC=noise
-        )
-        for probe in matches
-    }
-    return match(polished)
+    return match({m.name: polish(models[m.name], m.location, readings, **errors) for m in matches})
 
 
 def require(

@@ -91,12 +91,7 @@ class ModelChoice:
 def model_of(scene: Scene, scene_file: str, choice: ModelChoice) -> Response:
     """The model of a scene, from its file or built and written there.
 
-    Raises
-    ------
-    ValueError
-        For a file with the model of a film or a probe that deforms otherwise.
-    FileError
-        For a file that holds no sound model.
+    Raises `ValueError` for a file of a film or a probe that deforms otherwise, and `FileError`.
     """
     from pvdf_fem.response.build import build_response
     from pvdf_fem.response.response import Response, reads_alike, refuse_other_mechanics

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
+import shutil
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Self
 
 import joblib
 import numpy as np
 
+from pvdf_fem.arrays import Array
+from pvdf_fem.files import FileError, make_directory, replacing, require_writable
 from pvdf_fem.mesh.symmetry import isotropy
 from pvdf_fem.response.held_out import SHARE, HeldOut, random_touches
 from pvdf_fem.response.model import Domain
@@ -20,9 +25,10 @@ from pvdf_fem.response.response import Response
 from pvdf_fem.response.response_file import response_key
 from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces
 from pvdf_fem.response.table import MARGIN, Grid, circumradius_mm, force_nodes_N
-from pvdf_fem.response.unfinished import Unfinished
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.gradients import PLACE
+from pvdf_fem.solvers.status import Status
+from pvdf_fem.sweeps.store import Store
 
 Progress = Callable[[int, int], None]
 
@@ -45,17 +51,15 @@ class ResponseOptions:
     #: Chebyshev polynomials of the force per factor e of the force; their coefficients fall by 4
     #: from one to the next.
     force_polynomials: float = 1.25
-    #: Cell of the table over the root of the probe's area.
+    #: Cell of the table over the root of the probe's area; a disc needs no rotations.
     cell: float = 1 / 9
-    #: The same for a disc, whose table can be finer as it needs no rotations.
     disc_cell: float = 1 / 14
     #: Largest cell.
     largest_cell_mm: float = 0.6
-    #: Way of the corners of the probe from one rotation to the next, over the cell.
+    #: Over the cell: the way of the probe's corners from one rotation to the next, the step of the
+    #: raster of the stress, and the way between its rays at the probe's corners.
     rotation_step: float = 0.8
-    #: Step of the raster of the stress over the cell.
     raster_step: float = 0.93
-    #: Way from one ray of the raster to the next at the probe's corners, over the cell.
     ray_step: float = 0.4
     #: Share of the norm of the largest mode below which modes are left out.
     least_mode: float = 1e-6
@@ -141,17 +145,28 @@ def build_response(
     FileError
         When the file, or the directory beside it, cannot be written.
     """
-    domain = Domain(reach_mm, force_N)
-    path = None if file is None else Path(file)
+    domain, file = Domain(reach_mm, force_N), None if file is None else Path(file)
     options = ResponseOptions.of(tolerance) if options is None else options
     refuse(scene, domain, options, tolerance)
-    unfinished = Unfinished.beside(path)
-    with _shown(progress) as show:
-        response = _best(scene, domain, tolerance, processes or -1, options, unfinished, show)
-    if path is not None:
-        response.save(path)
-        unfinished.remove()
-    return response
+    with _shown(progress) as show, _unfinished(file) as folder:
+        made = _best(scene, domain, tolerance, processes or -1, options, folder, show)
+        if file is not None:
+            made.save(file)
+    return made
+
+
+@contextmanager
+def _unfinished(file: Path | None) -> Iterator[Path]:
+    """The directory of what is solved, which goes when all is; `FileError` without one."""
+    if file is None:
+        with TemporaryDirectory() as temporary:
+            yield Path(temporary)
+        return
+    require_writable(file)
+    folder = file.with_name(f"{file.name}.part")
+    make_directory(folder, "x")
+    yield folder
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 def _best(
@@ -160,36 +175,34 @@ def _best(
     tolerance: float,
     processes: int,
     options: ResponseOptions,
-    unfinished: Unfinished,
+    folder: Path,
     show: Progress,
 ) -> Response:
     """The first response that meets the tolerance, or the one with the smallest error bound."""
     names = tuple(electrode.name for electrode in scene.electrode_list)
-    touches = random_touches(domain, options.held_out)
-    solves, held_out, best = ProbeSolves.of(scene, domain, options), None, None
-    total = len(touches) + len(solves.places.unique_places)
-    with unfinished.store() as store:
-        held_out = HeldOut.solved(
-            *(scene, touches, SHARE * tolerance, processes, store),
-            lambda done, missing: show(len(touches) - missing + done, total),
-        )
-    for attempt in range(options.attempts):
-        stress = solves.stress(
-            processes, unfinished, show, total - len(solves.places.unique_places)
-        )
-        spline = solves.grid.charges(stress, scene, processes)
+    touches, best = random_touches(domain, options.held_out), None
+    places = _places(scene, domain, options)
+    ahead = len(places.unique_places)
+    total = len(touches) + ahead
+
+    def shown(done: int, missing: int) -> None:
+        show(total - ahead - missing + done, total)
+
+    with Store(folder / "touches.db") as store:
+        held_out = HeldOut.solved(scene, touches, SHARE * tolerance, processes, store, shown)
+    ahead = 0
+    for _ in range(options.attempts):
+        grid = _grid(scene, domain, options)
+        stress = _stress(scene, grid, places, options, folder, processes, shown)
+        spline = grid.charges(stress, scene, processes)
         made = Response(names, scene, domain, 0.0, 0.0, spline, tolerance, (), stress, held_out)
         made = made.measured()
         best = made if best is None or made.error_bound < best.error_bound else best
-        if best.error_bound <= tolerance or attempt == options.attempts - 1:
+        if best.status is Status.CONVERGED:
             break
         options = options.finer(max(2.0, 1.5 * made.error_bound / tolerance))
-        try:
-            refuse(scene, domain, options, tolerance)
-        except ValueError:
-            break
-        solves = ProbeSolves.of(scene, domain, options)
-        total += len(solves.places.unique_places)
+        places = _places(scene, domain, options)
+        total += len(places.unique_places)
     assert best is not None
     if missing := len(touches) - len(held_out.touches):
         remark = f"{missing} of the {len(touches)} touches held out have no solution"
@@ -251,68 +264,72 @@ def refuse(
         )
 
 
-@dataclass(frozen=True, eq=False)
-class ProbeSolves:
-    """The grid of a response's table, and what is solved to fill it."""
+def _grid(scene: Scene, domain: Domain, options: ResponseOptions) -> Grid:
+    """The grid of a response's table."""
+    assert scene.probe is not None
+    polynomials = options.polynomial_count(domain)
+    cell = options.cell_mm(scene)
+    return Grid.of(scene.probe, domain, cell, options.rotation_step, polynomials)
 
-    scene: Scene
-    grid: Grid
-    places: RimPlaces
-    raster: PolarRaster
-    elements: ProbeMesh
-    least_mode: float
 
-    @classmethod
-    def of(cls, scene: Scene, domain: Domain, options: ResponseOptions) -> ProbeSolves:
-        """The solves for a scene with options."""
-        assert scene.probe is not None
-        cell, corners_mm = options.cell_mm(scene), circumradius_mm(scene.probe)
-        polynomials = options.polynomial_count(domain)
-        grid = Grid.of(scene.probe, domain, cell, options.rotation_step, polynomials)
-        rotations = 0 if isotropy(scene.film) == "isotropic" else options.rotations
-        places = RimPlaces(scene.probe, domain.reach_mm + cell, options.radii, rotations)
-        rays = 2.0 * np.pi * corners_mm / (options.ray_step * cell)
-        raster = PolarRaster(
-            # electrodes may be anywhere on the film
-            reach_mm=domain.reach_mm + MARGIN * cell + scene.film.radius_mm,
-            step_mm=options.raster_step * cell,
-            angles=places.angles * int(np.ceil(rays / places.angles)),
-            stretch_mm=2.5 * corners_mm,
-        )
-        return cls(scene, grid, places, raster, options.elements, options.least_mode)
+def _places(scene: Scene, domain: Domain, options: ResponseOptions) -> RimPlaces:
+    """The places of the rim for which the stress is solved."""
+    assert scene.probe is not None
+    rotations = 0 if isotropy(scene.film) == "isotropic" else options.rotations
+    reach_mm = domain.reach_mm + options.cell_mm(scene)
+    return RimPlaces(scene.probe, reach_mm, options.radii, rotations)
 
-    def stress(
-        self, processes: int, unfinished: Unfinished, show: Progress, before: int
-    ) -> ProbeCharges:
-        """Solve for the stress about the probe at all places of the rim.
 
-        `before` is the number of solves that were shown before.
-        """
-        scene, domain = self.scene, self.grid.domain
-        # the stress does not depend on the electrodes, but a scene has at least one
-        radius = 0.9 * scene.film.radius_mm
-        electrode = {"name": "A", "shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": radius}
-        # and no channels of others
-        changes = {"electrodes": [electrode], "readout": None, **dict.fromkeys(PLACE, 0.0)}
-        upright = scene.with_(**changes)
-        forces = force_nodes_N(domain, self.grid.polynomials)
-        places = self.places.unique_places
-        rest = forces, self.raster, self.elements
-        code = response_key(scene, domain, 0.0)
-        texts = [f"{code} {place.tolist()} {forces.tolist()} {rest[1:]}" for place in places]
-        fields = [unfinished.field(text) for text in texts]
-        missing = [i for i, known in enumerate(fields) if known is None]
-        stress_at, done = (
-            joblib.delayed(mean_stress_about_probe),
-            before + len(places) - len(missing),
-        )
-        show(done, before + len(places))
-        tasks = [stress_at(upright, places[i], *rest) for i in missing]
-        with joblib.parallel_config("loky", inner_max_num_threads=1):
-            solved = joblib.Parallel(processes, return_as="generator")(tasks)
-            for i, stress in zip(missing, solved, strict=True):
-                unfinished.put(texts[i], stress)
-                fields[i], done = stress, done + 1
-                show(done, before + len(places))
-        known = [stress for stress in fields if stress is not None]
-        return ProbeCharges.of(self.places, self.raster, known, self.least_mode)
+def _stress(
+    scene: Scene,
+    grid: Grid,
+    places: RimPlaces,
+    options: ResponseOptions,
+    folder: Path,
+    processes: int,
+    show: Progress,
+) -> ProbeCharges:
+    """The stress about the probe at all places of the rim, as far as it is not in the folder."""
+    domain, cell, corners_mm = grid.domain, grid.axes[0].step, circumradius_mm(places.probe)
+    rays = 2.0 * np.pi * corners_mm / (options.ray_step * cell)
+    raster = PolarRaster(
+        # electrodes may be anywhere on the film
+        reach_mm=domain.reach_mm + MARGIN * cell + scene.film.radius_mm,
+        step_mm=options.raster_step * cell,
+        angles=places.angles * int(np.ceil(rays / places.angles)),
+        stretch_mm=2.5 * corners_mm,
+    )
+    # the stress does not depend on the electrodes, but a scene has at least one
+    radius = 0.9 * scene.film.radius_mm
+    electrode = {"name": "A", "shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": radius}
+    # and no channels of others
+    changes = {"electrodes": [electrode], "readout": None, **dict.fromkeys(PLACE, 0.0)}
+    upright = scene.with_(**changes)
+    rest = force_nodes_N(domain, grid.polynomials), raster, options.elements
+    code = f"{response_key(scene, domain, 0.0)} {rest[0].tolist()} {rest[1:]}"
+    keys = [f"{code} {place.tolist()}".encode() for place in places.unique_places]
+    files = [folder / f"{hashlib.sha256(key).hexdigest()[:32]}.npy" for key in keys]
+    fields = [_read(file) for file in files]
+    missing = [i for i, field in enumerate(fields) if field is None]
+    show(0, len(missing))
+    stress_at = joblib.delayed(mean_stress_about_probe)
+    tasks = [stress_at(upright, places.unique_places[i], *rest) for i in missing]
+    with joblib.parallel_config("loky", inner_max_num_threads=1):
+        solved = joblib.Parallel(processes, return_as="generator")(tasks)
+        for done, (i, field) in enumerate(zip(missing, solved, strict=True), start=1):
+            fields[i] = field
+            # the folder is away when another program has just completed the same response
+            with suppress(FileError), replacing(files[i]) as temporary:
+                np.save(temporary, field)
+            show(done, len(missing))
+    known = [field for field in fields if field is not None]
+    return ProbeCharges.of(places, raster, known, options.least_mode)
+
+
+def _read(file: Path) -> Array | None:
+    """A field that was kept; None if it was not, or is damaged."""
+    try:
+        field: Array = np.load(file, allow_pickle=False)
+    except (OSError, ValueError, EOFError):
+        return None
+    return field

@@ -62,9 +62,8 @@ class HeldOut:
         if 2 * len(solved) < len(records):
             failed = next(i for i in range(len(records)) if i not in solved)
             x, y, rotation, force = touches[failed]
-            place = f"x = {x:.6g} mm, y = {y:.6g} mm, {rotation:.6g} deg, {force:.6g} N"
-            status, reason = records[failed].status, records[failed].reason
-            raise NotConvergedError(f"touch at {place}: {status}; {reason}")
+            place = f"({x:.6g}, {y:.6g}) mm, {rotation:.6g} deg, {force:.6g} N"
+            raise NotConvergedError(f"touch at {place}: {records[failed].reason}")
         forces = [records[i].forces["material"] for i in solved]
         errors = [records[i].force_errors["material"] for i in solved]
         return cls(touches[solved], np.array(forces), np.array(errors))

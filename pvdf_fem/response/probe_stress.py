@@ -41,9 +41,8 @@ class ProbeMesh:
 
     #: Polynomial order of the displacement.
     order: int = 3
-    #: Size of the elements along the edge of a probe over the root of its area.
+    #: Size of the elements along the edge of a probe, or a disc, over the root of its area.
     probe_size: float = 1 / 7.5
-    #: The same for a disc, whose edge is round.
     disc_size: float = 1 / 10
     #: Growth of the size per distance from the edge.
     growth: float = 0.23
@@ -184,33 +183,14 @@ def _turned(rotation_deg: float) -> Array:
 def _stresses(equilibrium: Equilibrium, forces: Sequence[float]) -> Iterator[Array]:
     solutions: list[tuple[float, Array]] = []
     for force in forces:
-        q = _solved(equilibrium, force, solutions)
-        solutions.append((force, q))
-        yield equilibrium.state(q).stress
-
-
-def _solved(
-    equilibrium: Equilibrium, force: float, solutions: list[tuple[float, Array]], halvings: int = 4
-) -> Array:
-    """The unknowns under a force, from the solutions (force, unknowns) under other forces.
-
-    Where no solution is found from there, a force in between is solved first, and this is repeated
-    up to `halvings` times.
-    """
-    loaded = equilibrium.replacing(equilibrium.load, equilibrium.load.with_force(force))
-    start = _extrapolated(solutions, force) if solutions else None
-    result = equilibrate(loaded, start)
-    if result.status is Status.CONVERGED:
-        return result.q
-    reason = f"{force:g} N: {result.status}; {result.status.advice}"
-    if not halvings:
-        raise NotConvergedError(reason)
-    middle = float(np.sqrt(force * solutions[-1][0])) if solutions else 0.5 * force
-    try:
-        nearer = (middle, _solved(equilibrium, middle, solutions, halvings - 1))
-        return _solved(equilibrium, force, [*solutions, nearer], halvings - 1)
-    except NotConvergedError:
-        raise NotConvergedError(reason) from None
+        loaded = equilibrium.replacing(equilibrium.load, equilibrium.load.with_force(force))
+        result = equilibrate(loaded, _extrapolated(solutions, force) if solutions else None)
+        if solutions and result.status is not Status.CONVERGED:
+            result = equilibrate(loaded, None)
+        if result.status is not Status.CONVERGED:
+            raise NotConvergedError(f"{force:g} N: {result.status}; {result.status.advice}")
+        solutions.append((force, result.q))
+        yield equilibrium.state(result.q).stress
 
 
 def _extrapolated(solutions: list[tuple[float, Array]], force: float) -> Array:

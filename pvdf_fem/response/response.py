@@ -1,9 +1,8 @@
 """The charges of a sensor as a function of the touch: place, rotation and force of one probe.
 
-A response is a table of spline coefficients, so that an evaluation with its Jacobian takes some ten
-microseconds. `build.build_response` makes it from a few dozen solves, measures its error against
-full solves of random touches, and stores the error with it. It keeps the stress about the probe,
-from which the table is made anew for other electrodes, d31 and d32.
+A response is a table of spline coefficients, which `build.build_response` makes from a few dozen
+solves. Its error is measured against full solves of random touches. It keeps the stress about the
+probe, from which the table is made anew for other electrodes, d31 and d32.
 """
 
 from __future__ import annotations
@@ -26,7 +25,6 @@ from pvdf_fem.response.table import Grid, scaled_force
 from pvdf_fem.response.uniform_spline import UniformSpline
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solvers.status import Status
-from pvdf_fem.sweeps.equivalence import mechanics
 from pvdf_fem.sweeps.sweep import silent
 
 #: Share by which a touch may exceed the domain, as rounding makes it.
@@ -34,6 +32,8 @@ ROUNDING = 1e-9
 # Rows of the products (value and derivatives by x, y, rotation) x (value and derivative by force):
 # the value, and the derivatives by x, y, rotation and force.
 _VALUE_AND_SLOPES: Indices = np.array([0, 2, 4, 6, 1])
+# Fields that a file has as they are.
+_KEPT = ("scene", "domain", "error_bound", "error_rms", "tolerance", "remarks")
 
 
 def refuse_outside(domain: Domain, touches: Array) -> None:
@@ -55,20 +55,19 @@ def refuse_other_mechanics(known: Scene, other: Scene) -> None:
     """Raise `ValueError` where the stress about the probe is not that of a known scene."""
     if mechanics_of(known) == mechanics_of(other):
         return
-    tables = [
+    there, here = (
         {
-            f"{name}.{key}": value
+            f"{name}.{key}": v
             for name in ("film", "probe", "load")
-            for key, value in getattr(scene, name)
+            for key, v in getattr(scene, name)
         }
         for scene in (known, other)
-    ]
+    )
     reading = {"film.d31_pC_N", "film.d32_pC_N", "film.density_kg_m3", *SCENE_KEYS}
-    keys = [key for key in {**tables[0], **tables[1]} if key not in reading]
     texts = [
-        f"{key} = {tables[1].get(key)} is {tables[0].get(key)} there"
-        for key in keys
-        if tables[0].get(key) != tables[1].get(key)
+        f"{key} = {here.get(key)} is {there.get(key)} there"
+        for key in {**there, **here}
+        if key not in reading and here.get(key) != there.get(key)
     ]
     raise ValueError(
         f"scene: the film deforms otherwise than in the response ({', '.join(texts)}); build a"
@@ -167,29 +166,6 @@ class Response:
         charges_and_slopes = products.take(_VALUE_AND_SLOPES, axis=1)
         return charges_and_slopes[:, 0], charges_and_slopes[:, 1:].swapaxes(1, 2)
 
-    def with_thickness(self, thickness_um: float) -> Response:
-        """The response of a film of another thickness; without bending F/h alone counts.
-
-        Raises `ValueError` where the film deforms otherwise.
-        """
-        scene = self.scene.with_(**{"film.thickness_um": thickness_um})
-        ratio = scene.film.thickness_um / self.scene.film.thickness_um
-        if (tension := scene.film.pretension_N_m) is not None:  # the stress at rest stays
-            scene = scene.with_(**{"film.pretension_N_m": ratio * np.array(tension)})
-        known, other = (
-            self.scene.with_(**{"load.force_N": 1.0}),
-            scene.with_(**{"load.force_N": ratio}),
-        )
-        if mechanics(known).scaled != mechanics(other).scaled:
-            text = f"film.thickness_um: {thickness_um:g} makes the film deform otherwise"
-            raise ValueError(f"{text}, since not only F/h counts; build a response of this film")
-        low, high = self.domain.force_N
-        domain = Domain(self.domain.reach_mm, (ratio * low, ratio * high))
-        held_out = self.held_out
-        if held_out is not None:
-            held_out = replace(held_out, touches=held_out.touches * [1.0, 1.0, 1.0, ratio])
-        return replace(self, scene=scene, domain=domain, held_out=held_out)
-
     def for_scene(
         self,
         scene: Scene,
@@ -200,10 +176,9 @@ class Response:
         """The response of a scene that differs in what only reads the stress about the probe.
 
         That is electrodes, d31, d32, readout, stage, and the place of the probe and the force,
-        which do not matter. Where d31 and d32 change by the same factor, charges are scaled;
-        otherwise the table is made anew, in seconds. The error bound is measured by the full solves
-        that the build had. For other electrodes, and where the meshes for the old d31 and d32 leave
-        the bound above the tolerance, the same touches are solved anew.
+        which do not matter. The table is made anew, in seconds, and its error bound is measured by
+        the full solves that the build had. For other electrodes, and where the meshes for the old
+        d31 and d32 leave the bound above the tolerance, the same touches are solved anew.
 
         Parameters
         ----------
@@ -222,26 +197,20 @@ class Response:
         """
         refuse_other_mechanics(self.scene, scene)
         names = tuple(electrode.name for electrode in scene.electrode_list)
-        renamed = replace(self, scene=scene, names=names)
+        made = replace(self, scene=scene, names=names)
         if reads_alike(self.scene, scene):
-            return renamed
+            return made
         if self.stress is None or self.held_out is None:
             raise ValueError("response: keeps no stress about the probe; build it again")
-        processes, same_electrodes = processes or -1, _outlines(self.scene) == _outlines(scene)
-        old, new = ((s.film.d31_pC_N, s.film.d32_pC_N) for s in (self.scene, scene))
-        factor = new[0] / old[0] if old[0] else 0.0
-        if same_electrodes and factor and np.allclose(new[1], factor * old[1], 1e-12, 0.0):
-            old_values = self.spline.coefficients
-            values = (factor * old_values).astype(old_values.dtype)
-            scaled = UniformSpline(self.spline.axes, values)
-            return replace(renamed, spline=scaled)
         grid = Grid(self.domain, self.spline.axes, self._polynomial_count)
-        spline = grid.charges(self.stress, scene, processes, self.spline.coefficients.dtype.type)
-        made = replace(renamed, spline=spline)
-        if same_electrodes and (kept := made.measured()).status is Status.CONVERGED:
-            return kept
+        dtype = self.spline.coefficients.dtype.type
+        made = replace(made, spline=grid.charges(self.stress, scene, processes or -1, dtype))
+        if _outlines(self.scene) == _outlines(scene):
+            kept = made.measured()
+            if kept.status is Status.CONVERGED:
+                return kept
         touches, tolerance = self.held_out.touches, SHARE * self.tolerance
-        solved = HeldOut.solved(scene, touches, tolerance, processes, progress=progress)
+        solved = HeldOut.solved(scene, touches, tolerance, processes or -1, progress=progress)
         return replace(made, held_out=solved).measured()
 
     def measured(self) -> Response:
@@ -253,13 +222,11 @@ class Response:
         made = replace(self, error_bound=float(bounds.max()), error_rms=rms, remarks=())
         if made.status is Status.CONVERGED:
             return made
-        reach, worst = np.hypot(touches[:, 0], touches[:, 1]), bounds.argmax()
-        met = reach[bounds > self.tolerance].min()
+        met = np.hypot(touches[:, 0], touches[:, 1])[bounds > self.tolerance].min()
         remark = (
             f"tolerance: {self.tolerance:g} is missed, the error bound is {bounds.max():.2g}; raise"
-            " the tolerance to it, give finer options, or take a smaller domain: the largest error"
-            f" is at {reach[worst]:.3g} mm under {touches[worst, FORCE]:.3g} N, and touches meet"
-            f" the tolerance up to {met:.3g} mm"
+            " the tolerance to it, give finer options, or take a smaller domain: touches meet the"
+            f" tolerance up to {met:.3g} mm"
         )
         return replace(made, remarks=(remark,))
 
@@ -289,32 +256,23 @@ class Response:
         """
         coefficients = self.spline.coefficients
         contents = Contents(
-            scene=self.scene,
-            domain=self.domain,
-            error_bound=self.error_bound,
-            error_rms=self.error_rms,
+            **{name: getattr(self, name) for name in _KEPT},
             axes=self.spline.axes,
             polynomials=self._polynomial_count,
             dtype=coefficients.dtype.newbyteorder("<").str,
-            tolerance=self.tolerance,
-            remarks=self.remarks,
             touches=0 if self.held_out is None else len(self.held_out.touches),
             stress=None,
         )
         parts = [coefficients]
-        if self.stress is not None:
-            modes, amplitudes, places = (
-                self.stress.modes,
-                self.stress.amplitudes,
-                self.stress.places,
-            )
+        if (stress := self.stress) is not None:
+            modes, places = stress.modes, stress.places
             contents.stress = StressContents(
                 grid=(places.reach_mm, places.radii, places.film_rotations),
-                stretch_mm=self.stress.stretch_mm,
+                stretch_mm=stress.stretch_mm,
                 axes=(modes.axes[0], modes.axes[1]),
-                modes=amplitudes.shape[-1],
+                modes=stress.amplitudes.shape[-1],
             )
-            parts += [modes.coefficients, amplitudes]
+            parts += [modes.coefficients, stress.amplitudes]
         if self.held_out is not None:
             parts += [self.held_out.touches, self.held_out.forces, self.held_out.errors]
         write(Path(path), contents, parts)
@@ -335,14 +293,9 @@ class Response:
             spline = UniformSpline(kept.axes, modes)
             stress = ProbeCharges(kept.places(file.scene), spline, kept.stretch_mm, amplitudes)
         return cls(
-            names,
-            file.scene,
-            file.domain,
-            file.error_bound,
-            file.error_rms,
-            UniformSpline(file.axes, coefficients),
-            file.tolerance,
-            file.remarks,
-            stress,
-            HeldOut(*held_out) if file.touches else None,
+            names=names,
+            spline=UniformSpline(file.axes, coefficients),
+            stress=stress,
+            held_out=HeldOut(*held_out) if file.touches else None,
+            **{name: getattr(file, name) for name in _KEPT},
         )

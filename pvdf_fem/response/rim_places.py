@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import BarycentricInterpolator
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.response.probe_stress import PolarRaster, stretched
@@ -109,14 +110,11 @@ class RimPlaces:
 
         They are ordered by radius, then as `unique`, (n, 3).
         """
-        centres = self.centres_mm
+        turns = self.rotations_deg
         return np.array(
             [
-                [
-                    *turn(-centres[radius, angle], self.rotations_deg[rotation]),
-                    self.rotations_deg[rotation],
-                ]
-                for radius in range(self.radii)
+                [*turn(-centres[angle], turns[rotation]), turns[rotation]]
+                for centres in self.centres_mm
                 for rotation, angle in self.unique
             ]
         )
@@ -157,7 +155,7 @@ class RimPlaces:
         kernel = _dirichlet(angle[:, None] - grid, self.angles)
         # at a negative distance the angle is the opposite one
         opposite = np.roll(kernel, self.angles // 2, axis=1)
-        along = _lagrange(self._diameter, r)
+        along = BarycentricInterpolator(self._diameter, np.eye(2 * self.radii))(r)
         ahead, behind = along[:, : self.radii, None], along[:, self.radii :, None]
         by_centre = ahead * kernel[:, None] + behind * opposite[:, None]
         turns = _dirichlet(2.0 * (rotation - np.radians(self.rotations_deg)), self.rotations)
@@ -170,15 +168,6 @@ def _dirichlet(angle: Array, count: int) -> Array:
     for order in range(1, count // 2 + 1):
         total += (1.0 if 2 * order == count else 2.0) * np.cos(order * angle)
     return total / count
-
-
-def _lagrange(nodes: Array, x: Array) -> Array:
-    """Lagrange polynomials (n, nodes) at x (n,)."""
-    columns = []
-    for i, node in enumerate(nodes):
-        others = np.delete(nodes, i)
-        columns.append(np.prod((x[:, None] - others) / (node - others), axis=-1))
-    return np.stack(columns, axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,10 +190,9 @@ class ProbeCharges:
     ) -> ProbeCharges:
         """The charges from stress fields of the places that are not images of others.
 
-        The fields, each (forces, 3, ρ, θ), are in the order of `RimPlaces.unique_places`; the
-        raster has a multiple of the places' angles. Modes are left out whose norm is below the
-        share `least` of the largest. At 1e-6 that is an error of 3e-5 in the charge of an electrode
-        on the film's other side.
+        The fields, each (forces, 3, ρ, θ), are in the order of `RimPlaces.unique_places`. Modes
+        are left out whose norm is below the share `least` of the largest: at 1e-6 that is an error
+        of 3e-5 in the charge of an electrode on the film's other side.
         """
         stress, scale = _all_places(places, fields)
         shape = stress.shape

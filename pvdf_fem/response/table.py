@@ -58,10 +58,7 @@ class Grid:
     def of(
         cls, probe: Probe, domain: Domain, cell_mm: float, rotation_step: float, polynomials: int
     ) -> Grid:
-        """A grid with cells of a size.
-
-        `rotation_step` is the way of the probe's corners from one rotation to the next over a cell.
-        """
+        """A grid with cells of a size; see `ResponseOptions`."""
         half = int(np.ceil(domain.reach_mm / cell_mm)) + MARGIN
         across = UniformAxis(-half * cell_mm, cell_mm, 2 * half + 1)
         period, rotations = probe.period_deg or 360.0, 4

@@ -20,16 +20,12 @@ Coordinates = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """When searches end, and how far they go in a step.
-
-    Lengths along x, y, rotation and the logarithm of the force are in units of the reach, the
-    reach, degrees and 1 for `longest`, and of mm, mm, degrees and 1 for `close`.
-    """
+    """When searches end, and how far they go in a step, by x, y, rotation and log of the force."""
 
     #: Steps after which a search is given up.
     max_steps: int = 60
-    #: Decrease of chi-square that makes a step the last one: at 1e-2 it is a step of 0.1 standard
-    #: deviations. It is taken, and what is left after it is of the order of its square.
+    #: Decrease of chi-square that makes a step the last one, which is taken: at 1e-2 it is of 0.1
+    #: standard deviations, and what is left is of the order of its square.
     arrived: float = 1e-2
     #: The last step is also shorter than this share of the longest, as charges may hardly change
     #: along it.
@@ -37,16 +33,12 @@ class SearchOptions:
     #: Along the edge of the domain a search ends when a step lowers chi-square by less than this
     #: share, or raises it.
     held_gain: float = 1e-2
-    #: Longest steps. Valleys of chi-square wind along the rotation, and longer steps lead out of
-    #: one valley into another.
+    #: Longest steps, in reaches, degrees and 1: longer ones lead from one valley into another.
     longest: Coordinates = (0.25, 0.25, 5.0, 1.0)
-    #: Searches for one touch that are this close go on as one. A larger change of the rotation
-    #: leads to another touch where charges hardly change along a valley.
+    #: Searches for one touch that are this close, in mm, degrees and 1, go on as one.
     close: Coordinates = (0.1, 0.1, 0.5, 0.03)
-    #: Marquardt's damping at the start. It grows tenfold with every step uphill, and falls to a
-    #: tenth with every other one.
+    #: Marquardt's damping at the start, and after a first step uphill.
     least_damping: float = 1e-10
-    #: The damping after a first step uphill.
     damping: float = 1e-3
 
 
@@ -107,11 +99,7 @@ class _Searches:
         return _Searches(*(values.take(rows, axis=0) for values in vars(self).values()))
 
     def move(self, ahead: Array, system: Array, promised: Array, options: SearchOptions) -> None:
-        """Go `ahead`, where the system is `system`, unless uphill.
-
-        The damping falls after a step that kept its promise, and grows after one that kept less
-        than half of it: there chi-square bends more than its linear model knows.
-        """
+        """Go `ahead` unless uphill; the damping grows where less than half of a promise is kept."""
         normal = products(system)
         gain = self.chi_square - normal[:, 0, 0]
         less = np.maximum(0.1 * self.damping, options.least_damping)
@@ -203,8 +191,7 @@ def products(system: Array) -> Array:
 def damped_steps(normal: Array, damping: Array | float) -> tuple[Array, Array]:
     """Damped Gauss-Newton steps (n, k), and the decrease of chi-square they promise, (n,).
 
-    `normal` (n, 1 + k, 1 + k) are the `products` of the system; `damping`, one or (n, 1), is
-    Marquardt's.
+    `normal` (n, 1 + k, 1 + k) are the `products` of the system.
     """
     damped = normal[:, 1:, 1:].copy()
     diagonal = damped.reshape(len(damped), -1)[:, :: damped.shape[1] + 1]

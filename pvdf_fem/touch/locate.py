@@ -49,8 +49,7 @@ class LocateOptions:
     same_deg: float = 8.0
     #: Share of the charges by which the longest step changes them near a fold.
     fold: float = 0.02
-    #: Standard deviations that this share must exceed: else the errors of the charges hide on which
-    #: side of the fold the touch is.
+    #: Standard deviations that this share must exceed to tell one side of the fold from the other.
     resolved: float = 10.0
     #: Starts about the fold, in longest steps along the direction.
     offsets: tuple[float, ...] = (-0.3, -0.1, -0.03, 0.0, 0.03, 0.1, 0.3)
@@ -152,9 +151,8 @@ def staged_touch(scene: Scene) -> dict[str, float]:
 def search(problem: Problem, known: Mapping[int, float], options: LocateOptions) -> Descent:
     """Searches from everywhere for the touch of a problem.
 
-    `known` are values of what is not sought, by its index in `QUANTITIES`, places being coordinates
-    of the problem. A sought rotation is held at first, at many values: a few degrees change charges
-    by less than the distance of neighbours in the table of starts does.
+    `known` are coordinates by their index in `QUANTITIES`. A sought rotation is held at first, at
+    many values: a few degrees change charges by less than the pitch of the table of starts does.
     """
     charges, spread = problem.charges_pC[0], problem.deviations_pC[0]
     at = starts(problem.model, charges, spread, problem.electrodes, known)
@@ -245,9 +243,7 @@ def extents(model: Model) -> Array:
 def _log_masses(slopes: Array, chi_square: Array) -> Array:
     """Logarithm of likelihood times prior integrated about each touch, (n,), by Laplace's method.
 
-    The prior is normal with the domain's extents about the touch, so that a direction which the
-    charges do not determine counts with the domain's size and not with infinity. `slopes`
-    (n, electrodes, 4) are by coordinates over these extents.
+    The prior is normal with the domain's extents, over which the `slopes` (n, electrodes, 4) are.
     """
     normal = np.matmul(slopes.swapaxes(1, 2), slopes) + np.eye(slopes.shape[2])
     return -0.5 * (chi_square + np.log(np.linalg.det(normal)))

@@ -25,42 +25,25 @@ from pvdf_fem.touch.touch import DETERMINED, SIGNIFICANCE, explains, p_values
 CHUNK = 32768
 #: Starts of the second search for a row.
 RETRIES = 8
-#: Columns with the standard deviations of quantities.
-DEVIATION_COLUMNS = {
-    "x_mm": "x_deviation_mm",
-    "y_mm": "y_deviation_mm",
-    "rotation_deg": "rotation_deviation_deg",
-    "force_N": "force_deviation_N",
-}
 
 
 class RowStatus(StrEnum):
     """What became of a row of charges."""
 
+    #: The likeliest touch was found.
     LOCATED = "located"
+    #: A charge, or what is known of the touch, is no finite number.
     NOT_FINITE = "not_finite"
+    #: A charge exceeds `LARGEST_PC`.
     TOO_LARGE = "too_large"
+    #: A charge below `LEAST_PC` has no deviation without noise, and if all are, no touch.
     ZERO = "zero_charge"
+    #: The known force is outside of the model's domain.
     OUTSIDE = "known_outside_domain"
+    #: No search ended: the charges fit no touch of the model's domain.
     NOT_FOUND = "no_touch_found"
+    #: The row of the file has not one cell for each column of the header.
     MALFORMED = "malformed"
-
-    @property
-    def meaning(self) -> str:
-        """The status in words, with what to change."""
-        return MEANINGS[self]
-
-
-MEANINGS = {
-    RowStatus.LOCATED: "the likeliest touch was found",
-    RowStatus.NOT_FINITE: "a charge, or what is known of the touch, is no finite number",
-    RowStatus.TOO_LARGE: f"a charge exceeds {LARGEST_PC:g} pC; give charges in pC",
-    RowStatus.ZERO: f"a charge below {LEAST_PC:g} pC has no deviation without noise_pC, and if all"
-    " are, no touch",
-    RowStatus.OUTSIDE: "the known force is outside of the model's domain; build one for it",
-    RowStatus.NOT_FOUND: "no search ended: the charges fit no touch of the model's domain",
-    RowStatus.MALFORMED: "the row of the file has not one cell for each column of the header",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,14 +59,11 @@ class Touches:
     unknown: tuple[str, ...]
     #: What became of each row: a `RowStatus`, (n,).
     status: NDArray[np.object_]
-    #: Covariances (n, unknown, unknown) as for `Touch`: by the likelihood's curvature at this touch
-    #: alone. Where the likelihood has a ridge or other maxima, errors are larger.
+    #: Covariances (n, unknown, unknown) as for `Touch`, by the likelihood's curvature there alone.
     covariances: Array
-    #: Standard deviations (n, unknown): calibrated ones as for `Location`, where these were asked
-    #: for, else those of the covariances.
+    #: Standard deviations (n, unknown): calibrated as for `Location` if asked for, else by these.
     deviations: Array
-    #: Number of other touches of a `Location` that are likely, (n,); NaN where calibrated
-    #: deviations were not asked for.
+    #: Number of other touches that are likely, (n,); NaN unless calibrated.
     alternatives: Array
     #: Whether the charges determine every unknown, (n,).
     determined: Mask
@@ -101,12 +81,8 @@ class Touches:
     def empty(cls, status: NDArray[np.object_], unknown: tuple[str, ...], reading: str) -> Touches:
         """Room for touches, none of which is located."""
         n, k = len(status), len(unknown)
-        shapes = {
-            "values": (n, 4),
-            "covariances": (n, k, k),
-            "deviations": (n, k),
-            **dict.fromkeys(("alternatives", "chi_square", "p_value"), (n,)),
-        }
+        shapes = {"values": (n, 4), "covariances": (n, k, k), "deviations": (n, k)}
+        shapes |= dict.fromkeys(("alternatives", "chi_square", "p_value"), (n,))
         masks = ("determined", "explained", "other_reading", "at_edge")
         columns = {name: np.full(shape, np.nan) for name, shape in shapes.items()}
         flags = {name: np.zeros(n, dtype=bool) for name in masks}
@@ -139,6 +115,7 @@ class Touches:
         """
         deviations = np.full(self.values.shape, np.nan)
         deviations[:, [QUANTITIES.index(name) for name in self.unknown]] = self.deviations
+        columns = ["_deviation_".join(name.rsplit("_", 1)) for name in QUANTITIES]
         (other,) = READINGS.keys() - {self.reading}
         located = self.status == RowStatus.LOCATED
         words = {
@@ -153,7 +130,7 @@ class Touches:
         counts = [None if np.isnan(count) else int(count) for count in self.alternatives]
         return {
             **dict(zip(QUANTITIES, self.values.T, strict=True)),
-            **dict(zip(DEVIATION_COLUMNS.values(), deviations.T, strict=True)),
+            **dict(zip(columns, deviations.T, strict=True)),
             "chi_square": self.chi_square,
             "p_value": self.p_value,
             "alternatives": np.array(counts, dtype=object),
@@ -241,10 +218,7 @@ def locate_many(
 
 
 def _calibrated(problem: Problem, ends: Descent) -> tuple[Array, Array]:
-    """Calibrated deviations (n, unknown), and numbers (n,) of other touches that are likely.
-
-    The ends of the searches are improved.
-    """
+    """Calibrated deviations (n, unknown), and numbers of other touches; improves the ends."""
     count = len(problem.charges_pC)
     deviations, alternatives = np.full((count, len(problem.unknown)), np.nan), np.zeros(count)
     for row in range(count):

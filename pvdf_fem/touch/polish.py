@@ -1,20 +1,19 @@
 """A located touch made better with the finite-element model itself.
 
-The response model is off by up to its error bound. Where a touch was found, the finite-element
-charges tell by how much; the model with that difference added is right there, and its slopes are as
-good as before. Searching on with it from the touch, and again from where that ends, is Newton's
-method with the model's slopes: each round gains a factor of the slopes' relative error.
+Where a touch was found, the finite-element charges tell how far the model is off. With that
+difference added it is right there. Searching on from the touch, and again from where that ends, is
+Newton's method with the model's slopes: each round gains a factor of their relative error.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.response.model import ROTATION, Domain, Model, scene_of_touch
+from pvdf_fem.response.model import ROTATION, Model, scene_of_touch
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import solve
@@ -23,7 +22,7 @@ from pvdf_fem.touch.descent import Descent, descend, joined
 from pvdf_fem.touch.locate import location
 from pvdf_fem.touch.location import Location
 from pvdf_fem.touch.measurement import Deviations, Measurement
-from pvdf_fem.touch.problem import Problem, along_stage
+from pvdf_fem.touch.problem import Adapted, Problem, along_stage
 
 #: Rounds of polishing end when a touch moves by less than this share of a standard deviation.
 SETTLED = 1e-2
@@ -33,23 +32,6 @@ MAX_ROUNDS = 5
 
 class PolishError(RuntimeError):
     """A touch could not be polished; the text says why."""
-
-
-@dataclass(frozen=True, eq=False)
-class Corrected:
-    """A model with constants added to its charges, right within a tolerance about one touch."""
-
-    model: Model
-    names: tuple[str, ...]
-    scene: Scene
-    domain: Domain
-    error_bound: float
-    added_pC: Array
-
-    def evaluate(self, touches: Array) -> tuple[Array, Array]:
-        """Charges and slopes as the model's."""
-        charges, slopes = self.model.evaluate(touches)
-        return charges + self.added_pC, slopes
 
 
 def polish(
@@ -70,8 +52,7 @@ def polish(
     """
     if not found.touches:
         return found
-    none = np.zeros(len(model.names))
-    better = Corrected(model, model.names, model.scene, model.domain, tolerance, none)
+    better = Adapted.of(model, error_bound=tolerance)
     measurement = Measurement.of(better, tuple(charges_pC), sigma, noise_pC, found.reading)
     readings = np.array([list(charges_pC.values())], dtype=float)
     problem = measurement.problem(readings, found.problem.unknown)
@@ -82,7 +63,7 @@ def polish(
 
 
 def _polished(
-    problem: Problem, better: Corrected, at: Array, solver: Callable[[Scene], Solution]
+    problem: Problem, better: Adapted, at: Array, solver: Callable[[Scene], Solution]
 ) -> tuple[Problem, Descent]:
     """Where rounds from a touch `at` (4,) settle, and the problem that is right there."""
     start = problem.coordinates(at[None])

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -40,16 +41,22 @@ ROOM_FORCE = 1.1
 
 
 @dataclass(frozen=True, eq=False)
-class Turned:
-    """A model whose places are along the axes of its scene's stage, about the film's centre."""
+class Adapted:
+    """A model with places along turned axes, or constants added to its charges."""
 
     model: Model
     names: tuple[str, ...]
     scene: Scene
     domain: Domain
     error_bound: float
-    #: The stage's rotation.
-    turn_deg: float
+    turn_deg: float = 0.0
+    added_pC: Array | float = 0.0
+
+    @classmethod
+    def of(cls, model: Model, **changes: Any) -> Adapted:
+        """A model with some of these changed."""
+        kept = {name: getattr(model, name) for name in ("names", "scene", "domain", "error_bound")}
+        return cls(model, **{**kept, **changes})
 
     def evaluate(self, touches: Array) -> tuple[Array, Array]:
         """Charges and slopes as the model's."""
@@ -58,17 +65,15 @@ class Turned:
         turned = touches @ to_film.T
         turned[:, ROTATION] -= self.turn_deg
         charges, slopes = self.model.evaluate(turned)
-        return charges, slopes @ to_film
+        return charges + self.added_pC, slopes @ to_film
 
 
 @lru_cache(maxsize=8)
 def along_stage(model: Model) -> Model:
-    """The model with places along the axes of its scene's stage."""
+    """The model with places along the axes of its scene's stage, about the film's centre."""
     stage = model.scene.stage
-    if stage is None or not stage.rotation_deg:
-        return model
-    kept = model.names, model.scene, model.domain, model.error_bound
-    return Turned(model, *kept, stage.rotation_deg)
+    turned = stage is not None and stage.rotation_deg
+    return Adapted.of(model, turn_deg=turned) if turned else model
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,10 +133,7 @@ class Problem:
         return system
 
     def inside(self, at: Array) -> Array:
-        """Coordinates (n, 4) moved to the nearest points of the model's domain.
-
-        If none has to be moved, `at` itself.
-        """
+        """Coordinates (n, 4) moved to the nearest points of the domain; `at` itself if there."""
         return self._moved(at, *self._domain)
 
     def held_back(self, at: Array) -> Array:

@@ -1,11 +1,10 @@
 """Where to start the search for a touch: a coarse table of the model's charges.
 
 At every place and rotation of the table's lattice, the best force is found on the chords between
-the charges at tabulated forces. At each rotation the places where chi-square then has a local
-minimum are taken, so that each valley wider than the lattice's pitch has a start. The places also
-include a ring on the edge of the reach: beyond the electrodes charges fall again, and a valley
-there may be narrower. A Gauss-Newton step with tabulated slopes leads from these places to the
-starts, of which the best are kept.
+the charges at tabulated forces. From the places where chi-square then has a local minimum, a
+Gauss-Newton step with tabulated slopes leads to the starts, of which the best are kept. So each
+valley wider than the lattice's pitch has one. A ring on the edge of the reach is added, since
+valleys there may be narrower.
 
 Many touches are sought from one start each: the touch of the table whose charges have about the
 same ratios (`NearestTouches`).
@@ -16,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache, reduce
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +26,6 @@ from pvdf_fem.response.model import FORCE, ROTATION, Model, X, Y, period_deg, ro
 from pvdf_fem.touch.descent import damped_steps, repeated
 
 Single = NDArray[np.float32]
-# Rotations of a table, one number or an array of them, with their weights in an interpolation.
-Interpolation = tuple[tuple[int | Indices, float], ...]
-
 # Coordinates of a table's slopes.
 _MOVING = np.array([X, Y, FORCE])
 
@@ -94,16 +90,16 @@ class TouchTable:
         """Coordinates (n, 4) near the local minima of chi-square over places, at each rotation.
 
         For charges and deviations (electrodes,). `sought` is what the Gauss-Newton step changes of
-        x, y and force, 0 to 2. At a given rotation the table is interpolated linearly.
+        x, y and force, 0 to 2. At a given rotation the table's nearest one serves.
         """
         weights = 1.0 / deviations_pC
         target = charges_pC * weights
-        turned = self._interpolation(rotation_deg)
-        chi_square, along = self._fitted(turned, weights.astype(np.float32), target)
+        turns = self._turns(rotation_deg)
+        chi_square, along = self._fitted(turns, weights.astype(np.float32), target)
         turn, place = np.nonzero(self._bottoms(chi_square.min(axis=1)))
         chord = chi_square[turn, :, place].argmin(axis=1)
         share = along[turn, chord, place].astype(np.float64)
-        lower, upper = self._ends(turned or ((turn, 1.0),), chord, place)
+        lower, upper = self._ends(turns.start + turn, chord, place)
         at = np.empty((len(place), 4))
         at[:, :ROTATION] = self.places_mm[place]
         at[:, ROTATION] = self.rotations_deg[turn] if rotation_deg is None else rotation_deg
@@ -133,44 +129,33 @@ class TouchTable:
     def _chord_count(self) -> int:
         return len(self.log_forces) - 1
 
-    def _interpolation(self, rotation_deg: float | None) -> Interpolation:
-        """The table's rotations next to one; none if it is not given and there are several."""
+    def _turns(self, rotation_deg: float | None) -> slice:
+        """Numbers of the table's rotations: of the one next to a given one, or of all."""
         count = len(self.rotations_deg)
         if rotation_deg is None or count == 1:
-            return ((0, 1.0),) if count == 1 else ()
-        at = (rotation_deg % self.period_deg) / self.period_deg * count
-        k, share = int(at) % count, at % 1.0
-        return (k, 1.0 - share), ((k + 1) % count, share)
+            return slice(0, count)
+        k = round(rotation_deg / self.period_deg * count) % count
+        return slice(k, k + 1)
 
-    def _ends(self, turned: Interpolation, chord: Indices, place: Indices) -> tuple[Array, Array]:
+    def _ends(self, turn: Indices, chord: Indices, place: Indices) -> tuple[Array, Array]:
         """Charges and slopes (n, electrodes, 1 + 3) at the lower and upper ends of chords."""
         places, forces = len(self.places_mm), len(self.log_forces)
-        rotations, shares = (np.array(column) for column in zip(*turned, strict=True))
-        lower = (rotations.reshape(len(turned), -1) * forces + chord) * places + place
-        # (2 ends, rotations, n)
-        rows = lower + places * np.arange(2 if self._chord_count else 1)[:, None, None]
-        ends = (self.nodes.take(rows, axis=0) * shares[:, None, None, None]).sum(axis=1)
-        return ends[0], ends[-1]
+        lower = (turn * forces + chord) * places + place
+        upper = lower + places if self._chord_count else lower
+        ends = self.nodes.take(np.stack([lower, upper]), axis=0).astype(float)
+        return ends[0], ends[1]
 
     def _log_force_along(self, lower: Array, upper: Array, share: Array) -> Array | float:
-        """Increase of the logarithm of the force along a share of a chord.
-
-        Charges are taken as a power of the force between tabulated forces.
-        """
+        """Increase of log force along a share of a chord, charges being a power of the force."""
         if not self._chord_count:
             return 0.0
         growth = np.sqrt(np.square(upper).sum(axis=1) / np.square(lower).sum(axis=1))
         length = (self.log_forces[-1] - self.log_forces[0]) / self._chord_count
         return length * np.log1p(share * (growth - 1.0)) / np.log(growth)
 
-    def _fitted(
-        self, turned: Interpolation, weights: Single, target: Array
-    ) -> tuple[Single, Single]:
+    def _fitted(self, turns: slice, weights: Single, target: Array) -> tuple[Single, Single]:
         """Least chi-square on chords (rotations, chords, places), and where along them, 0 to 1."""
-        charges = self.charges_pC
-        if turned:
-            charges = reduce(np.add, (share * charges[k] for k, share in turned))[None]
-        misfits = charges * weights[:, None, None]
+        misfits = self.charges_pC[turns] * weights[:, None, None]
         misfits -= target.astype(np.float32)[:, None, None]
         square = np.square(misfits).sum(axis=1)
         if not self._chord_count:
@@ -272,8 +257,7 @@ def starts(
 ) -> Array:
     """Coordinates (n, 4) to start searches from; a sought rotation starts from all of the table's.
 
-    `electrodes` are the model's that have `charges_pC` (electrodes,); `known` are values of x, y in
-    mm, rotation in degrees and force in N by their index.
+    `electrodes` are the model's that have `charges_pC` (electrodes,); `known` are values by index.
     """
     if set(known) <= {ROTATION}:
         table = _table_of_electrodes(model, tuple(electrodes.tolist()))

@@ -26,10 +26,8 @@ def p_values(chi_square: Array, freedom: int) -> Array:
 
 
 def explains(chi_square: Array, freedom: int, significance: float = SIGNIFICANCE) -> Mask:
-    """Whether charges as far from the model's as these are common.
-
-    Without freedom a touch fits exactly unless the domain's edge holds it, as one condition more.
-    """
+    """Whether charges as far from the model's as these are common."""
+    # without freedom a touch fits unless the domain's edge holds it, as one condition more
     common: Mask = ~(p_values(chi_square, max(freedom, 1)) < significance)
     return common
 
@@ -130,10 +128,7 @@ class Touch:
         return bool(explains(np.array([self.chi_square]), rows - columns)[0])
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values for JSON, None for what is infinite or not defined.
-
-        Errors are left to the location, as they depend on its other touches.
-        """
+        """Plain values for JSON, None for what is infinite; errors are left to the location."""
         return {
             **{name: float(getattr(self, name)) for name in QUANTITIES},
             "condition": finite(self.condition),

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +68,8 @@ def test_the_oracles_find_wrong_charges_and_changed_responses() -> None:
     assert all(wrong_charge_list(text) for text in wrong)
     assert wrong_charge_list("A=1, B = -2.5e-3") == ""
     assert kept.changed_response(kept.response()) == ""
-    thick = kept.response().with_thickness(30.0)
+    scene = kept.response().scene.with_(**{"film.thickness_um": 30.0})
+    thick = replace(kept.response(), scene=scene)
     assert kept.changed_response({"scene.toml": thick}).startswith("scene = ")
 
 

@@ -29,7 +29,7 @@ ROOT = Path(__file__).parents[2]
 def test_a_response_survives_a_file(tmp_path: Path, dtype: type[np.floating]) -> None:
     made = kept.response()
     spline = UniformSpline(made.spline.axes, made.spline.coefficients.astype(dtype))
-    made = replace(made, spline=spline).with_thickness(0.1 + 0.2)
+    made = replace(made, spline=spline, domain=Domain(8.0, (0.1 + 0.2, 5.0)))
     made.save(tmp_path / "triangle.response")
     again = Response.load(tmp_path / "triangle.response")
     assert (again.names, again.scene, again.domain) == (made.names, made.scene, made.domain)

@@ -67,7 +67,6 @@ def test_what_is_known_of_a_row_may_be_bad():
         "not_finite",
         "located",
     ]
-    assert all(status.meaning for status in RowStatus)
 
 
 def test_a_charge_of_zero_has_a_deviation_by_noise():
