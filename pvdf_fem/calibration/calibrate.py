@@ -25,8 +25,11 @@ from pvdf_fem.film.loads import LOADS
 from pvdf_fem.scene.scene import Scene
 
 DEFAULT_UNKNOWN = ("film.pretension_N_m", "gains")
-#: Tolerance of the solves over the relative noise, and the range that it is kept in.
-TOLERANCE_SHARE, FINEST, COARSEST = 0.05, 1e-5, 1e-3
+#: Tolerance of the solves over the relative noise.
+TOLERANCE_SHARE = 0.05
+#: The finest and the coarsest tolerance of the solves.
+FINEST = 1e-5
+COARSEST = 1e-3
 READINGS, UNITS = ("change", "total"), ("pC", "V")
 
 

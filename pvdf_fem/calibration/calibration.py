@@ -66,6 +66,11 @@ class Calibration:
         return self.fit.covariance
 
     @property
+    def chi_square(self) -> float:
+        """Chi-square of readings and places; ``fit`` has its degrees of freedom and p-value."""
+        return self.fit.chi_square
+
+    @property
     def places_mm(self) -> Array:
         """Corrected places of the touches on the stage, (touches, 2)."""
         return self.fit.model.touches.touches[:, :2] + self.fit.moves
