@@ -30,7 +30,8 @@ TOLERANCE_SHARE = 0.05
 #: The finest and the coarsest tolerance of the solves.
 FINEST = 1e-5
 COARSEST = 1e-3
-READINGS, UNITS = ("change", "total"), ("pC", "V")
+READINGS = ("change", "total")
+UNITS = ("pC", "V")
 
 
 def calibrate(

@@ -21,19 +21,26 @@ from pvdf_fem.calibration.fit import FALSE_OUTLIERS, Fit, Noise, fitted
 from pvdf_fem.calibration.model import TouchModel
 from pvdf_fem.calibration.touches import Touches
 
-#: Touches by which changes of places and forces are ranked, and the tolerance of their solves.
-FEW_TOUCHES, COARSE = 8, 2e-3
+#: Number of touches by which changes of places and forces are ranked.
+FEW_TOUCHES = 8
+#: Tolerance of their solves.
+COARSE = 2e-3
 #: Changes that are then fitted in full.
 MOST_FITS = 3
-#: Probability of a chi-square that is no chance, and the scatter that is then still explained.
-UNLIKELY, SCATTER = 1e-4, 1.5
+#: Probability of a chi-square that is no chance.
+UNLIKELY = 1e-4
+#: Scatter that is still explained.
+SCATTER = 1.5
 #: Deviations of a prior that a parameter may be away from the scene's value.
 FAR = 4.0
 #: Scatter over the noise after the first steps, with which changes are tried at once.
 FAR_OFF = 10.0
-#: Changes are fitted if their score is not far from the best one, and told if their chi-square is
-#: this near to the best one and that of the touches as they are is larger by this factor.
-CLOSE_SCORE, CLOSE, CLEARLY = 5.0, 20.0, 2.0
+#: Changes are fitted if their score is no farther than this from the best one.
+CLOSE_SCORE = 5.0
+#: They are told if their chi-square is no farther than this from the best one ...
+CLOSE = 20.0
+#: ... and that of the touches as they are is larger by this factor.
+CLEARLY = 2.0
 #: All orders of this number of channels are tried; of more, only two are exchanged.
 MOST_PERMUTED = 4
 #: Scatter over the noise beyond which parameters are of no use.

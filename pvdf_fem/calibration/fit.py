@@ -21,8 +21,10 @@ from pvdf_fem.calibration.model import Prediction, TouchModel
 FALSE_OUTLIERS = 1e-3
 #: Largest part of the touches that may be bad.
 MOST_OUTLIERS = 0.2
-#: Rounds of Gauss-Newton between solves, and of solves.
-MOST_STEPS, MOST_ROUNDS = 25, 12
+#: Rounds of Gauss-Newton between solves.
+MOST_STEPS = 25
+#: Rounds of solves.
+MOST_ROUNDS = 12
 #: Readings that change by this part of their deviations are settled.
 SETTLED = 0.02
 #: Largest step of a parameter between solves, over its prior's deviation.

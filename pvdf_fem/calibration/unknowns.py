@@ -19,7 +19,8 @@ from pvdf_fem.scene.scene_file import choose
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.solution.gradients import COEFFICIENTS, parameters_of
 
-GAIN, OFFSET = "gain.", "offset."
+GAIN = "gain."
+OFFSET = "offset."
 SHIFT = ("stage.x_mm", "stage.y_mm")
 TURN = "stage.rotation_deg"
 PRETENSION = "film.pretension_N_m"
