@@ -17,6 +17,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.response.held_out import SAFETY, SHARE, HeldOut
 from pvdf_fem.response.model import FORCE, QUANTITIES, SCENE_KEYS, Domain, all_within
 from pvdf_fem.response.response_file import Contents, StressContents, mechanics_of, read, write
@@ -132,8 +133,13 @@ class Response:
         """Whether the error bound is within the tolerance."""
         return Status.CONVERGED if self.error_bound <= self.tolerance else Status.TOLERANCE
 
+    @property
+    def rest_charges_pC(self) -> Array:
+        """Charges (electrodes,) of the untouched film, without which `evaluate` has changes."""
+        return 1e12 * rest_charges(self.scene)
+
     def evaluate(self, touches: ArrayLike) -> tuple[Array, Array]:
-        """Charges and their derivatives.
+        """Total charges and their derivatives.
 
         Parameters
         ----------
