@@ -153,7 +153,9 @@ def test_a_killed_build_goes_on_where_it_was(tmp_path, monkeypatch, built):
     assert shown[-2:] == [(5, 6), (6, 6)]
     assert [file.name for file in tmp_path.iterdir()] == ["disc.response"]
     touches = random_touches(built.domain, 5)
-    assert np.array_equal(response.evaluate(touches)[0], built.evaluate(touches)[0])
+    # another process may round otherwise
+    expected = built.evaluate(touches)[0]
+    np.testing.assert_allclose(response.evaluate(touches)[0], expected, rtol=1e-6)
 
 
 def test_a_damaged_field_is_solved_again(tmp_path):
