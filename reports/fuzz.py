@@ -91,7 +91,7 @@ PROGRAMS = {
     "thesis": Program(thesis.main, (), ("reports.thesis.Thesis.read",)),
     "benchmark": Program(benchmark.main, (), ("reports.benchmark.yardstick",)),
     "error_vs_time": Program(error_vs_time.main, (), ("reports.error_vs_time.Peers",)),
-    "locate_model": Program(cli.main, ("locate",), ("pvdf_fem.touch.probes.weigh",)),
+    "locate_model": Program(cli.main, ("locate",), ("pvdf_fem.touch.locate.weigh",)),
     "response": Program(kept.load_response, (), ()),
     "store": Program(kept.use_store, (), ()),
 }

@@ -36,6 +36,7 @@ from reports.chapters import (
     findings,
     mapping,
     scenes,
+    shear,
     summary,
     thickness,
 )
@@ -88,6 +89,7 @@ CHAPTERS = (
     positions.EXPERIMENT_POSITIONS_CHAPTER,
     FILM_PLACEMENT_CHAPTER,
     contact.CONTACT_CHAPTER,
+    shear.SHEAR_CHAPTER,
     experiments.CHARGE_PARTS_CHAPTER,
     experiments.CIRCUIT_CHAPTER,
     summary.MESH_CHAPTER,

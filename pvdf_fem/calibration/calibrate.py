@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,17 +21,15 @@ from pvdf_fem.calibration.fit import Fit, Noise
 from pvdf_fem.calibration.model import TouchModel
 from pvdf_fem.calibration.touches import read_touches
 from pvdf_fem.calibration.unknowns import unknowns_of
-from pvdf_fem.film.loads import LOADS
+from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.scene.scene import Scene
 
 DEFAULT_UNKNOWN = ("film.pretension_N_m", "gains")
-#: Tolerance of the solves over the relative noise.
-TOLERANCE_SHARE = 0.05
+TOLERANCE_SHARE = 0.05  #: Tolerance of the solves over the relative noise.
 #: The finest and the coarsest tolerance of the solves.
 FINEST = 1e-5
 COARSEST = 1e-3
-READINGS = ("change", "total")
-UNITS = ("pC", "V")
+CHOICES = {"reading": ("change", "total"), "unit": ("pC", "V")}
 
 
 def calibrate(
@@ -60,8 +58,7 @@ def calibrate(
         ``offset.A`` (V), ``stage.x_mm``, ``stage.y_mm``, ``stage.rotation_deg``; ``gains``,
         ``offsets``, ``shift`` and ``turn`` for groups of these.
     reading : {"change", "total"}, optional
-        Whether readings are of the change of the charge since the untouched film or of the total
-        charge; by default what the scene's ``[readout]`` says, else ``change``.
+        Of what readings are; by default what the scene's ``[readout]`` says, else ``change``.
     unit : {"pC", "V"}
         Of the readings; those in pC are readings in V times the channel's capacitance.
     sigma, noise : float
@@ -73,11 +70,6 @@ def calibrate(
         offsets (V). By default gains 10 %, d31 and d32 20 %, pretension 30 %, other film
         parameters 20 %, shift 1 mm, turn 3°, offsets 0.1 V.
 
-    Returns
-    -------
-    Calibration
-        Its `status` tells whether there is a result; printed, it tells all.
-
     Raises
     ------
     ValueError
@@ -85,82 +77,73 @@ def calibrate(
     """
     if reading is None:
         reading = scene.readout.reading if scene.readout else "change"
-    if mistakes := _mistakes(scene, reading, unit, sigma, noise, place_sd):
+    deviations = {"sigma": sigma, "noise": noise, "place_sd": place_sd}
+    if mistakes := _mistakes(scene, {"reading": reading, "unit": unit}, deviations):
         raise ValueError("\n".join(mistakes))
     unknowns = unknowns_of(scene, unknown, priors or {})
     given = read_touches(touches, scene)
     tolerance = min(max(TOLERANCE_SHARE * sigma, FINEST), COARSEST)
     model = TouchModel(unknowns, given, reading, unit, tolerance)
-    fit, found = explained(model, Noise(sigma, noise, place_sd))
-    status, reason, remarks = _judged(fit, found)
-    rows = given.rows.tolist()
+    fit, found = explained(model, Noise(*deviations.values()))
+    status, reason = _judged(fit, found)
+    rows, bad = given.rows.tolist(), np.flatnonzero(model.solved & ~fit.kept).tolist()
     outliers = {rows[i]: why for i, why in model.failures.items()}
     if status is CalibrationStatus.CALIBRATED:
-        bad = np.flatnonzero(model.solved & ~fit.kept)
-        outliers |= {rows[i]: what_is_wrong(fit, int(i)) for i in bad}
-    remarks = [*given.remarks, *remarks]
-    return Calibration(status, reason, tuple(remarks), outliers, fit)
+        outliers |= {rows[i]: what_is_wrong(fit, i) for i in bad}
+    remarks = (*given.remarks, *_remarks(fit, found))
+    return Calibration(status, reason, remarks, outliers, fit)
 
 
-def _mistakes(
-    scene: Scene, reading: str, unit: str, sigma: float, noise: float, place_sd: float
-) -> list[str]:
+def _mistakes(scene: Scene, words: Mapping[str, str], deviations: Mapping[str, float]) -> list[str]:
     mistakes = []
-    if scene.probe is None:
+    if scene.single_probe is None:
         mistakes.append("probe: the scene has none; add the [probe] that touched the film")
     elif LOADS[scene.load.kind].rigid:
         reason = "has no derivatives by the place; take dead or follower"
         mistakes.append(f'load.kind = "{scene.load.kind}": {reason}')
-    for name, word, known in (("reading", reading, READINGS), ("unit", unit, UNITS)):
-        if word not in known:
-            mistakes.append(f"{name} = {word!r}: choose from {', '.join(known)}")
-    for name, value in {"sigma": sigma, "noise": noise, "place_sd": place_sd}.items():
+    for name, word in words.items():
+        if word not in CHOICES[name]:
+            mistakes.append(f"{name} = {word!r}: choose from {', '.join(CHOICES[name])}")
+    for name, value in deviations.items():
         if not 0.0 <= value < np.inf:
             mistakes.append(f"{name} = {value:g}: give a standard deviation, not negative")
-    if not (sigma or noise):
+    if not (deviations["sigma"] or deviations["noise"]):
         mistakes.append("sigma = 0: readings have errors; give sigma or noise")
     return mistakes
 
 
-def _judged(
-    fit: Fit, found: Sequence[tuple[Change, Fit]]
-) -> tuple[CalibrationStatus, str, list[str]]:
-    """Status, reason and remarks of a fit and of the changes that explain the touches better."""
-    names, count, remarks = fit.model.unknowns.names, int(fit.kept.sum()), _remarks(fit)
-    for change, better in found:
-        values = f"{fit.chi_square:.3g} to {better.chi_square:.3g}"
-        remarks.append(f"{change.text}: chi-square falls from {values}")
-    if count < len(names):
+def _judged(fit: Fit, found: Sequence[tuple[Change, Fit]]) -> tuple[CalibrationStatus, str]:
+    """Status and reason of a fit, and of the changes that explain the touches better."""
+    unknowns, count = len(fit.model.unknowns.names), int(fit.kept.sum())
+    if count < unknowns:
         readings = f"{count} touches ({fit.counts[fit.kept].sum()} readings)"
-        text = f"{readings} for {len(names)} unknowns; give more touches or seek less"
-        return CalibrationStatus.TOO_FEW, text, remarks
+        text = f"{readings} for {unknowns} unknowns; give more touches or seek less"
+        return CalibrationStatus.TOO_FEW, text
     if found:
-        return found[0][0].status, "; or ".join(change.text for change, _ in found), remarks
+        return found[0][0].status, "; or ".join(change.text for change, _ in found)
     if not fit.converged:
         text = "solves of the touches do not settle, or fail; correct scene and touches"
-        return CalibrationStatus.NOT_CONVERGED, text, remarks
+        return CalibrationStatus.NOT_CONVERGED, text
     if fit.scale > MOST_SCATTER and np.ptp(fit.model.touches.touches[:, 3]) == 0.0:
         text = "force_N is the same in every row, and the readings ask for others"
-        return CalibrationStatus.FORCE, text, remarks
+        return CalibrationStatus.FORCE, text
     if fit.scale > MOST_SCATTER:
         text = f"readings scatter {fit.scale:.2g} times as much as their noise about any sensor"
-        return CalibrationStatus.NOT_EXPLAINED, f"{text} like the scene's", remarks
-    text = f"{len(names)} parameters from {count} touches"
-    return CalibrationStatus.CALIBRATED, text, remarks
+        return CalibrationStatus.NOT_EXPLAINED, f"{text} like the scene's"
+    return CalibrationStatus.CALIBRATED, f"{unknowns} parameters from {count} touches"
 
 
-def _remarks(fit: Fit) -> list[str]:
+def _remarks(fit: Fit, found: Sequence[tuple[Change, Fit]]) -> Iterator[str]:
     """What is remarkable in touches and in what they tell."""
-    remarks, force, names = [], fit.model.touches.touches[:, 3], fit.model.unknowns.names
+    force, names = fit.model.touches.touches[:, 3], fit.model.unknowns.names
     if np.ptp(force) == 0.0:
-        text = f"force_N is {force[0]:g} in every row; touches with several forces tell more"
-        remarks.append(text)
+        yield f"force_N is {force[0]:g} in every row; touches with several forces tell more"
     for i in np.flatnonzero(fit.pulls > FAR):
         far = f"{fit.pulls[i]:.2g} deviations of its prior from the scene's value"
-        remarks.append(f"{names[i]}: is {far}")
+        yield f"{names[i]}: is {far}"
     if fit.p_value < UNLIKELY:
         text = f"readings scatter {fit.scale:.2g} times as much as their noise, so do the ±"
-        if not fit.noise.place_mm:
-            text += "; if the places are uncertain, give place_sd"
-        remarks.append(text)
-    return remarks
+        yield text + "; if the places are uncertain, give place_sd" * (not fit.noise.place_mm)
+    for change, better in found:
+        values = f"{fit.chi_square:.3g} to {better.chi_square:.3g}"
+        yield f"{change.text}: chi-square falls from {values}"

@@ -15,34 +15,19 @@ from pvdf_fem.calibration.fit import Fit
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.summary import Grid, rounded
 
-#: Parts of a direction, over its largest, that are told.
-PART = 0.15
+PART = 0.15  #: Parts of a direction, over its largest, that are told.
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """How a calibration ended, and the calibrated scene.
-
-    Attributes
-    ----------
-    status : CalibrationStatus
-        `CalibrationStatus.CALIBRATED`, or what is wrong with the touches.
-    reason : str
-        The status in words.
-    remarks : tuple of str
-        What to look at.
-    outliers : dict of int to str
-        Rows of bad touches, which did not count, and what is wrong with them.
-    fit : Fit
-        Its `covariance` of the parameters, `chi_square` (errors of places included),
-        `degrees_of_freedom` and `p_value`.
-    """
+    """How a calibration ended, and the calibrated scene."""
 
     status: CalibrationStatus
-    reason: str
-    remarks: tuple[str, ...]
+    reason: str  #: The status in words.
+    remarks: tuple[str, ...]  #: What to look at.
+    #: Rows of bad touches, which did not count, and what is wrong with them.
     outliers: dict[int, str]
-    fit: Fit
+    fit: Fit  #: With `degrees_of_freedom` and `p_value`.
 
     @cached_property
     def scene(self) -> Scene:
@@ -54,21 +39,14 @@ class Calibration:
     @cached_property
     def parameters(self) -> dict[str, dict[str, float]]:
         """Value and standard deviation by name, in the name's unit; offsets in V."""
-        of = self.fit.values.tolist(), np.sqrt(np.diag(self.fit.covariance)).tolist()
-        return {
-            name: {"value": value, "deviation": deviation}
-            for name, value, deviation in zip(self.fit.model.unknowns.names, *of, strict=True)
-        }
+        rows = np.stack([self.fit.values, np.sqrt(np.diag(self.fit.covariance))], axis=1).tolist()
+        rows = [dict(zip(("value", "deviation"), row, strict=True)) for row in rows]
+        return dict(zip(self.fit.model.unknowns.names, rows, strict=True))
 
     @property
     def covariance(self) -> Array:
         """Covariance of the parameters, (parameters, parameters)."""
         return self.fit.covariance
-
-    @property
-    def chi_square(self) -> float:
-        """Chi-square of readings and places; ``fit`` has its degrees of freedom and p-value."""
-        return self.fit.chi_square
 
     @property
     def places_mm(self) -> Array:
@@ -98,17 +76,14 @@ class Calibration:
     @cached_property
     def not_told_apart(self) -> tuple[str, ...]:
         """Combinations of parameters that the priors decided, rather than the readings."""
-        unknowns, texts = self.fit.model.unknowns, []
-        for value, direction in zip(*self.fit.told, strict=True):
-            if value >= 1.0:
-                continue
-            large = np.flatnonzero(np.abs(direction) > PART * np.abs(direction).max())
-            names = " and ".join(unknowns.names[i] for i in large)
-            priors = ", ".join(
-                f"{unknowns.names[i]} {unknowns.start[i]:.4g} ± {unknowns.priors[i]:.2g}"
-                for i in large
+        of, texts, (values, directions) = self.fit.model.unknowns, [], self.fit.told
+        for direction in np.abs(directions[values < 1.0]):
+            large = np.flatnonzero(direction > PART * direction.max()).tolist()
+            names = " and ".join(of.names[i] for i in large)
+            priors = [f"{of.names[i]} {of.start[i]:.4g} ± {of.priors[i]:.2g}" for i in large]
+            texts.append(
+                f"{names}: hardly seen in the readings; decided by the priors {', '.join(priors)}"
             )
-            texts.append(f"{names}: hardly seen in the readings; decided by the priors {priors}")
         return tuple(texts)
 
     def to_json(self) -> dict[str, Any]:

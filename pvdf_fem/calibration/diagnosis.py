@@ -7,7 +7,7 @@ readings explains the touches for sure, by solves of a few touches. The best are
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import combinations, permutations
@@ -21,32 +21,21 @@ from pvdf_fem.calibration.fit import FALSE_OUTLIERS, Fit, Noise, fitted
 from pvdf_fem.calibration.model import TouchModel
 from pvdf_fem.calibration.touches import Touches
 
-#: Number of touches by which changes of places and forces are ranked.
-FEW_TOUCHES = 8
-#: Tolerance of their solves.
-COARSE = 2e-3
-#: Changes that are then fitted in full.
-MOST_FITS = 3
-#: Probability of a chi-square that is no chance.
-UNLIKELY = 1e-4
-#: Scatter that is still explained.
-SCATTER = 1.5
-#: Deviations of a prior that a parameter may be away from the scene's value.
-FAR = 4.0
+FEW_TOUCHES = 8  #: Number of touches by which changes of places and forces are ranked.
+COARSE = 2e-3  #: Tolerance of their solves.
+MOST_FITS = 3  #: Changes that are then fitted in full.
+UNLIKELY = 1e-4  #: Probability of a chi-square that is no chance.
+SCATTER = 1.5  #: Scatter that is still explained.
+FAR = 4.0  #: Deviations of a prior that a parameter may be away from the scene's value.
 #: Scatter over the noise after the first steps, with which changes are tried at once.
 FAR_OFF = 10.0
-#: Changes are fitted if their score is no farther than this from the best one.
-CLOSE_SCORE = 5.0
-#: They are told if their chi-square is no farther than this from the best one ...
-CLOSE = 20.0
-#: ... and that of the touches as they are is larger by this factor.
-CLEARLY = 2.0
+CLOSE_SCORE = 5.0  #: Changes are fitted if their score is no farther than this from the best one.
+CLOSE = 20.0  #: They are told if their chi-square is no farther than this from the best one ...
+CLEARLY = 2.0  #: ... and that of the touches as they are is larger by this factor.
 #: All orders of this number of channels are tried; of more, only two are exchanged.
 MOST_PERMUTED = 4
-#: Scatter over the noise beyond which parameters are of no use.
-MOST_SCATTER = 4.0
-#: Readings this factor above or below the scene's are not due to a wrong frame.
-OTHER_SIZE = 3.0
+MOST_SCATTER = 4.0  #: Scatter over the noise beyond which parameters are of no use.
+OTHER_SIZE = 3.0  #: Readings this factor above or below the scene's are not due to a wrong frame.
 
 
 class CalibrationStatus(StrEnum):
@@ -75,19 +64,14 @@ class Change:
     reading: str
 
 
-def suspect(fit: Fit) -> bool:
-    """Whether the readings, or the parameters they lead to, are not those of such a sensor."""
-    return not fit.converged or fit.p_value < UNLIKELY or bool((fit.pulls > FAR).any())
-
-
 def explained(model: TouchModel, noise: Noise) -> tuple[Fit, list[tuple[Change, Fit]]]:
     """The fit, and where it is suspect the changes with which the touches fit a sensor better.
-
-    Touches that are far off at first are fitted to the end only if no change explains them.
-    """
+    Touches that are far off at first are fitted to the end only if no change explains them."""
     enough = len(model.touches) >= len(model.unknowns.names)
     fit = fitted(model, noise, FAR_OFF if enough else np.inf)
-    found = mistakes_of(fit) if enough and suspect(fit) else []
+    # the readings, or the parameters they lead to, are not those of such a sensor
+    suspect = not fit.converged or fit.p_value < UNLIKELY or bool((fit.pulls > FAR).any())
+    found = mistakes_of(fit) if enough and suspect else []
     if not found and fit.scale > FAR_OFF and not fit.converged:
         fit = fitted(model, noise)
     return fit, found
@@ -95,31 +79,28 @@ def explained(model: TouchModel, noise: Noise) -> tuple[Fit, list[tuple[Change, 
 
 def mistakes_of(fit: Fit) -> list[tuple[Change, Fit]]:
     """The changes with which a sensor like the scene's explains the touches, with their fits."""
-    found = _better(fit, list(_of_readings(fit.model))) if fit.model.solved.any() else []
+    found = _better(fit, _of_readings(fit.model)) if fit.model.solved.any() else []
     # these may look like a wrong frame; other mistakes in readings do not
     doubtful = {CalibrationStatus.SWAPPED, CalibrationStatus.CHANNEL}
     if {change.status for change, _ in found} <= doubtful:
-        found += _better(fit, list(_of_touches(fit)))
-    if any(change.status is not CalibrationStatus.CHANNEL for change, _ in found):
-        found = [pair for pair in found if pair[0].status is not CalibrationStatus.CHANNEL]
-    best = min((better.chi_square for _, better in found), default=0.0)
-    return [pair for pair in found if pair[1].chi_square < best + CLOSE]
+        found += _better(fit, _of_touches(fit))
+    others = [pair for pair in found if pair[0].status is not CalibrationStatus.CHANNEL]
+    best = min((better.chi_square for _, better in others or found), default=0.0)
+    return [pair for pair in others or found if pair[1].chi_square < best + CLOSE]
 
 
-def _better(fit: Fit, changes: Sequence[Change]) -> list[tuple[Change, Fit]]:
+def _better(fit: Fit, changes: Iterable[Change]) -> list[tuple[Change, Fit]]:
     """Those of the changes that explain the touches: the best ones are fitted in full."""
-    scores = [_score(fit, change) for change in changes]
-    limit = CLOSE_SCORE + 1.5 * min(scores, default=0.0)
+    scored = sorted(((_score(fit, change), change) for change in changes), key=lambda pair: pair[0])
     found = []
-    for number in np.argsort(scores, kind="stable")[:MOST_FITS].tolist():
-        if not scores[number] < limit:
+    for score, change in scored[:MOST_FITS]:
+        if not score < CLOSE_SCORE + 1.5 * scored[0][0]:
             break
-        model = fit.model.changed(changes[number].touches, changes[number].reading)
-        better = fitted(model, fit.noise, FAR_OFF)
+        better = fitted(fit.model.changed(change.touches, change.reading), fit.noise, FAR_OFF)
         likely = better.p_value > UNLIKELY or better.scale < SCATTER
         gain = fit.chi_square > CLEARLY * better.chi_square or fit.p_value > UNLIKELY
         if better.converged and likely and gain and (better.pulls < FAR).all():
-            found.append((changes[number], better))
+            found.append((change, better))
     return found
 
 
@@ -140,11 +121,11 @@ def _score(fit: Fit, change: Change) -> float:
 def _of_readings(model: TouchModel) -> Iterator[Change]:
     """Changes that need no solve."""
     touches, names = model.touches, [channel.name for channel in model.channels]
+    read = touches.readings
 
     def change(status: CalibrationStatus, text: str, readings: Array) -> Change:
         return Change(status, text, replace(touches, readings=readings), model.reading)
 
-    read = touches.readings
     for order in _orders(len(names)):
         moved = [(names[i], names[j]) for i, j in enumerate(order) if i != j]
         text = f"channels {' and '.join(name for name, _ in moved)} are swapped"
@@ -179,7 +160,7 @@ def _of_touches(fit: Fit) -> Iterator[Change]:
     size = np.nanmedian(np.abs(touches.readings[solved] / start[solved])) if solved.any() else 0.0
     if 1.0 / OTHER_SIZE < size < OTHER_SIZE:
         seen = {touches.touches.tobytes()}
-        probe = fit.model.unknowns.scene.probe
+        probe = fit.model.unknowns.scene.single_probe
         for text, frame in _frames(touches.touches, probe is None or bool(probe.period_deg)):
             if frame.tobytes() not in seen:
                 seen.add(frame.tobytes())

@@ -19,31 +19,23 @@ from pvdf_fem.calibration.model import Prediction, TouchModel
 
 #: Probability with which a good touch is taken for a bad one, over all touches.
 FALSE_OUTLIERS = 1e-3
-#: Largest part of the touches that may be bad.
-MOST_OUTLIERS = 0.2
-#: Rounds of Gauss-Newton between solves.
-MOST_STEPS = 25
-#: Rounds of solves.
-MOST_ROUNDS = 12
-#: Readings that change by this part of their deviations are settled.
-SETTLED = 0.02
-#: Largest step of a parameter between solves, over its prior's deviation.
-LONGEST_STEP = 2.0
-#: Longest correction of a place, over its deviation.
-MOST_MOVE = 4.0
-#: A deviation of a reading that is missing, over the reading.
-MISSING = 1e6
+MOST_OUTLIERS = 0.2  #: Largest part of the touches that may be bad.
+MOST_STEPS = 25  #: Rounds of Gauss-Newton between solves.
+MOST_ROUNDS = 12  #: Rounds of solves.
+SETTLED = 0.02  #: Readings that change by this part of their deviations are settled.
+LONGEST_STEP = 2.0  #: Largest step of a parameter between solves, over its prior's deviation.
+MOST_MOVE = 4.0  #: Longest correction of a place, over its deviation.
+MISSING = 1e6  #: A deviation of a reading that is missing, over the reading.
 
 
 @dataclass(frozen=True)
 class Noise:
     """What is uncertain in readings and places."""
 
-    #: Of a reading, relative and in its unit.
-    sigma: float = 0.01
-    noise: float = 0.0
-    #: Of each coordinate of a touch's place in mm.
-    place_mm: float = 0.0
+    #: Of a reading, relative and in its unit; of each coordinate of a touch's place.
+    sigma: float
+    noise: float
+    place_mm: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,12 +44,9 @@ class Fit:
 
     model: TouchModel
     noise: Noise
-    #: (parameters,)
-    values: Array
-    #: Of the touches' places on the stage in mm, (touches, 2).
-    moves: Array
-    #: Touches that count, (touches,).
-    kept: Mask
+    values: Array  #: (parameters,)
+    moves: Array  #: Of the touches' places on the stage in mm, (touches, 2).
+    kept: Mask  #: Touches that count, (touches,).
     converged: bool = True
 
     @cached_property
@@ -119,9 +108,7 @@ class Fit:
     @cached_property
     def told(self) -> tuple[Array, Array]:
         """Singular values (k,) and directions (k, parameters) of derivatives by priors' deviations.
-
-        Below 1 the priors tell more of a direction than the readings do.
-        """
+        Below 1 the priors tell more of a direction than the readings do."""
         slopes = self.whitened[2][self.kept].reshape(-1, len(self.values))
         slopes = slopes * self.model.unknowns.priors
         squares, directions = np.linalg.eigh(slopes.T @ slopes)
@@ -176,7 +163,7 @@ class Fit:
             new = fit.step(soft)
             limit = LONGEST_STEP * unknowns.priors
             values = np.clip(new.values, self.values - limit, self.values + limit)
-            film = unknowns.columns(unknowns.film_keys)  # moduli and tension keep their signs
+            film = unknowns.film  # moduli and tension keep their signs
             halves = self.values[film] * 0.5
             values[film] = np.where(halves > 0.0, np.maximum(values[film], halves), values[film])
             length = np.max(np.abs(values - fit.values) / unknowns.priors, initial=0.0)
@@ -198,10 +185,8 @@ class Fit:
         return fit
 
     def deleted(self) -> tuple[Array, Array]:
-        """Whitened residuals (touches, electrodes) of each touch from a fit to the others.
-
-        With their squared lengths (touches,) over the covariance that those of a good touch have.
-        """
+        """Whitened residuals (touches, electrodes) of each touch from a fit to the others, with
+        their squared lengths (touches,) over the covariance that those of a good touch have."""
         _, residuals, slopes = self.whitened
         singular, directions = self.told
         slopes = slopes * self.model.unknowns.priors @ directions.T
@@ -214,10 +199,8 @@ class Fit:
 
 
 def fitted(model: TouchModel, noise: Noise, most_scatter: float = np.inf) -> Fit:
-    """The fit of solves: touches are solved anew until linear steps between solves are small.
-
-    It ends without convergence where the first steps leave a scatter above `most_scatter`.
-    """
+    """The fit of solves: touches are solved anew until linear steps between solves are small. It
+    ends without convergence where the first steps leave a scatter above `most_scatter`."""
     count = len(model.touches)
     values, moves, stepped = model.unknowns.start.copy(), np.zeros((count, 2)), np.zeros(count)
     pending, curvature = ~model.solved, np.full(count, np.inf)

@@ -29,10 +29,8 @@ TOUCH_KEYS = (*PLACE, "load.force_N")
 class Prediction:
     """Readings of touches with their derivatives."""
 
-    #: (touches, electrodes)
-    readings: Array
-    #: By the parameters, (touches, electrodes, parameters).
-    by_parameter: Array
+    readings: Array  #: (touches, electrodes)
+    by_parameter: Array  #: By the parameters, (touches, electrodes, parameters).
     #: By the place x, y on the stage in mm and by the force in N, (touches, electrodes, 3).
     by_touch: Array
 
@@ -43,12 +41,9 @@ class TouchModel:
 
     unknowns: Unknowns
     touches: Touches
-    #: ``change`` or ``total``.
-    reading: str
-    #: ``V`` or ``pC``.
-    unit: str
-    #: Of the solves.
-    tolerance: float
+    reading: str  #: ``change`` or ``total``.
+    unit: str  #: ``V`` or ``pC``.
+    tolerance: float  #: Of the solves.
     #: Why touches have no solution, by index.
     failures: dict[int, str] = field(default_factory=dict)
     solves: int = 0
@@ -64,8 +59,7 @@ class TouchModel:
         #: The film's parameters, the forces of the flat film there in N, and their derivatives.
         film = np.zeros(len(self.unknowns.film_keys))
         self.rest = film, np.zeros((shape[1], 2)), np.zeros((count, shape[1], 2))
-        #: Estimated relative errors of the solved charges.
-        self.errors = np.zeros(shape)
+        self.errors = np.zeros(shape)  #: Estimated relative errors of the solved charges.
 
     def changed(self, touches: Touches, reading: str) -> TouchModel:
         """A model of other touches; where only readings differ, it has the solves of this one."""
@@ -92,31 +86,29 @@ class TouchModel:
 
     def arguments(self, values: Array, moves: Array) -> Array:
         """What `keys` are for parameters (parameters,) and moves (touches, 2) of places in mm."""
-        stage = Stage(
-            **{k.partition(".")[2]: self.unknowns.value(k, values) for k in (*SHIFT, TURN)}
-        )
+        x, y, turn = (self.unknowns.value(key, values) for key in (*SHIFT, TURN))
+        stage = Stage(x_mm=x, y_mm=y, rotation_deg=turn)
         given = self.touches.touches
         places, rotations = stage.to_film(given[:, :2] + moves, given[:, 2])
-        film = np.tile(values[self.unknowns.columns(self.unknowns.film_keys)], (len(given), 1))
+        film = np.tile(values[self.unknowns.film], (len(given), 1))
         return np.column_stack([places, rotations, given[:, 3], film])
 
     def solve(self, values: Array, moves: Array, which: Mask) -> None:
         """Solve some touches, (touches,), anew; those that cannot be solved become `failures`."""
         scene = self.unknowns.scene_at(values)
-        film = values[self.unknowns.columns(self.unknowns.film_keys)]
-        self.rest = film, *self._rest(scene)
+        self.rest = values[self.unknowns.film], *self._rest(scene)
         scene = scene.with_(**{"numerics.tolerance": self.tolerance})
         for i in np.flatnonzero(which).tolist():
-            arguments = self.arguments(values, moves)[i]
+            arguments, self.at[i] = self.arguments(values, moves)[i], np.nan
+            self.failures[i] = "the touch is over the film's rim"
             if (moved := touched(scene, arguments[:4])) is None:
-                self.failures[i], self.at[i] = "the touch is over the film's rim", np.nan
                 continue
             solution = solve(moved)
             self.solves += 1
+            self.failures[i] = f"{solution.status}: {solution.reason}"
             if solution.status is not Status.CONVERGED:
-                self.failures[i], self.at[i] = f"{solution.status}: {solution.reason}", np.nan
                 continue
-            self.failures.pop(i, None)
+            del self.failures[i]
             self.at[i], self.forces[i] = arguments, solution.fields.forces.values
             self.rates[i] = force_rates(solution, self.keys)
             errors, charges = solution.charge_errors_pC, solution.charges_pC
@@ -129,13 +121,14 @@ class TouchModel:
         rates = self.rates
         if self.reading == "change":
             at, rest, rest_rates = self.rest
-            film = values[unknowns.columns(unknowns.film_keys)] - at
+            film = values[unknowns.film] - at
             forces = forces - rest - np.tensordot(film, rest_rates[len(TOUCH_KEYS) :], 1)
             rates = rates - rest_rates
         d = np.array([unknowns.value(key, values) for key in COEFFICIENTS])
         charges, slopes = forces @ d, rates @ d
         gain, offset, scale, shift = self._circuit(values)
         by_parameter = np.zeros((*charges.shape, len(unknowns.names)))
+        by_touch, by_turn = self._on_stage(values, moves, slopes, (gain * scale)[:, None])
         names = [channel.name for channel in self.channels]
         for i, name in enumerate(unknowns.names):
             if name.startswith((GAIN, OFFSET)):
@@ -144,14 +137,12 @@ class TouchModel:
                 by_parameter[:, j, i] = slope
             elif name in COEFFICIENTS:
                 by_parameter[:, :, i] = gain * scale * forces[..., COEFFICIENTS.index(name)]
-            elif name not in (*SHIFT, TURN):
-                by_parameter[:, :, i] = gain * scale * slopes[:, self.keys.index(name)]
-        by_touch, by_turn = self._on_stage(values, moves, slopes, (gain * scale)[:, None])
-        for i, name in enumerate(unknowns.names):
-            if name in SHIFT:
+            elif name in SHIFT:
                 by_parameter[:, :, i] = -by_touch[..., SHIFT.index(name)]
             elif name == TURN:
                 by_parameter[:, :, i] = by_turn
+            else:
+                by_parameter[:, :, i] = gain * scale * slopes[:, self.keys.index(name)]
         return Prediction(gain * scale * charges + shift * offset, by_parameter, by_touch)
 
     def _on_stage(
@@ -173,9 +164,8 @@ class TouchModel:
         """Forces of the flat film in N, (electrodes, 2), and their derivatives, (keys, ...)."""
 
         def forces(at: Scene) -> Array:
-            units = [dict(zip(COEFFICIENTS, d, strict=True)) for d in ((1.0, 0.0), (0.0, 1.0))]
-            charges = [rest_charges(at.with_(**unit)) for unit in units]
-            return 1e12 * np.stack(charges, axis=-1)
+            units = (dict(zip(COEFFICIENTS, d, strict=True)) for d in np.eye(2).tolist())
+            return 1e12 * np.stack([rest_charges(at.with_(**unit)) for unit in units], axis=-1)
 
         rates = np.zeros((len(self.keys), len(self.channels), 2))
         for i, key in enumerate(self.keys[len(TOUCH_KEYS) :], len(TOUCH_KEYS)):

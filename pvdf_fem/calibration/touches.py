@@ -17,10 +17,8 @@ from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import choose
 
 PLACE_COLUMNS = ("x_mm", "y_mm", "rotation_deg", "force_N")
-#: Largest file of touches in bytes.
-MOST_BYTES = 10_000_000
-#: Readings of a channel that differ by less than this part of them are constant.
-CONSTANT = 1e-6
+MOST_BYTES = 10_000_000  #: Largest file of touches in bytes.
+CONSTANT = 1e-6  #: Readings of a channel that differ by less than this part of them are constant.
 
 
 class TouchesError(ValueError):
@@ -31,14 +29,10 @@ class TouchesError(ValueError):
 class Touches:
     """Touches on the stage with what the channels read."""
 
-    #: Numbers of the rows, the first of a file's data being 1.
-    rows: Indices
-    #: x, y in mm, rotation in degrees and force in N, (touches, 4).
-    touches: Array
-    #: In V or nominal pC, NaN where missing, (touches, electrodes).
-    readings: Array
-    #: What was left out, in sentences.
-    remarks: tuple[str, ...] = ()
+    rows: Indices  #: Numbers of the rows, the first of a file's data being 1.
+    touches: Array  #: x, y in mm, rotation in degrees and force in N, (touches, 4).
+    readings: Array  #: In V or nominal pC, NaN where missing, (touches, electrodes).
+    remarks: tuple[str, ...] = ()  #: What was left out, in sentences.
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -49,19 +43,12 @@ class Touches:
 
 
 def read_touches(source: Any, scene: Scene) -> Touches:
-    """Touches of a CSV file, a mapping of columns or a table with `columns`.
-
-    Raises
-    ------
-    TouchesError
-        For columns that are missing, unknown, constant or no numbers, and for places off the film.
-    FileError
-        When the file cannot be read.
-    """
+    """Touches of a CSV file, a mapping of columns or a table with `columns`. Raises `TouchesError`
+    for columns that are missing, unknown, constant or no numbers, and for places off the film."""
     columns = _columns(source)
     names = [electrode.name for electrode in scene.electrode_list]
-    assert scene.probe is not None
-    if not scene.probe.period_deg and columns:  # a disc has no rotation
+    assert scene.single_probe is not None
+    if not scene.single_probe.period_deg and columns:  # a disc has no rotation
         columns.setdefault("rotation_deg", ["0"] * len(next(iter(columns.values()))))
     mistakes = list(_heading_mistakes(list(columns), [*PLACE_COLUMNS, *names]))
     if mistakes:
@@ -89,23 +76,23 @@ def _columns(source: Any) -> dict[str, Sequence[Any]]:
         return {str(name): list(source[name]) for name in names}
     text = read_text(Path(source), MOST_BYTES, "a CSV file of touches")
     try:
-        lines = [line for line in csv.reader(io.StringIO(text)) if any(map(str.strip, line))]
+        rows = [row for row in csv.reader(io.StringIO(text)) if any(map(str.strip, row))]
     except csv.Error as error:
         raise TouchesError(f"{source}: is no CSV file ({error}); save it as one") from None
-    heading = [name.strip() for name in lines[0]] if lines else []
+    heading, *lines = [[cell.strip() for cell in row] for row in rows] or [[]]
     if len(set(heading)) < len(heading):
         raise TouchesError(f"{source}: two columns have one name; rename or remove one")
-    for number, line in enumerate(lines[1:], 1):
+    for number, line in enumerate(lines, 1):
         if len(line) != len(heading):
             reason = f"{len(line)} cells below {len(heading)} names; correct the row"
             raise TouchesError(f"{source}: row {number} has {reason}")
-    return {name: [line[i] for line in lines[1:]] for i, name in enumerate(heading)}
+    return {name: [line[i] for line in lines] for i, name in enumerate(heading)}
 
 
 def _heading_mistakes(given: Sequence[str], wanted: Sequence[str]) -> Iterator[str]:
     missing = [name for name in wanted if name not in given]
     yield from (f"column {name}: missing; give {', '.join(wanted)}" for name in missing)
-    for name in [name for name in given if name not in wanted]:
+    for name in (name for name in given if name not in wanted):
         yield f"column {name[:40]}: unknown; remove it, or {choose(name, missing or wanted)}"
 
 

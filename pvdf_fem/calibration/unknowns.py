@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from pvdf_fem.arrays import Array
-from pvdf_fem.readout.channel import channels
+from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import choose
 from pvdf_fem.scene.stage import Stage
@@ -21,6 +22,7 @@ from pvdf_fem.solution.gradients import COEFFICIENTS, parameters_of
 
 GAIN = "gain."
 OFFSET = "offset."
+READOUT_KEYS = {"gain": "gain", "offset": "offset_V"}
 SHIFT = ("stage.x_mm", "stage.y_mm")
 TURN = "stage.rotation_deg"
 PRETENSION = "film.pretension_N_m"
@@ -35,22 +37,21 @@ ABSOLUTE_PRIORS = {"stage.x_mm": 1.0, "stage.y_mm": 1.0, TURN: 3.0, "offset": 0.
 class Unknowns:
     """Parameters that are sought."""
 
-    #: Which has the other parameters.
-    scene: Scene
-    #: Of all parameters.
-    names: tuple[str, ...]
+    scene: Scene  #: Which has the other parameters.
+    names: tuple[str, ...]  #: Of all parameters.
     #: Start values, which are the priors' means, and the priors' deviations, (parameters,).
     start: Array
     priors: Array
 
-    @property
+    @cached_property
     def film_keys(self) -> tuple[str, ...]:
         """Those that change the film's stress."""
         return tuple(n for n in self.names if n.startswith("film.") and n not in COEFFICIENTS)
 
-    def columns(self, keys: Sequence[str]) -> list[int]:
-        """Where some of them are."""
-        return [self.names.index(key) for key in keys]
+    @cached_property
+    def film(self) -> Indices:
+        """Where these are."""
+        return np.array([self.names.index(key) for key in self.film_keys], dtype=np.int64)
 
     def value(self, key: str, values: Array) -> float:
         """One parameter among `values`, or the scene's where it is not sought."""
@@ -61,27 +62,22 @@ class Unknowns:
     def scene_at(self, values: Array, reading: str | None = None) -> Scene:
         """The scene with the parameters, and with a reading if one is given."""
         changes: dict[str, Any] = {"readout.reading": reading} if reading else {}
-        before = {kind: value_by_channel(self.scene, kind) for kind in (GAIN, OFFSET)}
+        readout = self.scene.readout or Readout()
         for name, value in zip(self.names, map(float, values), strict=True):
-            if name.startswith((GAIN, OFFSET)):
-                kind, dot, channel = name.partition(".")
-                key = "readout.gain" if kind + dot == GAIN else "readout.offset_V"
-                changes.setdefault(key, before[kind + dot])[channel] = value
+            kind, _, channel = name.partition(".")
+            if key := READOUT_KEYS.get(kind):
+                table = {e.name: readout.of(key, e.name) for e in self.scene.electrode_list}
+                changes.setdefault(f"readout.{key}", table)[channel] = value
             else:
                 changes[name] = value
         return self.scene.with_(**changes)
 
 
-def value_by_channel(scene: Scene, kind: str) -> dict[str, float]:
-    """Gains, or offsets in V, by channel."""
-    return {c.name: c.gain if kind == GAIN else c.offset for c in channels(scene)}
-
-
 def value_of(scene: Scene, key: str) -> float:
     """The scene's value of a parameter."""
     section, _, name = key.partition(".")
-    if key.startswith((GAIN, OFFSET)):
-        return value_by_channel(scene, f"{section}.")[name]
+    if section in READOUT_KEYS:
+        return float((scene.readout or Readout()).of(READOUT_KEYS[section], name))
     value: Any = getattr(scene, section) or Stage()
     for step in name.split("."):
         value = value[int(step)] if step.isdecimal() else getattr(value, step)
@@ -89,10 +85,8 @@ def value_of(scene: Scene, key: str) -> float:
 
 
 def unknowns_of(scene: Scene, words: Sequence[str], priors: Mapping[str, float]) -> Unknowns:
-    """The parameters that words name, of which some stand for several, with their priors.
-
-    Raises ValueError with a line for each mistake.
-    """
+    """The parameters that words name, of which some stand for several, with their priors. Raises
+    ValueError with a line for each mistake."""
     if any(word.startswith(PRETENSION) for word in words):
         scene = _with_pretension(scene)
     known, names, mistakes = _known(scene), [], []
@@ -124,7 +118,8 @@ def unknowns_of(scene: Scene, words: Sequence[str], priors: Mapping[str, float])
 
 
 def _prior(name: str, value: float, given: Mapping[str, float]) -> float:
-    kind = name.split(".")[0] if name.startswith((GAIN, OFFSET)) else name
+    kind = name.split(".")[0]
+    kind = kind if kind in READOUT_KEYS else name
     if kind in ABSOLUTE_PRIORS:
         return given.get(name, ABSOLUTE_PRIORS[kind])
     share = RELATIVE_PRIORS.get(kind.removesuffix(".0").removesuffix(".1"), PRIOR_OF_FILM)

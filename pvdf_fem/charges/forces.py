@@ -34,10 +34,8 @@ CANCELLED = 0.05
 class Forces:
     """Forces of a solution's electrodes, with their estimated errors."""
 
-    #: X and Y of each electrode in N, (goals, 2).
-    values: Array
-    #: Their estimated errors in N, with signs, (goals, 2).
-    errors: Array
+    values: Array  #: X and Y of each electrode in N, (goals, 2).
+    errors: Array  #: Their estimated errors in N, with signs, (goals, 2).
 
     def of(self, rows: Selection | Sequence[int]) -> Forces:
         """The forces of some electrodes."""
@@ -48,11 +46,8 @@ class Forces:
         return _charges(self.values, d)
 
     def charge_errors(self, d: ArrayLike) -> Array:
-        """Estimated absolute errors of `charges`, (goals,).
-
-        All charges are of one displacement and share its error. So none is taken for much better
-        than all are in the mean.
-        """
+        """Estimated absolute errors of `charges`, (goals,). All charges are of one displacement and
+        share its error. So none is taken for much better than all are in the mean."""
         errors, parts = np.abs(_charges(self.errors, d)), _charges(np.abs(self.values), np.abs(d))
         total = parts.sum()
         mean = errors.sum() / total if total > 0.0 else 0.0
@@ -67,18 +62,7 @@ def electrode_forces(scene: Scene, membrane: Membrane, x: Array) -> Array:
 def goal_forces(
     goals: Sequence[Goal], membrane: Membrane, x: Array, part: MirroredPart = WHOLE
 ) -> Array:
-    """The forces X, Y of each electrode in N, (goals, 2).
-
-    Parameters
-    ----------
-    goals : sequence of Goal
-    membrane : Membrane
-        On the space of the displacement.
-    x : (dofs,)
-        The displacement in m.
-    part : MirroredPart, optional
-        The part of the film that the mesh is of, where that is not all of it.
-    """
+    """The forces X, Y of each electrode in N, (goals, 2), of a displacement `x` in m."""
     forces = np.zeros((len(goals), 2))
     for observable, sampling, directions in _samplings(goals, membrane.space, part):
         stress = observable.stress(membrane, sampling.gradient(membrane.space, x))
@@ -92,10 +76,8 @@ def goal_forces(
 def goal_gradients(
     goals: Sequence[Goal], membrane: Membrane, x: Array, part: MirroredPart = WHOLE
 ) -> Array:
-    """Derivative of each electrode's charge by the dofs in C/m, (dofs, goals).
-
-    The parameters are those of `goal_forces`.
-    """
+    """Derivative of each electrode's charge by the dofs in C/m, (dofs, goals). The parameters are
+    those of `goal_forces`."""
     space, d = membrane.space, coefficients_of(goals)
     result = np.zeros((space.dof_count, len(goals)))
     for observable, sampling, directions in _samplings(goals, space, part):
@@ -123,23 +105,11 @@ def charges_of(goals: Sequence[Goal], forces: Array) -> Array:
 def charge_sizes(
     goals: Sequence[Goal], state: State, forces: Array, space: Space, negligible: float = 1e-6
 ) -> Array:
-    """Size in C that the error of each charge is relative to, (goals,).
-
-    This is the charge itself, but at least the part `CANCELLED` of |d31 X| + |d32 Y|. An electrode
-    on slack film, or under a probe that holds it, has next to no charge, and the error of that has
-    no relative meaning. So a size is at least the part `negligible` of that which the film's mean
-    stress would make.
-
-    Parameters
-    ----------
-    goals : sequence of Goal
-    state : State
-        Of all elements of the space.
-    forces : (goals, 2)
-        X and Y of each electrode in N.
-    space : Space
-    negligible : float
-    """
+    """Size in C that the error of each charge is relative to, (goals,), from the `forces` X, Y in
+    N. This is the charge itself, but at least the part `CANCELLED` of |d31 X| + |d32 Y|. An
+    electrode on slack film, or under a probe that holds it, has next to no charge, and the error of
+    that has no relative meaning. So a size is at least the part `negligible` of that which the
+    film's mean stress would make."""
     stress = np.abs(state.stress[..., :2]) * space.weights[..., None]
     mean = stress.sum(axis=(0, 1)) / space.weights.sum()
     charges, d = charges_of(goals, forces), np.abs(coefficients_of(goals))

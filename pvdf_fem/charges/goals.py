@@ -25,12 +25,9 @@ from pvdf_fem.scene.scene import Scene
 class Goal:
     """An electrode whose charge a solution is asked for."""
 
-    #: In m, in the axes of the electrode's own scene.
-    outline: Outline
-    #: A name of `pvdf_fem.charges.observables.OBSERVABLES`.
-    observable: str
-    #: d31, d32 in C/N, (float, float).
-    d: tuple[float, float]
+    outline: Outline  #: In m, in the axes of the electrode's own scene.
+    observable: str  #: A name of `pvdf_fem.charges.observables.OBSERVABLES`.
+    d: tuple[float, float]  #: d31, d32 in C/N, (float, float).
     #: The mesh's subdomain of the electrode; None if the mesh does not follow the electrode.
     patch: str | None = None
     #: Orthogonal matrix from the axes of the electrode's scene to those of the mesh, (2, 2).

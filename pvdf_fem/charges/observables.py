@@ -32,8 +32,7 @@ class ElementShares(NamedTuple):
 class Observable(ABC):
     """What an electrode makes of the film's stress."""
 
-    #: Value of the scene's key ``numerics.observable``.
-    name: ClassVar[str]
+    name: ClassVar[str]  #: Value of the scene's key ``numerics.observable``.
     #: Whether electrodes have to be rectangles along the axes of their scene.
     needs_edges: ClassVar[bool] = False
     #: Element sizes with which charges reach the usual tolerance in most scenes.
@@ -41,21 +40,14 @@ class Observable(ABC):
 
     @abstractmethod
     def stress(self, membrane: Membrane, gradient: Array) -> Array:
-        """Stress in Pa, (..., 3): 11, 22, 12.
-
-        `gradient` (..., 3, 2) is the displacement gradient. Of a complex gradient, whose imaginary
-        part is a step, the imaginary part of the stress is its derivative times the step.
-        """
+        """Stress in Pa, (..., 3): 11, 22, 12. `gradient` (..., 3, 2) is the displacement gradient.
+        Of a complex gradient, whose imaginary part is a step, the imaginary part of the stress is
+        its derivative times the step."""
 
     @abstractmethod
     def samplings(self, goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
-        """Points at which the electrodes sample the stress.
-
-        Raises
-        ------
-        ValueError
-            For an electrode that the observable is not defined for.
-        """
+        """Points at which the electrodes sample the stress. Raises `ValueError` for an electrode
+        that the observable is not defined for."""
 
     def defined_for(self, goal: Goal) -> bool:
         """Whether the electrode has a charge by this observable."""
@@ -83,12 +75,10 @@ class Material(Observable):
 
 
 class ThesisEdge(Observable):
-    """What the post-processor of Mirbagheri's thesis (sections 2.1.6, App. 3) computes.
-
-    X = A mean of sigma_xx over the left and the right edge, Y = A mean of sigma_yy over the upper
-    and the lower edge, with the Cauchy stress sigma = F S F^T / J in global axes and A the
-    electrode's area. The stress on an edge is the mean of its traces from both sides.
-    """
+    """What the post-processor of Mirbagheri's thesis (sections 2.1.6, App. 3) computes. X = A mean
+    of sigma_xx over the left and the right edge, Y = A mean of sigma_yy over the upper and the
+    lower edge, with the Cauchy stress sigma = F S F^T / J in global axes and A the electrode's
+    area. The stress on an edge is the mean of its traces from both sides."""
 
     name = "thesis-edge"
     needs_edges = True
@@ -96,10 +86,8 @@ class ThesisEdge(Observable):
     element_shares = ElementShares(electrode=1.7, probe=1.4)
 
     def stress(self, membrane: Membrane, gradient: Array) -> Array:
-        """Cauchy stress F S F^T / J in Pa, global axes.
-
-        J is the ratio of deformed to reference area, J^2 = det F^T F = det (1 + 2 E).
-        """
+        """Cauchy stress F S F^T / J in Pa, global axes. J is the ratio of deformed to reference
+        area, J^2 = det F^T F = det (1 + 2 E)."""
         strain = strain_of(gradient)
         e11, e22, e12 = np.moveaxis(strain, -1, 0)
         s11, s22, s12 = np.moveaxis(membrane.stress(strain), -1, 0)

@@ -10,7 +10,6 @@ neighbours, so that no part of an outline is counted twice.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import shapely
@@ -19,43 +18,20 @@ from skfem import MeshTri2
 from skfem.quadrature import get_quadrature
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.mesh.points import curved_elements, local_coordinates
+from pvdf_fem.mesh.points import PlacedQuadrature, curved_elements, local_coordinates
 from pvdf_fem.scene.outlines.outline import Outline
 
 Geometries = NDArray[np.object_]
 
-#: Number of chords that replace a curved edge of an element.
-CHORDS = 32
-
-
-@dataclass(frozen=True, eq=False)
-class PlacedQuadrature:
-    """Quadrature points in elements of a mesh, in rows of as many points each."""
-
-    #: Index of the outline, line or facet that a row of points belongs to, (n,).
-    owners: Indices
-    #: The element that a row of points lies in, (n,).
-    elements: Indices
-    #: Local coordinates in the element, (2, n, points).
-    points: Array
-    #: In m^2 over an area, in m along a line, (n, points).
-    weights: Array
+CHORDS = 32  #: Number of chords that replace a curved edge of an element.
 
 
 def area_quadrature(
     mesh: MeshTri2, outlines: Sequence[Outline], degree: int = 6
 ) -> PlacedQuadrature:
-    """Quadrature over the area of each outline.
-
-    Parameters
-    ----------
-    mesh : MeshTri2
-    outlines : sequence of Outline
-        In m, in the axes of the mesh.
-    degree : int
-        Polynomials of this degree are integrated exactly. A stress of St. Venant and Kirchhoff is
-        one of degree 2 (order - 1) on a straight-sided element, which is 6 for the highest order.
-    """
+    """Quadrature over the area of each outline, exact for polynomials of a `degree`. A stress of
+    St. Venant and Kirchhoff is one of degree 2 (order - 1) on a straight-sided element, which is 6
+    for the highest order."""
     owners, elements, pieces = _pieces(mesh, [outline.polygon for outline in outlines])
     corners, ring = shapely.get_coordinates(shapely.get_exterior_ring(pieces), return_index=True)
     first = corners[np.searchsorted(ring, ring[:-1])]
@@ -76,21 +52,9 @@ def area_quadrature(
 def line_quadrature(
     mesh: MeshTri2, lines: Array, count: int = 4, aside: float = 1e-7
 ) -> PlacedQuadrature:
-    """Quadrature along straight lines, half of it on each of their two sides.
-
-    The stress jumps at an edge of elements, and a line may run along one. So both sides are sampled
-    beside the line.
-
-    Parameters
-    ----------
-    mesh : MeshTri2
-    lines : (n, 2, 2)
-        Start and end of each line in m.
-    count : int
-        Number of Gauss points on the piece of a line in one element.
-    aside : float
-        Distance of the sampled points from the line, relative to its length.
-    """
+    """Quadrature along straight lines (n, 2, 2) from start to end in m, half of it on each side:
+    the stress jumps at an edge of elements, and a line may run along one. There are `count` Gauss
+    points on each piece of a line in an element, `aside` times its length beside it."""
     along = lines[:, 1] - lines[:, 0]
     normal = np.stack([-along[:, 1], along[:, 0]], axis=-1)[:, None]
     both_sides = np.concatenate([lines + aside * normal, lines - aside * normal])
@@ -107,51 +71,12 @@ def line_quadrature(
     )
 
 
-def facet_quadrature(
-    mesh: MeshTri2, facets: Indices, elements: Indices, count: int = 3
-) -> tuple[PlacedQuadrature, Array]:
-    """Gauss points on facets, each facet seen from one of its two elements, and unit tangents.
-
-    Both elements of a facet see the same curve. So the points need not be sought in the elements,
-    which can fail in an element that is curved very much.
-
-    Parameters
-    ----------
-    mesh : MeshTri2
-    facets, elements : (n,) int
-        Facets, and for each of them an element that has it.
-    count : int
-        Number of points of a facet.
-
-    Returns
-    -------
-    quadrature : PlacedQuadrature
-        Its owners are positions in `facets`.
-    tangents : (n, points, 2)
-        They point from the facet's first vertex to its second.
-    """
-    s, weights = np.polynomial.legendre.leggauss(count)
-    corners = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    start, end = (
-        corners[:, (mesh.t[:, elements] == vertex).argmax(axis=0)]
-        for vertex in mesh.facets[:, facets]
-    )
-    points = start[..., None] + (end - start)[..., None] * (0.5 + 0.5 * s)
-    along = np.einsum("ijfq,jf->fqi", mesh.mapping().DF(points, elements), end - start)
-    speed = np.linalg.norm(along, axis=-1)
-    owners = np.arange(len(facets))
-    quadrature = PlacedQuadrature(owners, elements, points, 0.5 * weights * speed)
-    return quadrature, along / speed[..., None]
-
-
 def _pieces(
     mesh: MeshTri2, shapes: Sequence[shapely.Geometry] | Geometries, negligible: float = 1e-12
 ) -> tuple[Indices, Indices, Geometries]:
-    """Pieces into which elements cut polygons, or lines: index of the shape, element, and piece.
-
-    An element that only touches a shape has a piece of no size, or of less than the `negligible`
-    part of the shape, which is rounding.
-    """
+    """Pieces into which elements cut polygons, or lines: index of the shape, element, and piece. An
+    element that only touches a shape has a piece of no size, or of less than the `negligible` part
+    of the shape, which is rounding."""
     polygons, cut = _element_polygons(mesh), np.asarray(shapes)
     owners, elements = shapely.STRtree(polygons).query(cut)
     pieces, pair = shapely.get_parts(

@@ -9,10 +9,8 @@ from pvdf_fem.scene.scene import Scene
 
 
 def rest_charges(scene: Scene) -> Array:
-    """Charge in C of each electrode of the flat, untouched film, (electrodes,).
-
-    It needs no solve, since the stress of the flat clamped film is the same everywhere. Any
-    observable makes area times stress of it.
-    """
+    """Charge in C of each electrode of the flat, untouched film, (electrodes,). It needs no solve,
+    since the stress of the flat clamped film is the same everywhere. Any observable makes area
+    times stress of it."""
     goals, stress = goals_of(scene), film_model(scene).stress_at_rest
     return areas_of(goals) * (coefficients_of(goals) @ stress[:2])

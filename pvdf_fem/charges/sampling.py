@@ -14,27 +14,20 @@ from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.charges.goals import Goal, areas_of
-from pvdf_fem.charges.quadrature import (
-    PlacedQuadrature,
-    area_quadrature,
-    facet_quadrature,
-    line_quadrature,
-)
+from pvdf_fem.charges.quadrature import area_quadrature, line_quadrature
 from pvdf_fem.film.space import Space
+from pvdf_fem.mesh.points import PlacedQuadrature, facet_quadrature
 
 
 @dataclass(frozen=True, eq=False)
 class Sampling:
     """Points at which electrodes sample the stress, in rows that lie in one element each."""
 
-    #: Index of the electrode that a row of points belongs to, (n,).
-    goals: Indices
+    goals: Indices  #: Index of the electrode that a row of points belongs to, (n,).
     #: The forces that the points add to: 0 is X (component 11 or xx), 1 is Y.
     axes: tuple[int, ...]
-    #: (n,)
-    elements: Indices
-    #: Gradients of the space's functions, 1/m, (n, points, functions, 2).
-    gradients: Array
+    elements: Indices  #: (n,)
+    gradients: Array  #: Gradients of the space's functions, 1/m, (n, points, functions, 2).
     #: Factors of the stress in m^2. They add up to an electrode's area for each of its forces, (n,
     #: points).
     weights: Array
@@ -61,10 +54,8 @@ def area_samplings(goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
 
 def edge_samplings(goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
     """Points along the edges of rectangles: left and right ones for X, lower and upper ones for Y.
-
     Left and lower are meant in the electrode's own scene. The stress on an edge is the mean of its
-    traces from both sides. Beyond a mirror line it is that before the line.
-    """
+    traces from both sides. Beyond a mirror line it is that before the line."""
     followed, others = _by_mesh(goals)
     mesh = space.mesh
     sides = [facets for i in followed for facets in _side_facets(goals[i], mesh)]
@@ -112,11 +103,9 @@ def _both_traces(mesh: MeshTri2, facets: Indices) -> PlacedQuadrature:
 
 
 def _side_facets(goal: Goal, mesh: MeshTri2, close: float = 1e-6) -> tuple[Indices, Indices]:
-    """Facets of a patch on the left and right edges of its rectangle, and on the lower and upper.
-
-    A facet is on an edge if its middle is as `close` to it, relative to the rectangle's size. The
-    patch of a part of the film ends at the mirror lines too, which are no edges of the electrode.
-    """
+    """Facets of a patch on the left and right edges of its rectangle, and on the lower and upper. A
+    facet is on an edge if its middle is as `close` to it, relative to the rectangle's size. The
+    patch of a part of the film ends at the mirror lines too, no edges of the electrode."""
     facets, count = np.unique(mesh.t2f[:, goal.elements(mesh)], return_counts=True)
     facets = facets[count == 1]
     middle = mesh.p[:, mesh.facets[:, facets]].mean(axis=1).T @ goal.frame

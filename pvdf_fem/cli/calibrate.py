@@ -6,14 +6,19 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
-from pvdf_fem.cli.program import ExitCode, InputError, output_mistakes
+from pvdf_fem.cli.program import (
+    ExitCode,
+    InputError,
+    add_scene_command,
+    add_texts,
+    output_mistakes,
+    scene_of,
+)
 from pvdf_fem.cli.response_model import number_of
 from pvdf_fem.files import replacing
-
-if TYPE_CHECKING:
-    from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.scene_file import SceneError
 
 DESCRIPTION = """\
 Parameters of a sensor from touches with known place, rotation and force: what
@@ -39,18 +44,19 @@ exit codes: 0 calibrated, 2 bad input, 3 not calibrated (the status says why)"""
 DEVIATIONS = ("sigma", "noise", "place-sd")
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """The options of the command."""
+def add_to(commands: Any) -> None:
+    """Add the command to those of an argument parser."""
+    summary = "the sensor from known touches"
+    parser = add_scene_command(commands, "calibrate", run, summary, DESCRIPTION, EPILOG)
     parser.add_argument("touches", metavar="TOUCHES.csv", help="touches with readings")
-    for option, metavar, default, text in (
+    add_texts(
+        parser,
         ("--unknown", "NAMES", "film.pretension_N_m,gains", "what is sought"),
         ("--unit", "UNIT", "pC", "of the readings: pC or V"),
         ("--sigma", "SHARE", "0.01", "standard deviation of each reading, relative to it"),
         ("--noise", "VALUE", "0", "standard deviation of each reading besides, in its unit"),
         ("--place-sd", "MM", "0", "standard deviation of x and y of the touches' places"),
-    ):
-        help_text = f"{text} (default: {default})"
-        parser.add_argument(option, metavar=metavar, default=default, help=help_text)
+    )
     parser.add_argument(
         "--reading",
         help="change: of the charge since the untouched film; total: of the charge (default: what "
@@ -68,15 +74,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--page", metavar="FILE.html", type=Path, help="write a page with pictures")
 
 
-def mistakes_of(options: argparse.Namespace) -> list[str]:
-    """Reasons for which the files could not be written."""
+def run(options: argparse.Namespace) -> int:
+    """Run the command; returns its exit code."""
     inputs = Path(options.scene), Path(options.touches)
     mistakes = output_mistakes(options.output, [".toml"], *inputs)
-    return mistakes + output_mistakes(options.page, [".html"], *inputs, options.output)
-
-
-def run(options: argparse.Namespace, scene: Scene) -> int:
-    """Calibrate a scene as the options say."""
+    mistakes += output_mistakes(options.page, [".html"], *inputs, options.output)
+    scene = scene_of(options, *mistakes)
     given = {f"--{name}": getattr(options, name.replace("-", "_")) for name in DEVIATIONS}
     given |= {f"--prior {n.strip()}": v for n, _, v in (t.partition("=") for t in options.prior)}
     numbers = {option: number_of(text) for option, text in given.items()}
@@ -96,6 +99,8 @@ def run(options: argparse.Namespace, scene: Scene) -> int:
             priors={o[len("--prior ") :]: v for o, v in values.items() if o.startswith("--prior ")},
             **{name.replace("-", "_"): values[f"--{name}"] for name in DEVIATIONS},
         )
+    except SceneError:  # told as it is
+        raise
     except ValueError as error:
         raise InputError(*(line for text in error.args for line in str(text).split("\n"))) from None
     calibrated = found.status is CalibrationStatus.CALIBRATED

@@ -5,17 +5,19 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.cli import response_model
-from pvdf_fem.cli.response_model import ModelChoice, model_of, number_of, positive
+from pvdf_fem.cli.locate_request import NAMES, SOUGHT, Request, require
+from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, scene_of
+from pvdf_fem.cli.response_model import model_of
 
 if TYPE_CHECKING:
     from pvdf_fem.scene.scene import Scene
+    from pvdf_fem.touch.locate import ProbeMatch
     from pvdf_fem.touch.location import Location
-    from pvdf_fem.touch.probes import ProbeMatch
     from pvdf_fem.touch.touch import Touch
 
 DESCRIPTION = """\
@@ -34,18 +36,23 @@ A model of the charges is needed, over all places within --reach and forces in
 shown on standard error, and kept beside the scene file; later calls take a
 moment. A call that was stopped goes on where it was.
 
+Two touches at once (--touches 2) and tangential forces (--unknown with
+tangential) are found by full solves instead, without a model, which takes up to
+a minute; the scene's list of probes, or its probe twice, is what touches.
+
 With --csv every row of a file is located. Its header has names of electrodes,
 and may have rotation_deg and force_N, which are then known. Other columns are
 passed through; columns x_mm, y_mm, rotation_deg, force_N, their deviations,
 chi_square, p_value, alternatives (other touches with 1 % of the likelihood or
 more), status and remark follow. Files that end in .json or .jsonl have a list
-of objects, or an object on each line."""
+of objects, or an object on each line; - is CSV, or such a list with --json."""
 
 EPILOG = """\
 examples:
   pvdf-fem locate scene.toml --charges A=905.1,B=731.4,C=600.2,D=640.9
   pvdf-fem locate scene.toml --charges A=905.1,B=731.4,C=600.2,D=640.9 \\
       --unknown x,y,force,rotation --sigma 0.005 --polish --json
+  pvdf-fem locate eight.toml --touches 2 --charges A=1164,B=906,C=860,D=1009,...
   pvdf-fem locate sensor.toml --changes A=0.857,B=0.683,C=0.552,D=0.593 --unit V
   pvdf-fem locate sensor.toml --csv readings.csv --output touches.csv
   read-amplifier | pvdf-fem locate sensor.toml --csv - --quick | show-touches
@@ -54,36 +61,19 @@ examples:
 exit codes: 0 located (look at the remarks; with --csv all rows that can be
 used), 2 bad input, 3 no touch found, or a solve failed"""
 
-#: What may be sought, as on the command line.
-NAMES = {"x": "x_mm", "y": "y_mm", "force": "force_N", "rotation": "rotation_deg"}
 _UNITS = {"x": "mm", "y": "mm", "force": "N", "rotation": "°"}
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """The options of the command."""
-    given = parser.add_mutually_exclusive_group(required=True)
-    given.add_argument(
-        "--charges",
-        metavar="A=PC,B=PC,...",
-        help="total charges in pC of some or all electrodes, the stretched film's included",
-    )
-    given.add_argument(
-        "--changes",
-        metavar="A=PC,B=PC,...",
-        dest="readings_of_change",
-        help="what the touch added to them: readings of amplifiers that were zeroed before it",
-    )
-    given.add_argument(
-        "--csv",
-        metavar="FILE",
-        help="a table of readings; - reads standard input, as CSV unless --json is given",
-    )
-    parser.add_argument(
-        "--output",
-        metavar="FILE",
-        default="-",
-        help="where touches of a table are written: .csv, .json or .jsonl (default: - for "
-        "standard output, as CSV unless --json is given)",
+def add_to(commands: Any) -> None:
+    """Add the command to those of an argument parser."""
+    summary = "the touch that gave some charges"
+    parser = add_scene_command(commands, "locate", run, summary, DESCRIPTION, EPILOG)
+    given, values = parser.add_mutually_exclusive_group(required=True), "A=PC,B=PC,..."
+    add_texts(
+        given,
+        ("--charges", values, None, "total charges of electrodes, the stretched film's included"),
+        ("--changes", values, None, "readings of amplifiers that were zeroed before the touch"),
+        ("--csv", "FILE", None, "a table of readings, or - for standard input (see --json)"),
     )
     parser.add_argument(
         "--quick",
@@ -102,22 +92,19 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         default="pC",
         help="unit of readings and --noise; V needs a [readout] (default: pC)",
     )
-    parser.add_argument(
-        "--sigma",
-        metavar="SHARE",
-        default="0.01",
-        help="standard deviation over the charge or change that is given (default: 0.01)",
+    add_texts(
+        parser,
+        ("--output", "FILE", "-", "where a table's touches are written, - for standard output"),
+        ("--sigma", "SHARE", "0.01", "standard deviation over the charge or change that is given"),
+        ("--noise", "PC", None, "another one, of every reading (default: readout.noise_V, or 0)"),
+        ("--unknown", "NAMES", "x,y,force", SOUGHT),
     )
     parser.add_argument(
-        "--noise",
-        metavar="PC",
-        help="standard deviation that every reading has besides (default: readout.noise_V, or 0)",
-    )
-    parser.add_argument(
-        "--unknown",
-        metavar="NAMES",
-        default="x,y,force",
-        help="what is sought, of x, y, force, rotation (default: x,y,force)",
+        "--touches",
+        type=int,
+        choices=(1, 2),
+        default=1,
+        help="number of probes that touch at once (default: 1)",
     )
     parser.add_argument(
         "--or",
@@ -136,95 +123,38 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-@dataclass(frozen=True)
-class Request:
-    """What was asked for, read from the options."""
+def run(options: argparse.Namespace) -> int:
+    """Run the command; returns its exit code."""
+    request = Request.of(options)
+    mistakes, scenes = list(request.mistakes), {}
+    for file in dict.fromkeys([options.scene, *options.others]):
+        try:
+            scenes[file] = scene_of(argparse.Namespace(scene=file, settings=options.settings))
+        except InputError as error:
+            mistakes += error.args
+    probes = {
+        f: s.loaded_probes if request.by_solves else s.single_probe for f, s in scenes.items()
+    }
+    mistakes += [f"{file}: has no [probe]; add one" for file, probe in probes.items() if not probe]
+    if mistakes:
+        raise InputError(*mistakes)
+    from pvdf_fem.cli.locate_rows import locate_rows
+    from pvdf_fem.solution.solution import NotConvergedError
+    from pvdf_fem.touch.polish import PolishError
 
-    #: By electrode in the unit; none for a table.
-    readings: dict[str, float]
-    #: ``pC`` or ``V``.
-    unit: str
-    #: Of `pvdf_fem.touch.measurement.READINGS`; None is the scene's.
-    reading: str | None
-    sigma: float
-    #: In the unit; None is the scene's.
-    noise: float | None
-    #: Of the quantities of a touch.
-    unknown: tuple[str, ...]
-    #: The model that is wanted.
-    model: ModelChoice
-    #: What is wrong with the options; the other values count only if nothing is.
-    mistakes: tuple[str, ...]
-
-    @classmethod
-    def of(cls, options: argparse.Namespace) -> Request:
-        """The request of a command line."""
-        readings, reading, wrong = {}, options.reading, _misplaced(options)
-        if options.charges is not None:
-            readings, reading = _charges("--charges", options.charges, wrong), "total"
-        elif options.readings_of_change is not None:
-            readings, reading = _charges("--changes", options.readings_of_change, wrong), "change"
-        sigma, noise = positive("--sigma", options.sigma, wrong, zero=True), options.noise
-        if noise is not None:
-            noise = positive("--noise", noise, wrong, zero=True)
-        unknown = sought(options.unknown, wrong)
-        model = ModelChoice.of(options, wrong)
-        if options.model and options.others:
-            wrong.append("--model: is of one scene; leave it out with --or")
-        return cls(readings, options.unit, reading, sigma, noise, unknown, model, tuple(wrong))
-
-    def unit_pC(self, scene: Scene) -> dict[str, float]:
-        """The unit of readings in nominal pC, by electrode."""
-        from pvdf_fem.readout.channel import channels
-
-        return {
-            channel.name: 1e12 * channel.capacitance if self.unit == "V" else 1.0
-            for channel in channels(scene)
-        }
-
-    def readings_pC(self, scene: Scene) -> dict[str, float]:
-        """The readings in nominal pC, by electrode."""
-        units = self.unit_pC(scene)
-        return {name: units.get(name, 1.0) * value for name, value in self.readings.items()}
-
-    def noise_pC(self, scene: Scene) -> dict[str, float] | None:
-        """The noise in nominal pC, by electrode; None is that of the readout."""
-        if self.noise is None:
-            return None
-        return {name: unit * self.noise for name, unit in self.unit_pC(scene).items()}
-
-
-def _misplaced(options: argparse.Namespace) -> list[str]:
-    """Options that are not for what was given."""
-    table, single = options.csv is not None, "is of a table; leave it out, or give --csv"
-    wrong = [f"--{name}: {single}" for name in ("quick", "reading") if getattr(options, name)]
-    if options.output != "-":
-        wrong.append(f"--output: {single}")
-    if not table:
-        return wrong
-    each = {"--or": options.others, "--polish": options.polish}
-    return [f"{name}: is for single touches; leave it out" for name, used in each.items() if used]
-
-
-def _charges(option: str, text: str, mistakes: list[str]) -> dict[str, float]:
-    charges: dict[str, float] = {}
-    for item in text.split(","):
-        name, equals, value = (part.strip() for part in item.partition("="))
-        number = number_of(value)
-        if not (name and equals) or number is None:
-            mistakes.append(f"{option} {item.strip()}: write NAME=CHARGE, such as A=905.1")
-        elif name in charges:
-            mistakes.append(f"{option} {name}: given twice; remove one")
-        else:
-            charges[name] = number
-    return charges
-
-
-def sought(text: str, mistakes: list[str]) -> tuple[str, ...]:
-    """The quantities that are named as sought; what is wrong is added to `mistakes`."""
-    items = [item.strip() for item in text.split(",")]
-    mistakes += [f"--unknown {i}: choose from {', '.join(NAMES)}" for i in items if i not in NAMES]
-    return tuple(NAMES[item] for item in dict.fromkeys(items) if item in NAMES)
+    try:
+        if options.csv is not None:
+            return locate_rows(scenes[options.scene], request, options)
+        if request.by_solves:
+            return _by_solves(scenes[options.scene], request, options.json)
+        choices = located(scenes, request, options.polish)
+    except ValueError as error:
+        raise InputError(*str(error).splitlines()) from error
+    except (PolishError, NotConvergedError) as error:
+        print(error, file=sys.stderr)
+        return ExitCode.NOT_CONVERGED
+    print_matches(choices, options.json)
+    return ExitCode.CONVERGED if choices[0].location.touches else ExitCode.NOT_CONVERGED
 
 
 def located(
@@ -234,9 +164,8 @@ def located(
 
     What is not sought is known from the first. Raises `ValueError` with all mistakes.
     """
-    from pvdf_fem.touch.locate import staged_touch
+    from pvdf_fem.touch.locate import match, staged_touch, weigh
     from pvdf_fem.touch.polish import polish
-    from pvdf_fem.touch.probes import match, weigh
 
     sensor = next(iter(scenes.values()))
     touch = staged_touch(sensor)
@@ -254,28 +183,24 @@ def located(
     return match({m.name: polish(models[m.name], m.location, readings, **errors) for m in matches})
 
 
-def require(
-    scenes: Mapping[str, Scene],
-    request: Request,
-    readings_pC: Mapping[str, float],
-    known: Mapping[str, float],
-) -> None:
-    """Refuse before anything is built what cannot be located with the scenes."""
-    from pvdf_fem.touch.measurement import centre_mm
-    from pvdf_fem.touch.mistakes import charge_mistakes, known_mistakes
+def _by_solves(scene: Scene, request: Request, as_json: bool) -> int:
+    """Find and print touches by full solves; returns the exit code."""
+    from pvdf_fem.touch.by_solves import locate_by_solves
 
-    mistakes: list[str] = []
-    for name, scene in scenes.items():
-        mistakes += charge_mistakes(scene, readings_pC, request.sigma, request.noise_pC(scene))
-        if request.unit == "V" and scene.readout is None:
-            mistakes.append(f"--unit V: {name} has no [readout]; add one, or give pC")
-    for name, scene in scenes.items():
-        mistakes += request.model.mistakes(scene, name)
-    if not (request.model.file and request.model.file.exists()):
-        centre = centre_mm(next(iter(scenes.values())))
-        mistakes += known_mistakes(request.model.domain, request.unknown, {}, known, centre)
-    if mistakes:
-        raise ValueError("\n".join(dict.fromkeys(mistakes)))
+    asked: dict[str, Any] = {"touches": request.touches, "unknown": request.unknown}
+    errors: dict[str, Any] = {"sigma": request.sigma, "noise_pC": request.noise_pC(scene)}
+    readings = request.readings_pC(scene)
+    found = locate_by_solves(scene, readings, reading=request.reading, **asked, **errors)
+    if as_json:
+        print(json.dumps({"touches": [fit.to_json() for fit in found]}, allow_nan=False))
+    elif not found:
+        print("no search ended: the charges fit no touches within reach")
+    for number, fit in enumerate(() if as_json else found, start=1):
+        print(f"alternative {number} of {len(found)}, share of likelihood {fit.weight:.3g}")
+        for key, value in fit.values.items():
+            print(f"  {key:<24} {value:>12.5g} ± {fit.deviations[key]:.2g}")
+        print(f"  {'chi-square':<24} {fit.chi_square:>12.3g}")
+    return ExitCode.CONVERGED if found else ExitCode.NOT_CONVERGED
 
 
 def print_matches(matches: Sequence[ProbeMatch], as_json: bool) -> None:

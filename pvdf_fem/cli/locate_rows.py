@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.cli.locate import Request, require
+from pvdf_fem.cli.locate_request import Request, require
 from pvdf_fem.cli.program import ExitCode, InputError, output_mistakes
 from pvdf_fem.cli.response_model import model_of
 from pvdf_fem.cli.table import ENDINGS, Row, form, number, plain, rows_of, writer

@@ -1,24 +1,27 @@
-"""How a program of this package ends: exit codes, and a line for what stopped it."""
+"""What commands share: options of a scene, exit codes, and a line for what stopped a program."""
 
 from __future__ import annotations
 
 import argparse
 import io
 import os
+import re
 import sys
 import warnings
 from collections.abc import Callable, Sequence
 from enum import IntEnum
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from pvdf_fem.files import FileError, printable, require_writable
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
+from pvdf_fem.scene.scene_file import SceneError
 
-#: Largest number of characters in a line of complaint; longer lines are cut.
-LONGEST_LINE = 400
-#: Largest number of mistakes that are told, a line each.
-MOST_LINES = 120
+if TYPE_CHECKING:
+    from pvdf_fem.scene.scene import Scene
+
+LONGEST_LINE = 400  #: Largest number of characters in a line of complaint; longer lines are cut.
+MOST_LINES = 120  #: Largest number of mistakes that are told, a line each.
 
 
 class ExitCode(IntEnum):
@@ -63,13 +66,80 @@ def add_command(
     return parser
 
 
+def add_scene_command(
+    commands: Any, *about: Any, as_json: str = "print one JSON object and nothing else"
+) -> argparse.ArgumentParser:
+    """A command about a scene; `about` are the arguments of `add_command`, as_json its help."""
+    parser = add_command(commands, *about)
+    parser.add_argument("scene", metavar="SCENE.toml", help="scene file")
+    parser.add_argument(
+        "--set",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        dest="settings",
+        help="change a value of the scene, such as load.force_N=2 or electrodes[0].x_mm=9; VALUE "
+        "is TOML, and a bare word is text; may be given several times, the last counts",
+    )
+    if as_json:
+        parser.add_argument("--json", action="store_true", help=as_json)
+    return parser
+
+
+def scene_of(options: argparse.Namespace, *mistakes: str) -> Scene:
+    """The scene with its changes; raises `InputError` with the given mistakes and its own."""
+    from pvdf_fem.scene.change import spelled
+    from pvdf_fem.scene.scene import Scene, SceneError
+
+    problems, changes = list(mistakes), {}
+    for text in options.settings:
+        try:
+            key, value = _change(text)
+            changes[spelled(key)] = value
+        except InputError as error:
+            problems += error.args
+    try:
+        scene: Scene = Scene.load(options.scene)
+        scene = scene.with_(**changes) if changes else scene
+    except SceneError as error:
+        problems += error.problems
+    if problems:
+        raise InputError(*problems)
+    return scene
+
+
+def _change(text: str) -> tuple[str, Any]:
+    from pvdf_fem.scene.scene_file import SceneError, parse_toml
+
+    shown = text if len(text) <= 80 else f"{text[:77]}..."
+    key, equals, value = (part.strip() for part in text.partition("="))
+    if not (key and equals and value):
+        raise InputError(f"--set {shown}: is no change; write KEY=VALUE, such as load.force_N=2")
+    try:
+        table = parse_toml(f"value = {value}", "--set")
+    except SceneError:
+        table = {}
+    if list(table) == ["value"]:
+        return key, table["value"]
+    if re.fullmatch(r"[^\W\d][\w -]*", value):
+        return key, value
+    raise InputError(
+        f"--set {shown}: the value is not TOML; write a number, a word, [...] or '\"...\"'"
+    )
+
+
+def add_texts(parser: Any, *options: tuple[str, str, str | None, str]) -> None:
+    """Add options with a text for a value: name, stand-in of the value, default, help."""
+    for name, metavar, default, about in options:
+        about = about if default is None else f"{about} (default: {default})"
+        parser.add_argument(name, metavar=metavar, default=default, help=about)
+
+
 def output_mistakes(
     path: Path | None, extensions: Sequence[str], *others: Path | None
 ) -> list[str]:
-    """Reasons for which a file could not be written.
-
-    `extensions` are those of known formats, and `others` are files that it must not overwrite.
-    """
+    """Reasons for which a file could not be written. `extensions` are those of known formats, and
+    `others` are files that it must not overwrite."""
     if path is None:
         return []
     if path.suffix.lower() not in extensions:
@@ -82,11 +152,9 @@ def output_mistakes(
 
 
 def run_program(name: str, job: Callable[[], int]) -> int:
-    """Run a job and return its exit code, or that of the exception that stopped it.
-
-    The exception is told on standard error: `InputError`, `FileError`, `GmshMissingError` and
-    `OSError`, which give `ExitCode.BAD_INPUT`, and an interrupt of the program `name`.
-    """
+    """Run a job and return its exit code, or that of the exception that stopped it. The exception
+    is told on standard error: `InputError`, `FileError`, `GmshMissingError`, `SceneError` and
+    `OSError`, which give `ExitCode.BAD_INPUT`, and an interrupt of the program `name`."""
     _prepare_streams()
     try:
         if sys.stdout is None:
@@ -107,6 +175,9 @@ def run_program(name: str, job: Callable[[], int]) -> int:
         return ExitCode.BROKEN_PIPE
     except (InputError, FileError, GmshMissingError) as error:
         _tell(*map(str, error.args))
+        return ExitCode.BAD_INPUT
+    except SceneError as error:  # of a scene that is valid, but not for this job
+        _tell(*error.problems)
         return ExitCode.BAD_INPUT
     except OSError as error:
         # the file is one that nothing else guards, or standard output if it has no name

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pvdf_fem.cli.program import add_texts
 from pvdf_fem.files import FileError, require_writable
 
 if TYPE_CHECKING:
@@ -29,23 +30,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "SCENE-HASH.response beside the scene file, the hash being of film and probe, domain, "
         "tolerance and code); for other electrodes, d31 and d32 it is read anew",
     )
-    parser.add_argument(
-        "--reach",
-        metavar="MM",
-        default="12",
-        help="a new model's largest distance of the centroid from the centre (default: 12)",
-    )
-    parser.add_argument(
-        "--force-range",
-        metavar="LEAST,LARGEST",
-        default="0.1,5",
-        help="a new model's forces in N (default: 0.1,5)",
-    )
-    parser.add_argument(
-        "--tolerance",
-        metavar="SHARE",
-        default="1e-3",
-        help="a new model's largest error bound, relative to a charge (default: 1e-3)",
+    add_texts(
+        parser,
+        ("--reach", "MM", "12", "a new model's largest distance of the centroid from the centre"),
+        ("--force-range", "LEAST,LARGEST", "0.1,5", "a new model's forces in N"),
+        ("--tolerance", "SHARE", "1e-3", "its largest error bound, relative to a charge"),
     )
 
 
@@ -54,10 +43,8 @@ class ModelChoice:
     """Which model is wanted, as the options say."""
 
     file: Path | None
-    #: Of a new model.
-    domain: Domain
-    #: Largest error bound of a new model.
-    tolerance: float
+    domain: Domain  #: Of a new model.
+    tolerance: float  #: Largest error bound of a new model.
 
     @classmethod
     def of(cls, options: argparse.Namespace, mistakes: list[str]) -> ModelChoice:
@@ -89,10 +76,8 @@ class ModelChoice:
 
 
 def model_of(scene: Scene, scene_file: str, choice: ModelChoice) -> Response:
-    """The model of a scene, from its file or built and written there.
-
-    Raises `ValueError` for a file of a film or a probe that deforms otherwise, and `FileError`.
-    """
+    """The model of a scene, from its file or built and written there. Raises `ValueError` for a
+    file of a film or a probe that deforms otherwise, and `FileError`."""
     from pvdf_fem.response.build import build_response
     from pvdf_fem.response.response import Response, reads_alike, refuse_other_mechanics
 

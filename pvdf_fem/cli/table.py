@@ -16,14 +16,11 @@ from pvdf_fem.cli.program import InputError
 from pvdf_fem.cli.response_model import number_of
 from pvdf_fem.files import FileError, reading, replacing
 
-#: Largest size in bytes of a line, or of an object.
-LONGEST_ROW = 1 << 20
-#: Bytes that are read at once at most; a pipe gives what has come.
-CHUNK = 1 << 18
+LONGEST_ROW = 1 << 20  #: Largest size in bytes of a line, or of an object.
+CHUNK = 1 << 18  #: Bytes that are read at once at most; a pipe gives what has come.
 ENDINGS = [".csv", ".json", ".jsonl"]
 
-#: Values by column, and whether there is one for each column.
-Row = tuple[dict[str, Any], bool]
+Row = tuple[dict[str, Any], bool]  #: Values by column, and whether there is one for each column.
 
 
 def form(path: Path | None, as_json: bool) -> str:
@@ -36,10 +33,8 @@ def form(path: Path | None, as_json: bool) -> str:
 def rows_of(
     stack: ExitStack, source: Path | None, kind: str, electrodes: Sequence[str]
 ) -> tuple[list[str], Iterator[list[Row]]]:
-    """The columns of a file, or of standard input for None, and its rows as they come.
-
-    Raises `InputError` for a table without electrodes, and `FileError` for what is no table.
-    """
+    """The columns of a file, or of standard input for None, and its rows as they come. Raises
+    `InputError` for a table without electrodes, and `FileError` for what is no table."""
     if source is None and sys.stdin is None:
         raise InputError("standard input: is closed; redirect it from a file")
     stream = stack.enter_context(reading(source, "a table")) if source else sys.stdin.buffer
@@ -148,8 +143,7 @@ def _finite(text: str) -> float | None:
 
 
 _JSON = json.JSONDecoder(parse_float=_finite, parse_constant=_finite)
-#: Characters before, between and after objects of a list.
-_BETWEEN = "[], \t"
+_BETWEEN = "[], \t"  #: Characters before, between and after objects of a list.
 
 
 def _lines(stream: BinaryIO, name: str) -> Iterator[list[str]]:

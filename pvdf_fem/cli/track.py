@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.cli import response_model
-from pvdf_fem.cli.locate import sought
-from pvdf_fem.cli.program import InputError
+from pvdf_fem.cli.locate_request import SOUGHT, sought
+from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, scene_of
 from pvdf_fem.cli.response_model import ModelChoice, model_of
 from pvdf_fem.cli.table import number, plain, rows_of, writer
 from pvdf_fem.files import printable
 
 if TYPE_CHECKING:
-    from pvdf_fem.scene.scene import Scene
     from pvdf_fem.tracking.rows import Row
 
 DESCRIPTION = """\
@@ -55,26 +54,25 @@ examples:
 exit codes: 0 done, 2 bad input"""
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """The options of the command."""
+def add_to(commands: Any) -> None:
+    """Add the command to those of an argument parser."""
+    summary, as_json = (
+        "touches in a stream of readings",
+        "print a JSON object for each row and touch",
+    )
+    about = "track", run, summary, DESCRIPTION, EPILOG
+    parser = add_scene_command(commands, *about, as_json=as_json)
     parser.add_argument("signals", metavar="SIGNALS.csv", help="readings, or - for standard input")
     parser.add_argument(
         "--unit", choices=["V", "pC"], default="V", help="of the readings (default: V)"
     )
-    parser.add_argument(
-        "--unknown",
-        metavar="NAMES",
-        default="x,y,force",
-        help="what is sought, of x, y, force, rotation (default: x,y,force)",
-    )
+    add_texts(parser, ("--unknown", "NAMES", "x,y,force", SOUGHT))
     response_model.add_options(parser)
-    parser.add_argument(
-        "--json", action="store_true", help="print a JSON object for each row and each touch"
-    )
 
 
-def track(scene: Scene, options: argparse.Namespace) -> None:
-    """Run the command for its scene."""
+def run(options: argparse.Namespace) -> int:
+    """Run the command; returns its exit code."""
+    scene = scene_of(options)
     from pvdf_fem.tracking.rows import Row
     from pvdf_fem.tracking.tracker import Tracker
 
@@ -82,7 +80,7 @@ def track(scene: Scene, options: argparse.Namespace) -> None:
     unknown, choice = sought(options.unknown, mistakes), ModelChoice.of(options, mistakes)
     if "force_N" not in unknown:
         mistakes.append("--unknown: the force of a touch is always sought; name it")
-    if scene.probe is None:
+    if scene.single_probe is None:
         mistakes.append(f"{options.scene}: has no [probe]; add one")
     if options.unit == "V" and scene.readout is None:
         mistakes.append(f"--unit V: {options.scene} has no [readout]; add one, or give pC")
@@ -122,6 +120,7 @@ def track(scene: Scene, options: argparse.Namespace) -> None:
                 else:
                     print(summary, file=sys.stderr, flush=True)
             told = len(tracker.touches)
+    return ExitCode.CONVERGED
 
 
 def _plain(row: Row) -> dict[str, Any]:

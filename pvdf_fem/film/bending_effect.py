@@ -1,12 +1,8 @@
 """What bending would change: an upper estimate from dimensionless numbers, before any solve.
 
 Bending acts within the length l = sqrt(D/N) of an edge, D = h^3/12 C the film's bending stiffness
-and N its tension. With N0 at rest, a force F makes at the distance r about the root N of
-
-    N^2 (N - N0) = (0.24)^3 E h F^2/r^2,
-
-which is Schwerin's point load without pretension and, to a small factor, the linear film under a
-large one; (N - N0)/N is the part of an electrode's charge that the load makes. Of that part
+and N its tension. The tension is that of `pvdf_fem.film.point_load`; (N - N0)/N is the part of an
+electrode's charge that the load makes. Of that part
 
 - the clamped rim, which moves inwards by l, changes about l/a, more for an electrode far from the
   film's centre and for a probe near the rim;
@@ -23,15 +19,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
-from pvdf_fem.film.loads import LOADS
+from pvdf_fem.film.loads.contact import first_contacts, guessed_force
+from pvdf_fem.film.loads.kinds import LOADS
+from pvdf_fem.film.point_load import cube_at, tension_at
 from pvdf_fem.scene.outlines.outline import Outline
-from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.scene import LoadedProbe, Scene
 
-#: N of Schwerin's point load without pretension over (E h F^2/r^2)^(1/3), for a Poisson's ratio of
-#: 1/3.
-SCHWERIN = 0.24
 #: A layer is resolved where leaving it out would change a charge by more tolerances than this.
 UNRESOLVED = 6.0
 
@@ -44,10 +37,8 @@ class BendingFit:
     #: and what the square of an electrode's distance over the film's radius adds to it.
     rim_at_centre: float = 0.4
     rim_outside: float = 4.0
-    #: Change over l/b, or (l/b)^2, by the probe.
-    probe: float = 0.4
-    #: Distance of a probe that touches the rim, over the probe's radius.
-    least_gap: float = 0.1
+    probe: float = 0.4  #: Change over l/b, or (l/b)^2, by the probe.
+    least_gap: float = 0.1  #: Distance of a probe that touches the rim, over the probe's radius.
 
 
 FIT = BendingFit()
@@ -99,20 +90,29 @@ class BendingEffect:
 
 
 def bending_effect(scene: Scene) -> BendingEffect:
-    """What bending changes in a scene; nothing in one without load."""
+    """What bending changes in a scene; nothing in one without load. Of several probes it is the
+    effect of the one that alone makes the largest."""
+    effects = [_effect_of(scene, touch) for touch in scene.loaded_probes or (None,)]
+    return max(effects, key=lambda effect: effect.change)
+
+
+def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
     film = scene.film
     C, h, a = film.stiffness[:2, :2], film.thickness, film.radius
     stiffness = float(C.max())
-    D, modulus = h**3 / 12.0 * stiffness, float(np.linalg.det(C)) / stiffness
+    D = h**3 / 12.0 * stiffness
     rest = h * float(film.stress_at_rest[:2].mean())
-    force = scene.load.force if scene.probe else 0.0
-    b = _radius(scene.probe.outline) if scene.probe else a
+    force, probe = 0.0, None
+    if touch is not None:
+        force = math.hypot(*touch.load.components[:2], guessed_force(touch.load, film))
+        probe = first_contacts(scene).get(touch.patch, touch.outline)
+    b = _radius(probe) if probe else a
 
     def cube(r: float) -> float:
-        return SCHWERIN**3 * modulus * h * (force / r) ** 2
+        return cube_at(film, force, r)
 
     def tension(r: float) -> float:
-        return _tension(rest, cube(r))
+        return tension_at(film, force, r)
 
     tensions = (max(rest, 0.0), tension(a), tension(b))
     rest_length, rim_length, probe_length = (
@@ -120,11 +120,10 @@ def bending_effect(scene: Scene) -> BendingEffect:
     )
     electrodes = [electrode.outline for electrode in scene.electrode_list]
     changes = [(0.0, 0.0)]
-    if scene.probe is not None and force > 0.0:
-        probe = scene.probe.outline
+    if touch is not None and probe is not None and force > 0.0:
         # a probe that touches the rim is as far from it, on an average, as it is wide
         gap = max(1.0 - probe.reach / a, FIT.least_gap * b / a)
-        power = 1 if LOADS[scene.load.kind].rigid else 2
+        power = 1 if LOADS[touch.load.kind].rigid else 2
         distances = [
             max(math.dist(outline.centroid, probe.centroid) - _radius(outline), b)
             for outline in electrodes
@@ -151,29 +150,13 @@ def bending_effect(scene: Scene) -> BendingEffect:
 
 
 def layer_size(length: float, change: float, tolerance: float) -> float:
-    """Element size in m along an edge where bending acts within `length`; infinite if any does.
-
-    The elements are 8 bending lengths wide where the change is just worth it, and narrower for
-    smaller tolerances: elements of 100, 10, 5 and 3 bending lengths leave out a third, a tenth, a
-    twentieth and a hundredth of the change.
-    """
+    """Element size in m along an edge where bending acts within `length`; infinite if any does. The
+    elements are 8 bending lengths wide where the change is just worth it, and narrower for smaller
+    tolerances: elements of 100, 10, 5 and 3 bending lengths leave out a third, a tenth, a twentieth
+    and a hundredth of the change."""
     if change <= UNRESOLVED * tolerance:
         return math.inf
     return 8.0 * length * float((UNRESOLVED * tolerance / change) ** 0.25)
-
-
-def _tension(rest: float, cube: float) -> float:
-    """The positive root N of N^2 (N - rest) = cube, or 0.
-
-    Newton's method from above, where the cubic is convex, comes down monotonically.
-    """
-    N = max(rest, 0.0) + math.cbrt(cube)
-    while N > 0.0:
-        lower = N - (N * N * (N - rest) - cube) / (N * (3.0 * N - 2.0 * rest))
-        if lower >= N * (1.0 - 1e-9):
-            break
-        N = lower
-    return N
 
 
 def _radius(outline: Outline) -> float:

@@ -36,8 +36,7 @@ from pvdf_fem.arrays import Array, times
 ADJUGATE: Array = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -2.0]])
 #: Newton steps for x in [0, 1]; each at least halves its bounds, so that 60 leave rounding.
 MAX_STEPS = 60
-#: Change of x after which its equation counts as solved.
-ROUNDING = 1e-15
+ROUNDING = 1e-15  #: Change of x after which its equation counts as solved.
 
 
 class Law(Protocol):
@@ -63,13 +62,8 @@ class StVenantKirchhoff:
 
 
 class TensionField:
-    """Stress of a film that wrinkles, and its derivative by the strain.
-
-    Parameters
-    ----------
-    stiffness : (3, 3)
-        Plane-stress stiffness in Pa: components 11, 22, 12, engineering shear.
-    """
+    """Stress of a film that wrinkles, and its derivative by the strain. `stiffness` (3, 3) is that
+    of plane stress in Pa: components 11, 22, 12, engineering shear."""
 
     def __init__(self, stiffness: Array) -> None:
         self.stiffness: Array = stiffness
@@ -78,11 +72,8 @@ class TensionField:
         self._values, self._vectors = eigh(ADJUGATE, self.compliance)
 
     def stress(self, strain: Array) -> Array:
-        """S in Pa, (..., 3), of the elastic strain e in the film's plane, (..., 3).
-
-        Of a complex strain, whose imaginary part is a step, the imaginary part is the derivative
-        of S times the step.
-        """
+        """S in Pa, (..., 3), of the elastic strain e in the film's plane, (..., 3). Of a complex
+        strain, whose imaginary part is a step, that of S is its derivative times the step."""
         if np.iscomplexobj(strain):
             real = self.stress(strain.real)
             root = self.root(strain.real, real)
@@ -96,12 +87,9 @@ class TensionField:
         return stress
 
     def _wrinkled(self, strain: Array) -> Array:
-        """S of strains (n, 3), all of them wrinkled.
-
-        With y = V^-1 S and f = V^T e, y_i (1 - lambda mu_i) = f_i. On the cone
-        sqrt(mu_3) y_3 = |(sqrt(-mu_i) y_i), i = 1, 2|, and x = -lambda mu_1/(1 - lambda mu_1)
-        makes lambda in [0, inf) an x in [0, 1).
-        """
+        """S of strains (n, 3), all of them wrinkled. With y = V^-1 S and f = V^T e,
+        y_i (1 - lambda mu_i) = f_i. On the cone sqrt(mu_3) y_3 = |(sqrt(-mu_i) y_i), i = 1, 2|, and
+        x = -lambda mu_1/(1 - lambda mu_1) makes lambda in [0, inf) an x in [0, 1)."""
         f = strain @ self._vectors
         scaled = f * np.sqrt(np.abs(self._values))
         first, second, third = scaled.T
@@ -134,11 +122,9 @@ class TensionField:
         return np.stack([y1, y2, y3], axis=-1) @ self._vectors.T
 
     def root(self, strain: Array, stress: Array) -> Array:
-        """R with dS/de = R^T R, (..., 3, 3), at the elastic strain e with its stress S.
-
-        Wrinkled, S moves on the cone det S = 0: in the basis T = (t t, t n + n t) of its tangent
-        plane dS/de = T H^-1 T^T with H = T^T (C^-1 - lambda A) T.
-        """
+        """R with dS/de = R^T R, (..., 3, 3), at the elastic strain e with its stress S. Wrinkled, S
+        moves on the cone det S = 0: in the basis T = (t t, t n + n t) of its tangent plane
+        dS/de = T H^-1 T^T with H = T^T (C^-1 - lambda A) T."""
         trace = stress[..., 0] + stress[..., 1]
         elastic = strain @ self.stiffness
         taut = _is_tensile(elastic)

@@ -30,20 +30,15 @@ WIDTHS = np.geomspace(0.01, 1e4, 400)
 
 
 def uncertain_part(widths: Array, most: float = 0.2, half_width: float = 12.0) -> Array:
-    """Part of the bending forces of elements that counts as unknown, from their `widths`.
-
-    Widths are in bending lengths. Much wider elements leave `most` unknown, those of `half_width`
-    half of it.
-    """
+    """Part of the bending forces of elements that counts as unknown, from their `widths` in bending
+    lengths. Much wider elements leave `most` unknown, those of `half_width` half of it."""
     return np.asarray(most * widths**4 / (widths**4 + half_width**4))
 
 
 def remaining_part(widths: Array, most: float = 0.06, half_width: float = 6.0) -> Array:
-    """Part of the effect of bending forces that elements leave out, all errors included.
-
-    It adds to `uncertain_part` the error that a space of the next order sees, measured in a plate
-    stretched from its rim.
-    """
+    """Part of the effect of bending forces that elements leave out, all errors included. It adds to
+    `uncertain_part` the error that a space of the next order sees, measured in a plate stretched
+    from its rim."""
     return np.asarray(uncertain_part(widths) + most * widths**3 / (widths**3 + half_width**3))
 
 
@@ -52,14 +47,12 @@ class Layers:
     """Bending forces a part of which counts as unknown."""
 
     plate: Plate
-    #: (dofs, unknowns)
-    expansion: sp.csr_matrix
+    expansion: sp.csr_matrix  #: (dofs, unknowns)
     #: lengths, widths: Bending length sqrt(D/N) for the largest tension in an element, m; the
     #: element's size over that, (elements,).
     lengths: Array
     widths: Array
-    #: Bending forces of the values of ``plate.form.strains``, (values,).
-    values: Array
+    values: Array  #: Bending forces of the values of ``plate.form.strains``, (values,).
 
     @classmethod
     def of(cls, plate: Plate, expansion: sp.csr_matrix, state: State) -> Layers:
@@ -84,10 +77,8 @@ class Layers:
         return -factors.solve(np.asarray(self._places.T @ (form.strains.T @ values)))
 
     def effects(self, duals: Array) -> Array:
-        """Absolute change of goals by the forces of each element, (elements, goals).
-
-        `duals` (unknowns, goals) are the dual solutions.
-        """
+        """Absolute change of goals by the forces of each element, (elements, goals). `duals`
+        (unknowns, goals) are the dual solutions."""
         form = self.plate.form
         work = self.values[:, None] * (form.strains @ (self._places @ duals))
         rows = np.arange(len(form.elements))
@@ -97,19 +88,10 @@ class Layers:
 
     def sizes(self, effects: Array, remaining: float, finest: float = 0.2) -> Array:
         """Element sizes in m at which all elements together leave out `remaining` of a goal.
-
-        Elements that leave out half of that together may stay as they are: their size is infinite.
-        The others get the same size in bending lengths.
-
-        Parameters
-        ----------
-        effects : (elements,)
-        remaining : float
-        finest : float
-            A size becomes no smaller than this part of the present one: in a row of elements whose
-            sizes fall much from one side to the other there are more of the smaller ones than
-            `SizeField.coarsened` expects.
-        """
+        Elements that leave out half of that together, by `effects` (elements,), may stay as they
+        are: their size is infinite. The others get the same size in bending lengths. None becomes
+        smaller than `finest` times the present one: in a row of elements whose sizes fall much from
+        one side to the other more are small than `SizeField.coarsened` expects."""
         now = effects * remaining_part(self.widths)
         order = np.argsort(now)
         small = np.zeros(len(now), dtype=bool)

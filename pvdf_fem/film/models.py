@@ -16,11 +16,12 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.film.bending_effect import BendingEffect, bending_effect
 from pvdf_fem.film.laws import Law, StVenantKirchhoff, TensionField
 from pvdf_fem.film.layers import Layers
-from pvdf_fem.film.loads import LOADS, DeadPressure
+from pvdf_fem.film.loads.kinds import LOADS, presses_rigidly, rigid_elements
 from pvdf_fem.film.membrane import Membrane, WrinklingMembrane
 from pvdf_fem.film.plate import LOWEST_ORDER, Plate
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State, Term
+from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import quote
 
@@ -31,53 +32,34 @@ IMBALANCE = 1e-6
 
 
 class FilmModel:
-    """What a scene's film is taken for.
-
-    Attributes
-    ----------
-    scene : Scene
-    name : str
-    lowest_order : int
-        Lowest polynomial order of a displacement.
-    least_jacobian : float
-        Elements of a mesh are compressed to no less than this part of their mean Jacobian.
-    solved_on_parts : bool
-        Whether a part of a symmetric film may be solved for the whole.
-    convex : bool
-        Whether the energy is convex, so that any equilibrium under a dead load is a minimum.
-    wrinkles : bool
-        Whether the film wrinkles instead of carrying compression.
-    bends : bool
-        Whether bending is part of the model, and meshes resolve the layers in which it acts.
-    smooth : bool
-        Whether the next order's correction is nearly diagonal in the nodal basis.
-    most_unknowns : int
-        Number of unknowns of the finest mesh by default, at the usual tolerance.
-    iteration_cost : float
-        Time of a Newton iteration over that of a membrane with as many unknowns.
-    size_factor : float
-        Factor on the element sizes of the first mesh.
-    electrodes_only_read : bool
-        Whether electrodes, d31 and d32 only read the stress and do not change the deformation.
-    force_over_thickness : bool
-        Whether the deformation depends on force and thickness by their ratio only.
-    film_is_differentiable : bool
-        Whether charges can be differentiated by thickness, pretension or cooling, and moduli.
-    """
+    """What a scene's film is taken for."""
 
     name: str
+    #: Lowest polynomial order of a displacement.
     lowest_order = 1
+    #: Elements of a mesh are compressed to no less than this part of their mean Jacobian.
     least_jacobian = 0.14
+    #: Whether a part of a symmetric film may be solved for the whole.
     solved_on_parts = True
+    #: Whether the energy is convex, so that any equilibrium under a dead load is a minimum.
     convex = False
+    #: Whether the film wrinkles instead of carrying compression.
     wrinkles = False
+    #: Whether bending is part of the model, and meshes resolve the layers in which it acts.
     bends = False
+    #: Whether the next order's correction is nearly diagonal in the nodal basis.
     smooth = True
+    #: Number of unknowns of the finest mesh by default, at the usual tolerance.
     most_unknowns = 60_000
+    #: Time of a Newton iteration over that of a membrane with as many unknowns.
     iteration_cost = 1.0
+    #: Factor on the element sizes of the first mesh.
     size_factor = 1.0
+    #: Whether electrodes, d31 and d32 only read the stress and do not change the deformation.
     electrodes_only_read = True
+    #: Whether the deformation depends on force and thickness by their ratio only.
     force_over_thickness = True
+    #: Whether charges can be differentiated by thickness, pretension or cooling, and moduli.
     film_is_differentiable = True
 
     def __init__(self, scene: Scene) -> None:
@@ -92,13 +74,13 @@ class FilmModel:
         """The membrane term."""
         return Membrane(space, self.scene.film)
 
-    def terms(self, space: Space, images: int = 1) -> list[Term]:
-        """The terms of the film's energy on a space, which has this number of mirror images."""
-        return [self.membrane(space), self.load(space, images)]
-
-    def load(self, space: Space, images: int) -> DeadPressure:
-        """The load of the probe."""
-        return LOADS[self.scene.load.kind](self.scene, space, images)
+    def terms(self, space: Space, part: MirroredPart = WHOLE) -> list[Term]:
+        """The terms of the film's energy on a space of a part of it: membrane and loads."""
+        touches = self.scene.loaded_probes
+        return [
+            self.membrane(space),
+            *(LOADS[touch.load.kind](touch, space, part) for touch in touches),
+        ]
 
     @property
     def law(self) -> Law:
@@ -116,7 +98,7 @@ class FilmModel:
 
         Half of the error that the singular edge of a rigid probe makes is left.
         """
-        return 2.0 if LOADS[self.scene.load.kind].rigid else 1.0
+        return 2.0 if presses_rigidly(self.scene) else 1.0
 
     @property
     def imbalance(self) -> float:
@@ -194,11 +176,13 @@ class PlateModel(FilmModel):
     force_over_thickness = False
     film_is_differentiable = False
 
-    def terms(self, space: Space, images: int = 1) -> list[Term]:
+    def terms(self, space: Space, part: MirroredPart = WHOLE) -> list[Term]:
         """The membrane's terms and the plate."""
-        load, effect, film = self.load(space, images), self.effect, self.scene.film
-        plate = Plate(space, film, load.rigid_patch, effect.rim_tension, effect.probe_tension)
-        return [self.membrane(space), load, plate]
+        terms, effect, film = super().terms(space, part), self.effect, self.scene.film
+        plate = Plate(
+            space, film, rigid_elements(terms, flat=True), effect.rim_tension, effect.probe_tension
+        )
+        return [*terms, plate]
 
     @property
     def saturation(self) -> float:
@@ -285,7 +269,7 @@ def film_model(scene: Scene) -> FilmModel:
     film = scene.film
     if film.compression == "tension-field":
         return TensionFieldModel(scene)
-    bends = film.bending
+    bends, tips = film.bending, [t for t in scene.loaded_probes if t.load.kind == "contact"]
     if bends == "auto":
-        bends = bending_effect(scene).change > scene.numerics.tolerance
+        bends = not tips and bending_effect(scene).change > scene.numerics.tolerance
     return PlateModel(scene) if bends else MembraneModel(scene)

@@ -36,8 +36,7 @@ EDGES = (
     ((1.0, 0.0), (-1.0, 1.0), (1.0, 1.0)),
     ((0.0, 0.0), (0.0, 1.0), (-1.0, 0.0)),
 )
-#: Lowest order of functions that have a curvature.
-LOWEST_ORDER = 2
+LOWEST_ORDER = 2  #: Lowest order of functions that have a curvature.
 
 
 @dataclass(frozen=True)
@@ -53,40 +52,24 @@ class Penalty:
     #: Elements whose area is compressed to less than this part somewhere, the few curved ones
     #: beside a cusp, get the penalty that makes their own form semidefinite.
     distorted_below: float = 0.8
-    #: Factor on that penalty.
-    reserve: float = 1.2
+    reserve: float = 1.2  #: Factor on that penalty.
     #: Functions of order 3 turn within an element of height H, beside a clamped edge, more easily
     #: than the film outside of its layer of length l. The penalty that makes up for it is that of
     #: the layer over 1 - turning l/H, within 6 % for all l/H (measured; without it up to 20 % of
     #: the layer's effect are missing at H = 20 l).
     turning: float = 5.5
-    #: Where turning l/H is larger, the regular penalty takes over.
-    most_turning: float = 0.75
+    most_turning: float = 0.75  #: Where turning l/H is larger, the regular penalty takes over.
 
 
 PENALTY = Penalty()
 
 
 class Plate(Term):
-    """The bending energy of a film.
-
-    Parameters
-    ----------
-    space : Space
-        Of order 2, 3 or 4.
-    film : Film
-    rigid_patch : (n,) int
-        Elements under a rigid punch.
-    rim_tension, punch_tension : float
-        Tension in N/m that is expected at the rim and at the punch's edge, for elements much larger
-        than the bending length there: sqrt(D N)/2 (dw/dn)^2 is the energy per length of the layer
-        in which a film that stretches from a clamped edge turns by dw/dn.
-
-    Raises
-    ------
-    ValueError
-        For order 1, whose functions have no curvature.
-    """
+    """The bending energy of a film, on a space of order 2 to 4; order 1 has no curvature and raises
+    `ValueError`. `rigid_patch` are the elements under a rigid punch. `rim_tension` and
+    `punch_tension` in N/m are expected at the rim and at the punch's edge, for elements much larger
+    than the bending length there: sqrt(D N)/2 (dw/dn)^2 is the energy per length of the layer in
+    which a film that stretches from a clamped edge turns by dw/dn."""
 
     def __init__(
         self,
@@ -150,18 +133,14 @@ def plate_stiffness(film: Film) -> Array:
 
 @dataclass(frozen=True)
 class BendingForm:
-    """The quadratic form G^T B G of the deflections at the scalar dofs.
-
-    Forces are computed factor by factor: K w itself would lose (radius/element size)^4 in rounding.
-    """
+    """The quadratic form G^T B G of the deflections at the scalar dofs. Forces are computed factor
+    by factor: K w itself would lose (radius/element size)^4 in rounding."""
 
     #: Curvatures at points of elements; slope jumps and mean moments at points of edges, (values,
     #: scalar dofs).
     strains: sp.csr_matrix
-    #: (values, values)
-    stiffness: sp.csr_matrix
-    #: In which each value is, of an edge between two the first, (values,).
-    elements: Indices
+    stiffness: sp.csr_matrix  #: (values, values)
+    elements: Indices  #: In which each value is, of an edge between two the first, (values,).
 
     @property
     def matrix(self) -> sp.csr_matrix:
@@ -288,10 +267,8 @@ def _along_edges(space: Space, D: Array) -> _Edges:
 
 def _steepest(edges: _Edges, elements: Indices, roots: Array) -> Array:
     """Largest of height M_nn^2/D_nn along the edges over kappa : D : kappa inside, (elements,).
-
     With this as its penalty an element's form is semidefinite; `roots` (elements, points,
-    functions, 3) are those of kappa : D : kappa times the weights.
-    """
+    functions, 3) are those of kappa : D : kappa times the weights."""
     sides = edges.of(elements)
     scale = np.sqrt(edges.weights * edges.height / edges.stiffness)
     moments = (scale[..., None] * edges.moment)[sides]

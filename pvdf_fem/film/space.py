@@ -17,7 +17,6 @@ from skfem import (
     ElementTriP2,
     ElementTriP3,
     ElementTriP4,
-    ElementVector,
     MeshTri2,
 )
 
@@ -78,16 +77,20 @@ class Space:
         return np.asarray(self.basis.element_dofs.T)
 
     @cached_property
-    def vector_basis(self) -> Basis:
-        """The three-component basis on which the scikit-fem forms assemble."""
-        element = ElementVector(ELEMENTS[self.order](), 3)
-        return Basis(self.mesh, element, intorder=INTEGRATION_ORDER[self.order])
-
-    @cached_property
     def values(self) -> Array:
         """Values of the functions at the quadrature points, (elements, points, functions)."""
         shape = self.weights.shape
         return np.stack([np.broadcast_to(s[0], shape) for s in self.basis.basis], axis=-1)
+
+    def rule(self, elements: Indices, order: int) -> tuple[Array, Array, Array]:
+        """Places (n, points, 2) in m, values of the functions there, and weights in m².
+
+        They are those of a quadrature of another order in the elements (n,).
+        """
+        basis = Basis(self.mesh, self.basis.elem, intorder=order, elements=elements)
+        values = [np.broadcast_to(shape[0], basis.dx.shape) for shape in basis.basis]
+        places = np.moveaxis(np.asarray(basis.global_coordinates()), 0, -1)
+        return places, np.stack(values, axis=-1), basis.dx
 
     def gradient(self, x: Array, elements: Selection = ALL) -> Array:
         """Displacement gradient (elements, points, 3, 2) of the dofs `x` at quadrature points."""

@@ -15,22 +15,15 @@ from pvdf_fem.film.space import Space
 
 @dataclass(frozen=True)
 class State:
-    """The fields of one displacement at the quadrature points of all elements.
+    """The fields of one displacement at the quadrature points of all elements."""
 
-    Attributes
-    ----------
-    deformation_gradient : (elements, points, 3, 2)
-    strain : (elements, points, 3)
-        Green-Lagrange strain, Voigt with engineering shear.
-    stress : (elements, points, 3)
-        Second Piola-Kirchhoff stress in Pa, Voigt.
-    dofs : (dofs,)
-        The displacement in m.
-    """
-
+    #: (elements, points, 3, 2)
     deformation_gradient: Array
+    #: Green-Lagrange strain, Voigt with engineering shear, (elements, points, 3).
     strain: Array
+    #: Second Piola-Kirchhoff stress in Pa, Voigt, (elements, points, 3).
     stress: Array
+    #: The displacement in m, (dofs,).
     dofs: Array
 
 
@@ -47,20 +40,17 @@ class Term(ABC):
     All arrays of the size of the dofs are forces in N or displacements in m of the film's `Space`;
     which of the dofs are free is the equilibrium's business. The defaults are those of a load that
     does not depend on the displacement.
-
-    Attributes
-    ----------
-    space : Space
-    conservative : bool
-        Whether `residual` derives from `energy`.
-    fixed_dofs, shared_dofs : (n,) int
-        Dofs that the term holds at zero, and dofs that it lets move by one common value.
     """
 
     space: Space
+    #: Whether `residual` derives from `energy`.
     conservative: bool = True
+    #: Dofs that the term holds at zero, (n,).
     fixed_dofs: Indices = np.empty(0, dtype=np.int64)
-    shared_dofs: Indices = np.empty(0, dtype=np.int64)
+    #: Groups of dofs that it lets move by one common value each.
+    shared_dofs: tuple[Indices, ...] = ()
+    #: Dofs that it lets move by sums of functions: (n,), and the functions' values there, (n, m).
+    modes: tuple[tuple[Indices, Array], ...] = ()
 
     @abstractmethod
     def energy(self, state: State) -> float:

@@ -19,10 +19,17 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from skfem import BilinearForm, LinearForm
+from skfem import Basis, BilinearForm, ElementVector, LinearForm
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.film.space import ELEMENTS, INTEGRATION_ORDER, Space
 from pvdf_fem.scene.film import Film
+
+
+def vector_basis(space: Space) -> Basis:
+    """The three-component basis of a space on which forms assemble."""
+    element = ElementVector(ELEMENTS[space.order](), 3)
+    return Basis(space.mesh, element, intorder=INTEGRATION_ORDER[space.order])
 
 
 def residual_form(film: Film) -> LinearForm:

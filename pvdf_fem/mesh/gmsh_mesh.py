@@ -17,11 +17,12 @@ import os
 import re
 import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from skfem import MeshTri2
@@ -83,9 +84,9 @@ class MeshError(RuntimeError):
 
 
 def outlines(scene: Scene) -> dict[str, Outline]:
-    """The outlines that the mesh follows, by patch name: the electrodes, then the probe."""
+    """The outlines that the mesh follows, by patch name: the electrodes, then the probes."""
     shapes = {electrode_patch(e.name): e.outline for e in scene.electrode_list}
-    return shapes | ({PROBE: scene.probe.outline} if scene.probe is not None else {})
+    return shapes | {touch.patch: touch.outline for touch in scene.loaded_probes}
 
 
 def mesh_scene(
@@ -94,59 +95,43 @@ def mesh_scene(
     part: MirroredPart = WHOLE,
     least_jacobian: float = 0.14,
     attempts: int = 6,
+    contacts: Mapping[str, Outline] = MappingProxyType({}),
 ) -> MeshTri2:
-    """Mesh a scene, or a part of it in the part's axes.
+    """Mesh a scene, or a part of it in the part's axes, with coordinates in m.
 
-    Parameters
-    ----------
-    scene : Scene
-        The film, its electrodes and the probe.
-    sizes : Sizes or SizeField
-        Element sizes; patches that `Sizes.patches` does not name get no finer mesh.
-    part : MirroredPart, optional
-    least_jacobian : float, optional
-        Least Jacobian of a curved element, relative to its mean. The cusp between an arc and its
-        tangent, or between two arcs that touch, has 0.15 at any element size.
-    attempts : int, optional
-        Number of meshes, each finer at the elements of the one before with a smaller Jacobian.
-        Such elements are between an arc and a corner or an edge that it nearly touches. What is
-        left of them in the last mesh gets straight sides.
+    Patches that `Sizes.patches` does not name get no finer mesh; the outlines `contacts`, edges of
+    contacts with tips, take the place of the probes'. Up to `attempts` meshes are made, each finer
+    at elements of the one before with a Jacobian below `least_jacobian` times its mean: those
+    between an arc and a corner or an edge that it nearly touches. What is left of them in the last
+    mesh gets straight sides. The cusp between an arc and its tangent, or between two arcs that
+    touch, has 0.15 at any element size.
 
-    Returns
-    -------
-    MeshTri2
-        Coordinates in metres. Subdomains: ``film``, one ``electrode NAME`` each and ``probe``;
-        boundaries: ``rim``, and those of `MIRRORS` that a part has. Outside of the part an
-        electrode has no elements.
-
-    Raises
-    ------
-    MeshError
-        When gmsh fails, a patch has got no element, or elements fold although they are straight.
-    GmshMissingError
-        When gmsh cannot be loaded.
+    Subdomains are ``film``, one ``electrode NAME`` each and ``probe``, or ``probe 1``, ``probe 2``
+    and so on; boundaries are ``rim``, and those of `MIRRORS` that a part has. Outside of the part
+    an electrode or a probe has no elements. Raises `MeshError` when gmsh fails, a patch has got no
+    element, or elements fold although they are straight, and `GmshMissingError` when gmsh cannot be
+    loaded.
     """
-    smallest = min((shape.perimeter for shape in outlines(scene).values()), default=0.0)
+    shapes = outlines(scene) | dict(contacts)
+    smallest = min((shape.perimeter for shape in shapes.values()), default=0.0)
     for _ in range(attempts):
         # moving a side by this part of the smallest outline changes its area by less than 1e-6
-        mesh = _straightened(_mesh_once(scene, sizes, part), least_jacobian, 1e-5 * smallest)
+        mesh = straightened(_mesh_once(scene, shapes, sizes, part), least_jacobian, 1e-5 * smallest)
         distorted = compression(mesh) < least_jacobian
         if not distorted.any():
             return mesh
         next_sizes = SPARE * element_sizes(mesh)
         next_sizes[distorted] = 0.4 * element_sizes(mesh, sliver=0.1)[distorted]
         sizes = SizeField.of_elements(mesh, next_sizes)
-    mesh = _straightened(mesh, least_jacobian, np.inf)
+    mesh = straightened(mesh, least_jacobian, np.inf)
     if (distorted := compression(mesh) < least_jacobian).any():
         raise MeshError(f"{distorted.sum()} elements fold: an outline nearly touches another")
     return mesh
 
 
-def _straightened(mesh: MeshTri2, least_jacobian: float, most: float) -> MeshTri2:
+def straightened(mesh: MeshTri2, least_jacobian: float, most: float) -> MeshTri2:
     """The mesh with straight sides of distorted elements, where that moves them by up to `most`.
-
-    Such elements lie in cusps too narrow for an arc.
-    """
+    Such elements lie in cusps too narrow for an arc."""
     while True:
         points = mesh.doflocs.copy()
         nodes = mesh.dofs.element_dofs[:, compression(mesh) < least_jacobian]
@@ -159,10 +144,12 @@ def _straightened(mesh: MeshTri2, least_jacobian: float, most: float) -> MeshTri
         mesh = replace(mesh, doflocs=points)
 
 
-def _mesh_once(scene: Scene, sizes: Sizes | SizeField, part: MirroredPart) -> MeshTri2:
+def _mesh_once(
+    scene: Scene, outer: dict[str, Outline], sizes: Sizes | SizeField, part: MirroredPart
+) -> MeshTri2:
     unit = scene.film.radius / 100.0
     shapes: dict[str, Outline] = {FILM: Circle(np.zeros(2), scene.film.radius)}
-    shapes |= {name: shape.mapped(part.frame) for name, shape in outlines(scene).items()}
+    shapes |= {name: shape.mapped(part.frame) for name, shape in outer.items()}
     shapes |= {electrode_patch(image): shape for image, (_, shape) in part.images.items()}
     with _ONE_MODEL, _gmsh():
         try:
@@ -188,10 +175,8 @@ def _mesh_once(scene: Scene, sizes: Sizes | SizeField, part: MirroredPart) -> Me
 
 
 def _arcs(tolerance: float) -> int:
-    """Least number of quadratic arcs of a circle.
-
-    Measured, with arcs of the right area: 16 change the charges by less than 2e-7 under a disc.
-    """
+    """Least number of quadratic arcs of a circle. Measured, with arcs of the right area: 16 change
+    the charges by less than 2e-7 under a disc."""
     return int(np.ceil(max(12.0, 16.0 * (1e-5 / tolerance) ** 0.25)))
 
 
@@ -213,11 +198,9 @@ def _gmsh() -> Iterator[None]:
 
 @contextmanager
 def _beside_others() -> Iterator[None]:
-    """A model of ours in a session that the caller has begun.
-
-    Afterwards models, views and options are as before, but for the options that views yet to be
-    made begin with: gmsh does not tell these.
-    """
+    """A model of ours in a session that the caller has begun. Afterwards models, views and options
+    are as before, but for the options that views yet to be made begin with: gmsh does not tell
+    these."""
     model, views = gmsh.model.getCurrent(), set(gmsh.view.getTags())
     restore = _changed_options()
     gmsh.model.add("pvdf_fem")
@@ -235,10 +218,8 @@ def _beside_others() -> Iterator[None]:
 
 
 def _changed_options() -> list[Callable[[], None]]:
-    """What gives the options that are not at their defaults the values that they have now.
-
-    gmsh tells which these are by writing a file, in which their values have too few digits.
-    """
+    """What gives the options that are not at their defaults the values that they have now. gmsh
+    tells which these are by writing a file, in which their values have too few digits."""
     restore, verbosity = [], gmsh.option.getNumber("General.Verbosity")
     gmsh.option.setNumber("General.Verbosity", 0)  # it tells of the file
     with tempfile.TemporaryDirectory() as folder:
@@ -322,7 +303,7 @@ def _grade_from_outlines(outer: dict[str, list[int]], sizes: Sizes, unit: float)
     field = gmsh.model.mesh.field
     graded = []
     for name, curves in outer.items():
-        size = sizes.patches[name]
+        size, growth = sizes.patches[name], sizes.growths.get(name, sizes.growth)
         length = max(gmsh.model.occ.getMass(1, curve) for curve in curves)
         distance = field.add("Distance")
         field.setNumbers(distance, "CurvesList", curves)
@@ -333,7 +314,7 @@ def _grade_from_outlines(outer: dict[str, list[int]], sizes: Sizes, unit: float)
             "SizeMin": size / unit,
             "SizeMax": sizes.film / unit,
             "DistMin": 0.0,
-            "DistMax": max((sizes.film - size) / sizes.growth / unit, 1e-9),
+            "DistMax": max((sizes.film - size) / growth / unit, 1e-9),
         }.items():
             field.setNumber(threshold, key, value)
         graded.append(threshold)

@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.spatial import cKDTree
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array, Indices, Mask
 
-#: A point is sought in this number of triangles, those with the nearest centroids.
-CANDIDATES = 8
+CANDIDATES = 8  #: A point is sought in this number of triangles, those with the nearest centroids.
 
 
 def nearest_elements(
     mesh: MeshTri2, points: Array, candidates: int = CANDIDATES
 ) -> tuple[Indices, Array]:
-    """Elements (n,) of points (2, n), and the points' local coordinates (2, n) there.
-
-    Elements count as straight-sided. A point is sought in the `candidates` with the nearest
-    centroids; a point in none of them gets the one whose sides it oversteps least, with coordinates
-    outside of it.
-    """
+    """Elements (n,) of points (2, n), and the points' local coordinates (2, n) there. Elements
+    count as straight-sided. A point is sought in the `candidates` with the nearest centroids; a
+    point in none of them gets the one whose sides it oversteps least, with coordinates outside."""
     corners = mesh.p[:, mesh.t]
     _, near = cKDTree(corners.mean(axis=1).T).query(points.T, k=min(candidates, mesh.nelements))
     near = near.reshape(points.shape[1], -1)
@@ -34,13 +32,32 @@ def nearest_elements(
     return elements, np.take_along_axis(local, best[None], axis=2)[..., 0]
 
 
+def located(mesh: MeshTri2, points: Array, steps: int = 50) -> tuple[Indices, Array]:
+    """Elements (n,) that hold points (2, n), and the points' local coordinates (2, n) there. Curved
+    sides count as they are. From the nearest element whose straight triangle holds a point a walk
+    of up to `steps` elements crosses the sides that the point lies beyond. A point that is only
+    beyond the rim stays in the element there, with coordinates outside of it."""
+    facets = mesh.t2f[[1, 2, 0]]  # opposite of each vertex
+    first, second = mesh.f2t[:, facets]
+    across = np.where(first == np.arange(mesh.nelements), second, first)
+    elements, _ = nearest_elements(mesh, points, 4 * CANDIDATES)
+    for step in range(steps + 1):
+        local = local_coordinates(mesh, elements, points.T[:, None])[:, :, 0]
+        weights = np.stack([1.0 - local.sum(axis=0), *local])
+        beyond = weights.argmin(axis=0)
+        following = across[beyond, elements]
+        leaves = (weights.min(axis=0) < -1e-9) & (following >= 0)
+        if step == steps or not leaves.any():
+            break
+        elements = np.where(leaves, following, elements)
+    return elements, local
+
+
 def local_coordinates(
     mesh: MeshTri2, elements: Indices, points: Array, newton_steps: int = 6
 ) -> Array:
-    """Local coordinates (2, n, points) of points (n, points, 2), each row in one element.
-
-    In curved elements they take Newton's method.
-    """
+    """Local coordinates (2, n, points) of points (n, points, 2), each row in one element. In curved
+    elements they take Newton's method."""
     nodes = mesh.doflocs[:, mesh.dofs.element_dofs[:, elements]]
     J = np.stack([nodes[:, 1] - nodes[:, 0], nodes[:, 2] - nodes[:, 0]], axis=1)
     local = np.einsum(
@@ -56,11 +73,39 @@ def local_coordinates(
 
 
 def curved_elements(nodes: Array, bent: float = 1e-9) -> Mask:
-    """Which of the elements with the nodes (2, 6, elements) have a curved edge.
-
-    An edge is curved whose midside node is farther than `bent` from its middle, relative to the
-    element's size.
-    """
+    """Which of the elements with the nodes (2, 6, elements) have a curved edge. An edge is curved
+    whose midside node is farther than `bent` from its middle, relative to the element's size."""
     corners = nodes[:, :3]
     off = np.abs(nodes[:, 3:] - 0.5 * (corners + np.roll(corners, -1, axis=1)))
     return off.max(axis=(0, 1)) > bent * np.ptp(corners, axis=1).max(axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedQuadrature:
+    """Quadrature points in elements of a mesh, in rows of as many points each."""
+
+    owners: Indices  #: Index of the outline, line or facet that a row of points belongs to, (n,).
+    elements: Indices  #: The element that a row of points lies in, (n,).
+    points: Array  #: Local coordinates in the element, (2, n, points).
+    weights: Array  #: In m^2 over an area, in m along a line, (n, points).
+
+
+def facet_quadrature(
+    mesh: MeshTri2, facets: Indices, elements: Indices, count: int = 3
+) -> tuple[PlacedQuadrature, Array]:
+    """`count` Gauss points on facets (n,), each seen from one of its elements (n,), and unit
+    tangents (n, points, 2) from the facet's first vertex to its second. Owners are positions in
+    `facets`. Both elements of a facet see the same curve. So the points need not be sought in the
+    elements, which can fail in an element that is curved very much."""
+    s, weights = np.polynomial.legendre.leggauss(count)
+    corners = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    start, end = (
+        corners[:, (mesh.t[:, elements] == vertex).argmax(axis=0)]
+        for vertex in mesh.facets[:, facets]
+    )
+    points = start[..., None] + (end - start)[..., None] * (0.5 + 0.5 * s)
+    along = np.einsum("ijfq,jf->fqi", mesh.mapping().DF(points, elements), end - start)
+    speed = np.linalg.norm(along, axis=-1)
+    owners = np.arange(len(facets))
+    quadrature = PlacedQuadrature(owners, elements, points, 0.5 * weights * speed)
+    return quadrature, along / speed[..., None]

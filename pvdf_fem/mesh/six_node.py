@@ -29,23 +29,11 @@ def bulge(
     film: float,
     near: float = 1e-12,
 ) -> None:
-    """Move the midside nodes on a smooth outline so that its elements have its area.
-
-    Parameters
-    ----------
-    points : ndarray, shape (2, nodes)
-        Coordinates in m, changed in place.
-    triangles : ndarray of int, shape (elements, 6)
-    outline : Outline
-    curved : ndarray of bool, shape (nodes,)
-        Nodes inside of curved pieces of boundaries: a short chord is as near to the outline.
-    film : float
-        Radius of the film in m.
-    near : float, optional
-        A node counts as on the outline that is nearer than this, relative to the film's radius:
-        well above rounding, and far below the distance of two curves that touch, an element's
-        size away from where they do.
-    """
+    """Move the midside nodes on a smooth outline, in place, so that its elements have its area.
+    `points` (2, nodes) and the film's radius `film` are in m. `curved` (nodes,) are nodes inside of
+    curved pieces of boundaries: a short chord is as near to the outline. A node is on the outline
+    if it is nearer than `near` times the radius: well above rounding, and far below the distance of
+    two curves that touch, an element's size away from where they do."""
     on = np.abs(outline.signed_distance(points.T)) < near * film
     ends, middle = triangles[:, SIDES].reshape(-1, 2), triangles[:, 3:].ravel()
     arcs = curved[middle] & on[middle] & on[ends].all(axis=1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from skfem import MeshTri2
@@ -15,21 +15,13 @@ SPARE = 1.18
 
 @dataclass(frozen=True)
 class Sizes:
-    """Element sizes in metres along outlines, growing linearly with the distance from them.
+    """Element sizes in metres along outlines, growing linearly with the distance from them."""
 
-    Attributes
-    ----------
-    patches : dict
-        Element size along the outline of each patch, by patch name; `gmsh_mesh.FILM` is the rim's.
-    growth : float
-        Increase of the element size per unit of distance from an outline.
-    film : float
-        Largest element size.
-    """
-
+    #: Element size along the outline of each patch, by patch name; `gmsh_mesh.FILM` is the rim's.
     patches: dict[str, float]
-    growth: float
-    film: float
+    growth: float  #: Increase of the element size per unit of distance from an outline.
+    film: float  #: Largest element size.
+    growths: dict[str, float] = field(default_factory=dict)  #: `growth` about some patches.
 
     def least_elements(self, radius: float) -> float:
         """Number of elements of the largest size on a disc; the mesh has more."""
@@ -43,29 +35,15 @@ class Sizes:
 
 @dataclass(frozen=True, eq=False)
 class SizeField:
-    """Element sizes in metres at the vertices of a mesh, linear in its triangles.
-
-    Attributes
-    ----------
-    mesh : MeshTri2
-    sizes : ndarray, shape (vertices,)
-    """
+    """Element sizes in metres at the vertices of a mesh, linear in its triangles."""
 
     mesh: MeshTri2
-    sizes: Array
+    sizes: Array  #: (vertices,)
 
     @classmethod
     def of_elements(cls, mesh: MeshTri2, sizes: Array, growth: float = 0.5) -> SizeField:
-        """From a size per element: geometric means at the vertices, lowered where too steep.
-
-        Parameters
-        ----------
-        mesh : MeshTri2
-        sizes : ndarray, shape (elements,)
-            In m.
-        growth : float, optional
-            Largest increase of the size per unit of length.
-        """
+        """From a size in m per element: geometric means at the vertices, lowered where the size
+        grows by more than `growth` per length."""
         vertices, count = mesh.t.ravel(), np.bincount(mesh.t.ravel(), minlength=mesh.nvertices)
         total = np.bincount(vertices, np.tile(np.log(sizes), 3), mesh.nvertices)
         at_vertices = np.exp(total / np.maximum(count, 1))
@@ -88,10 +66,8 @@ class SizeField:
 
 def element_sizes(mesh: MeshTri2, sliver: float = 0.5) -> Array:
     """Edge of the equilateral triangle of an element's area, or `sliver` of its longest edge, m.
-
     The larger one counts: a sliver's area says nothing of its neighbours, and in the cusp between
-    arcs that touch meshes as fine as that would take gmsh minutes.
-    """
+    arcs that touch meshes as fine as that would take gmsh minutes."""
     corners = mesh.p[:, mesh.t]
     (x0, x1, x2), (y0, y1, y2) = corners
     area = 0.5 * np.abs((x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0))
@@ -112,25 +88,12 @@ def refined_sizes(
     """Sizes for which the error is `reduction` times what it was, with fewest elements.
 
     An element's share in the error is proportional to size^(order + 2), so that the number of
-    elements is least where all shares are equal (equidistribution).
-
-    Parameters
-    ----------
-    mesh : MeshTri2
-    shares : ndarray, shape (elements,)
-        Share of each element in the error. Where all are zero, as on a slack film, they count as
-        equal.
-    reduction : float
-        Wanted sum of shares over the present one.
-    most : ndarray of shape (elements,) or float, optional
-        Upper bounds of the sizes, m.
-    stiff : ndarray of int, optional
-        Elements that do not deform. They have no share, and are as small as their neighbours need.
-    order : float, optional
-        Power of the element size with which errors of charges fall: less than the 4 of smooth
-        solutions, which corners of the patches make less smooth (see the tests of convergence).
-    smallest, largest : float, optional
-        Bounds of the factor by which a size changes.
+    elements is least where all `shares` (elements,) are equal (equidistribution). Where all are
+    zero, as on a slack film, they count as equal. `most` bounds the sizes in m from above;
+    `smallest` and `largest` bound the factor by which a size changes. The elements `stiff` do not
+    deform: they have no share, and are as small as their neighbours need. Errors of charges fall
+    with the power `order` of the size: less than the 4 of smooth solutions, which corners of the
+    patches make less smooth (see the tests of convergence).
     """
     total = shares.sum()
     share = shares / total if total > 0.0 else np.full(len(shares), 1.0 / len(shares))

@@ -9,7 +9,7 @@ the axes; of any other film only the axes are taken for mirror lines.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from itertools import product
@@ -21,7 +21,8 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import TOUCH, Outline, overlaps
 from pvdf_fem.scene.outlines.polygon import Polygon
-from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.registry import Load
+from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +36,8 @@ class MirroredPart:
     #: For each image, the names of what it brings each electrode onto where that is another one: an
     #: electrode of the scene, or one of `images`.
     swaps: tuple[Mapping[str, str], ...] = ({},)
+    #: For each image, the patch of the probe that it brings each probe's patch onto.
+    probe_swaps: tuple[Mapping[str, str], ...] = ({},)
     #: Outlines, in the part's axes, of electrodes' images where the scene has no electrode, with
     #: the electrodes' names.
     images: Mapping[str, tuple[str, Outline]] = field(default_factory=dict)
@@ -66,29 +69,23 @@ def isotropy(film: Film) -> str:
 
 
 def part_of(scene: Scene, with_images_below: float = 1e-4) -> MirroredPart:
-    """The smallest part of a scene's film that mirror images make the whole of.
-
-    It is the whole film where a mirror image would not keep film and probe to `TOUCH` of the film's
-    radius, and where nothing presses. Electrodes have to be each other's images too, or for a fine
-    mesh their images to lie well apart.
-
-    Parameters
-    ----------
-    scene : Scene
-    with_images_below : float, optional
-        Largest tolerance for which the mesh follows images of electrodes where the scene has none.
-        They cost as many elements as the electrodes themselves: under a disc anywhere that leaves
-        0.84 of the time at 1e-3, 0.78 at 1e-4 and 0.61 at 1e-5.
-    """
-    if scene.probe is None or scene.load.force == 0.0:
+    """The smallest part of a scene's film that mirror images make the whole of. It is the whole
+    film where a mirror image would not keep film and probes, with their loads, to `TOUCH` of the
+    film's radius, and where nothing presses. Electrodes have to be each other's images too, or for
+    a fine mesh their images to lie well apart. Below the tolerance `with_images_below` the mesh
+    follows images of electrodes where the scene has none. They cost as many elements as the
+    electrodes themselves: under a disc anywhere that leaves 0.84 of the time at 1e-3, 0.78 at 1e-4
+    and 0.61 at 1e-5."""
+    touches, slack = scene.loaded_probes, TOUCH * scene.film.radius
+    pressed = any(any(touch.load.components) for touch in touches)
+    if not pressed or not all(touch.is_symmetric for touch in touches):
         return WHOLE
-    probe, slack = scene.probe.outline, TOUCH * scene.film.radius
     with_images = []
-    for mirror in _mirrors(scene, probe, slack):
-        if not probe.mapped(mirror).coincides(probe, slack):
+    for mirror in _mirrors(scene, slack):
+        if _probe_swap(mirror, touches, slack) is None:
             continue
         frame, axis = _frame(mirror)
-        quarter = probe.mapped(-mirror).coincides(probe, slack)
+        quarter = _probe_swap(-mirror, touches, slack) is not None
         for mirrored in ((0, 1), (axis,)) if quarter else ((axis,),):
             part = _part(frame, mirrored, scene, slack)
             if not part.images:
@@ -101,9 +98,11 @@ def part_of(scene: Scene, with_images_below: float = 1e-4) -> MirroredPart:
 
 def _part(frame: Array, mirrored: tuple[int, ...], scene: Scene, slack: float) -> MirroredPart:
     """A part with what its images bring each electrode onto."""
+    touches = scene.loaded_probes
     places = {name: outline.mapped(frame) for name, outline in _electrodes(scene).items()}
     names, centres = list(places), np.array([outline.centroid for outline in places.values()])
     swaps: list[dict[str, str]] = [{}]
+    probe_swaps: list[dict[str, str]] = [{}]
     images = {}
     for number, signs in enumerate(MirroredPart(frame, mirrored).signs[1:], 1):
         swap = {}
@@ -116,15 +115,39 @@ def _part(frame: Array, mirrored: tuple[int, ...], scene: Scene, slack: float) -
                 swap[name] = f"{name}/{number}"
                 images[swap[name]] = name, image
         swaps.append(swap)
-    return MirroredPart(frame, mirrored, tuple(swaps), images)
+        probe_swaps.append(_probe_swap(frame.T @ np.diag(signs) @ frame, touches, slack) or {})
+    return MirroredPart(frame, mirrored, tuple(swaps), tuple(probe_swaps), images)
+
+
+def _probe_swap(
+    mirror: Array, touches: Sequence[LoadedProbe], slack: float
+) -> dict[str, str] | None:
+    """The patch onto which a map brings each probe with its load; None where one has no image."""
+    swap = {}
+    for touch in touches:
+        image = touch.outline.mapped(mirror)
+        pushed = mirror @ touch.load.components[:2]
+        for other in touches:
+            apart = np.abs(pushed - other.load.components[:2]).max()
+            alike = apart <= TOUCH * max(map(abs, touch.load.components))
+            if (
+                alike
+                and _upright(touch) == _upright(other)
+                and image.coincides(other.outline, slack)
+            ):
+                swap[touch.patch] = other.patch
+    return swap if len(swap) == len(touches) else None
+
+
+def _upright(touch: LoadedProbe) -> Load:
+    """The load without what a map of the film turns."""
+    return touch.load.model_copy(update={"tangential_N": None})
 
 
 def _lie_apart(part: MirroredPart, scene: Scene, narrow: float = 0.01) -> bool:
-    """Whether the electrodes and their images leave no gaps and overlaps that are very narrow.
-
-    Gaps and overlaps are narrow below the part `narrow` of the smallest electrode's size: the small
-    elements that they need take more time than there is to win.
-    """
+    """Whether the electrodes and their images leave no gaps and overlaps that are very narrow. Gaps
+    and overlaps are narrow below the part `narrow` of the smallest electrode's size: the small
+    elements that they need take more time than there is to win."""
     radius = scene.film.radius
     outlines = [outline.mapped(part.frame) for outline in _electrodes(scene).values()]
     outlines += [outline for _, outline in part.images.values()]
@@ -141,18 +164,16 @@ def _electrodes(scene: Scene) -> dict[str, Outline]:
     return {electrode.name: electrode.outline for electrode in scene.electrode_list}
 
 
-def _mirrors(scene: Scene, probe: Outline, slack: float) -> Iterator[Array]:
-    """Mirror images that the film allows and that may bring a probe onto itself: matrices (2, 2).
-
-    The first two are about the axes. Others bring the probe's landmark that is farthest from the
-    film's centre to another one as far away; a probe whose only landmark is at the centre has those
-    of the electrodes instead.
-    """
+def _mirrors(scene: Scene, slack: float) -> Iterator[Array]:
+    """Mirror images that the film allows and that may keep the probes: matrices (2, 2). The first
+    two are about the axes. Others bring the probes' landmark that is farthest from the film's
+    centre to another one as far away; a probe whose only landmark is at the centre has those of the
+    electrodes instead."""
     yield np.diag([1.0, -1.0])
     yield np.diag([-1.0, 1.0])
     if isotropy(scene.film) != "isotropic":
         return
-    points = _landmarks([probe])
+    points = _landmarks(touch.outline for touch in scene.loaded_probes)
     if np.abs(points).max() <= slack:
         points = _landmarks(_electrodes(scene).values())
     distance = np.linalg.norm(points, axis=1)

@@ -19,8 +19,7 @@ td, th {{ padding: 0.2em 1em; text-align: right; border-bottom: 1px solid #ddd }
 svg {{ max-width: 100%; height: auto }}
 </style></head><body><h1>Calibration</h1>{summary}{pictures}</body></html>
 """
-#: A marker for each channel, besides its colour.
-MARKERS = "os^Dv<>pP*"
+MARKERS = "os^Dv<>pP*"  #: A marker for each channel, besides its colour.
 
 
 def write_page(calibration: Calibration, path: Path) -> None:

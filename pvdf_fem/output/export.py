@@ -27,31 +27,14 @@ class ExportError(FileError):
 
 
 def write_vtu(solution: Solution, path: str | Path) -> None:
-    """Write a solution as an unstructured grid of VTK, for ParaView.
+    """Write a solution as an unstructured grid of VTK, on the reference disc in m, for ParaView.
 
-    Points are those of the reference disc in m, cells six-node triangles. Displacements at the
-    points are those of the solution, which is cubic in between; a finer tolerance gives a finer
-    grid.
-
-    Point data: ``displacement`` (m, three components: Warp By Vector shows the deformed film) and
-    ``S11``, ``S22``, ``S12``, the second Piola-Kirchhoff stress in Pa as the mean over the elements
-    around a node, weighted with their areas, and ``principal_tension``, the larger principal value
-    of that mean. Cell data: the same three stresses averaged over the element, and for each patch
-    an array of its name (``electrode A``, ``probe``), which is 1 inside and 0 outside.
-
-    Parameters
-    ----------
-    solution : Solution
-        A converged one.
-    path : str or Path
-        A name that ends in ``.vtu``.
-
-    Raises
-    ------
-    NotConvergedError
-        When the solution has no fields.
-    ExportError, FileError
-        When the path has another ending; when the file cannot be written.
+    Point data: ``displacement`` in m, which is cubic in between (Warp By Vector shows the deformed
+    film); ``S11``, ``S22``, ``S12``, the second Piola-Kirchhoff stress in Pa as the mean over the
+    elements around a node by area; and ``principal_tension``, its larger principal value. Cell
+    data: the stresses averaged over an element, and for each patch an array of 0 and 1 of its name
+    (``electrode A``, ``probe``). Raises `NotConvergedError`, and `ExportError` or `FileError` for
+    another ending than ``.vtu`` and for a file that cannot be written.
     """
     path = Path(path)
     if path.suffix.lower() != ".vtu":
@@ -62,6 +45,8 @@ def write_vtu(solution: Solution, path: str | Path) -> None:
     mean = (state.stress * weights).sum(axis=1) / weights.sum(axis=1)
     point_data = {"displacement": displacement, **_components(nodal)}
     point_data["principal_tension"] = principal(nodal)[1]
+    if solution.contacts:
+        point_data["contact_pressure_Pa"] = _contact_pressure(solution)
     cell_data = {**_components(mean), **_masks(solution.mesh)}
     _write(_grid(solution.mesh, point_data=point_data, cell_data=cell_data), path, "vtu")
 
@@ -80,11 +65,22 @@ def _at_nodes(solution: Solution) -> tuple[Array, Array]:
     displacement = np.zeros((mesh.doflocs.shape[1], 3))
     displacement[nodes] = np.matmul(shape_values(space.basis.elem, local_nodes), dofs)
     areas = np.broadcast_to(space.weights.sum(axis=1)[:, None], nodes.shape).ravel()
-    sums = [
-        np.bincount(nodes.ravel(), areas * component.ravel())
-        for component in np.moveaxis(stress, -1, 0)
-    ]
+    sums = [np.bincount(nodes.ravel(), areas * part.ravel()) for part in np.moveaxis(stress, -1, 0)]
     return displacement, np.stack(sums, axis=-1) / np.bincount(nodes.ravel(), areas)[:, None]
+
+
+def _contact_pressure(solution: Solution) -> Array:
+    """Mean pressure of tips in the elements about each node, zero beside them, (nodes,)."""
+    fields, mesh = solution.fields, solution.mesh
+    triangles = mesh.dofs.element_dofs
+    total, area = np.zeros(mesh.doflocs.shape[1]), np.zeros(mesh.doflocs.shape[1])
+    for contact in fields.solved.contacts:
+        _, pressure = contact.traction(fields.solved_state, solution.scene.film.thickness)
+        weights = contact.space.weights[contact.patch]
+        for nodes in triangles[:, contact.patch]:
+            np.add.at(total, nodes, (pressure * weights).sum(axis=1))
+            np.add.at(area, nodes, weights.sum(axis=1))
+    return total / np.where(area > 0.0, area, 1.0)
 
 
 def _components(stress: Array) -> dict[str, Array]:
@@ -95,8 +91,7 @@ def _components(stress: Array) -> dict[str, Array]:
 class MeshFormat:
     """A file format and the way it holds patches."""
 
-    #: Name that meshio has for the format.
-    name: str
+    name: str  #: Name that meshio has for the format.
     #: ``arrays`` for 0/1 cell data of each patch; ``groups`` for named groups without overlap, one
     #: for each combination of patches; ``sets`` for named sets, which may overlap.
     patches: Literal["arrays", "groups", "sets"]
@@ -114,20 +109,8 @@ FORMATS = {
 }
 
 
-def mesh_format(path: str | Path) -> MeshFormat:
-    """The format that a file's extension means; raises `ExportError` listing the extensions."""
-    path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix not in FORMATS:
-        raise ExportError(
-            f"{path}: no format for six-node triangles with patches has the extension "
-            f"{path.suffix!r}; choose from {' '.join(FORMATS)}"
-        )
-    return FORMATS[suffix]
-
-
 def write_mesh(mesh: MeshTri2, path: str | Path) -> None:
-    """Write a mesh in the format of the path's extension (`FORMATS`).
+    """Write a mesh of `mesh_scene` in the format of the path's extension (`FORMATS`).
 
     Points are in m with z = 0, elements six-node triangles, counter-clockwise. Patches become:
 
@@ -139,20 +122,15 @@ def write_mesh(mesh: MeshTri2, path: str | Path) -> None:
     - ``.vtu``, ``.vtk``, ``.xdmf``: cell data, 1 inside a patch and 0 outside. Blanks in names
       become underscores in ``.vtk``.
 
-    Parameters
-    ----------
-    mesh : MeshTri2
-        From `mesh_scene`.
-    path : str or Path
-
-    Raises
-    ------
-    ExportError, FileError
-        When there is no such format or meshio lacks a library for it; when the file cannot be
-        written.
+    Raises `ExportError` when there is no such format, or meshio lacks a library for it, and
+    `FileError` when the file cannot be written.
     """
     path = Path(path)
-    file_format = mesh_format(path)
+    if (file_format := FORMATS.get(path.suffix.lower())) is None:
+        raise ExportError(
+            f"{path}: no format for six-node triangles with patches has the extension "
+            f"{path.suffix!r}; choose from {' '.join(FORMATS)}"
+        )
     patches = _masks(mesh)
     if file_format.name in ("abaqus", "vtk"):
         patches = _without_blanks(patches, path)

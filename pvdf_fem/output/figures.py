@@ -22,9 +22,7 @@ from matplotlib.patches import Polygon as Patch
 from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import Triangulation as TriangleGrid
 
-from pvdf_fem.arrays import Array
 from pvdf_fem.files import replacing
-from pvdf_fem.mesh.gmsh_mesh import PROBE, electrode_patch, outlines
 from pvdf_fem.scene.scene import Electrode
 from pvdf_fem.solution.solution import Solution
 
@@ -32,8 +30,7 @@ from pvdf_fem.solution.solution import Solution
 #: it is too light for lines.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 GREY = "0.45"
-#: Size of labels in points.
-LABEL_SIZE = 8.0
+LABEL_SIZE = 8.0  #: Size of labels in points.
 
 # The look of all figures; matplotlib's stubs ask for literal keys.
 _STYLE: dict[Any, Any] = {
@@ -80,14 +77,7 @@ def new_figure(width_mm: float = 160.0, height_mm: float = 100.0) -> Figure:
 
 def save(figure: Figure, path: str | Path) -> None:
     """Write a figure in the format of the path's extension; the same figure gives the same bytes.
-
-    Raises
-    ------
-    ValueError
-        For an extension that matplotlib does not write; the text lists those it does.
-    FileError
-        When the file cannot be written.
-    """
+    Raises ValueError, which lists the extensions that matplotlib writes, and `FileError`."""
     path = Path(path)
     content = content_of(figure, path.suffix.lower())  # a full disk confuses some writers
     with replacing(path) as temporary:
@@ -106,19 +96,17 @@ def content_of(figure: Figure, suffix: str) -> bytes:
 
 
 def deflection_map(ax: Axes, solution: Solution, *, reach_mm: float | None = None) -> None:
-    """Filled contours of the deflection with electrodes, probe and charges.
-
-    Parameters
-    ----------
-    ax : Axes
-        Its figure gets a colour bar.
-    solution : Solution
-        Converged; otherwise its `NotConvergedError` is raised.
-    reach_mm : float, optional
-        Half the width of the shown part of the film; the whole film is shown when not given.
-    """
+    """Filled contours of the deflection with electrodes, probe and charges. The figure gets a
+    colour bar. `reach_mm` is half the width of the shown part of the film, by default all of it.
+    Raises the `NotConvergedError` of a solution without a result."""
     grid, w = solution.basis.refinterp(solution.displacement[:, 2], nrefs=2)
-    levels = _levels(np.append(1e3 * w, solution.deflection_max_mm))
+    low, high = (
+        min(1e3 * float(w.min()), 0.0),
+        max(1e3 * float(w.max()), solution.deflection_max_mm),
+    )
+    # about ten round levels that enclose all deflections; a flat film gets a small range
+    locator = MaxNLocator(10, min_n_ticks=2)
+    levels = locator.tick_values(low, high if high > low else low + 1e-9)
     x, y = 1e3 * grid.p
     filled = ax.tricontourf(TriangleGrid(x, y, grid.t.T), 1e3 * w, levels=levels, cmap="Blues")
     figure = ax.get_figure(root=True)
@@ -128,24 +116,18 @@ def deflection_map(ax: Axes, solution: Solution, *, reach_mm: float | None = Non
     reach = radius if reach_mm is None else reach_mm
     angle = np.linspace(0.0, 2.0 * np.pi, 361)
     ax.plot(radius * np.cos(angle), radius * np.sin(angle), color="black", linewidth=1.0)
-    patches = outlines(solution.scene)
     for electrode in solution.scene.electrode_list:
-        outline = patches[electrode_patch(electrode.name)]
-        _draw_outline(ax, outline.shape, facecolor="white", alpha=0.55)
-        _draw_outline(ax, outline.shape, edgecolor="black", linewidth=0.9)
+        _draw_outline(ax, electrode.outline.shape, facecolor="white", alpha=0.55)
+        _draw_outline(ax, electrode.outline.shape, edgecolor="black", linewidth=0.9)
         _name_electrode(ax, electrode, solution.charges_pC[electrode.name])
-    if PROBE in patches:
-        _draw_outline(ax, patches[PROBE].shape, edgecolor=COLOURS[1], linewidth=1.4)
+    for touch in solution.scene.loaded_probes:
+        if touch.patch in solution.contacts:
+            ax.plot(*solution.contacts[touch.patch].edge_mm.T, color=COLOURS[1], linewidth=1.4)
+        else:
+            _draw_outline(ax, touch.outline.shape, edgecolor=COLOURS[1], linewidth=1.4)
     ax.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
     ax.set(xlim=(-1.02 * reach, 1.02 * reach), ylim=(-1.02 * reach, 1.02 * reach))
     ax.grid(False)
-
-
-def _levels(w: Array) -> Array:
-    """About ten round levels that enclose all deflections; a flat film gets a small range."""
-    low, high = min(float(w.min()), 0.0), float(w.max())
-    ticks = MaxNLocator(10, min_n_ticks=2).tick_values(low, high if high > low else low + 1e-9)
-    return np.asarray(ticks)
 
 
 def _draw_outline(ax: Axes, shape: shapely.Polygon, **look: Any) -> None:
@@ -161,15 +143,14 @@ def _name_electrode(ax: Axes, electrode: Electrode, charge_pC: float) -> None:
     low_x, low_y, high_x, high_y = 1e3 * np.array(outline.shape.bounds)
     direction = centre / (np.linalg.norm(centre) or 1.0)
     sideways = abs(direction[0]) > 0.5
-    sign = 1.0 if direction[0 if sideways else 1] >= 0.0 else -1.0
+    beyond = direction[0 if sideways else 1] >= 0.0
+    sign = 4.0 if beyond else -4.0
     if sideways:
-        place = (high_x if sign > 0 else low_x, centre[1])
-        align: dict[str, Any] = {"ha": "left" if sign > 0 else "right", "va": "center"}
-        offset = (4.0 * sign, 0.0)
+        place, offset = (high_x if beyond else low_x, centre[1]), (sign, 0.0)
+        align: dict[str, Any] = {"ha": "left" if beyond else "right", "va": "center"}
     else:
-        place = (centre[0], high_y if sign > 0 else low_y)
-        align = {"ha": "center", "va": "bottom" if sign > 0 else "top"}
-        offset = (0.0, 4.0 * sign)
+        place, offset = (centre[0], high_y if beyond else low_y), (0.0, sign)
+        align = {"ha": "center", "va": "bottom" if beyond else "top"}
     ax.annotate(
         ("\n" if sideways else "  ").join([electrode.name, f"{charge_pC:.1f} pC"]),
         place,

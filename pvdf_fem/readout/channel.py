@@ -22,22 +22,14 @@ from pvdf_fem.scene.scene import Scene
 
 @dataclass(frozen=True)
 class Channel:
-    """One electrode's channel; all quantities are SI.
-
-    Readings of a charge may be those of the total charge or of its change since the untouched film,
-    as the amplifier was zeroed without pretension or with it.
-    """
+    """One electrode's channel; all quantities are SI."""
 
     name: str
-    #: In F, that of the feedback or of electrode and cable.
-    capacitance: float
-    #: In Ω; infinite where nothing discharges the capacitance.
-    resistance: float = math.inf
+    capacitance: float  #: In F, that of the feedback or of electrode and cable.
+    resistance: float = math.inf  #: In Ω; infinite where nothing discharges the capacitance.
     gain: float = 1.0
-    #: In V.
-    offset: float = 0.0
-    #: Standard deviation of readings in V.
-    noise: float = 0.0
+    offset: float = 0.0  #: In V.
+    noise: float = 0.0  #: Standard deviation of readings in V.
 
     @property
     def time_constant(self) -> float:
@@ -48,11 +40,6 @@ class Channel:
         """Readings in V of charges in C that have just come."""
         return self.offset + self.gain * np.asarray(charge, dtype=float) / self.capacitance
 
-    def charge(self, reading: ArrayLike) -> Array:
-        """Charges in C that have just come, from readings in V."""
-        voltage = (np.asarray(reading, dtype=float) - self.offset) / self.gain
-        return self.capacitance * voltage
-
     def step(self, charge: float, time: ArrayLike) -> Array:
         """Readings in V at times in s after a charge in C has come at once and stayed."""
         time = np.asarray(time, dtype=float)
@@ -61,9 +48,7 @@ class Channel:
 
     def harmonic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Amplitudes of the reading over those of the charge, complex, in V/C, by frequency in Hz.
-
-        i ω R/(1 + i ω R C): a high-pass filter, whose phase leads.
-        """
+        i ω R/(1 + i ω R C): a high-pass filter, whose phase leads."""
         turn = 2j * np.pi * np.asarray(frequency, dtype=float)
         if math.isinf(self.resistance):
             return np.where(turn == 0.0, 0.0, self.gain / self.capacitance + 0j)
@@ -72,10 +57,8 @@ class Channel:
 
 def electrode_capacitance(area: float, thickness: float, permittivity: float) -> float:
     """Capacitance in F of an electrode of an area in m² on a film of a thickness in m: ε0 εr A/h.
-
-    Stray fields at the edges are neglected: the thesis's electrode is 120 times as wide as the
-    film is thick.
-    """
+    Stray fields at the edges are neglected: the thesis's electrode is 120 times as wide as the film
+    is thick."""
     return epsilon_0 * permittivity * area / thickness
 
 

@@ -22,9 +22,9 @@ from pvdf_fem.response.held_out import SHARE, HeldOut, random_touches
 from pvdf_fem.response.model import Domain
 from pvdf_fem.response.probe_stress import PolarRaster, ProbeMesh, mean_stress_about_probe
 from pvdf_fem.response.response import Response
-from pvdf_fem.response.response_file import response_key
+from pvdf_fem.response.response_file import mechanics_of, response_key
 from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces
-from pvdf_fem.response.table import MARGIN, Grid, circumradius_mm, force_nodes_N
+from pvdf_fem.response.table import MARGIN, Grid, force_nodes_N, pressed_outline
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.gradients import PLACE
 from pvdf_fem.solvers.status import Status
@@ -51,9 +51,11 @@ class ResponseOptions:
     #: Chebyshev polynomials of the force per factor e of the force; their coefficients fall by 4
     #: from one to the next.
     force_polynomials: float = 1.25
-    #: Cell of the table over the root of the probe's area; a disc needs no rotations.
+    #: Cell of the table over the root of the probe's area; a disc needs no rotations. Of a round
+    #: tip it is the area of the least contact.
     cell: float = 1 / 9
     disc_cell: float = 1 / 14
+    tip_cell: float = 1 / 4.7
     #: Largest cell.
     largest_cell_mm: float = 0.6
     #: Over the cell: the way of the probe's corners from one rotation to the next, the step of the
@@ -85,21 +87,33 @@ class ResponseOptions:
             force_polynomials=self.force_polynomials + 0.5 * orders,
             cell=size * self.cell,
             disc_cell=size * self.disc_cell,
+            tip_cell=size * self.tip_cell,
             largest_cell_mm=size * self.largest_cell_mm,
             least_mode=self.least_mode / ratio,
             elements=self.elements.scaled(size),
         )
 
-    def cell_mm(self, scene: Scene) -> float:
-        """Cell of the table of a scene's probe."""
-        assert scene.probe is not None
-        share = self.cell if scene.probe.period_deg else self.disc_cell
-        return min(share * 1e3 * float(np.sqrt(scene.probe.outline.area)), self.largest_cell_mm)
+    def cell_mm(self, scene: Scene, domain: Domain) -> float:
+        """Cell of the table of a scene's probe, or of a tip's least contact."""
+        assert scene.single_probe is not None
+        round_cell = self.tip_cell if scene.load.kind == "contact" else self.disc_cell
+        share = self.cell if scene.single_probe.period_deg else round_cell
+        size_mm = 1e3 * float(np.sqrt(pressed_outline(scene, domain.force_N[0]).area))
+        return min(share * size_mm, self.largest_cell_mm)
 
-    def polynomial_count(self, domain: Domain) -> int:
-        """Number of Chebyshev polynomials for a domain's forces."""
+    def grid(self, scene: Scene, domain: Domain) -> Grid:
+        """The grid of the table."""
         low, high = domain.log_force
-        return max(4, 1 + int(np.ceil(self.force_polynomials * (high - low))))
+        polynomials = max(4, 1 + int(np.ceil(self.force_polynomials * (high - low))))
+        cell_mm = self.cell_mm(scene, domain)
+        return Grid.of(scene, domain, cell_mm, self.rotation_step, polynomials)
+
+    def places(self, scene: Scene, domain: Domain) -> RimPlaces:
+        """The places of the rim for which the stress is solved."""
+        assert scene.single_probe is not None
+        rotations = 0 if isotropy(scene.film) == "isotropic" else self.rotations
+        reach_mm = domain.reach_mm + self.cell_mm(scene, domain)
+        return RimPlaces(scene.single_probe, reach_mm, self.radii, rotations)
 
 
 def build_response(
@@ -119,10 +133,8 @@ def build_response(
     ----------
     scene : Scene
         Film, electrodes and probe.
-    reach_mm : float
-        Largest distance of the probe from the film's centre.
-    force_N : tuple of float
-        Least and largest force.
+    reach_mm, force_N : float, tuple of float
+        Largest distance of the probe from the film's centre; least and largest force.
     tolerance : float
         Largest error bound. A response that misses it is returned with its true bound, and its
         `remarks` say what would help.
@@ -134,20 +146,17 @@ def build_response(
     progress : callable, optional
         Called with the numbers of finished and of all solves. By default a terminal shows a bar.
     options : ResponseOptions, optional
-        Resolution of the response, by default `ResponseOptions.of` the tolerance.
+        By default `ResponseOptions.of` the tolerance.
 
     Raises
     ------
-    ValueError
-        For a scene that has no such response.
-    NotConvergedError
-        When the film about the probe has no solution, or half of the touches held out have none.
-    FileError
-        When the file, or the directory beside it, cannot be written.
+    ValueError, FileError, NotConvergedError
+        For a scene that has no such response, for a file or directory that cannot be written, and
+        when the film about the probe, or half of the touches held out, have no solution.
     """
     domain, file = Domain(reach_mm, force_N), None if file is None else Path(file)
     options = ResponseOptions.of(tolerance) if options is None else options
-    refuse(scene, domain, options, tolerance)
+    _refuse(scene, domain, options, tolerance)
     with _shown(progress) as show, _unfinished(file) as folder:
         made = _best(scene, domain, tolerance, processes or -1, options, folder, show)
         if file is not None:
@@ -181,7 +190,7 @@ def _best(
     """The first response that meets the tolerance, or the one with the smallest error bound."""
     names = tuple(electrode.name for electrode in scene.electrode_list)
     touches, best = random_touches(domain, options.held_out), None
-    places = _places(scene, domain, options)
+    places = options.places(scene, domain)
     ahead = len(places.unique_places)
     total = len(touches) + ahead
 
@@ -192,7 +201,7 @@ def _best(
         held_out = HeldOut.solved(scene, touches, SHARE * tolerance, processes, store, shown)
     ahead = 0
     for _ in range(options.attempts):
-        grid = _grid(scene, domain, options)
+        grid = options.grid(scene, domain)
         stress = _stress(scene, grid, places, options, folder, processes, shown)
         spline = grid.charges(stress, scene, processes)
         made = Response(names, scene, domain, 0.0, 0.0, spline, tolerance, (), stress, held_out)
@@ -201,7 +210,7 @@ def _best(
         if best.status is Status.CONVERGED:
             break
         options = options.finer(max(2.0, 1.5 * made.error_bound / tolerance))
-        places = _places(scene, domain, options)
+        places = options.places(scene, domain)
         total += len(places.unique_places)
     assert best is not None
     if missing := len(touches) - len(held_out.touches):
@@ -227,16 +236,10 @@ def _shown(progress: Progress | None) -> Iterator[Progress]:
         yield show
 
 
-def refuse(
-    scene: Scene,
-    domain: Domain,
-    options: ResponseOptions | None = None,
-    tolerance: float = 1e-3,
-) -> None:
+def _refuse(scene: Scene, domain: Domain, options: ResponseOptions, tolerance: float) -> None:
     """Raise `ValueError` for a scene, a domain or a tolerance without a response."""
     low, high = domain.force_N
-    options = options or ResponseOptions.of(tolerance)
-    if scene.probe is None:
+    if scene.single_probe is None:
         raise ValueError("scene: has no probe; give it one")
     if not LEAST_TOLERANCE <= tolerance < np.inf:
         raise ValueError(
@@ -250,34 +253,22 @@ def refuse(
             "load.kind: 'rigid' makes the stress singular at the probe's edge, which a response"
             " cannot follow; take 'dead' or 'follower'"
         )
+    mechanics_of(scene)  # refuses a depth
+    if scene.load.tangential_N is not None or scene.load.profile != "uniform":
+        uniform = "remove load.tangential_N and load.profile"
+        raise ValueError(f"load: a response is of a uniform pressure along z; {uniform}")
     if scene.numerics.observable != "material":
         raise ValueError(
             f"numerics.observable: {scene.numerics.observable!r} is not the integral of a stress"
             " about the probe; take 'material'"
         )
-    margin_mm = MARGIN * options.cell_mm(scene)
-    limit = scene.film.radius_mm - circumradius_mm(scene.probe) - margin_mm
+    beyond_mm = 1e3 * pressed_outline(scene, high).reach + MARGIN * options.cell_mm(scene, domain)
+    limit = scene.film.radius_mm - beyond_mm
     if not 0.0 < domain.reach_mm < limit:
         raise ValueError(
             f"reach_mm: {domain.reach_mm:g} is not between zero and where the probe would come too"
             f" near the rim, {limit:.3g}"
         )
-
-
-def _grid(scene: Scene, domain: Domain, options: ResponseOptions) -> Grid:
-    """The grid of a response's table."""
-    assert scene.probe is not None
-    polynomials = options.polynomial_count(domain)
-    cell = options.cell_mm(scene)
-    return Grid.of(scene.probe, domain, cell, options.rotation_step, polynomials)
-
-
-def _places(scene: Scene, domain: Domain, options: ResponseOptions) -> RimPlaces:
-    """The places of the rim for which the stress is solved."""
-    assert scene.probe is not None
-    rotations = 0 if isotropy(scene.film) == "isotropic" else options.rotations
-    reach_mm = domain.reach_mm + options.cell_mm(scene)
-    return RimPlaces(scene.probe, reach_mm, options.radii, rotations)
 
 
 def _stress(
@@ -290,19 +281,16 @@ def _stress(
     show: Progress,
 ) -> ProbeCharges:
     """The stress about the probe at all places of the rim, as far as it is not in the folder."""
-    domain, cell, corners_mm = grid.domain, grid.axes[0].step, circumradius_mm(places.probe)
+    domain, cell = grid.domain, grid.axes[0].step
+    corners_mm = 1e3 * float(pressed_outline(scene, domain.force_N[0]).reach)
     rays = 2.0 * np.pi * corners_mm / (options.ray_step * cell)
-    raster = PolarRaster(
-        # electrodes may be anywhere on the film
-        reach_mm=domain.reach_mm + MARGIN * cell + scene.film.radius_mm,
-        step_mm=options.raster_step * cell,
-        angles=places.angles * int(np.ceil(rays / places.angles)),
-        stretch_mm=2.5 * corners_mm,
-    )
-    # the stress does not depend on the electrodes, but a scene has at least one
+    # electrodes may be anywhere on the film
+    reach_mm = domain.reach_mm + MARGIN * cell + scene.film.radius_mm
+    angles = places.angles * int(np.ceil(rays / places.angles))
+    raster = PolarRaster(reach_mm, options.raster_step * cell, angles, 2.5 * corners_mm)
+    # the stress does not depend on the electrodes, but a scene has at least one, and their channels
     radius = 0.9 * scene.film.radius_mm
     electrode = {"name": "A", "shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": radius}
-    # and no channels of others
     changes = {"electrodes": [electrode], "readout": None, **dict.fromkeys(PLACE, 0.0)}
     upright = scene.with_(**changes)
     rest = force_nodes_N(domain, grid.polynomials), raster, options.elements

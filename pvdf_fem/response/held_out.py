@@ -35,11 +35,9 @@ def random_touches(domain: Domain, count: int, seed: int = 0) -> Array:
 class HeldOut:
     """Forces X, Y of electrodes in full solves of touches, and their estimated errors."""
 
-    #: (n, 4)
     touches: Array
-    #: In N, (n, electrodes, 2).
+    #: In N, (n, electrodes, 2); errors have signs.
     forces: Array
-    #: In N, with signs, (n, electrodes, 2).
     errors: Array
 
     @classmethod

@@ -69,13 +69,13 @@ class Model(Hashable, Protocol):
 
 def period_deg(model: Model) -> float:
     """Period in degrees of a model's charges by the rotation; 360 for a disc."""
-    probe = model.scene.probe
+    probe = model.scene.single_probe
     return (probe.period_deg if probe else 0.0) or 360.0
 
 
 def rotation_counts(model: Model) -> bool:
     """Whether charges depend on the rotation of the probe, which those of a disc do not."""
-    probe = model.scene.probe
+    probe = model.scene.single_probe
     return probe is None or probe.period_deg > 0.0
 
 
@@ -97,7 +97,8 @@ def all_within(touches: Array, reach_mm: float, lowest: float, highest: float) -
 
 def touch_of(scene: Scene) -> dict[str, float]:
     """The quantities of a scene's touch by name; the force alone of a scene without a probe."""
-    place = {} if scene.probe is None else {n: getattr(scene.probe, n) for n in QUANTITIES[:FORCE]}
+    probe = scene.single_probe
+    place = {n: getattr(probe, n) for n in QUANTITIES[:FORCE]} if probe else {}
     return {**place, "force_N": scene.load.force_N}
 
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Self
+from functools import cached_property, lru_cache
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,11 +20,12 @@ from skfem.models import mass
 
 from pvdf_fem.arrays import Array, unit_gauss
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.space import Space
+from pvdf_fem.film.loads.contact import LARGEST, PENETRATION, Edge, faces, guessed_width
+from pvdf_fem.film.space import Space, transferred
 from pvdf_fem.mesh.gmsh_mesh import PROBE, mesh_scene, outlines
 from pvdf_fem.mesh.size_field import Sizes
 from pvdf_fem.response.uniform_spline import UniformAxis
-from pvdf_fem.scene.outlines.outline import turn
+from pvdf_fem.scene.outlines.outline import Outline, turn
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solution import NotConvergedError
 from pvdf_fem.solvers.ladder import equilibrate
@@ -33,6 +34,8 @@ from pvdf_fem.solvers.status import Status
 
 #: Share of the film's radius within which the stress is evaluated.
 INSIDE = 0.999
+#: Size of the elements that find the edge of a contact over that of the others.
+COARSER = 2.0
 
 
 @dataclass(frozen=True)
@@ -54,13 +57,14 @@ class ProbeMesh:
         sizes = "probe_size", "disc_size", "growth", "film_size"
         return replace(self, **{name: ratio * getattr(self, name) for name in sizes})
 
-    def mesh(self, scene: Scene) -> MeshTri2:
-        """The mesh of a scene with a probe."""
-        assert scene.probe is not None
-        share = self.probe_size if scene.probe.period_deg else self.disc_size
-        size = share * float(np.sqrt(outlines(scene)[PROBE].area))
+    def mesh(self, scene: Scene, contact: Outline | None = None) -> MeshTri2:
+        """The mesh of a scene with a probe, or with the contact with a tip in its place."""
+        assert scene.single_probe is not None
+        share = self.probe_size if scene.single_probe.period_deg else self.disc_size
+        pressed = outlines(scene)[PROBE] if contact is None else contact
+        size = share * float(np.sqrt(pressed.area))
         sizes = Sizes({PROBE: size}, self.growth, self.film_size * scene.film.radius)
-        return mesh_scene(scene, sizes)
+        return mesh_scene(scene, sizes, contacts={PROBE: pressed} | faces(scene))
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,15 +156,22 @@ def mean_stress_about_probe(
     """
     x, y, rotation = map(float, place)
     scene = scene.with_(**{"probe.x_mm": x, "probe.y_mm": y, "probe.rotation_deg": rotation})
-    mesh = elements.mesh(scene)
-    equilibrium = Equilibrium(scene, mesh, elements.order)
-    space = equilibrium.space
     points = 1e-3 * (turn(raster.samples_mm, rotation) + np.array([x, y]))
     share = np.linalg.norm(points, axis=-1, keepdims=True) / scene.film.radius
     sampled = points * INSIDE / np.maximum(share, INSIDE)
-    sample, project = space.interpolation(sampled.reshape(-1, 2).T), _projection(space)
+
+    @lru_cache(maxsize=1)
+    def reading(space: Space) -> Callable[[Array], Array]:
+        sample, project = space.interpolation(sampled.reshape(-1, 2).T), _projection(space)
+        return lambda stress: np.asarray(sample @ project(stress))
+
     try:
-        fields = [sample @ project(stress) for stress in _stresses(equilibrium, forces)]
+        if scene.load.kind == "contact":
+            solved = _stresses_on_tip(scene, forces, elements)
+        else:
+            equilibrium = Equilibrium(scene, elements.mesh(scene), elements.order)
+            solved = ((equilibrium.space, s) for s in _stresses(equilibrium, forces))
+        fields = [reading(space)(stress) for space, stress in solved]
     except NotConvergedError as error:
         raise NotConvergedError(f"probe at ({x:g}, {y:g}) mm with {error}") from None
     shape = (3, *points.shape[:2])
@@ -172,31 +183,71 @@ def mean_stress_about_probe(
 def _turned(rotation_deg: float) -> Array:
     """Matrix (3, 3) from S11, S22, S12 (row) in the film's axes to those of a turned probe."""
     c, s = turn([1.0, 0.0], rotation_deg)
-    columns = [
-        [c * c, s * s, -c * s],
-        [s * s, c * c, c * s],
-        [2 * c * s, -2 * c * s, c * c - s * s],
-    ]
-    return np.array(columns)
+    cc, cs, ss = c * c, c * s, s * s
+    return np.array([[cc, ss, -cs], [ss, cc, cs], [2 * cs, -2 * cs, cc - ss]])
 
 
-def _stresses(equilibrium: Equilibrium, forces: Sequence[float]) -> Iterator[Array]:
+def _stresses(equilibrium: Equilibrium, loads: Sequence[float]) -> Iterator[Array]:
     solutions: list[tuple[float, Array]] = []
-    for force in forces:
-        loaded = equilibrium.replacing(equilibrium.load, equilibrium.load.with_force(force))
-        result = equilibrate(loaded, _extrapolated(solutions, force) if solutions else None)
-        if solutions and result.status is not Status.CONVERGED:
-            result = equilibrate(loaded, None)
-        if result.status is not Status.CONVERGED:
-            raise NotConvergedError(f"{force:g} N: {result.status}; {result.status.advice}")
-        solutions.append((force, result.q))
-        yield equilibrium.state(result.q).stress
+    for force in loads:
+        (load,) = equilibrium.loads
+        loaded = equilibrium.replacing(load, load.with_force(force))
+        start = None
+        if solutions:  # by a polynomial of log F through the last three
+            forces, unknowns = map(np.array, zip(*solutions[-3:], strict=True))
+            start = krogh_interpolate(np.log(forces), unknowns, np.log(force))
+        q = _solved(loaded, start, force)
+        solutions.append((force, q))
+        yield equilibrium.state(q).stress
 
 
-def _extrapolated(solutions: list[tuple[float, Array]], force: float) -> Array:
-    """The unknowns by a polynomial of log F through the last three solutions."""
-    forces, unknowns = zip(*solutions[-3:], strict=True)
-    return np.asarray(krogh_interpolate(np.log(forces), np.array(unknowns), np.log(force)))
+def _solved(loaded: Equilibrium, start: Array | None, force: float) -> Array:
+    """The unknowns, from a start if that leads to them."""
+    result = equilibrate(loaded, start)
+    if start is not None and result.status is not Status.CONVERGED:
+        result = equilibrate(loaded, None)
+    if result.status is not Status.CONVERGED:
+        raise NotConvergedError(f"{force:g} N: {result.status}; {result.status.advice}")
+    return result.q
+
+
+class _Rested(NamedTuple):
+    """A displacement on a tip, the edge of the contact, and how wide that was guessed to be, m."""
+
+    space: Space
+    dofs: Array
+    edge: Edge
+    guess: float
+
+
+def _stresses_on_tip(
+    scene: Scene, loads: Sequence[float], elements: ProbeMesh, most_fits: int = 3
+) -> Iterator[tuple[Space, Array]]:
+    """Stress and space of a tip's forces, each on a mesh that follows the edge of its contact.
+
+    The first mesh of a force is coarse, to find the edge. It has the contact of the force before,
+    grown as guesses of it grow.
+    """
+    known: _Rested | None = None
+    meshes = [replace(elements.scaled(COARSER), order=elements.order - 1), *[elements] * most_fits]
+    for force in loads:
+        loaded = scene.with_(**{"load.force_N": force})
+        (touch,) = loaded.loaded_probes
+        guess = guessed_width(touch, scene.film)
+        contact = known.edge.grown(guess / known.guess) if known else touch.tip.grown(guess)
+        for finer in meshes:
+            equilibrium = Equilibrium(loaded, finer.mesh(loaded, contact), finer.order)
+            space = equilibrium.space
+            start = known and equilibrium.restrict(transferred(known.space, known.dofs, space))
+            state = equilibrium.state(_solved(equilibrium, start, force))
+            edges = equilibrium.edges(state)
+            known, contact = _Rested(space, state.dofs, edges[0], guess), edges[0].fitted
+            overlap = equilibrium.overlap(state.dofs, edges)
+            if finer is elements and overlap <= PENETRATION:
+                break
+        if overlap > LARGEST:
+            raise NotConvergedError(f"{force:g} N: {Status.MISPLACED}; {Status.MISPLACED.advice}")
+        yield space, state.stress
 
 
 def _projection(space: Space) -> Callable[[Array], Array]:

@@ -17,7 +17,6 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.response.held_out import SAFETY, SHARE, HeldOut
 from pvdf_fem.response.model import FORCE, QUANTITIES, SCENE_KEYS, Domain, all_within
 from pvdf_fem.response.response_file import Contents, StressContents, mechanics_of, read, write
@@ -57,11 +56,7 @@ def refuse_other_mechanics(known: Scene, other: Scene) -> None:
     if mechanics_of(known) == mechanics_of(other):
         return
     there, here = (
-        {
-            f"{name}.{key}": v
-            for name in ("film", "probe", "load")
-            for key, v in getattr(scene, name)
-        }
+        {f"{n}.{key}": v for n in ("film", "probe", "load") for key, v in getattr(scene, n)}
         for scene in (known, other)
     )
     reading = {"film.d31_pC_N", "film.d32_pC_N", "film.density_kg_m3", *SCENE_KEYS}
@@ -89,41 +84,22 @@ def _outlines(scene: Scene) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """Charges of the electrodes by the touch.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Names of the electrodes.
-    scene : Scene
-        Film, electrodes and probe; the probe's place and the force do not matter.
-    domain : Domain
-        Touches that it holds for.
-    error_bound : float
-        Bound on the error of a charge over |d31 X| + |d32 Y|: five times the largest error at the
-        random touches whose full solves it was compared with.
-    error_rms : float
-        Root mean square of the errors at these touches.
-    spline : UniformSpline
-        Over x in mm, y in mm and rotation in degrees: coefficients in pC of Chebyshev polynomials
-        of the force, for each of them by electrode, (polynomials electrodes,).
-    tolerance : float
-        The error bound that was asked for.
-    remarks : tuple of str
-        What to know of it, and what would help where the bound exceeds the tolerance.
-    stress : ProbeCharges, optional
-        The stress about the probe.
-    held_out : HeldOut, optional
-        The full solves of random touches.
-    """
+    """Charges of the electrodes by the touch."""
 
     names: tuple[str, ...]
+    #: Film, electrodes and probe; the probe's place and the force do not matter.
     scene: Scene
     domain: Domain
+    #: Bound on the error of a charge over |d31 X| + |d32 Y|: five times the largest error at the
+    #: random touches whose full solves it was compared with; and the root mean square there.
     error_bound: float
     error_rms: float
+    #: Over x in mm, y in mm and rotation in degrees: coefficients in pC of Chebyshev polynomials
+    #: of the force, for each of them by electrode, (polynomials electrodes,).
     spline: UniformSpline
+    #: The error bound that was asked for.
     tolerance: float = 1e-3
+    #: What to know of it, and what would help where the bound exceeds the tolerance.
     remarks: tuple[str, ...] = ()
     stress: ProbeCharges | None = None
     held_out: HeldOut | None = None
@@ -133,29 +109,11 @@ class Response:
         """Whether the error bound is within the tolerance."""
         return Status.CONVERGED if self.error_bound <= self.tolerance else Status.TOLERANCE
 
-    @property
-    def rest_charges_pC(self) -> Array:
-        """Charges (electrodes,) of the untouched film, without which `evaluate` has changes."""
-        return 1e12 * rest_charges(self.scene)
-
     def evaluate(self, touches: ArrayLike) -> tuple[Array, Array]:
-        """Total charges and their derivatives.
+        """Total charges in pC, (n, electrodes), and their derivatives by x, y, rotation and force.
 
-        Parameters
-        ----------
-        touches : array_like, shape (n, 4)
-            x in mm, y in mm, rotation in degrees, force in N.
-
-        Returns
-        -------
-        charges_pC : ndarray, shape (n, electrodes)
-        jacobian : ndarray, shape (n, electrodes, 4)
-            In pC/mm, pC/mm, pC/deg and pC/N.
-
-        Raises
-        ------
-        ValueError
-            For a touch outside of the domain.
+        The derivatives (n, electrodes, 4) are in pC per mm, degree and N. `touches` (n, 4) are x
+        and y in mm, rotation in degrees and force in N. Raises `ValueError` outside of the domain.
         """
         touches = np.asarray(touches, dtype=float).reshape(-1, len(QUANTITIES))
         refuse_outside(self.domain, touches)
@@ -163,7 +121,7 @@ class Response:
         by_place = self.spline.with_gradient(touches[:, :FORCE])
         by_place = by_place.reshape(len(touches), 4, -1, len(self.names))
         scaled, rate = scaled_force(self.domain, touches[:, FORCE])
-        powers = scaled[:, None] ** self._orders
+        powers = scaled[:, None] ** np.arange(self._polynomial_count)
         # (n, value and derivative by force, polynomials)
         by_force = (powers @ self._polynomials).reshape(len(touches), 2, -1)
         by_force[:, 1] *= rate[:, None]
@@ -184,22 +142,9 @@ class Response:
         That is electrodes, d31, d32, readout, stage, and the place of the probe and the force,
         which do not matter. The table is made anew, in seconds, and its error bound is measured by
         the full solves that the build had. For other electrodes, and where the meshes for the old
-        d31 and d32 leave the bound above the tolerance, the same touches are solved anew.
-
-        Parameters
-        ----------
-        scene : Scene
-        processes : int, optional
-            Number of processes, all cores when not given.
-        progress : callable
-            Called with the numbers of finished and of all full solves.
-
-        Raises
-        ------
-        ValueError
-            For a scene whose film deforms otherwise; the text names the keys.
-        NotConvergedError
-            When half of the full solves fail.
+        d31 and d32 leave the bound above the tolerance, the same touches are solved anew, and
+        `progress` is called with the numbers of finished and of all solves. Raises `ValueError`
+        for a scene whose film deforms otherwise, and `NotConvergedError` when half of them fail.
         """
         refuse_other_mechanics(self.scene, scene)
         names = tuple(electrode.name for electrode in scene.electrode_list)
@@ -241,35 +186,26 @@ class Response:
         return self.spline.coefficients.shape[-1] // len(self.names)
 
     @cached_property
-    def _orders(self) -> Array:
-        return np.arange(self._polynomial_count, dtype=float)
-
-    @cached_property
     def _polynomials(self) -> Array:
         """Coefficients (powers, 2 polynomials) of Chebyshev polynomials and their derivatives."""
         count = self._polynomial_count
-        values = np.zeros((count, count))
-        for k in range(count):
-            values[: k + 1, k] = chebyshev.cheb2poly(np.eye(count)[k, : k + 1])
-        slopes = np.zeros_like(values)
-        slopes[:-1] = self._orders[1:, None] * values[1:]
-        return np.concatenate([values, slopes], axis=1)
+        values = np.array(
+            [np.pad(chebyshev.cheb2poly(row), (0, count))[:count] for row in np.eye(count)]
+        )
+        slopes = np.pad(np.arange(1, count) * values[:, 1:], ((0, 0), (0, 1)))
+        return np.concatenate([values, slopes]).T
 
     def save(self, path: Path | str) -> None:
-        """Write the response to a file, which replaces an older one only when it is complete.
-
-        Raises `FileError` when the file cannot be written.
-        """
-        coefficients = self.spline.coefficients
+        """Write the response to a file, which replaces an older one only when it is complete."""
+        parts = [self.spline.coefficients]
         contents = Contents(
             **{name: getattr(self, name) for name in _KEPT},
             axes=self.spline.axes,
             polynomials=self._polynomial_count,
-            dtype=coefficients.dtype.newbyteorder("<").str,
+            dtype=parts[0].dtype.newbyteorder("<").str,
             touches=0 if self.held_out is None else len(self.held_out.touches),
             stress=None,
         )
-        parts = [coefficients]
         if (stress := self.stress) is not None:
             modes, places = stress.modes, stress.places
             contents.stress = StressContents(
@@ -285,13 +221,7 @@ class Response:
 
     @classmethod
     def load(cls, path: Path | str) -> Response:
-        """Read a response from a file.
-
-        Raises
-        ------
-        FileError
-            When the file cannot be read; as `ResponseError`, when it holds no sound response.
-        """
+        """Read a response; raises `ResponseError`, a `FileError`, for what holds no sound one."""
         file, (coefficients, modes, amplitudes, *held_out) = read(Path(path))
         names = tuple(electrode.name for electrode in file.scene.electrode_list)
         stress = None

@@ -44,7 +44,12 @@ class ResponseError(FileError):
 
 
 def mechanics_of(scene: Scene) -> str:
-    """What the stress about a scene's probe depends on, wherever it is and whatever its force."""
+    """What the stress about a scene's probe depends on, wherever it is and whatever its force.
+
+    Raises `ValueError` for a depth in place of a force.
+    """
+    if (depth_mm := scene.load.depth_mm) is not None:
+        raise ValueError(f"load.depth_mm = {depth_mm:g}: a response is of forces; remove it")
     observable = {"observable": scene.numerics.observable}
     alone = scene.with_(
         **dict.fromkeys(PLACE, 0.0), **{"load.force_N": 1.0, "numerics": observable}
@@ -71,6 +76,11 @@ class _Checked(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, revalidate_instances="always")
 
 
+def _sound(axes: Sequence[UniformAxis], *periodic: bool) -> bool:
+    steps = all(0.0 < axis.step < math.inf and axis.count >= 4 for axis in axes)
+    return steps and tuple(axis.periodic for axis in axes) == periodic
+
+
 class StressContents(_Checked):
     """The stress about a probe without its arrays."""
 
@@ -85,13 +95,12 @@ class StressContents(_Checked):
 
     def places(self, scene: Scene) -> RimPlaces:
         """The places of the rim for a scene's probe."""
-        assert scene.probe is not None
-        return RimPlaces(scene.probe, *self.grid)
+        assert scene.single_probe is not None
+        return RimPlaces(scene.single_probe, *self.grid)
 
     @model_validator(mode="after")
     def _agree(self) -> Self:
-        steps = all(0.0 < axis.step < math.inf and axis.count >= 4 for axis in self.axes)
-        if not (steps and [axis.periodic for axis in self.axes] == [False, True]):
+        if not _sound(self.axes, False, True):
             raise ValueError("the axes are not those of a stress about a probe")
         return self
 
@@ -119,13 +128,11 @@ class Contents(_Checked):
         (x, y, rotation), reach = self.axes, self.domain.reach_mm
         low, high = self.domain.force_N
         sound = (
-            self.scene.probe is not None
+            self.scene.single_probe is not None
             and 0.0 < reach < self.scene.film.radius_mm
             and 0.0 < low < high < math.inf
-            and all(0.0 < axis.step < math.inf and axis.count >= 4 for axis in self.axes)
-            and all(a.start < -0.999 * reach for a in (x, y))
-            and all(a.start + a.step * (a.count - 1) > 0.999 * reach for a in (x, y))
-            and (x.periodic, y.periodic, rotation.periodic) == (False, False, True)
+            and _sound(self.axes, False, False, True)
+            and all(-a.start > 0.999 * reach < a.start + a.step * (a.count - 1) for a in (x, y))
             and math.isfinite(rotation.start)
         )
         if not sound:
@@ -138,13 +145,11 @@ class Contents(_Checked):
         table = (*map(_rows, self.axes), self.polynomials * electrodes)
         modes: tuple[int, ...] = (0,)
         amplitudes: tuple[int, ...] = (0,)
-        if self.stress is not None:
-            modes = (*map(_rows, self.stress.axes), 3 * self.stress.modes)
-            at = self.stress.places(self.scene)
-            by_place = at.rotations, at.radii, at.angles
-            amplitudes = (*by_place, self.polynomials, self.stress.modes)
-        touches = (self.touches, 4), (self.touches, electrodes, 2), (self.touches, electrodes, 2)
-        real = [("<f8", shape) for shape in (amplitudes, *touches)]
+        if (stress := self.stress) is not None:
+            modes, at = (*map(_rows, stress.axes), 3 * stress.modes), stress.places(self.scene)
+            amplitudes = at.rotations, at.radii, at.angles, self.polynomials, stress.modes
+        forces = self.touches, electrodes, 2
+        real = [("<f8", shape) for shape in (amplitudes, (self.touches, 4), forces, forces)]
         return [(self.dtype, table), ("<f4", modes), *real]
 
 
@@ -157,9 +162,8 @@ def write(path: Path, contents: Contents, arrays: Sequence[NDArray[np.floating]]
     """Write a response with those arrays that it has; `FileError` when that is not possible."""
     kinds = [kind for kind, shape in contents.arrays() if math.prod(shape)]
     content = contents.model_dump_json().encode() + b"\n"
-    content += b"".join(
-        a.astype(t, copy=False).tobytes() for a, t in zip(arrays, kinds, strict=True)
-    )
+    for array, kind in zip(arrays, kinds, strict=True):
+        content += array.astype(kind, copy=False).tobytes()
     with replacing(path) as temporary:
         temporary.write_bytes(_head(content) + content)
 

@@ -17,7 +17,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,23 +29,21 @@ from pvdf_fem.response.uniform_spline import UniformSpline
 from pvdf_fem.scene.outlines.outline import Outline, turn
 from pvdf_fem.scene.scene import Probe
 
-#: Gauss's points along a side of an electrode for each step of the raster there, and at least.
-POINTS_PER_STEP = 1.0
+#: Gauss's points along a side of an electrode, at least; else one for each step of the raster.
 LEAST_POINTS = 6
 #: Positions whose integrals are one sparse matrix.
 CHUNK = 2000
 
 
-@dataclass(frozen=True)
-class Image:
+class Image(NamedTuple):
     """A place as the image of another place at the same distance."""
 
     #: Indices of the other place's rotation and angle.
     rotation: int
     angle: int
-    #: Whether the other place is first mirrored in the x axis.
+    #: Whether the other place is first mirrored in the x axis, and by how many steps of the grid's
+    #: angle it is then turned.
     mirrored: bool
-    #: Number of steps of the grid's angle by which it is then turned.
     steps: int
 
 
@@ -81,9 +79,7 @@ class RimPlaces:
     def _fold(self) -> int:
         """Number of turns that bring probe and film onto themselves; 0 if all do."""
         period = self.probe.period_deg
-        if period:
-            return round(360.0 / period)
-        return 2 if self.film_rotations else 0
+        return round(360.0 / period) if period else 2 * bool(self.film_rotations)
 
     @cached_property
     def _diameter(self) -> Array:
@@ -110,42 +106,25 @@ class RimPlaces:
 
         They are ordered by radius, then as `unique`, (n, 3).
         """
-        turns = self.rotations_deg
-        return np.array(
-            [
-                [*turn(-centres[angle], turns[rotation]), turns[rotation]]
-                for centres in self.centres_mm
-                for rotation, angle in self.unique
-            ]
-        )
-
-    @property
-    def unique(self) -> list[tuple[int, int]]:
-        """Indices of rotations and angles whose places are not images of others."""
-        return sorted({(image.rotation, image.angle) for row in self.images for image in row})
+        turns, at = self.rotations_deg, [(row, *i) for row in self.centres_mm for i in self.unique]
+        return np.array([[*turn(-row[angle], turns[k]), turns[k]] for row, k, angle in at])
 
     @cached_property
-    def images(self) -> tuple[tuple[Image, ...], ...]:
-        """For each rotation, each angle as the image of the first that is equivalent."""
-        angles = range(self.angles)
-        return tuple(
-            tuple(self._image(rotation, angle) for angle in angles)
-            for rotation in range(self.rotations)
-        )
+    def unique(self) -> list[tuple[int, int]]:
+        """Indices of rotations and angles whose places are not images of others."""
+        return sorted({self.image(*at)[:2] for at in np.ndindex(self.rotations, self.angles)})
 
-    def _image(self, rotation: int, angle: int) -> Image:
-        fold = self._fold or self.angles
-        half, turns = self.angles // 2, self.angles // fold
-        equal = []
+    def image(self, rotation: int, angle: int) -> Image:
+        """A place as the image of the first that is equivalent."""
+        fold, count, equal = self._fold or self.angles, self.angles, []
         for k in range(fold):
             # the film turns by 2 π k / fold with the rim, of which half a turn is none
-            ahead, steps = k * 2 * self.rotations // fold, k * turns
-            unturned = (rotation + ahead) % self.rotations
-            equal.append(Image(unturned, (angle - steps) % self.angles, False, steps))
+            turned, steps = rotation + k * 2 * self.rotations // fold, k * (count // fold)
+            equal.append(Image(turned % self.rotations, (angle - steps) % count, False, steps))
             if self.probe.is_mirrored:
-                mirrored, steps = (-rotation - ahead) % self.rotations, steps + half
-                equal.append(Image(mirrored, (steps - angle) % self.angles, True, steps))
-        return min(equal, key=lambda image: (image.rotation, image.angle))
+                steps += count // 2
+                equal.append(Image(-turned % self.rotations, (steps - angle) % count, True, steps))
+        return min(equal)
 
     def weights(self, centres_mm: Array, rotation: float) -> Array:
         """Interpolation weights (n, rotations, radii, angles) at centres (n, 2) and a rotation."""
@@ -246,7 +225,7 @@ class ProbeCharges:
     ) -> Array:
         """Integrals (n, components, modes) in N of the stress over an electrode."""
         side_mm = 1e3 * electrode.perimeter / max(4, len(electrode.boundary))
-        count = max(LEAST_POINTS, int(np.ceil(POINTS_PER_STEP * side_mm / modes.axes[0].step)))
+        count = max(LEAST_POINTS, int(np.ceil(side_mm / modes.axes[0].step)))
         points, normals = electrode.boundary_rule(count)
         from_probe = (1e3 * points - positions_mm[:, None]) @ turned
         factors = 0.5e-3 * np.einsum("nqi,qi->nq", from_probe, normals @ turned)
@@ -265,8 +244,8 @@ def _all_places(places: RimPlaces, fields: Sequence[Array]) -> tuple[Array, Arra
     scale = np.sqrt((trace**2).mean(axis=(0, 1, 3, 4)))
     whole = np.empty((places.rotations, places.radii, places.angles, *stress.shape[2:]))
     for place in np.ndindex(places.rotations, places.angles):
-        image = places.images[place[0]][place[1]]
-        index = unique.index((image.rotation, image.angle))
+        image = places.image(*place)
+        index = unique.index(image[:2])
         turned = _transformed(deviator[:, index], image, places.angles)
         components = _transformed(trace[:, index], image, places.angles), turned.real, turned.imag
         whole[place[0], :, place[1]] = np.stack(components, axis=2) / scale[:, None, None, None]
@@ -280,5 +259,4 @@ def _transformed(field: NDArray[Any], image: Image, angles: int) -> NDArray[Any]
     values = field[..., (-index if image.mirrored else index) % count]
     if not np.iscomplexobj(field):
         return values
-    values = values.conj() if image.mirrored else values
-    return values * np.exp(4j * np.pi * image.steps / angles)
+    return (values.conj() if image.mirrored else values) * np.exp(4j * np.pi * image.steps / angles)

@@ -9,10 +9,12 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.film.loads.contact import first_contacts
 from pvdf_fem.response.model import Domain
 from pvdf_fem.response.rim_places import ProbeCharges
 from pvdf_fem.response.uniform_spline import UniformAxis, UniformSpline
-from pvdf_fem.scene.scene import Probe, Scene
+from pvdf_fem.scene.outlines.outline import Outline
+from pvdf_fem.scene.scene import Scene
 
 #: Charges are smooth in this power of the force, both where the pretension carries it and where the
 #: tension that it makes itself does.
@@ -39,9 +41,11 @@ def force_nodes_N(domain: Domain, count: int) -> Array:
     return (0.5 * (low + high) + 0.5 * (high - low) * nodes) ** (1.0 / POWER)
 
 
-def circumradius_mm(probe: Probe) -> float:
-    """Largest distance of a probe's outline from its centroid."""
-    return 1e3 * float(probe.model_copy(update={"x_mm": 0.0, "y_mm": 0.0}).outline.reach)
+def pressed_outline(scene: Scene, force_N: float) -> Outline:
+    """Outline of a scene's probe at the film's centre, or of the contact that a force makes."""
+    centred = scene.with_(**{"probe.x_mm": 0.0, "probe.y_mm": 0.0, "load.force_N": force_N})
+    (touch,) = centred.loaded_probes
+    return first_contacts(centred).get(touch.patch, touch.outline)
 
 
 @dataclass(frozen=True)
@@ -56,14 +60,15 @@ class Grid:
 
     @classmethod
     def of(
-        cls, probe: Probe, domain: Domain, cell_mm: float, rotation_step: float, polynomials: int
+        cls, scene: Scene, domain: Domain, cell_mm: float, rotation_step: float, polynomials: int
     ) -> Grid:
         """A grid with cells of a size; see `ResponseOptions`."""
         half = int(np.ceil(domain.reach_mm / cell_mm)) + MARGIN
         across = UniformAxis(-half * cell_mm, cell_mm, 2 * half + 1)
-        period, rotations = probe.period_deg or 360.0, 4
-        if probe.period_deg:
-            way = np.radians(period) * circumradius_mm(probe)
+        assert scene.single_probe is not None
+        period, rotations = scene.single_probe.period_deg or 360.0, 4
+        if scene.single_probe.period_deg:
+            way = np.radians(period) * 1e3 * pressed_outline(scene, domain.force_N[1]).reach
             rotations = max(4, int(np.ceil(way / (rotation_step * cell_mm))))
         axis = UniformAxis(0.0, period / rotations, rotations, periodic=True)
         return cls(domain, (across, across, axis), polynomials)

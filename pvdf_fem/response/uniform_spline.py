@@ -67,7 +67,11 @@ class UniformSpline:
         coefficients = np.asarray(values, dtype=float)
         for i, axis in enumerate(axes):
             along = np.moveaxis(coefficients, i, 0)
-            along = _periodic(along) if axis.periodic else _continued(along)
+            if axis.periodic:
+                along = spline_filter1d(along, 3, axis=0, mode="grid-wrap")
+                along = np.concatenate([along[-1:], along, along[:2]])
+            else:
+                along = _continued(along)
             coefficients = np.moveaxis(along, 0, i)
         return cls(tuple(axes), np.ascontiguousarray(coefficients, dtype))
 
@@ -76,85 +80,64 @@ class UniformSpline:
         if len(points) > CHUNK:
             firsts = range(0, len(points), CHUNK)
             return np.concatenate([self.with_gradient(points[i : i + CHUNK]) for i in firsts])
-        weights, rows = self._weights(points, self._stencil.value_and_gradient)
-        return np.matmul(weights, self._stencil.coefficients.take(rows, axis=0))
+        weights, rows = self._weights(points, self._polynomials)
+        return np.matmul(weights, self._flat.take(rows, axis=0))
 
     def sums(self, points: Array, factors: Array) -> Array:
         """Sums (n, functions) over m of the values at points (n, m, axes) times factors (n, m)."""
         n, m = factors.shape
-        weights, rows = self._weights(points.reshape(n * m, -1), self._stencil.value)
-        coefficients = self._stencil.coefficients
-        products = (weights[:, 0] * factors.reshape(-1, 1)).astype(coefficients.dtype)
+        weights, rows = self._weights(points.reshape(n * m, -1), self._polynomials[:, :, :4])
+        products = (weights[:, 0] * factors.reshape(-1, 1)).astype(self._flat.dtype)
         starts = rows.shape[1] * m * np.arange(n + 1)
-        shape = (n, len(coefficients))
-        return sp.csr_matrix((products.ravel(), rows.ravel(), starts), shape) @ coefficients
+        shape = (n, len(self._flat))
+        return sp.csr_matrix((products.ravel(), rows.ravel(), starts), shape) @ self._flat
 
     def _weights(self, points: Array, polynomials: Array) -> tuple[Array, Indices]:
         """Weights (n, results, 4^axes) of coefficients in rows (n, 4^axes), at points (n, axes)."""
-        stencil, n, axes = self._stencil, len(points), len(self.axes)
-        place = (points - stencil.start) * stencil.per_step
-        for i, count in stencil.periods:
-            place[:, i] %= count
-        cell = np.minimum(np.maximum(place.astype(np.int64), 0), stencil.last_cell)
+        (start, per_step, last_cell), n, axes = self._grid, len(points), len(self.axes)
+        place = (points - start) * per_step
+        for i, axis in enumerate(self.axes):
+            if axis.periodic:
+                place[:, i] %= axis.count
+        cell = np.minimum(np.maximum(place.astype(np.int64), 0), last_cell)
         # (axes, n, powers)
         powers = (place - cell).T[:, :, None] ** _POWERS
-        factors = np.matmul(powers, polynomials).astype(stencil.coefficients.dtype, copy=False)
+        factors = np.matmul(powers, polynomials).astype(self._flat.dtype, copy=False)
         factors = factors.reshape(axes, n, -1, 4)
         weights = factors[0]
         for i in range(1, axes):
             weights = weights[..., None] * factors[i, :, :, None]
             weights = weights.reshape(n, -1, 4 ** (i + 1))
-        return weights, (cell @ stencil.stride)[:, None] + stencil.offsets
+        stride, offsets = self._rows
+        return weights, (cell @ stride)[:, None] + offsets
 
     @cached_property
-    def _stencil(self) -> _Stencil:
-        return _Stencil.of(self.axes, self.coefficients)
+    def _flat(self) -> NDArray[np.floating]:
+        """Coefficients, (rows, functions)."""
+        return self.coefficients.reshape(-1, self.coefficients.shape[-1])
 
+    @cached_property
+    def _grid(self) -> tuple[Array, Array, Indices]:
+        """First values of the axes, inverses of their steps, and their last cells, (axes,)."""
+        start, step = np.array([(axis.start, axis.step) for axis in self.axes]).T
+        return start, 1.0 / step, np.array(self.coefficients.shape[:-1]) - 4
 
-@dataclass(frozen=True, eq=False)
-class _Stencil:
-    """What an evaluation needs of the axes and the coefficients, prepared once."""
-
-    start: Array  # first values of the axes
-    per_step: Array  # inverses of the steps
-    value: Array  # B-splines by powers of the place in a cell, (axes, 4, 4)
-    value_and_gradient: Array  # for value and derivatives, (axes, 4, results 4)
-    periods: tuple[tuple[int, int], ...]  # index and number of cells of periodic axes
-    last_cell: Indices  # (axes,)
-    stride: Indices  # rows from one coefficient to the next along each axis, (axes,)
-    offsets: Indices  # rows that count in a cell, relative to the first, (4^axes,)
-    coefficients: NDArray[np.floating]  # (rows, functions)
-
-    @classmethod
-    def of(cls, axes: Sequence[UniformAxis], coefficients: NDArray[np.floating]) -> _Stencil:
-        sizes = np.array(coefficients.shape[:-1])
-        stride = np.append(np.cumprod(sizes[:0:-1])[::-1], 1)
-        offsets = np.zeros(1, dtype=np.int64)
-        for rows_per_step in stride:
-            offsets = (offsets[:, None] + rows_per_step * np.arange(4)).ravel()
-        per_step = 1.0 / np.array([axis.step for axis in axes])
+    @cached_property
+    def _polynomials(self) -> Array:
+        """B-splines for value and derivatives, by powers of the place, (axes, 4, results 4)."""
+        axes = len(self.axes)
         # (axes, powers, results, splines): derivatives by coordinate i differ in the factor of i
-        polynomials = np.tile(_CUBIC[:, None], (len(axes), 1, 1 + len(axes), 1))
-        for i, inverse in enumerate(per_step):
-            polynomials[i, :, 1 + i] = inverse * _SLOPE
-        polynomials = polynomials.reshape(len(axes), 4, -1)
-        return cls(
-            start=np.array([axis.start for axis in axes]),
-            per_step=per_step,
-            value=polynomials[:, :, :4],
-            value_and_gradient=polynomials,
-            periods=tuple((i, axis.count) for i, axis in enumerate(axes) if axis.periodic),
-            last_cell=sizes - 4,
-            stride=stride,
-            offsets=offsets,
-            coefficients=coefficients.reshape(-1, coefficients.shape[-1]),
-        )
+        polynomials = np.tile(_CUBIC[:, None], (axes, 1, 1 + axes, 1))
+        for i, axis in enumerate(self.axes):
+            polynomials[i, :, 1 + i] = _SLOPE / axis.step
+        return polynomials.reshape(axes, 4, -1)
 
-
-def _periodic(values: Array) -> Array:
-    """Coefficients along the first axis, one before the first value and two after the last."""
-    coefficients = spline_filter1d(values, 3, axis=0, mode="grid-wrap")
-    return np.concatenate([coefficients[-1:], coefficients, coefficients[:2]])
+    @cached_property
+    def _rows(self) -> tuple[Indices, Indices]:
+        """Rows from one coefficient to the next along each axis, and those that count in a cell."""
+        stride = np.append(np.cumprod(self.coefficients.shape[-2:0:-1])[::-1], 1).astype(np.int64)
+        corners = np.indices((4,) * len(self.axes)).reshape(len(self.axes), -1)
+        return stride, stride @ corners
 
 
 def _continued(values: Array) -> Array:

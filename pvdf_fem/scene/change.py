@@ -15,6 +15,7 @@ from pvdf_fem.scene.scene_file import problem
 # Keys that a shape keeps when it becomes another one, alone or all around a ring.
 _PLACE = {"name", "shape", "x_mm", "y_mm", "rotation_deg"}
 _PLACE |= {"layout", "count", "ring_radius_mm", "first_angle_deg", "centre"}
+_PLACE |= {"force_N", "tangential_N", "load"}
 # Keys that electrodes keep when their layout becomes another one.
 _OF_ALL_LAYOUTS = {"layout", "ring_radius_mm", "side_mm"}
 # Keys that decide which other keys there are, in the order in which they are changed.
@@ -22,7 +23,11 @@ _FIRST = ("layout", "shape", "kind")
 # Keys of which one takes the place of the other.
 _RIVALS = {"temperature_change_K": "pretension_N_m", "pretension_N_m": "temperature_change_K"}
 _KEY = re.compile(r"[^.[\]]+(?:\.[^.[\]]+|\[[0-9]{1,9}\])*")
-_BY_INDEX = "electrodes are addressed by index in a list [[electrodes]], as in electrodes[0].x_mm"
+#: What a key is told that addresses an entry of a table, or a key of a list.
+_BY_INDEX = {
+    name: f"{them} are addressed by index in a list [[{name}]], as in {name}[0].x_mm"
+    for name, them in {"electrodes": "electrodes", "probe": "probes"}.items()
+}
 
 
 @lru_cache(maxsize=1024)
@@ -39,21 +44,9 @@ def spelled(key: str) -> str:
 
 
 def change(tables: dict[str, Any], changes: Mapping[str, Any]) -> list[str]:
-    """Replace values of the tables in place.
-
-    Parameters
-    ----------
-    tables : dict
-        Tables, lists and scalars.
-    changes : mapping
-        New values by key, such as ``load.force_N``, ``electrodes[0].x_mm``,
-        ``electrodes.0.x_mm`` or ``probe``; tables on the way are made.
-
-    Returns
-    -------
-    list of str
-        A complaint for each key that leads nowhere, or that another one spells otherwise.
-    """
+    """Replace values of tables in place, by key such as ``load.force_N``, ``probe[0].x_mm``. Tables
+    on the way are made. It returns a complaint for each key that leads nowhere, or that another one
+    spells otherwise."""
     changes = {_encodable(key): value for key, value in changes.items()}
     keys: dict[tuple[Any, ...], str] = {}
     problems = []
@@ -74,19 +67,19 @@ def change(tables: dict[str, Any], changes: Mapping[str, Any]) -> list[str]:
             if rival and value is not None and ("film", rival) not in keys:
                 tables["film"].pop(rival, None)
         except (AttributeError, LookupError, TypeError, ValueError) as error:
-            by_index = _BY_INDEX in error.args
-            reason = _BY_INDEX if by_index else "leads nowhere; use a key of this scene"
+            told = [text for text in _BY_INDEX.values() if text in error.args]
+            reason = told[0] if told else "leads nowhere; use a key of this scene"
             problems.append(problem(key[:80], changes[key], reason))
     return problems
 
 
 def _put(tables: dict[str, Any], steps: tuple[Any, ...], value: Any) -> None:
     node: Any = tables
-    if steps[0] == "electrodes" and len(steps) > 2:
-        electrodes = node.get("electrodes") or {}
-        listed = isinstance(electrodes, list)
-        if not (isinstance(steps[1], int) if listed else steps[1] in electrodes):
-            raise ValueError(_BY_INDEX)
+    if steps[0] in _BY_INDEX and len(steps) > 2:
+        entries = node.get(steps[0]) or {}
+        listed = isinstance(entries, list)
+        if not (isinstance(steps[1], int) if listed else steps[1] in entries):
+            raise ValueError(_BY_INDEX[steps[0]])
     for step in steps[:-1]:
         node = node[step] if isinstance(node, list) else node.setdefault(str(step), {})
     last = steps[-1] if isinstance(node, list) else str(steps[-1])
@@ -98,6 +91,14 @@ def _put(tables: dict[str, Any], steps: tuple[Any, ...], value: Any) -> None:
             del node[key]
     if last == "kind" and value != "rigid":
         node.pop("contact", None)
+        node.pop("tilt", None)
+    if last == "kind" and value != "contact":
+        node.pop("depth_mm", None)
+        node.pop("friction", None)
+    if last == "depth_mm" and value is not None:
+        node.pop("force_N", None)
+    if last == "force_N":
+        node.pop("depth_mm", None)
     node[last] = value
 
 

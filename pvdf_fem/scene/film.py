@@ -151,10 +151,8 @@ class Film(Section):
 
 
 def plane_stress(E1: Any, E2: Any, nu12: Any, G: Any = None) -> NDArray[Any]:
-    """Stiffness (3, 3) of an orthotropic sheet, Voigt, in the unit of its moduli.
-
-    Numbers may be complex, for derivatives. Without `G`, Huber's estimate is taken.
-    """
+    """Stiffness (3, 3) of an orthotropic sheet, Voigt, in the unit of its moduli. Numbers may be
+    complex, for derivatives. Without `G`, Huber's estimate is taken."""
     nu21 = nu12 * E2 / E1
     if G is None:
         # ν12 √(E2/E1) is √(ν12 ν21) with the sign of ν12

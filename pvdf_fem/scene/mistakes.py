@@ -12,11 +12,20 @@ from pydantic_core import ErrorDetails
 
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.placement import misplacements
+from pvdf_fem.scene.registry import Load
 from pvdf_fem.scene.scene_file import choose, problem, quote
-from pvdf_fem.scene.shapes import MODELS, MOST_ELECTRODES, Electrode, Electrodes, Probe, Ring
+from pvdf_fem.scene.shapes import (
+    MODELS,
+    MOST_ELECTRODES,
+    MOST_PROBES,
+    Electrode,
+    Electrodes,
+    PressingProbe,
+    Probe,
+    Ring,
+)
 
-#: The largest number of mistakes that are told about one scene.
-MOST_MISTAKES = 100
+MOST_MISTAKES = 100  #: The largest number of mistakes that are told about one scene.
 
 _REASONS = {
     "bool_type": "must be true or false; write one of them without quotes",
@@ -33,22 +42,9 @@ _REASONS = {
 
 
 def mistakes(error: ValidationError, data: Mapping[str, Any], model: type[BaseModel]) -> list[str]:
-    """One line for each mistake, at most `MOST_MISTAKES` of them.
-
-    Parameters
-    ----------
-    error : ValidationError
-        What pydantic found when it validated `data`.
-    data : mapping
-        The scene as tables, lists and scalars.
-    model : type
-        The model of the scene.
-
-    Notes
-    -----
-    The scene compares its shapes with each other only when each table is valid by itself. The
-    tables that are valid are compared here, so that mistakes of both sorts are told together.
-    """
+    """One line for each mistake in `data`, at most `MOST_MISTAKES`, of which pydantic told `error`.
+    A scene compares its shapes only when each table is valid by itself. The tables that are valid
+    are compared here, so that mistakes of both sorts are told together."""
     errors = [d for d in error.errors(include_url=False) if not _is_shortened(d)]
     lines: Iterator[str]
     if errors[0]["type"] == "misplaced":
@@ -101,7 +97,7 @@ def _key(loc: tuple[int | str, ...]) -> str:
     parts = list(loc)
     if parts[0] in ("probe", "electrodes"):
         tag = parts.pop(1) if len(parts) > 1 else ""
-        if parts[0] == "electrodes" and tag in ("list", "ring"):  # members of a second union
+        if tag in ("list", "ring", "table"):  # members of a second union
             place = 2 if tag == "list" else 1
             del parts[place : place + 1]
     elif parts[0] in ("film", "readout"):
@@ -132,23 +128,23 @@ def _among_valid_tables(data: Mapping[str, Any]) -> Iterator[str]:
     sections = {name: table for name, table in data.items() if isinstance(table, Mapping)}
     radius = {key: value for key, value in sections.get("film", {}).items() if key == "radius_mm"}
     film = _valid(Film, radius)
-    electrodes: Any = data.get("electrodes", {})
-    if isinstance(electrodes, list):
-        models = [_valid(Electrode, table) for table in electrodes[:MOST_ELECTRODES]]
-        electrodes = {i: model for i, model in enumerate(models) if model is not None}
-    else:
-        electrodes = _valid(Electrodes, electrodes) or {}
+    electrodes, probe = data.get("electrodes", {}), data.get("probe")
+    observable = sections.get("numerics", {}).get("observable")
     yield from misplacements(
         film.radius_mm if film else None,
-        electrodes,
-        _valid(Probe, data.get("probe")),
-        _text(sections.get("load", {}).get("kind")),
-        _text(sections.get("numerics", {}).get("observable")),
+        _valid_entries(Electrode, electrodes, MOST_ELECTRODES)
+        or _valid(Electrodes, electrodes)
+        or {},
+        _valid_entries(PressingProbe, probe, MOST_PROBES) or _valid(Probe, probe),
+        _valid(Load, data.get("load", {})),
+        observable if isinstance(observable, str) else "",
     )
 
 
-def _text(value: Any) -> str:
-    return value if isinstance(value, str) else ""
+def _valid_entries(model: Any, tables: Any, most: int) -> dict[int, Any]:
+    """The models of a list's valid tables by their position; none of what is no list."""
+    models = [_valid(model, table) for table in tables[:most]] if isinstance(tables, list) else []
+    return {i: model for i, model in enumerate(models) if model is not None}
 
 
 def _valid(model: Any, value: Any) -> Any:

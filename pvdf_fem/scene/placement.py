@@ -5,43 +5,84 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from itertools import combinations
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
 
 from pvdf_fem.scene.outlines.outline import TOUCH, overlaps
-from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES
+from pvdf_fem.scene.outlines.sphere import SphereShape
+from pvdf_fem.scene.outlines.tip import tip_of
+from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES, Load
 from pvdf_fem.scene.scene_file import problem
-from pvdf_fem.scene.shapes import Electrode, Layout, Probe, Ring
+from pvdf_fem.scene.shapes import Electrode, Layout, Pressing, PressingProbe, Probe, Ring
 
 
 def misplacements(
     radius_mm: float | None,
     electrodes: Layout | Ring | Mapping[int, Electrode],
-    probe: Probe | None,
-    kind: str,
+    probe: Probe | Mapping[int, PressingProbe] | None,
+    load: Load | None,
     observable: str,
 ) -> Iterator[str]:
-    """Complaints about shapes that are valid one by one.
-
-    Parameters
-    ----------
-    radius_mm : float or None
-        Radius of the film; None leaves the rim out.
-    electrodes : Layout, Ring or mapping of int to Electrode
-        A layout, or the electrodes by their position in the scene's list.
-    probe : Probe or None
-        The probe.
-    kind, observable : str
-        Kind of the load and charge observable.
-    """
+    """Complaints about shapes and loads that are valid one by one. Those of a list are given by
+    their position in it. Without a radius in mm the rim is left out, without the scene's load all
+    loads are."""
     hashable = tuple(electrodes.items()) if isinstance(electrodes, Mapping) else electrodes
     if not _sound(radius_mm, hashable, observable):
         yield from _of_electrodes(radius_mm, hashable, observable)
-    if probe is None or radius_mm is None:
-        return
-    yield from _over_rim("probe", probe, radius_mm)
-    reach_mm = probe.outline.reach * 1e3
-    if kind == "rigid" and abs(reach_mm - radius_mm) <= TOUCH * radius_mm:
+    probes: dict[str, Any] = {"probe": probe} if probe else {}
+    if isinstance(probe, Mapping):
+        probes = {f"probe[{i}]": entry for i, entry in probe.items()}
+    for key, entry in probes.items():
+        if radius_mm is not None:
+            yield from _over_rim(key, entry, radius_mm)
+        if load is not None:
+            yield from _of_load(radius_mm, key, entry, load)
+    if isinstance(probe, Mapping):
+        yield from _overlapping(probes)
+
+
+def _of_load(radius_mm: float | None, key: str, probe: Any, load: Load) -> Iterator[str]:
+    """Complaints about the load of a probe, its own or the scene's."""
+    where, own = "load", load
+    if isinstance(probe, Pressing):
+        where, own = ("load", load) if probe.load is None else (f"{key}.load", probe.load)
+        try:
+            probe.load_in(load)
+        except ValidationError as error:
+            for wrong in error.errors():
+                name = f"{key}.{wrong['loc'][0]}"
+                yield problem(name, wrong["input"], wrong["ctx"]["reason"])
+    yield from _of_tip(key, probe, where, own)
+    outline, rim = probe.outline, (radius_mm or np.inf) / 1e3
+    if own.kind == "rigid" and abs(outline.reach - rim) <= TOUCH * rim < np.inf:
         reason = "a rigid probe on the clamped rim cannot move; make the probe smaller"
-        yield problem("load.kind", kind, f"{reason} or choose another kind")
+        yield problem(f"{where}.kind", own.kind, f"{reason} or choose another kind")
+    if own.profile_entry.needs_ellipse and len(outline.corners):
+        reason = f'is of discs and ellipses; give {key}.shape = "circle" or another profile'
+        yield problem(f"{where}.profile", own.profile, reason)
+
+
+def _of_tip(key: str, probe: Any, where: str, load: Load) -> Iterator[str]:
+    """Complaints about a probe that is a tip but does not touch, or touches and is none."""
+    touches, rounding = load.kind == "contact", probe.edge_radius_mm
+    try:
+        tip = tip_of(probe)
+    except ValueError as error:
+        if touches or rounding is not None:
+            reason = f'{error}; give shape = "sphere" or edge_radius_mm'
+            name = "shape" if rounding is None else "edge_radius_mm"
+            yield problem(f"{key}.{name}", getattr(probe, name), reason)
+        return
+    if load.friction == "stuck" and tip.modes(probe.outline.centroid[None]) is None:
+        reason = "is of round tips: spheres, and circles with edge_radius_mm; give 0"
+        yield problem(f"{where}.friction", load.friction, reason)
+    if not touches:
+        reason = "is of a tip that the film touches where it must"
+        name = "shape" if rounding is None else "edge_radius_mm"
+        change = f'give {where}.kind = "contact" or another {name}'
+        yield problem(f"{key}.{name}", getattr(probe, name), f"{reason}; {change}")
 
 
 _Electrodes = Layout | Ring | tuple[tuple[int, Electrode], ...]
@@ -91,11 +132,15 @@ def _of_list(radius_mm: float | None, electrodes: Mapping[str, Electrode]) -> It
         if (other := first.setdefault(electrode.name, key)) != key:
             reason = f"is the name of {other} too; give every electrode a name of its own"
             yield problem(f"{key}.name", electrode.name, reason)
-    outlines = [(key, electrode.outline) for key, electrode in electrodes.items()]
+    yield from _overlapping(electrodes)
+
+
+def _overlapping(shapes: Mapping[str, Electrode] | Mapping[str, PressingProbe]) -> Iterator[str]:
+    outlines = [(key, shape.outline) for key, shape in shapes.items()]
     for (first_key, a), (key, b) in combinations(outlines, 2):
         if overlaps(a, b):
             reason = f"{key} overlaps {first_key}; move one of them or make it smaller"
-            yield problem(f"{key}.x_mm", electrodes[key].x_mm, reason)
+            yield problem(f"{key}.x_mm", shapes[key].x_mm, reason)
 
 
 def _over_rim(key: str, shape: Electrode | Probe, radius_mm: float) -> Iterator[str]:
@@ -104,6 +149,9 @@ def _over_rim(key: str, shape: Electrode | Probe, radius_mm: float) -> Iterator[
     if reach_mm <= limit_mm:
         return
     centred = shape.model_copy(update={"x_mm": 0.0, "y_mm": 0.0})
+    at_lowest_point = isinstance(shape, SphereShape) and shape.radius_mm <= limit_mm
+    if at_lowest_point and np.hypot(shape.x_mm, shape.y_mm) < radius_mm:
+        return
     if centred.outline.reach * 1e3 > limit_mm:
         field, change = shape.size_key, "make it smaller"
     else:

@@ -1,4 +1,4 @@
-"""The loads and observables that a scene may name, and the classes that they stand for.
+"""The loads, pressure profiles and observables that a scene may name, and the table ``[load]``.
 
 A further one is a class in a file of its own and its line here. Classes are given as
 ``module:Class``, since scenes are read without the modules that solve them.
@@ -6,14 +6,43 @@ A further one is a class in a file of its own and its line here. Classes are giv
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeAlias
+
+from pydantic import (
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationInfo,
+    field_validator,
+    model_serializer,
+)
+
+from pvdf_fem.scene.quantity import Finite, Length, Section, refusal, within
+from pvdf_fem.scene.scene_file import choose
 
 #: Class of each ``load.kind``.
 LOAD_CLASSES = {
-    "dead": "pvdf_fem.film.loads:DeadPressure",
-    "follower": "pvdf_fem.film.loads:FollowerPressure",
-    "rigid": "pvdf_fem.film.loads:Punch",
+    "dead": "pvdf_fem.film.loads.pressure:DeadPressure",
+    "follower": "pvdf_fem.film.loads.pressure:FollowerPressure",
+    "rigid": "pvdf_fem.film.loads.pressure:Punch",
+    "contact": "pvdf_fem.film.loads.contact:Contact",
 }
+
+
+class ProfileEntry(NamedTuple):
+    """The class of a profile; whether it is of ellipses only, and as symmetric as its outline."""
+
+    path: str
+    needs_ellipse: bool = False
+    is_symmetric: bool = True
+
+
+#: Each ``load.profile`` that is no file, and what a file stands for.
+PROFILE_ENTRIES = {
+    "uniform": ProfileEntry("pvdf_fem.film.loads.profiles:Uniform"),
+    "hertz": ProfileEntry("pvdf_fem.film.loads.profiles:Hertz", needs_ellipse=True),
+    "gaussian": ProfileEntry("pvdf_fem.film.loads.profiles:Gaussian"),
+}
+TABLE_ENTRY = ProfileEntry("pvdf_fem.film.loads.profiles:Table", is_symmetric=False)
 
 
 class ObservableEntry(NamedTuple):
@@ -28,3 +57,136 @@ OBSERVABLE_ENTRIES = {
     "material": ObservableEntry("pvdf_fem.charges.observables:Material"),
     "thesis-edge": ObservableEntry("pvdf_fem.charges.observables:ThesisEdge", needs_edges=True),
 }
+
+if TYPE_CHECKING:
+    LoadKind: TypeAlias = str
+else:
+    LoadKind = Literal[tuple(LOAD_CLASSES)]
+Force = Annotated[Finite, within(0.0, 1e6, "N")]
+_InPlane = Annotated[Finite, within(-1e6, 1e6, "N")]
+Tangential = tuple[_InPlane, _InPlane]
+#: Keys of a load, and the other key with its value that they need.
+_NEEDS = {
+    "contact": ("kind", "rigid"),
+    "depth_mm": ("kind", "contact"),
+    "friction": ("kind", "contact"),
+    "tilt": ("kind", "rigid"),
+    "profile": ("kind", "dead"),
+    "profile_width_mm": ("profile", "gaussian"),
+}
+
+
+class Load(Section):
+    """The force of a probe on the film: `force_N` along +z, `tangential_N` along x and y.
+
+    ``dead``: a traction on the reference area, spread as `profile` says; ``follower``: a pressure
+    normal to the deformed film; ``rigid``: a flat punch, sliding or stuck in the plane (`contact`,
+    which no other kind has; sliding when not given). A stuck punch is held in the plane, unless
+    `tangential_N` pushes it. With `tilt` ``free`` it leans as the film lets it, by small angles
+    about x and y; otherwise its guide holds it with moments.
+
+    ``contact``: a rigid tip, a sphere or a flat probe with `edge_radius_mm`, on which the film
+    slides without friction where it touches; `depth_mm` may take the place of `force_N`. With
+    `friction` ``stuck`` it never slides on a round tip: it keeps the place where it touched, as the
+    load grows from zero in `numerics.load_steps`. Then `tangential_N` moves the tip sideways.
+
+    `profile` is ``uniform``, ``hertz``, ``gaussian`` or the path, from the working directory, of a
+    CSV or NetCDF file with ``x_mm``, ``y_mm`` and ``pressure`` on a grid in the probe's own axes.
+    Only its shape counts: its total is the force. At `profile_width_mm` from the probe's centroid
+    a ``gaussian`` is 1/e² of its largest value; by default the radius of a disc of the same area.
+    """
+
+    kind: LoadKind = "dead"
+    depth_mm: Annotated[Finite, within(0.0, 1e3, "mm")] | None = None
+    force_N: Force = 1.0
+    friction: Any = 0.0
+    contact: Literal["sliding", "stuck"] | None = Field(None, validate_default=True)
+    tilt: Literal["held", "free"] = "held"
+    tangential_N: Tangential | None = None
+    profile: str = "uniform"
+    profile_width_mm: Length | None = None
+
+    @field_validator(*_NEEDS)
+    @classmethod
+    def _has_what_it_needs(cls, value: Any, info: ValidationInfo) -> Any:
+        key, needed = _NEEDS[str(info.field_name)]
+        found = info.data.get(key, needed)  # refused already where it is missing
+        if info.field_name == "contact" and info.data.get("kind") == "rigid":
+            return value or "sliding"
+        if value not in (None, "uniform", "held", 0.0) and found != needed:
+            only = f'is for {key} = "{needed}" only, not "{found}"; remove it or change load.{key}'
+            raise refusal(only)
+        return value
+
+    @field_validator("friction")
+    @classmethod
+    def _is_none_or_all(cls, value: Any) -> str | float:
+        if value == "stuck":
+            return "stuck"
+        if not isinstance(value, int | float) or isinstance(value, bool) or value != 0.0:
+            raise refusal('is no friction that can be solved; give 0, or "stuck" for no sliding')
+        return 0.0
+
+    @field_validator("profile")
+    @classmethod
+    def _is_a_profile(cls, value: str) -> str:
+        if value not in PROFILE_ENTRIES and not value.endswith((".csv", ".nc")):
+            known = choose(value, list(PROFILE_ENTRIES))
+            raise refusal(f"is no path that ends in .csv or .nc and no profile; {known}")
+        return value
+
+    @field_validator("tangential_N")
+    @classmethod
+    def _is_borne(cls, value: Tangential | None, info: ValidationInfo) -> Tangential | None:
+        if value is not None and info.data.get("kind") == "follower":
+            raise refusal('is not of a pressure normal to the film; remove it or give kind "dead"')
+        slides = info.data.get("kind") == "contact" and info.data.get("friction") != "stuck"
+        if value is not None and slides:
+            raise refusal('slides off without friction; remove it or give friction = "stuck"')
+        if value is not None and info.data.get("contact") == "sliding":
+            raise refusal('slides off without friction; remove it or give contact = "stuck"')
+        return value
+
+    @field_validator("force_N")
+    @classmethod
+    def _is_not_given_twice(cls, value: float, info: ValidationInfo) -> float:
+        if info.data.get("depth_mm") is not None:
+            raise refusal("follows from depth_mm; remove one of the two")
+        return value
+
+    @model_serializer(mode="wrap")
+    def _say_once(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """The table, without a force that follows from the depth."""
+        table: dict[str, Any] = handler(self)
+        if self.depth_mm is not None:
+            table.pop("force_N", None)
+        return table
+
+    @property
+    def depth(self) -> float | None:
+        """Depth of a tip in m, where it is given instead of a force."""
+        return None if self.depth_mm is None else self.depth_mm / 1e3
+
+    def times(self, part: float, sideways: float) -> Load:
+        """A part of the load; a tip's depth is about as the third root of its force."""
+        if part == sideways == 1.0:
+            return self
+        depth_mm = self.depth_mm and self.depth_mm * part ** (1.0 / 3.0)
+        pushed = self.tangential_N and tuple(sideways * force for force in self.tangential_N)
+        update = {"depth_mm": depth_mm, "tangential_N": pushed, "force_N": part * self.force_N}
+        return self.model_copy(update=update)
+
+    @property
+    def force(self) -> float:
+        """Force along z in N."""
+        return self.force_N
+
+    @property
+    def components(self) -> tuple[float, float, float]:
+        """Force along x, y and z in N."""
+        return (*(self.tangential_N or (0.0, 0.0)), self.force_N)
+
+    @property
+    def profile_entry(self) -> ProfileEntry:
+        """What the profile's name stands for."""
+        return PROFILE_ENTRIES.get(self.profile, TABLE_ENTRY)

@@ -8,17 +8,16 @@ nothing else in the package converts lengths or moduli. Defaults are the thesis'
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, overload
 
 from pydantic import (
-    Field,
+    PrivateAttr,
     SerializerFunctionWrapHandler,
     ValidationError,
-    ValidationInfo,
-    field_validator,
     model_serializer,
     model_validator,
 )
@@ -27,12 +26,20 @@ from pydantic_core import PydanticCustomError
 from pvdf_fem.scene.change import change
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.mistakes import MOST_MISTAKES, mistakes
+from pvdf_fem.scene.outlines.outline import Outline
+from pvdf_fem.scene.outlines.tip import Tip, tip_of
 from pvdf_fem.scene.placement import misplacements
-from pvdf_fem.scene.quantity import Finite, Section, Whole, refusal, within
+from pvdf_fem.scene.quantity import Finite, Section, Whole, within
 from pvdf_fem.scene.readout import Readout
-from pvdf_fem.scene.registry import LOAD_CLASSES, OBSERVABLE_ENTRIES
-from pvdf_fem.scene.scene_file import SceneError, parse_toml, read_scene_text, write_toml
-from pvdf_fem.scene.shapes import Electrode, Electrodes, Layout, Probe
+from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES, Load
+from pvdf_fem.scene.scene_file import (
+    SceneError,
+    parse_toml,
+    problem,
+    read_scene_text,
+    write_toml,
+)
+from pvdf_fem.scene.shapes import Electrode, Electrodes, Layout, Probe, Probes
 from pvdf_fem.scene.stage import Stage
 
 __all__ = [
@@ -50,41 +57,9 @@ __all__ = [
 
 
 if TYPE_CHECKING:
-    LoadKind: TypeAlias = str
     ObservableName: TypeAlias = str
 else:
-    LoadKind = Literal[tuple(LOAD_CLASSES)]
     ObservableName = Literal[tuple(OBSERVABLE_ENTRIES)]
-
-
-class Load(Section):
-    """The force of the probe on the film, along z.
-
-    ``dead``: a uniform pressure on the reference area; ``follower``: a pressure normal to the
-    deformed film; ``rigid``: a flat punch, sliding or stuck in the plane (`contact`, which no
-    other kind has; sliding when not given).
-    """
-
-    force_N: Annotated[Finite, within(0.0, 1e6, "N")] = 1.0
-    kind: LoadKind = "dead"
-    contact: Literal["sliding", "stuck"] | None = Field(None, validate_default=True)
-
-    @field_validator("contact")
-    @classmethod
-    def _belongs_to_rigid(cls, value: str | None, info: ValidationInfo) -> str | None:
-        kind = info.data.get("kind")
-        if kind == "rigid":
-            return value or "sliding"
-        if value is not None and kind is not None:
-            raise refusal(
-                f'is for kind = "rigid" only, not "{kind}"; remove it or change load.kind'
-            )
-        return value
-
-    @property
-    def force(self) -> float:
-        """Force in N."""
-        return self.force_N
 
 
 class Numerics(Section):
@@ -92,6 +67,7 @@ class Numerics(Section):
 
     `tolerance` is relative to each charge. Where its parts, d31 S11 and d32 S22, cancel to less
     than 5 % of them, it is relative to 5 % of them, and a warning names charge, parts and error.
+    `load_steps` is the number of steps in which film comes to stick to a tip, 6 by default.
     `max_unknowns` is the largest number of unknowns of a mesh. `max_seconds` is the work allowed
     for a solve in seconds of one core, counted by unknowns and iterations, so that a result does
     not depend on the machine's load. A limit that is None is the solver's, which grows where the
@@ -100,6 +76,7 @@ class Numerics(Section):
 
     tolerance: Annotated[Finite, within(1e-8, 0.5, ends=False)] = 1e-3
     observable: ObservableName = "material"
+    load_steps: Annotated[Whole, within(3, 50)] | None = None
     max_unknowns: Annotated[Whole, within(100, 10_000_000, "unknowns")] | None = None
     max_seconds: Annotated[Finite, within(0.1, 1e6, "s")] | None = None
 
@@ -121,8 +98,52 @@ if TYPE_CHECKING:
         def __get__(self, scene: Any, owner: Any) -> Any: ...
 
 
+#: A pressure, in any unit, at arrays of x and y in mm.
+Pressure: TypeAlias = Callable[[Any, Any], Any]
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step on the way to the loads, and what sticks to tips by patch.
+
+    All loads have a `part` of their forces, and `sideways` is that of the ones in the plane.
+    """
+
+    part: float = 1.0
+    sideways: float = 1.0
+    held: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class LoadedProbe:
+    """One of a scene's probes with its load, and the name of its patch in a mesh."""
+
+    patch: str
+    probe: Probe
+    load: Load
+    pressure: Pressure | None = None  #: In place of the load's profile, in the probe's own axes.
+    held: Any = None  #: What sticks to a tip, a `pvdf_fem.film.loads.sticking.Sticking`.
+
+    @property
+    def outline(self) -> Outline:
+        """The probe's outline in m."""
+        return self.probe.outline
+
+    @property
+    def tip(self) -> Tip:
+        """The rigid tip that it is; ValueError of a probe that is none."""
+        return tip_of(self.probe)
+
+    @property
+    def is_symmetric(self) -> bool:
+        """Whether its pressure is as symmetric as its outline."""
+        return self.pressure is None and self.load.profile_entry.is_symmetric
+
+
 class Scene(Section):
-    """One film with its electrodes, a probe or none, a load, and what reads and positions them.
+    """One film with its electrodes, probes or none, a load, and what reads and positions them.
+
+    A list of probes may have a load for each; see `loaded_probes`.
 
     Built directly, a scene with mistakes raises pydantic's `ValidationError`; `load`, `parse` and
     `with_` raise `SceneError`, which lists all mistakes under the keys of the scene file. Both
@@ -131,7 +152,7 @@ class Scene(Section):
 
     film: Film = Film()
     electrodes: Electrodes = Layout()
-    probe: Probe | None = None
+    probe: Probes | None = None
     if TYPE_CHECKING:
         load: _LoadOrReader = _LoadOrReader()
     else:
@@ -139,6 +160,8 @@ class Scene(Section):
     numerics: Numerics = Numerics()
     readout: Readout | None = None
     stage: Stage | None = None
+    _pressure: Pressure | None = PrivateAttr(None)
+    _step: Step = PrivateAttr(Step())
 
     @model_validator(mode="after")
     def _shapes_have_their_places(self) -> Self:
@@ -146,10 +169,13 @@ class Scene(Section):
         complaints = misplacements(
             self.film.radius_mm,
             dict(enumerate(electrodes)) if isinstance(electrodes, tuple) else electrodes,
-            self.probe,
-            self.load.kind,
+            dict(enumerate(self.probe)) if isinstance(self.probe, tuple) else self.probe,
+            self.load,
             self.numerics.observable,
         )
+        if self.film.bending is True and any(t.load.kind == "contact" for t in self.loaded_probes):
+            reason = 'is not for tips; give "auto" or false, and its effect is estimated'
+            complaints = chain(complaints, [problem("film.bending", True, reason)])
         if self.readout is not None:
             names = [electrode.name for electrode in self.electrode_list]
             complaints = chain(complaints, self.readout.mistakes(names))
@@ -163,6 +189,53 @@ class Scene(Section):
         """The electrodes, those of a layout resolved."""
         electrodes = self.electrodes
         return electrodes if isinstance(electrodes, tuple) else electrodes.electrodes
+
+    @property
+    def loaded_probes(self) -> tuple[LoadedProbe, ...]:
+        """The probes with their loads: patches ``probe``, or of a list ``probe 1``, ``probe 2``."""
+        probe, load = self.probe, self.load
+        if probe is None:
+            return ()
+        entries: list[tuple[str, Any, Load]] = [("probe", probe, load)]
+        if isinstance(probe, tuple):
+            entries = [(f"probe {i}", p, p.load_in(load)) for i, p in enumerate(probe, 1)]
+        return tuple(self._loaded(*entry) for entry in entries)
+
+    def _loaded(self, patch: str, probe: Probe, load: Load) -> LoadedProbe:
+        step = self._step
+        load = load.times(step.part, step.sideways)
+        return LoadedProbe(patch, probe, load, self._pressure, step.held.get(patch))
+
+    def at(self, step: Step) -> Scene:
+        """The same scene at a step of its loads; no file holds it."""
+        other = self.model_copy()
+        other._step = step
+        return other
+
+    def require_no_tips(self, what: str) -> None:
+        """SceneError for a scene with tips, whose contact has to be found, which `what` cannot."""
+        if any(touch.load.kind == "contact" for touch in self.loaded_probes):
+            reason = f"is not for {what}, which does not find where a tip touches; give another"
+            raise SceneError([problem("load.kind", "contact", reason)])
+
+    @property
+    def single_probe(self) -> Probe | None:
+        """The probe where only one will do; SceneError for a list."""
+        if isinstance(self.probe, tuple):
+            reason = "is a list [[probe]], and this serves one probe only; give a table [probe]"
+            raise SceneError([problem("probe", [probe.shape for probe in self.probe], reason)])
+        return self.probe
+
+    def under(self, pressure: Pressure | None) -> Scene:
+        """The same scene with a function in place of its load's profile; no file holds it."""
+        if pressure is None:
+            return self
+        if self.single_probe is None or self.load.kind != "dead" or self.load.profile != "uniform":
+            reason = 'is no load to spread; give a [probe], kind "dead" and no load.profile'
+            raise SceneError([problem("load.kind", self.load.kind, reason)])
+        other = self.model_copy()
+        other._pressure = pressure
+        return other
 
     @classmethod
     def parse(cls, text: str, source: str = "<text>") -> Scene:

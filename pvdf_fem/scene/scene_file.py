@@ -12,8 +12,7 @@ from typing import Any
 
 from pvdf_fem.files import FileError, printable, read_text
 
-#: Largest scene file in bytes.
-MOST_BYTES = 1_000_000
+MOST_BYTES = 1_000_000  #: Largest scene file in bytes.
 
 # The time of tomllib grows with the square of the number of names in a dotted key; a scene needs
 # two of them.
@@ -73,10 +72,8 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
 
 
 def write_toml(table: Mapping[str, Any]) -> str:
-    """TOML for a mapping of tables and lists of tables.
-
-    Their values are scalars, lists and tables of scalars.
-    """
+    """TOML for a mapping of tables and lists of tables. Their values are scalars, lists and tables
+    of scalars."""
     blocks = []
     for name, content in table.items():
         heading, rows = (

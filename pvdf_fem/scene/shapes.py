@@ -4,24 +4,37 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from functools import lru_cache
 from string import ascii_uppercase
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
 
 import numpy as np
-from pydantic import AfterValidator, Discriminator, Field, Tag, create_model
+from pydantic import (
+    AfterValidator,
+    Discriminator,
+    Field,
+    SerializerFunctionWrapHandler,
+    Tag,
+    ValidationInfo,
+    create_model,
+    field_validator,
+    model_serializer,
+)
 
 from pvdf_fem.scene.outlines.circle import CircleShape
 from pvdf_fem.scene.outlines.ellipse import EllipseShape
 from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.scene.outlines.polygon import PolygonShape, RectangleShape, SquareShape, TriangleShape
 from pvdf_fem.scene.outlines.shape import Shape
+from pvdf_fem.scene.outlines.sphere import SphereShape
 from pvdf_fem.scene.quantity import Length, Number, Section, Whole, refusal, within
+from pvdf_fem.scene.registry import Force, Load, Tangential
 
-#: Sensors with more electrodes are refused.
-MOST_ELECTRODES = 100
+MOST_ELECTRODES = 100  #: Sensors with more electrodes are refused.
+MOST_PROBES = 20  #: Scenes with more probes are refused.
 #: Shapes of probes and electrodes. A new shape is named here.
 _SHAPES: list[type[Shape]] = [RectangleShape, CircleShape, EllipseShape, PolygonShape]
-_OF_PROBES_ONLY: list[type[Shape]] = [TriangleShape]
+_OF_PROBES_ONLY: list[type[Shape]] = [TriangleShape, SphereShape]
 _OF_ELECTRODES_ONLY: list[type[Shape]] = [SquareShape]
 
 
@@ -38,22 +51,83 @@ class _Named(Section):
 
     name: Annotated[str, AfterValidator(_is_name)]
 
+    @field_validator("edge_radius_mm", check_fields=False)
+    @classmethod
+    def _is_of_probes(cls, value: float | None) -> float | None:
+        if value is not None:
+            raise refusal("is of probes only; remove it")
+        return value
+
+
+#: Keys of a load that a probe of a list may have beside its shape.
+FORCES = ("force_N", "tangential_N")
+
+
+class Pressing(Section):
+    """The load of one probe of a list; what it does not say, the scene's load does."""
+
+    force_N: Force | None = None
+    tangential_N: Tangential | None = None
+    load: Load | None = None
+
+    @field_validator("load")
+    @classmethod
+    def _is_said_once(cls, value: Load | None, info: ValidationInfo) -> Load | None:
+        for key in FORCES:
+            if value and key in value.model_fields_set and info.data.get(key) is not None:
+                raise refusal(f"has {key}, which stands beside it too; remove one of the two")
+        return value
+
+    @model_serializer(mode="wrap")
+    def _say_once(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """The table, in which a force is in one place."""
+        table: dict[str, Any] = handler(self)
+        for key in FORCES:
+            if table.get("load") and getattr(self, key) is not None:
+                table["load"].pop(key, None)
+        return table
+
+    def load_in(self, scene_load: Load) -> Load:
+        """Its load in a scene; ValidationError for forces that its kind does not bear."""
+        return _with_forces(self.load or scene_load, self.force_N, self.tangential_N)
+
+
+@lru_cache(maxsize=1024)
+def _with_forces(load: Load, force_N: float | None, tangential_N: Tangential | None) -> Load:
+    given = zip(FORCES, (force_N, tangential_N), strict=True)
+    return Load(**{**load.model_dump(), **{key: v for key, v in given if v is not None}})
+
 
 if TYPE_CHECKING:
 
     class Probe(Shape):
         """Any shape of a probe."""
 
+    class PressingProbe(Probe, Pressing):
+        """Any shape of a probe of a list."""
+
     class Electrode(Shape, _Named):
         """Any shape of an electrode."""
 
 
-def _electrode(shape: type[Shape]) -> Any:
-    """The model of electrodes of a shape: with a name, and without default for place and sizes.
+def _made(name: str, base: Any, doc: str | None, **fields: Any) -> Any:
+    """A model of this module, where pickle finds it by its name."""
+    model = create_model(name, __base__=base, __module__=__name__, **fields)
+    model.__doc__ = doc
+    globals()[name] = model
+    return model
 
-    The default sizes of a shape are those of the thesis's probe; only those of a shape that is no
-    probe's are those of the thesis's electrodes.
-    """
+
+def _pressing(shape: type[Shape]) -> Any:
+    """The model of probes of a list of a shape."""
+    name = shape.__name__.replace("Shape", "Probe")
+    return _made(name, (shape, Pressing), f"A probe of a list: {(shape.__doc__ or '').strip()}")
+
+
+def _electrode(shape: type[Shape]) -> Any:
+    """The model of electrodes of a shape: with a name, and without default for place and sizes. The
+    default sizes of a shape are those of the thesis's probe; only those of a shape that is no
+    probe's are those of the thesis's electrodes."""
     required = {"x_mm", "y_mm"}
     if shape not in _OF_ELECTRODES_ONLY:
         required |= shape.model_fields.keys() - Shape.model_fields.keys()
@@ -63,18 +137,17 @@ def _electrode(shape: type[Shape]) -> Any:
         if name in required and not field.is_required()
     }
     name = shape.__name__.replace("Shape", "Electrode")
-    model = create_model(name, __base__=(shape, _Named), __module__=__name__, **fields)
-    model.__doc__ = f"An electrode: {(shape.__doc__ or '').strip()}"
-    globals()[name] = model  # pickle finds the class by this name
-    return model
+    doc = f"An electrode: {(shape.__doc__ or '').strip()}"
+    return _made(name, (shape, _Named), doc, **fields)
 
 
 def _word(shape: type[Shape]) -> str:
     return str(shape.model_fields["shape"].default)
 
 
-#: The models of probes and of electrodes by shape.
+#: The models of probes, of probes of a list and of electrodes by shape.
 PROBES = {_word(shape): shape for shape in _OF_PROBES_ONLY + _SHAPES}
+LISTED_PROBES = {word: _pressing(shape) for word, shape in PROBES.items()}
 ELECTRODES = {_word(shape): _electrode(shape) for shape in _OF_ELECTRODES_ONLY + _SHAPES}
 
 
@@ -93,6 +166,7 @@ def _one_of(models: Mapping[str, type[Section]], default: str) -> Any:
 
 if not TYPE_CHECKING:
     Probe = _one_of(PROBES, "triangle")
+    PressingProbe = _one_of(LISTED_PROBES, "triangle")
     Electrode = _one_of(ELECTRODES, "square")
 
 
@@ -158,10 +232,7 @@ def _ring(electrode: type[Shape]) -> Any:
         if key == "shape" or key not in Shape.model_fields | _Named.model_fields
     }
     name = electrode.__name__.replace("Electrode", "Ring")
-    model = create_model(name, __base__=Ring, __module__=__name__, **fields)
-    model.__doc__ = Ring.__doc__
-    globals()[name] = model  # pickle finds the class by this name
-    return model
+    return _made(name, Ring, Ring.__doc__, **fields)
 
 
 #: The models of rings by the shape of their electrodes.
@@ -169,7 +240,9 @@ RINGS = {shape: _ring(electrode) for shape, electrode in ELECTRODES.items()}
 #: Models by the sections and tags of unions that lead to them.
 MODELS: dict[tuple[str, ...], type[Section]] = {
     ("electrodes", "layout"): Layout,
-    **{("probe", shape): model for shape, model in PROBES.items()},
+    **{("probe", "table", shape): model for shape, model in PROBES.items()},
+    **{("probe", "list", shape): model for shape, model in LISTED_PROBES.items()},
+    **{("probe", "list", shape, "load"): Load for shape in LISTED_PROBES},
     **{("electrodes", "list", shape): model for shape, model in ELECTRODES.items()},
     **{("electrodes", "ring", shape): model for shape, model in RINGS.items()},
 }
@@ -188,6 +261,13 @@ def _table_or_list(value: Any) -> str | None:
     return "ring" if layout == "ring" else "layout"
 
 
+Probes: TypeAlias = Annotated[
+    Annotated[Probe, Tag("table")]
+    | Annotated[
+        tuple[PressingProbe, ...], Field(min_length=1, max_length=MOST_PROBES), Tag("list")
+    ],
+    Discriminator(lambda value: "list" if isinstance(value, list | tuple) else "table"),
+]
 Electrodes: TypeAlias = Annotated[
     Annotated[Layout, Tag("layout")]
     | Annotated[AnyRing, Tag("ring")]

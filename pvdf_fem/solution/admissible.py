@@ -77,7 +77,7 @@ def changes_by_wrinkles(attempt: Attempt) -> Array | None:
     wrinkling = Equilibrium(scene, space.mesh, space.order, part)
     state = wrinkling.state(q)
     step = factorise(wrinkling.tangent(state)).solve(wrinkling.residual(state))
-    x = wrinkling.unknowns.expand(q - step)
+    x = wrinkling.dofs(q - step)
     return goal_forces(goals, wrinkling.membrane, x, part) - attempt.fields.forces.values
 
 

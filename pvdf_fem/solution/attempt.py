@@ -21,11 +21,14 @@ from pvdf_fem.charges.forces import (
     goal_gradients,
 )
 from pvdf_fem.charges.goals import Goal, coefficients_of
-from pvdf_fem.film.equilibrium import Equilibrium, prolongation
+from pvdf_fem.film.equilibrium import Equilibrium, prolonged
 from pvdf_fem.film.layers import Layers, remaining_part
+from pvdf_fem.film.loads.contact import LARGEST, PENETRATION, Edge, faces, first_contacts
+from pvdf_fem.film.loads.kinds import rigid_elements
 from pvdf_fem.film.space import transferred
 from pvdf_fem.mesh.size_field import SizeField, element_sizes, refined_sizes
 from pvdf_fem.mesh.symmetry import MirroredPart
+from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.estimate import Correction, corrected, duals, indicators
 from pvdf_fem.solution.fields import Fields
@@ -51,6 +54,12 @@ MOST_DUALS = 32
 UNCANCELLED = 0.3
 
 
+#: A mesh whose edge of a contact has more than this part of the overlap before is not moved again.
+NEARER = 0.5
+#: Reach of a contact over the film's radius from which a tip meets the clamped rim.
+NEAR_RIM = 0.99
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
     """What is solved on every mesh: scene, goals, order, and what it may cost."""
@@ -74,11 +83,26 @@ class Attempt:
     correction: Correction | None = None
     #: Bending layers that the elements do not resolve.
     layers: Layers | None = None
+    #: The edges of the contacts with tips.
+    edges: tuple[Edge, ...] = ()
 
     @property
     def status(self) -> Status:
         """How Newton's method ended, in either space."""
         return self.result.status
+
+    @cached_property
+    def overlap(self) -> float:
+        """That of `Equilibrium`."""
+        return self.equilibrium.overlap(self.fields.solved_dofs, self.edges)
+
+    def misplaced(self, coarser: Attempt | None) -> bool:
+        """Whether the edges of contacts have to move, and still come nearer to their places."""
+        if self.overlap <= PENETRATION:
+            return False
+        if coarser is None or coarser.status is not Status.MISPLACED:
+            return True
+        return self.overlap > LARGEST or self.overlap < NEARER * coarser.overlap
 
     @property
     def unknowns(self) -> int:
@@ -117,6 +141,11 @@ def solve_on(
     problem: Problem, part: MirroredPart, mesh: MeshTri2, coarser: Attempt | None = None
 ) -> Attempt:
     """Solve on the mesh of a part of the film, from the solution on a coarser one if there is."""
+    # a guessed edge of a contact is found well enough in the order below
+    if coarser is None and problem.order > 2 and contact_outlines(problem.scene):
+        rough = solve_on(replace(problem, order=2), part, mesh)
+        if rough.status is Status.MISPLACED:
+            return replace(rough, problem=problem)
     with problem.clock("solve"):
         equilibrium = Equilibrium(problem.scene, mesh, problem.order, part)
         result = _equilibrated(problem, equilibrium, coarser)
@@ -130,12 +159,18 @@ def solve_on(
     )
     if not result.converged or result.factors is None:
         return attempt
+    if equilibrium.contacts:
+        attempt = replace(attempt, edges=equilibrium.edges(attempt.fields.solved_state))
+        if any(edge.fitted.reach > NEAR_RIM * problem.scene.film.radius for edge in attempt.edges):
+            return replace(attempt, result=replace(result, status=Status.RIM))
+        if attempt.misplaced(coarser):
+            return replace(attempt, result=replace(result, status=Status.MISPLACED))
     with problem.clock("estimate"):
         return _with_errors(attempt)
 
 
 def _forces(problem: Problem, equilibrium: Equilibrium, q: Array) -> Array:
-    x = equilibrium.unknowns.expand(q)
+    x = equilibrium.dofs(q)
     return goal_forces(problem.goals, equilibrium.membrane, x, equilibrium.part)
 
 
@@ -170,8 +205,33 @@ def _with_errors(attempt: Attempt) -> Attempt:
     # both orders share the elements, and the area that these lack of a round electrode
     defects = area_defects(problem.goals, equilibrium.space, part)[:, None] * np.abs(forces)
     errors += np.where(errors < 0.0, -defects, defects)
-    fields = Fields(equilibrium, result.q, Forces(forces, errors))
+    if attempt.edges:
+        errors += _errors_by_edges(attempt)
+    fields = Fields(equilibrium, result.q, Forces(forces, errors), attempt.edges)
     return replace(attempt, fields=fields, correction=correction, layers=layers)
+
+
+def _errors_by_edges(attempt: Attempt) -> Array:
+    """Errors of the forces (goals, 2) by edges of contacts that are not where they should be."""
+    problem, equilibrium, factors = attempt.problem, attempt.equilibrium, attempt.result.factors
+    assert factors is not None
+    state, forces = attempt.fields.solved_state, attempt.fields.forces.values
+    gradients = goal_gradients(problem.goals, equilibrium.membrane, state.dofs)
+    duals = factors.solve(equilibrium.on_unknowns(state, gradients), "T")
+    by_dof = np.stack([equilibrium.step(state, dual) for dual in duals.T], axis=-1)
+    errors = np.sum([edge.errors(by_dof) for edge in attempt.edges], axis=0)
+    return _force_errors(errors, forces, problem.goals)
+
+
+def contact_outlines(scene: Scene, attempt: Attempt | None = None) -> dict[str, Outline]:
+    """Where the film leaves the tips, by patch name: as guessed, or as an attempt found."""
+    edges = first_contacts(scene)
+    if attempt is not None:
+        pairs = zip(attempt.equilibrium.contacts, attempt.edges, strict=True)
+        edges = {contact.touch.patch: edge.fitted for contact, edge in pairs}
+        x = attempt.fields.solved_dofs
+        return edges | {k: v for c in attempt.equilibrium.contacts for k, v in c.face(x).items()}
+    return edges | faces(scene)
 
 
 def _least_errors(attempt: Attempt, correction: Correction) -> Array:
@@ -180,7 +240,7 @@ def _least_errors(attempt: Attempt, correction: Correction) -> Array:
     assert factors is not None
     if attempt.equilibrium.model.wrinkles:  # its iteration ends when the charges move that little
         least = OF_TOLERANCE * problem.scene.numerics.tolerance * attempt.charge_sizes
-    if attempt.equilibrium.load.rigid:
+    if len(rigid_elements(attempt.equilibrium.terms)):
         _, shares = _indicators(correction, factors, problem.goals)
         least = np.maximum(least, UNCANCELLED * shares.sum(axis=0))
     return np.broadcast_to(least, len(problem.goals))
@@ -206,7 +266,7 @@ def _indicators(
 ) -> tuple[Array, Array]:
     """Duals (unknowns, goals) and elements' shares (elements, goals) in the errors over `sizes`."""
     rich = correction.rich
-    x = rich.unknowns.expand(correction.start)
+    x = rich.dofs(correction.start)
     gradients = goal_gradients(goals, rich.membrane, x, rich.part) / sizes
     dual = duals(correction, factors, gradients)
     return dual, indicators(correction, dual, gradients)
@@ -222,7 +282,7 @@ def _equilibrated(
         x = transferred(coarser.equilibrium.space, coarser.fields.solved_dofs, equilibrium.space)
         return equilibrate(
             equilibrium,
-            equilibrium.unknowns.restrict(x),
+            equilibrium.restrict(x),
             budget=budget,
             settled=settled,
             other_start=partial(_start_from_below, equilibrium, budget),
@@ -252,7 +312,7 @@ def _from_below(equilibrium: Equilibrium, budget: Budget) -> Array | Status | No
     budget.spend(lower, result.fresh_count)
     if result.status in (Status.UNSTABLE, Status.LIMIT) and lower.plate is not None:
         return result.status
-    return prolongation(lower, equilibrium) @ result.q if result.converged else None
+    return prolonged(lower, equilibrium, result.q) if result.converged else None
 
 
 def _start_from_below(equilibrium: Equilibrium, budget: Budget) -> Array | None:
@@ -265,21 +325,23 @@ def refined(attempt: Attempt, tolerance: float, most_unknowns: float) -> SizeFie
     correction, factors = attempt.correction, attempt.result.factors
     if correction is None or factors is None:
         raise ValueError("only a converged attempt can be refined")
-    mesh, load = attempt.equilibrium.space.mesh, attempt.equilibrium.load
+    mesh, flat = attempt.equilibrium.space.mesh, rigid_elements(attempt.equilibrium.terms)
     worst = np.argsort(attempt.charge_errors)[-MOST_DUALS:]
     goals = [attempt.problem.goals[i] for i in worst]
     dual, by_goal = _indicators(correction, factors, goals, attempt.charge_sizes[worst])
     shares = by_goal.max(axis=1)
     reduction = tolerance / attempt.worst
+    if attempt.edges:
+        reduction = min(reduction, 1.0)
     most: Array | float = np.inf
     if layers := attempt.layers:
         effects = layers.effects(dual).max(axis=1)
         total = float((effects * remaining_part(layers.widths)).sum())
         most = layers.sizes(effects, max(reduction * total, tolerance))
-        if load.rigid:
+        if len(flat):
             corners = _sizes_at_corners(attempt, shares, reduction)
             most = np.minimum(most, corners)
-    sizes = refined_sizes(mesh, shares, reduction, most, load.rigid_patch)
+    sizes = refined_sizes(mesh, shares, reduction, most, flat)
     return sizes.coarsened(most_unknowns / UNKNOWNS_PER_ELEMENT[attempt.problem.order])
 
 
@@ -292,9 +354,13 @@ def _sizes_at_corners(
     distance falls, so that an element's share is only proportional to its size. The elements at the
     corners may make half of the error; they become smaller by the factor `smallest` at the most.
     """
-    scene, mesh = attempt.problem.scene, attempt.equilibrium.space.mesh
+    equilibrium = attempt.equilibrium
+    mesh, frame = equilibrium.space.mesh, equilibrium.part.frame
     sizes = np.full(mesh.nelements, np.inf)
-    if scene.probe and len(corners_m := scene.probe.outline.corners):
+    punches = [load.touch.outline for load in equilibrium.loads if len(load.rigid_patch)]
+    if len(
+        corners_m := np.concatenate([np.empty((0, 2)), *(p.corners for p in punches)]) @ frame.T
+    ):
         near = cKDTree(mesh.p.T).query(corners_m)[1]
         corners = np.isin(mesh.t, near).any(axis=0)
         share = max(0.5 * reduction * shares.sum() / corners.sum(), np.finfo(float).tiny)

@@ -24,7 +24,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.equilibrium import Equilibrium, prolongation
+from pvdf_fem.film.equilibrium import Equilibrium, prolongation, prolonged
 from pvdf_fem.film.term import State
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.ladder import PATH_ITERATIONS, equilibrate
@@ -92,8 +92,8 @@ def corrected(
     settled : Settled, optional
         Charges that the last steps must leave as they are.
     """
-    prolong = prolongation(coarse, rich)
-    start = prolong @ q
+    prolong = prolongation(coarse, rich, coarse.state(q))
+    start = prolonged(coarse, rich, q)
     state = rich.state(start)
     correction = Correction(rich, start, start, state, prolong)
     better = _few_steps(correction, factors)
@@ -186,7 +186,8 @@ def duals(correction: Correction, factors: SuperLU, goals: Array) -> Array:
 
     `goals` (rich dofs, goals) are the derivatives of the goals; `factors` is the coarse tangent.
     """
-    return factors.solve(correction.prolong.T @ (correction.rich.unknowns.expansion.T @ goals), "T")
+    rich = correction.rich.on_unknowns(correction.state, goals)
+    return factors.solve(correction.prolong.T @ rich, "T")
 
 
 def indicators(correction: Correction, dual: Array, goals: Array) -> Array:
@@ -207,8 +208,8 @@ def indicators(correction: Correction, dual: Array, goals: Array) -> Array:
     error = rich.element_action(state, correction.q - correction.start)
     diagonal = rich.diagonal(state)
     shares = []
-    for goal, solution in zip((rich.unknowns.expansion.T @ goals).T, dual.T, strict=True):
+    for goal, solution in zip(rich.on_unknowns(state, goals).T, dual.T, strict=True):
         missing = (goal - rich.action(state, correction.prolong @ solution)) / diagonal
-        local = rich.unknowns.expand(missing)[rich.space.element_dofs]
+        local = rich.step(state, missing)[rich.space.element_dofs]
         shares.append(np.abs((error * local).sum(axis=1)))
     return np.stack(shares, axis=-1)

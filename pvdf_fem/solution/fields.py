@@ -14,6 +14,8 @@ from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.charges.forces import Forces, goal_forces
 from pvdf_fem.charges.goals import Goal
 from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.film.loads.contact import Edge
+from pvdf_fem.film.loads.touchdown import Touchdown
 from pvdf_fem.film.space import shape_values
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.gmsh_mesh import electrode_patch, named
@@ -31,11 +33,13 @@ class Fields:
     q: Array
     #: Of the goals, with their errors.
     forces: Forces
+    #: The edges of contacts with tips.
+    edges: tuple[Edge, ...] = ()
 
     @cached_property
     def solved_dofs(self) -> Array:
         """Dofs of `solved`."""
-        return self.solved.unknowns.expand(self.q)
+        return self.solved.dofs(self.q)
 
     @cached_property
     def solved_state(self) -> State:
@@ -45,6 +49,12 @@ class Fields:
     def forces_of(self, goals: Sequence[Goal]) -> Array:
         """The forces of other goals, (goals, 2)."""
         return goal_forces(goals, self.solved.membrane, self.solved_dofs, self.solved.part)
+
+    @cached_property
+    def touchdowns(self) -> dict[str, Touchdown]:
+        """What the tips do, by the names of their patches."""
+        pairs, state = zip(self.solved.contacts, self.edges, strict=True), self.solved_state
+        return {c.touch.patch: Touchdown.of(self.solved, c, edge, state) for c, edge in pairs}
 
     @cached_property
     def equilibrium(self) -> Equilibrium:
@@ -115,6 +125,7 @@ def _subdomains(mesh: MeshTri2, part: MirroredPart) -> dict[str, Indices]:
         places = []
         for image, swap in enumerate(part.swaps):
             patches = {electrode_patch(a): electrode_patch(b) for a, b in swap.items()}
+            patches |= part.probe_swaps[image]
             places.append(mesh.subdomains[patches.get(name, name)] + image * mesh.nelements)
         unfolded_patches[name] = np.concatenate(places)
     return unfolded_patches

@@ -8,9 +8,10 @@ import numpy as np
 
 from pvdf_fem.charges.observables import OBSERVABLES
 from pvdf_fem.film.bending_effect import bending_effect, layer_size
-from pvdf_fem.film.loads import LOADS
+from pvdf_fem.film.loads.contact import first_contacts
+from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.film.models import film_model
-from pvdf_fem.mesh.gmsh_mesh import FILM, PROBE, outlines
+from pvdf_fem.mesh.gmsh_mesh import FILM, outlines
 from pvdf_fem.mesh.size_field import Sizes
 from pvdf_fem.scene.scene import Scene
 
@@ -21,6 +22,10 @@ ORDER = 3
 REACHED = {1: 2e-2, 2: 2e-3, 3: 1e-4}
 #: Element size at a punch, whose tractions are singular along its edge, as a share of its width.
 PUNCH_SHARE = 0.5
+#: Least number of elements along the edge of a contact.
+EDGE_FACETS = 22
+#: Increase of the element size per distance from the edge of a contact, at least.
+EDGE_GROWTH = 0.8
 
 
 def first_sizes(scene: Scene, order: int) -> Sizes:
@@ -33,13 +38,14 @@ def first_sizes(scene: Scene, order: int) -> Sizes:
     """
     observable, model = OBSERVABLES[scene.numerics.observable], film_model(scene)
     at_electrode, at_probe = observable.element_shares
-    if LOADS[scene.load.kind].rigid:
-        at_probe = PUNCH_SHARE
     has_electrodes = len(scene.electrode_list) > 0
     growth, largest = (0.5, 0.55) if has_electrodes else (0.2, 0.4)
-    shapes = outlines(scene)
+    contacts = first_contacts(scene)
+    shapes = outlines(scene) | contacts
     share = dict.fromkeys(shapes, at_electrode)
-    share[PROBE] = at_probe if has_electrodes else 0.5 * at_probe
+    for touch in scene.loaded_probes:
+        at_this = PUNCH_SHARE if LOADS[touch.load.kind].rigid else at_probe
+        share[touch.patch] = at_this if has_electrodes else 0.5 * at_this
     patches = {
         name: max(share[name] * shape.area / shape.perimeter, shape.perimeter / 200.0)
         for name, shape in shapes.items()
@@ -48,6 +54,9 @@ def first_sizes(scene: Scene, order: int) -> Sizes:
     factor = float(np.clip(reached ** (1.0 / (order + 1.0)), 0.4, 2.2))
     sizes = Sizes(patches, growth, largest * scene.film.radius)
     sizes = sizes.scaled(model.size_factor * factor)
+    edges = {n: min(c.perimeter / EDGE_FACETS, sizes.patches[n]) for n, c in contacts.items()}
+    growths = dict.fromkeys(contacts, max(EDGE_GROWTH, sizes.growth))
+    sizes = replace(sizes, patches=sizes.patches | edges, growths=growths)
     return _with_layers(scene, sizes) if model.bends else sizes
 
 
@@ -61,9 +70,10 @@ def _with_layers(scene: Scene, sizes: Sizes, most_along_rim: int = 80, most: int
     effect, tolerance = bending_effect(scene), scene.numerics.tolerance
     around = 2.0 * np.pi * scene.film.radius
     layers = {FILM: (layer_size(effect.rim_length, effect.rim, tolerance), around / most_along_rim)}
-    if scene.probe is not None and LOADS[scene.load.kind].rigid:
-        size = layer_size(effect.probe_length, effect.probe, tolerance)
-        layers[PROBE] = size, scene.probe.outline.perimeter / most
+    size = layer_size(effect.probe_length, effect.probe, tolerance)
+    for touch in scene.loaded_probes:
+        if LOADS[touch.load.kind].rigid:
+            layers[touch.patch] = size, touch.outline.perimeter / most
     finer = {
         name: min(sizes.patches.get(name, np.inf), max(size, least))
         for name, (size, least) in layers.items()

@@ -14,6 +14,10 @@ and rotations keep the area, and the work of the load on λ changes by what the 
 
 with the outline's velocity V, its outward normal n, and the direction t of the pressure per
 reference area: e_z for a dead load, F1 x F2 for a follower load.
+
+A film on a tip moves with it: the displacement is x(q, θ) of the unknowns q, and R = P^T f with the
+film's forces f and P = ∂x/∂q. Then ∂Q/∂θ and ∂R/∂θ have ∂x/∂θ in them, and ∂R/∂θ what turns P, the
+slope of the tip at its nodes. That the contact's edge moves too counts only in the second order.
 """
 
 from __future__ import annotations
@@ -28,16 +32,20 @@ from scipy.sparse.linalg import SuperLU
 from pvdf_fem.arrays import COMPLEX_STEP, Array
 from pvdf_fem.charges.forces import charges_of, goal_forces, goal_gradients
 from pvdf_fem.charges.goals import Goal, goals_of
-from pvdf_fem.charges.quadrature import facet_quadrature
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.laws import StVenantKirchhoff
-from pvdf_fem.film.loads import LOADS
+from pvdf_fem.film.loads.contact import Contact
+from pvdf_fem.film.loads.kinds import LOADS
+from pvdf_fem.film.loads.pressure import DeadPressure
 from pvdf_fem.film.membrane import IDENTITY, Membrane
 from pvdf_fem.film.models import film_model
 from pvdf_fem.film.space import shape_values
 from pvdf_fem.film.term import State
+from pvdf_fem.mesh.points import facet_quadrature
+from pvdf_fem.scene.change import steps_of
 from pvdf_fem.scene.film import Film, plane_stress
-from pvdf_fem.scene.scene import Probe, Scene
+from pvdf_fem.scene.scene import LoadedProbe, Probe, Scene
+from pvdf_fem.scene.shapes import FORCES
 from pvdf_fem.solution.estimate import corrected
 from pvdf_fem.solution.solution import NotConvergedError, Solution
 from pvdf_fem.solution.solve import solve
@@ -45,7 +53,9 @@ from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.newton import NewtonResult, factorise
 from pvdf_fem.solvers.status import Status
 
-PLACE = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg")
+_PLACE = ("x_mm", "y_mm", "rotation_deg")
+PLACE = tuple(f"probe.{name}" for name in _PLACE)
+_IN_PLANE = ("tangential_N[0]", "tangential_N[1]")
 COEFFICIENTS = ("film.d31_pC_N", "film.d32_pC_N")
 #: Error over what the next order takes away, of which corners leave it the least.
 SATURATION = 1.5
@@ -153,7 +163,7 @@ def _gradients_of(solution: Solution, wanted: Sequence[str]) -> Gradients:
     sizes = np.abs(adjoint.forces) @ np.abs([scene.film.d31, scene.film.d32])
     unit = sizes / np.array([[_scale(scene, key)] for key in keys])
     relative = np.divide(errors, unit, out=np.zeros_like(errors), where=unit > 0.0)
-    by_place = np.isin(keys, PLACE)
+    by_place = np.array([key.endswith(_PLACE) for key in keys])
     for group in (by_place, ~by_place):
         means = relative[group].sum(axis=0) / max(group.sum(), 1)
         floors = CHANCE * np.maximum(means, means @ sizes / max(sizes.sum(), TINY))
@@ -173,13 +183,17 @@ def _gradients_of(solution: Solution, wanted: Sequence[str]) -> Gradients:
 
 def _scale(scene: Scene, key: str) -> float:
     """A change of a parameter that matters, in units of its key."""
-    if scene.probe is not None and key in PLACE:
-        if key == "probe.rotation_deg":
-            return float(np.degrees(1.0)) if scene.probe.period_deg else np.inf
-        return 1e3 * scene.probe.outline.perimeter / (2.0 * np.pi)
+    touches = _touched(scene).get(key)
+    if touches and key.endswith(_PLACE):
+        probe = touches[0][0].probe
+        if key.endswith("rotation_deg"):
+            return float(np.degrees(1.0)) if probe.period_deg else np.inf
+        return 1e3 * probe.outline.perimeter / (2.0 * np.pi)
+    if touches and "_N" in key:
+        return max(float(np.linalg.norm(touch.load.components)) for touch, *_ in touches) or 1.0
     value: Any = scene
-    for name in key.split("."):
-        value = value[int(name)] if name.isdecimal() else getattr(value, name)
+    for name in steps_of(key):
+        value = value[name] if isinstance(name, int) else getattr(value, name)
     return abs(value) or 1.0
 
 
@@ -190,14 +204,41 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
     ``film.pretension_N_m`` has that, or its ``.0`` and ``.1``, in place of
     ``film.temperature_change_K``, and the others at this pretension. A rigid probe has no
     derivative by its place, as the tractions along its edge are singular. Of a film that bends or
-    wrinkles there is none by what its stiffness depends on.
+    wrinkles, or sticks to a tip, there is none by what its stiffness depends on.
     """
-    probe: tuple[str, ...] = ()
-    if scene.probe is not None:
-        place = () if LOADS[scene.load.kind].rigid else PLACE
-        probe = (*place, "load.force_N")
-    film = _film_keys(scene.film) if film_model(scene).film_is_differentiable else ()
-    return (*probe, *film, *COEFFICIENTS)
+    probes = tuple(key for key in _touched(scene) if not _hindrance(scene, key))
+    sticks = any(touch.load.friction for touch in scene.loaded_probes)
+    differentiable = film_model(scene).film_is_differentiable and not sticks
+    film = _film_keys(scene.film) if differentiable else ()
+    return (*probes, *film, *COEFFICIENTS)
+
+
+def _touched(scene: Scene) -> dict[str, list[tuple[LoadedProbe, int, str]]]:
+    """By key of a probe or of its load: the probes that it is of, their numbers and its name."""
+    found: dict[str, list[tuple[LoadedProbe, int, str]]] = {}
+    for i, touch in enumerate(scene.loaded_probes):
+        prefix = f"probe[{i}]" if isinstance(scene.probe, tuple) else "probe"
+        own = getattr(touch.probe, "load", None)
+        for name in (*_PLACE, "force_N" if touch.load.depth_mm is None else "depth_mm", *_IN_PLANE):
+            key, _, component = name.partition("[")
+            where = prefix if key in _PLACE else f"{prefix}.load" if own else "load"
+            if key in FORCES and getattr(touch.probe, key, None) is not None:
+                where = prefix
+            if not component or touch.load.tangential_N is not None:
+                found.setdefault(f"{where}.{name}", []).append((touch, i, name))
+    return found
+
+
+def _hindrance(scene: Scene, key: str) -> str:
+    """Why the charges have no derivative by a key of `_touched`; empty if they have."""
+    for touch, _, name in _touched(scene)[key]:
+        if touch.load.friction:
+            return "of a tip that film sticks to has no derivative here; give load.friction = 0"
+        if name in _PLACE and (touch.load.profile != "uniform" or touch.pressure):
+            return 'of a pressure profile has no derivative here; give load.profile = "uniform"'
+        if name in _PLACE and LOADS[touch.load.kind].rigid:
+            return "of a rigid probe has no derivative here: the tractions at its edge are singular"
+    return ""
 
 
 def _film_keys(film: Film) -> tuple[str, ...]:
@@ -208,10 +249,10 @@ def _film_keys(film: Film) -> tuple[str, ...]:
 
 
 def _refusal(scene: Scene, key: str) -> str:
-    if scene.probe is not None and key in PLACE:
-        return "of a rigid probe has no derivative here: the tractions at its edge are singular"
+    if key in _touched(scene):
+        return _hindrance(scene, key)
     if key in _film_keys(scene.film):
-        return "of a film that bends or wrinkles has no derivative here"
+        return "of a film that bends, wrinkles or sticks to a tip has no derivative here"
     return "is not a parameter of this scene that charges are differentiated by"
 
 
@@ -247,7 +288,8 @@ class _Adjoint:
     state: State
     #: X and Y in N, (electrodes, 2).
     forces: Array
-    #: λ of the charges in C at the dofs, (dofs, electrodes).
+    #: Derivatives of the charges by the dofs, and λ of the charges there, (dofs, electrodes).
+    goal_rates: Array
     dofs: Array
 
     @classmethod
@@ -256,10 +298,11 @@ class _Adjoint:
     ) -> _Adjoint:
         """One solve per electrode with the tangent's `factors` at the unknowns `q`."""
         membrane, state = equilibrium.membrane, equilibrium.state(q)
-        spread = equilibrium.unknowns.expansion
-        unknowns = factors.solve(spread.T @ goal_gradients(goals, membrane, state.dofs), "T")
+        rates = goal_gradients(goals, membrane, state.dofs)
+        unknowns = factors.solve(equilibrium.on_unknowns(state, rates), "T")
         forces = goal_forces(goals, membrane, state.dofs)
-        return cls(equilibrium, goals, state, forces, spread @ unknowns)
+        dofs = np.stack([equilibrium.step(state, column) for column in unknowns.T], axis=-1)
+        return cls(equilibrium, goals, state, forces, rates, dofs)
 
     def of_stress(self, membrane: Membrane) -> Array:
         """∂Q/∂θ - λ · ∂R/∂θ, (electrodes,), where the stress becomes that of `membrane`."""
@@ -284,7 +327,7 @@ def _adjoints(solution: Solution) -> tuple[_Adjoint, _Adjoint]:
 def _factorised(solution: Solution) -> tuple[Equilibrium, Array, SuperLU]:
     """The whole film's equations with their unknowns and the tangent's factors."""
     fields, solved = solution.fields, solution.fields.equilibrium
-    q = solved.unknowns.restrict(fields.displacement)
+    q = solved.restrict(fields.displacement)
     # Newton's last may be of an earlier state
     return solved, q, factorise(solved.tangent(fields.state))
 
@@ -293,10 +336,8 @@ def _rate(adjoint: _Adjoint, key: str) -> Array:
     """dQ/dθ in C per unit of the key, (electrodes,)."""
     equilibrium, state = adjoint.equilibrium, adjoint.state
     film, membrane = equilibrium.film, equilibrium.membrane
-    if key in PLACE:
-        return _swept(adjoint, key)
-    if key == "load.force_N":
-        return equilibrium.load.with_force(1.0).forces(state) @ adjoint.dofs
+    if touches := _touched(equilibrium.scene).get(key):
+        return sum((_touch_rate(adjoint, i, name) for _, i, name in touches), np.zeros(1))
     if key in COEFFICIENTS:
         return 1e-12 * adjoint.forces[:, COEFFICIENTS.index(key)]
     rate = adjoint.of_stress(Membrane(membrane.space, film, _stress_rate(film, key)))
@@ -333,14 +374,43 @@ def _stiffness_rate(film: Film, key: str) -> Array:
     return 1e9 * plane_stress(E[0], E[1], nu12, film.shear_modulus_GPa).imag / COMPLEX_STEP
 
 
-def _swept(adjoint: _Adjoint, key: str, gauss_points: int = 5) -> Array:
+def _touch_rate(adjoint: _Adjoint, i: int, name: str) -> Array:
+    """dQ/dθ by a key of the probe i, or of its load, (electrodes,)."""
+    equilibrium, state, load = adjoint.equilibrium, adjoint.state, adjoint.equilibrium.loads[i]
+    if not isinstance(load, Contact):
+        if name in _PLACE:
+            return _swept(adjoint, load, name)
+        axis = _IN_PLANE.index(name) if name in _IN_PLANE else 2
+        return load.with_components(np.eye(3)[axis]).forces(state) @ adjoint.dofs
+    rows = adjoint.dofs.reshape(-1, 3, adjoint.dofs.shape[1])[load.nodes]
+    space, moves = equilibrium.space, state.dofs.reshape(-1, 3)[load.nodes, :2]
+    places = space.basis.doflocs.T[load.nodes] + moves
+    height = load.tip.height(places)
+    if name == "force_N":  # it is on the depth
+        return rows[0, 2] + height.slope[0] @ rows[0, :2]
+    moved, turned = np.zeros(space.dof_count), np.zeros(1)
+    if name == "depth_mm":
+        moved[load.raised] = 1e-3
+    else:
+        velocity = _velocity(load.touch.probe, name, places)
+        moved[load.raised] = (height.slope * velocity).sum(axis=1)
+        slope_rate = -(height.hessian @ velocity[:, :, None])[:, :, 0]
+        if name == "rotation_deg" and load.touch.probe.period_deg:
+            slope_rate += np.radians(1.0) * height.slope @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+        forces = equilibrium.film_forces(state)[load.raised]
+        turned = np.einsum("n,na,nae->e", forces, slope_rate, rows[:, :2])
+    actions = (term.action(state, moved) for term in equilibrium.terms)
+    stiff = sum((a for a in actions if a is not None), np.zeros(len(moved)))
+    return moved @ adjoint.goal_rates - stiff @ adjoint.dofs + turned
+
+
+def _swept(adjoint: _Adjoint, load: DeadPressure, name: str, gauss_points: int = 5) -> Array:
     """The integral p ∮ (λ · t) (V · n) ds in C per unit of the key, (electrodes,).
 
     The mean of the traces from both sides. Along the clamped rim λ is zero, nothing is swept.
     """
-    load, space = adjoint.equilibrium.load, adjoint.equilibrium.space
-    probe, mesh, x = adjoint.equilibrium.scene.probe, space.mesh, adjoint.state.dofs
-    assert probe is not None
+    space = adjoint.equilibrium.space
+    probe, mesh, x = load.touch.probe, space.mesh, adjoint.state.dofs
     facets, count = np.unique(mesh.t2f[:, load.patch], return_counts=True)
     facets = facets[(count == 1) & (mesh.f2t[1, facets] >= 0)]
     pair, (start, end) = mesh.f2t[:, facets], mesh.p[:, mesh.facets[:, facets]].swapaxes(0, 1)
@@ -356,14 +426,14 @@ def _swept(adjoint: _Adjoint, key: str, gauss_points: int = 5) -> Array:
     works = np.einsum("fqa,facn,fqc->fqn", shapes, nodal, load.direction(F))
     points = np.moveaxis(mesh.mapping().F(traces.points, elements), 0, -1)
     normals = np.stack([tangents[..., 1], -tangents[..., 0]], axis=-1)
-    swept = signs * traces.weights * (_velocity(probe, key, points) * normals).sum(axis=-1)
+    swept = signs * traces.weights * (_velocity(probe, name, points) * normals).sum(axis=-1)
     return 0.5 * load.pressure * np.einsum("fq,fqn->n", swept, works)
 
 
-def _velocity(probe: Probe, key: str, points: Array) -> Array:
+def _velocity(probe: Probe, name: str, points: Array) -> Array:
     """Velocity of a probe's points (..., 2) in m, in m per unit of the key."""
-    if key != "probe.rotation_deg":
-        return np.full_like(points, 1e-3 * np.eye(2)[PLACE.index(key)])
+    if name != "rotation_deg":
+        return np.full_like(points, 1e-3 * np.eye(2)[_PLACE.index(name)])
     if probe.period_deg == 0.0:  # a disc turns into itself
         return np.zeros_like(points)
     x, y = np.moveaxis(points - 1e-3 * np.array([probe.x_mm, probe.y_mm]), -1, 0)

@@ -17,6 +17,7 @@ class Stop(StrEnum):
     GIVEN_MESH = "the mesh was given"
     SECONDS = "a finer mesh would need more work than numerics.max_seconds allows; raise it"
     UNKNOWNS = "a finer mesh would need more unknowns than numerics.max_unknowns allows; raise it"
+    STEPS = "the steps of the load leave more; raise numerics.tolerance or numerics.load_steps"
     MESHES = "the largest number of meshes was made"
     MESH_FAILED = "gmsh could not make the next mesh"
     FINER_FAILED = "Newton's method failed on the next mesh"
@@ -26,29 +27,16 @@ class Stop(StrEnum):
 
 @dataclass(frozen=True)
 class MeshRecord:
-    """The solve on one mesh.
-
-    Attributes
-    ----------
-    elements, unknowns : int
-    iterations : int
-        Newton iterations that led to the result.
-    worst_error : float or None
-        Largest estimated error of a charge, relative to the sizes of its contributions.
-    seconds : float
-        Wall-clock time of mesh, solve and estimate.
-    status : str
-    tried : tuple of (str, str, int)
-        Solvers that failed before: name, status, iterations.
-    """
+    """The solve on one mesh."""
 
     elements: int
     unknowns: int
-    iterations: int
+    iterations: int  #: Newton iterations that led to the result.
+    #: Largest estimated error of a charge, relative to the sizes of its contributions.
     worst_error: float | None
-    seconds: float
+    seconds: float  #: Wall-clock time of mesh, solve and estimate.
     status: str
-    tried: tuple[tuple[str, str, int], ...] = ()
+    tried: tuple[tuple[str, str, int], ...] = ()  #: Failed before: solver, status, iterations.
 
     def to_json(self) -> dict[str, Any]:
         """The row as plain data."""

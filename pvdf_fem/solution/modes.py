@@ -26,9 +26,9 @@ from skfem import Basis, MeshTri2
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.bending_effect import bending_effect, layer_size
 from pvdf_fem.film.equilibrium import Equilibrium, prolongation
-from pvdf_fem.film.loads import LOADS
+from pvdf_fem.film.loads.kinds import presses_rigidly
 from pvdf_fem.film.models import film_model
-from pvdf_fem.mesh.gmsh_mesh import FILM, PROBE, MeshError
+from pvdf_fem.mesh.gmsh_mesh import FILM, MeshError
 from pvdf_fem.mesh.size_field import Sizes
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.attempt import UNKNOWNS_PER_ELEMENT
@@ -41,21 +41,16 @@ from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.newton import NewtonResult, Tried, factorise
 from pvdf_fem.solvers.status import Status
 
-#: Largest number of modes that may be asked for.
-MOST_MODES = 200
+MOST_MODES = 200  #: Largest number of modes that may be asked for.
 #: Relative error of a frequency of the flat disc over (wavenumber x element size)^4, measured.
 FLAT_ERROR = 4e-4
-#: Order of a frequency's error in the element size.
-ORDER = 4.0
-#: Part of the sum of both changes of a frequency that its error is at least.
-UNCANCELLED = 0.25
-#: Newton iterations that an eigenvalue problem costs as much as.
-EIGEN_ITERATIONS = 3
+ORDER = 4.0  #: Order of a frequency's error in the element size.
+UNCANCELLED = 0.25  #: Part of the sum of both changes of a frequency that its error is at least.
+EIGEN_ITERATIONS = 3  #: Newton iterations that an eigenvalue problem costs as much as.
 #: Relative imaginary part above which an eigenvalue of an unsymmetric tangent is complex; rounding
 #: splits a pair of modes into complex ones by the square root of the machine's precision.
 COMPLEX = 1e-6
-#: Density of air at room temperature, kg/m^3.
-AIR_DENSITY = 1.2
+AIR_DENSITY = 1.2  #: Density of air at room temperature, kg/m^3.
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,8 +173,10 @@ def modes(scene: Scene, count: int = 6, loaded: bool = False) -> Modes:
     """
     if not 1 <= count <= MOST_MODES:
         raise ValueError(f"count = {count!r}: is out of range; give 1 to {MOST_MODES}")
+    if loaded:
+        scene.require_no_tips("frequencies about the load")
     # on the flat film only a rigid probe matters, by the unknowns that it binds together
-    bare = scene if loaded or LOADS[scene.load.kind].rigid else scene.with_(probe=None)
+    bare = scene if loaded or presses_rigidly(scene) else scene.with_(probe=None)
     share = _bending_share(bare, count, loaded)
     bends = scene.film.bending
     if bends == "auto":
@@ -256,9 +253,8 @@ class _ModalProblem:
         share = (0.5 * tolerance / FLAT_ERROR) ** (1.0 / ORDER)
         size = scene.film.radius * min(share / _wavenumber(self.count), 0.3)
         patches = {}
-        if scene.probe is not None:
-            outline = scene.probe.outline
-            patches[PROBE] = min(size, outline.area / outline.perimeter)
+        for touch in scene.loaded_probes:
+            patches[touch.patch] = min(size, touch.outline.area / touch.outline.perimeter)
         if film_model(scene).bends:
             length = bending_effect(scene).rim_length
             layer = layer_size(length, self.bending_share, tolerance)
@@ -282,7 +278,7 @@ class _ModalProblem:
         q, q_rich = np.zeros(coarse.unknowns.count), np.zeros(rich.unknowns.count)
         least, iterations = self.scene.film.stress_at_rest[:2].min(), 0
         tried: tuple[Tried, ...] = ()
-        if self.loaded and coarse.load.force > 0.0:
+        if self.loaded and coarse.force > 0.0:
             with self.clock("solve"):
                 result = equilibrate(coarse, budget=self.budget)
                 iterations, tried = len(result.iterations), result.tried
@@ -356,11 +352,9 @@ def _modal_budget(scene: Scene, most_unknowns: int = 180_000) -> Budget:
 
 
 def _bending_share(scene: Scene, count: int, loaded: bool) -> float:
-    """What bending adds to the highest of `count` frequencies, roughly, in parts of it.
-
-    Within the length l = sqrt(D/N) of the rim, which makes the membrane smaller by l all round, and
-    by the stiffness D k^4 beside N k^2 for waves of number k.
-    """
+    """What bending adds to the highest of `count` frequencies, roughly, in parts of it. Within the
+    length l = sqrt(D/N) of the rim, which makes the membrane smaller by l all round, and by the
+    stiffness D k^4 beside N k^2 for waves of number k."""
     effect = bending_effect(scene)
     length = (effect.rim_length if loaded else effect.rest_length) / scene.film.radius
     return float(length + 0.5 * (_wavenumber(count) * length) ** 2)
@@ -372,10 +366,8 @@ def _wavenumber(count: int) -> float:
 
 
 def _left_out(scene: Scene, share: float, joins: bool) -> tuple[str, ...]:
-    """Bending, unless it is part of the model, and air, with their sizes.
-
-    The air that moves along weighs about its density times the radius per area.
-    """
+    """Bending, unless it is part of the model, and air, with their sizes. The air that moves along
+    weighs about its density times the radius per area."""
     film = scene.film
     bending = f"bending: raises the highest of these frequencies by about {share:.1%}"
     if share > 0.3:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
@@ -13,6 +13,7 @@ from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
 from pvdf_fem.mesh.size_field import SizeField, Sizes
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
+from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.history import Clock, MeshRecord, Stop
 from pvdf_fem.solvers.budget import Budget
@@ -52,63 +53,43 @@ class TooManyUnknownsError(RuntimeError):
 
 @dataclass(frozen=True)
 class Rules:
-    """How meshes follow each other.
+    """How meshes follow each other."""
 
-    Attributes
-    ----------
-    safety : float
-        Sizes aim at this part of the tolerance. Each mesh that was slow lowers the aim by this
-        factor once more: at singular corners the error falls slower than sizes are chosen for.
-    slow : float
-        A mesh is slow that leaves more than this part of the error.
-    growth : float
-        A mesh has at most this factor more unknowns than the one before, since a coarse mesh shows
-        singular corners and kinks larger than they are and in the wrong places.
-    least : float
-        A mesh that may only have this part of the last one's unknowns would not be better.
-    most_meshes : int
-    work_exponent : float
-        The unknowns that can be paid grow as this power of the work of a mesh.
-    """
-
+    #: Sizes aim at this part of the tolerance. Each mesh that was slow lowers the aim by this
+    #: factor once more: at singular corners the error falls slower than sizes are chosen for.
     safety: float = 0.5
+    #: A mesh is slow that leaves more than this part of the error.
     slow: float = 0.7
+    #: A mesh has at most this factor more unknowns than the one before, since a coarse mesh shows
+    #: singular corners and kinks larger than they are and in the wrong places.
     growth: float = 2.5
+    #: A mesh that may only have this part of the last one's unknowns would not be better.
     least: float = 0.7
     most_meshes: int = 10
+    #: The edge of a contact is moved at most this often on meshes of the same sizes.
+    most_fits: int = 5
+    #: The unknowns that can be paid grow as this power of the work of a mesh.
     work_exponent: float = 0.8
 
 
 @dataclass
 class MeshLoop(Generic[T]):
-    """Solves on a sequence of meshes.
-
-    Attributes
-    ----------
-    scene : Scene
-    first_sizes : callable
-        Element sizes of the first mesh.
-    solve_on : callable
-        Solves on a mesh, from the solution on the coarser one if there is.
-    next_sizes : callable
-        Element sizes for an attempt, the error aimed at, and the largest number of unknowns.
-    budget : Budget
-    clock : Clock
-    unknowns_per_element : float
-    part : MirroredPart
-        The part of the film that is meshed.
-    rules : Rules
-    history : list of MeshRecord
-    """
+    """Solves on a sequence of meshes."""
 
     scene: Scene
+    #: Element sizes of the first mesh.
     first_sizes: Callable[[], Sizes | SizeField]
+    #: Solves on a mesh, from the solution on the coarser one if there is.
     solve_on: Callable[[MeshTri2, T | None], T]
+    #: Element sizes for an attempt, the error aimed at, and the largest number of unknowns.
     next_sizes: Callable[[T, float, float], Sizes | SizeField]
     budget: Budget
     clock: Clock
     unknowns_per_element: float
+    #: The part of the film that is meshed.
     part: MirroredPart = WHOLE
+    #: Edges of contacts with tips by patch name, after the attempt before or None.
+    contacts_of: Callable[[T | None], Mapping[str, Outline]] = lambda attempt: {}
     rules: Rules = field(default_factory=Rules)
     history: list[MeshRecord] = field(default_factory=list)
 
@@ -158,13 +139,22 @@ class MeshLoop(Generic[T]):
         return most, Stop.SECONDS if most == by_work else Stop.UNKNOWNS
 
     def attempt(self, sizes: Sizes | SizeField, coarser: T | None) -> T:
-        """Mesh and solve."""
+        """Mesh and solve, again where the edge of a contact has to move."""
+        attempt = self._attempt_once(sizes, coarser)
+        for _ in range(self.rules.most_fits):
+            if attempt.status is not Status.MISPLACED:
+                break
+            attempt = self._attempt_once(sizes, attempt)
+        return attempt
+
+    def _attempt_once(self, sizes: Sizes | SizeField, coarser: T | None) -> T:
         start = time.perf_counter()
         if coarser is None and isinstance(sizes, Sizes):
             self._require_affordable(sizes.least_elements(self.scene.film.radius))
         with self.clock("mesh"):
             least_jacobian = film_model(self.scene).least_jacobian
-            mesh = mesh_scene(self.scene, sizes, self.part, least_jacobian)
+            contacts = self.contacts_of(coarser)
+            mesh = mesh_scene(self.scene, sizes, self.part, least_jacobian, contacts=contacts)
         if coarser is None:
             self._require_affordable(mesh.nelements)
         return self.attempt_on(mesh, coarser, start)

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike
 from skfem import Basis, MeshTri2
 
 from pvdf_fem.arrays import Array, finite
+from pvdf_fem.charges.point_values import PointValues, values_along, values_at
 from pvdf_fem.charges.rest import rest_charges
+from pvdf_fem.film.loads.pressure import Leaning, Punch
+from pvdf_fem.film.loads.touchdown import Touchdown
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.fields import Fields, largest
@@ -140,11 +145,37 @@ class Solution:
         return 1e3 * largest(fields.solved.space.basis, fields.solved_dofs[2::3])
 
     @property
+    def punches(self) -> dict[str, Leaning]:
+        """How rigid punches lean and are held, by patch: ``probe``, or ``probe 1``, ``probe 2``."""
+        film, state = self.fields.equilibrium, self.fields.state
+        punches = (load for load in film.loads if isinstance(load, Punch))
+        return {p.touch.patch: p.leaning(state, film.film_forces(state)) for p in punches}
+
+    def at(self, x_mm: ArrayLike, y_mm: ArrayLike) -> PointValues:
+        """Values at points of the film: coordinates are numbers, or arrays of any shape.
+
+        Raises ValueError, which names the first one, for points that are not on the film.
+        """
+        return values_at(self.fields.equilibrium, self.fields.displacement, x_mm, y_mm)
+
+    def along(self, line_mm: ArrayLike, points: int = 200) -> PointValues:
+        """Values at this number of equally spaced points of a line, with both ends.
+
+        The line goes through two or more corners ``((x0, y0), (x1, y1), ...)``.
+        """
+        return values_along(self.fields.equilibrium, self.fields.displacement, line_mm, points)
+
+    @property
+    def contacts(self) -> dict[str, Touchdown]:
+        """What each tip does where it touches, by its patch: ``probe``, or ``probe 1``, ..."""
+        return self.fields.touchdowns
+
+    @property
     def force_balance(self) -> float:
-        """|rim reaction + applied force| over the applied force."""
+        """|rim reaction + applied force|, along the applied force, over it."""
         equilibrium, state = self.fields.solved, self.fields.solved_state
-        applied = equilibrium.applied_force(state)
-        return abs(equilibrium.rim_reaction(state) + applied) / applied if applied else 0.0
+        applied = float(np.linalg.norm(equilibrium.applied_force(state)))
+        return equilibrium.imbalance(state) / applied if applied else 0.0
 
     @property
     def unknowns(self) -> int:
@@ -168,6 +199,10 @@ class Solution:
                 "deflection_max_mm": self.deflection_max_mm,
                 "force_balance": self.force_balance,
             }
+            if self.contacts:
+                results["contacts"] = {name: c.to_json() for name, c in self.contacts.items()}
+            if punches := self.punches:
+                results["punches"] = {name: asdict(punch) for name, punch in punches.items()}
             if self.scene.readout is not None:
                 results["readings_V"] = self.readings_V
                 results["time_constants_s"] = {

@@ -13,21 +13,25 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from skfem import MeshTri2
 
 from pvdf_fem.charges.forces import charges_of
 from pvdf_fem.charges.goals import Goal, goals_of
+from pvdf_fem.film.loads.profiles import profile_of
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError
+from pvdf_fem.mesh.mesh_file import read_mesh
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart, part_of
-from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.scene import Pressure, Scene
 from pvdf_fem.solution import admissible
 from pvdf_fem.solution.attempt import (
     UNKNOWNS_PER_ELEMENT,
     Attempt,
     Problem,
+    contact_outlines,
     larger,
     refined,
     solve_on,
@@ -36,6 +40,7 @@ from pvdf_fem.solution.first_sizes import ORDER, first_sizes
 from pvdf_fem.solution.history import Clock, MeshRecord, Stop
 from pvdf_fem.solution.refinement import MeshLoop, TooManyUnknownsError
 from pvdf_fem.solution.solution import Solution
+from pvdf_fem.solution.tips import steps
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.solvers.wrinkling import barely_loaded
@@ -47,28 +52,40 @@ UNKNOWN_CHARGE = 0.1
 def solve(
     scene: Scene,
     *,
-    mesh: MeshTri2 | None = None,
+    mesh: MeshTri2 | str | Path | None = None,
     order: int = ORDER,
     budget: Budget | None = None,
+    pressure: Pressure | None = None,
 ) -> Solution:
     """Charges and fields of a scene.
 
     Parameters
     ----------
     scene : Scene
-    mesh : MeshTri2, optional
-        Solve on this mesh of `mesh_scene`, of the whole film, whatever the error, instead of
-        meshing for ``scene.numerics.tolerance``.
+    mesh : MeshTri2 or path, optional
+        Solve on this mesh of `mesh_scene`, or in a file that `read_mesh` reads, of the whole film,
+        whatever the error, instead of meshing for ``scene.numerics.tolerance``.
     order : int, optional
         Polynomial order of the displacement, 1, 2 or 3.
     budget : Budget, optional
         What the solve may cost, by default what the scene's numerics say.
+    pressure : callable, optional
+        ``p(x_mm, y_mm)`` for arrays in the probe's own axes, in place of ``load.profile``; it is
+        scaled to the scene's force.
 
     Returns
     -------
     Solution
         Its `status` tells whether there is a result; printed, it tells how the solve went.
+
+    Raises
+    ------
+    MeshFileError, FileError
+        When a file holds no mesh of the scene; when it cannot be read. Both are ValueErrors.
     """
+    if isinstance(mesh, str | Path):
+        mesh = read_mesh(mesh, scene)
+    scene = scene.under(pressure)
     solution = solve_goals(scene, goals_of(scene), mesh=mesh, order=order, budget=budget)
     if solution.status is not Status.CONVERGED:
         return solution
@@ -89,12 +106,20 @@ def solve_goals(
     The charges that meet the tolerance, and the `forces` of the solution's `fields`, are those of
     the goals; a solution's charges by electrode have no meaning here.
     """
+    for touch in scene.loaded_probes:
+        profile_of(touch)  # refuses files before any mesh
     budget = Budget.of(scene) if budget is None else budget
+    if steps.sticks(scene):
+        stuck = steps.stuck(scene, lambda s: solve_goals(s, goals, order=order, budget=budget))
+        if isinstance(stuck, Solution):
+            return stuck
+        scene = stuck
     problem = Problem(scene, goals, order, budget, Clock())
     loop = _mesh_loop(problem, WHOLE)
     if mesh is not None:
+        scene.require_no_tips("a mesh that is given")
         attempt = loop.attempt_on(mesh, None, time.perf_counter())
-        return _solution(attempt, Stop.GIVEN_MESH, loop.history)
+        return _solution(steps.with_errors(attempt), Stop.GIVEN_MESH, loop.history)
     try:
         if (on_part := _on_part(problem)) is not None:
             return on_part
@@ -106,7 +131,9 @@ def solve_goals(
     except TooManyUnknownsError as error:
         seconds = problem.clock.seconds()
         return Solution(scene, Status.TOLERANCE, str(error), Stop.UNKNOWNS, seconds=seconds)
-    return _solution(attempt, stop, loop.history)
+    judged = steps.with_errors(attempt)
+    few = attempt.worst <= scene.numerics.tolerance < judged.worst
+    return _solution(judged, Stop.STEPS if few else stop, loop.history)
 
 
 def _mesh_loop(problem: Problem, part: MirroredPart) -> MeshLoop[Attempt]:
@@ -119,13 +146,17 @@ def _mesh_loop(problem: Problem, part: MirroredPart) -> MeshLoop[Attempt]:
         problem.clock,
         UNKNOWNS_PER_ELEMENT[problem.order],
         part,
+        partial(contact_outlines, problem.scene),
     )
 
 
 def _on_part(problem: Problem) -> Solution | None:
     """The solution on a part of a symmetric film; None where it is not that of the film."""
     scene = problem.scene
-    part = part_of(scene) if film_model(scene).solved_on_parts else WHOLE
+    loads = [touch.load for touch in scene.loaded_probes]
+    leaning = any(load.kind == "contact" or load.tilt == "free" for load in loads)
+    whole = leaning or not film_model(scene).solved_on_parts
+    part = WHOLE if whole else part_of(scene)
     if not part.mirrored:
         return None
     loop, spent = _mesh_loop(problem, part), problem.budget.spent_seconds

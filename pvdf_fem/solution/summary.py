@@ -64,6 +64,10 @@ def _tables(result: dict[str, Any]) -> list[Grid]:
         )
         title = f"charges ({result['observable']})"
         tables.append(Grid((title, "pC", "± pC", "change by touch, pC"), rows))
+    for patch, contact in result.get("contacts", {}).items():
+        titles = (f"contact of {patch}", "depth, mm", "force, N", "area, mm2", "pressure, MPa")
+        shown = ("depth_mm", "force_N", "area_mm2", "mean_pressure_MPa")
+        tables.append(Grid(titles, (("", *(f"{contact[key]:.6g}" for key in shown)),)))
     if readings := result.get("readings_V"):
         constants = result["time_constants_s"]
         decays = {name: "none" if s is None else f"{s:.4g}" for name, s in constants.items()}

@@ -17,7 +17,7 @@ from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads import FollowerPressure
+from pvdf_fem.film.loads.pressure import FollowerPressure
 from pvdf_fem.film.membrane import WrinklingMembrane
 from pvdf_fem.film.term import State
 from pvdf_fem.solvers.newton import (
@@ -41,13 +41,10 @@ class StepControl:
     first: float = 0.5
     longest: float = 1.0
     shortest: float = 1e-4
-    #: Factor on the length after a step that took at most `few` corrections.
-    growth: float = 1.6
-    #: Factor on the length after a step that failed.
-    shrinkage: float = 0.4
+    growth: float = 1.6  #: Factor on the length after a step that took at most `few` corrections.
+    shrinkage: float = 0.4  #: Factor on the length after a step that failed.
     few: int = 3
-    #: Largest number of corrections of a whole path.
-    max_iterations: int = 150
+    max_iterations: int = 150  #: Largest number of corrections of a whole path.
 
 
 #: From this part of the pressure on that follows, all of it is made to follow at once.
@@ -74,11 +71,9 @@ def follow(
     max_iterations: int,
     control: StepControl | None = None,
 ) -> NewtonResult:
-    """The equilibrium under a pressure that follows the film, from `q` under the dead one.
-
-    `solver` solves from a near start. The status is `Status.LIMIT` where the path turns back before
-    its end, and `Status.MAX_ITERATIONS` where it is too long or too rough.
-    """
+    """The equilibrium under a pressure that follows the film, from `q` under the dead one. `solver`
+    solves from a near start. The status is `Status.LIMIT` where the path turns back before its end,
+    and `Status.MAX_ITERATIONS` where it is too long or too rough."""
     control = StepControl() if control is None else control
     path = Path(equilibrium, float(np.linalg.norm(q)))
     if result := path.end(q, solver):
@@ -111,10 +106,8 @@ class Path:
     """Equilibria between a dead pressure and one that follows."""
 
     equilibrium: Equilibrium
-    #: Size of the unknowns in the norm of the path's length.
-    scale: float
-    #: All corrections.
-    table: list[Iteration] = field(default_factory=list)
+    scale: float  #: Size of the unknowns in the norm of the path's length.
+    table: list[Iteration] = field(default_factory=list)  #: All corrections.
 
     def start(self, q: Array) -> Point:
         """Where nothing of the pressure follows."""
@@ -150,9 +143,9 @@ class Path:
 
     def turning(self, factors: SuperLU, state: State) -> Array:
         """Derivative of the unknowns by the part that follows, in equilibrium."""
-        load = self.equilibrium.load
-        assert isinstance(load, FollowerPressure)
-        return factors.solve(self.equilibrium.unknowns.fold(load.turning_forces(state)))
+        loads = self.equilibrium.loads
+        turning = sum(x.turning_forces(state) for x in loads if isinstance(x, FollowerPressure))
+        return factors.solve(self.equilibrium.on_unknowns(state, np.asarray(turning)))
 
     def dot(self, a: Array, b: Array) -> float:
         """Inner product of unknowns, over that of the start."""
@@ -239,7 +232,7 @@ def beyond_limit(factors: SuperLU | None) -> bool:
 
 def turned(equilibrium: Equilibrium, following: float) -> Equilibrium:
     """The same film under a traction of which this part follows it."""
-    load = equilibrium.load
-    if not isinstance(load, FollowerPressure):
-        return equilibrium
-    return equilibrium.replacing(load, load.turned(following))
+    for load in equilibrium.loads:
+        if isinstance(load, FollowerPressure):
+            equilibrium = equilibrium.replacing(load, load.turned(following))
+    return equilibrium

@@ -34,27 +34,15 @@ def iteration_seconds(equilibrium: Equilibrium) -> float:
 
 @dataclass
 class Budget:
-    """What a solve may cost and has cost.
+    """What a solve may cost and has cost."""
 
-    Attributes
-    ----------
-    max_unknowns : int
-        Of a mesh (``numerics.max_unknowns``).
-    max_seconds : float
-        Of work (``numerics.max_seconds``).
-    bounds_first_mesh : bool
-        Whether `max_unknowns` holds for the first mesh, too, which has what the outlines and the
-        tolerance need. It does where the scene gives the number.
-    spent_seconds : float
-        Work so far.
-    equilibrium_share : float
-        Part of `max_seconds` that the search for one equilibrium on one mesh may take.
-    """
-
-    max_unknowns: int
-    max_seconds: float
+    max_unknowns: int  #: Of a mesh (``numerics.max_unknowns``).
+    max_seconds: float  #: Of work (``numerics.max_seconds``).
+    #: Whether `max_unknowns` holds for the first mesh, too, which has what the outlines and the
+    #: tolerance need. It does where the scene gives the number.
     bounds_first_mesh: bool = False
-    spent_seconds: float = field(default=0.0)
+    spent_seconds: float = field(default=0.0)  #: Work so far.
+    #: Part of `max_seconds` that the search for one equilibrium on one mesh may take.
     equilibrium_share: float = 0.4
 
     @classmethod

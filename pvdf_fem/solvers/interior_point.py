@@ -39,19 +39,15 @@ from pvdf_fem.solvers.newton import factorise
 class StepRules:
     """How far a step goes, and how it is centred and corrected."""
 
-    #: Part of the way to the cones' boundary that a step may go.
-    to_boundary: float = 0.95
+    to_boundary: float = 0.95  #: Part of the way to the cones' boundary that a step may go.
     #: A predictor shorter than this asks for more centring than Mehrotra's (1 - length)^3.
     short: float = 0.5
     least_centring: float = 1e-6
-    #: Largest number of Gondzio's corrections.
-    corrections: int = 3
-    #: How much longer than the step a correction tries to be.
-    farther: float = 0.3
+    corrections: int = 3  #: Largest number of Gondzio's corrections.
+    farther: float = 0.3  #: How much longer than the step a correction tries to be.
     #: Eigenvalues of S P over mu that a correction leaves alone, (float, float).
     central: tuple[float, float] = (0.1, 10.0)
-    #: A correction that gains less than this part of its trial ends them.
-    gain: float = 0.1
+    gain: float = 0.1  #: A correction that gains less than this part of its trial ends them.
     #: Part of a step that has to be left when the second order is taken into account.
     shortened: float = 0.7
     #: The exact wrinkling strain replaces one that differs by at most this factor.
@@ -78,19 +74,14 @@ Step = tuple[Array, Array, Array]
 class Iterate:
     """Displacement, stress and wrinkling strain on the way."""
 
-    #: (unknowns,)
-    q: Array
+    q: Array  #: (unknowns,)
     #: s, p: Stress in Pa and wrinkling strain as vectors of the cone, (elements, points, 3).
     s: Array
     p: Array
-    #: Integral of S : P over the work of the load.
-    gap: float
-    #: Part of Newton's step that was taken.
-    length: float
-    #: The tangent of that step, factorised.
-    factors: SuperLU | None
-    #: Of `q`.
-    state: State
+    gap: float  #: Integral of S : P over the work of the load.
+    length: float  #: Part of Newton's step that was taken.
+    factors: SuperLU | None  #: The tangent of that step, factorised.
+    state: State  #: Of `q`.
 
     @property
     def stress(self) -> Array:
@@ -99,13 +90,8 @@ class Iterate:
 
 
 def interior_points(equilibrium: Equilibrium, q: Array) -> Iterator[Iterate]:
-    """Iterates from the unknowns `q`, without end; `q` must not be the flat film.
-
-    Raises
-    ------
-    RuntimeError, LinAlgError
-        When rounding allows no further step.
-    """
+    """Iterates from the unknowns `q`, without end; `q` must not be the flat film. Raises
+    `RuntimeError` or `LinAlgError` when rounding allows no further step."""
     points = _InteriorPoint(equilibrium)
     iterate = points.start(q)
     while True:
@@ -153,11 +139,9 @@ class _InteriorPoint:
         return Iterate(q, s, p, gap, length, step.factors, state)
 
     def _corrected(self, step: _Linearised, wanted: Array, mu: float) -> Step:
-        """The step to the products `wanted`, made longer by Gondzio's corrections.
-
-        At last the strain's and the forces' second order is made up for: where the film is slack
-        steps are so large that it would stay in tension somewhere.
-        """
+        """The step to the products `wanted`, made longer by Gondzio's corrections. At last the
+        strain's and the forces' second order is made up for: where the film is slack steps are so
+        large that it would stay in tension somewhere."""
         at = step.at
         best = step.solve(_jordan_inverse(step.scaled, wanted) - step.scaled)
         length = _longest(at, best)
@@ -210,7 +194,7 @@ class _Linearised:
         known = self._moduli(mismatch + times(self.inverse, right))
         stress = replace(state, stress=(self.at.s + known) @ STRAIN)
         dq = -self.factors.solve(equilibrium.residual(stress) + second_order[1])
-        gradient = equilibrium.space.gradient(equilibrium.unknowns.expand(dq))
+        gradient = equilibrium.space.gradient(equilibrium.step(state, dq))
         strain = strain_rate(state.deformation_gradient, gradient) @ STRAIN.T
         ds = self._moduli(strain) + known
         return dq, ds, ds @ self.points.compliance - strain - mismatch
@@ -218,10 +202,10 @@ class _Linearised:
     def second_order(self, step: Step, length: float) -> tuple[Array, Array]:
         """Strain and forces in N of second order that a part of `step` adds, over that part."""
         membrane, equilibrium = self.points.membrane, self.points.equilibrium
-        gradient = equilibrium.space.gradient(equilibrium.unknowns.expand(step[0]))
+        gradient = equilibrium.space.gradient(equilibrium.step(self.state, step[0]))
         strain = (strain_of(gradient) - strain_rate(IDENTITY, gradient)) @ STRAIN.T
         state = replace(self.state, deformation_gradient=gradient, stress=step[1] @ STRAIN)
-        forces = equilibrium.unknowns.fold(membrane.internal_forces(state))
+        forces = equilibrium.on_unknowns(self.state, membrane.internal_forces(state))
         return length * strain, length * forces
 
     def _moduli(self, strain: Array) -> Array:

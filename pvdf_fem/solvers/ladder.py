@@ -38,36 +38,22 @@ from pvdf_fem.solvers.wrinkling import PredictedStress, from_afar
 LAST_STEP = 1e-2
 #: A start after which Newton's method gave up in this number of steps was too far away.
 FEW_STEPS = 2
+#: Size of a step on a tip after which the tangent serves on: forces turn with its surface.
+ON_TIP = 1e-2
 #: A path of equilibria is followed only where the budget pays for this number of iterations.
 PATH_ITERATIONS = 50
 
 
 @dataclass
 class Task:
-    """An equilibrium to be found.
-
-    Attributes
-    ----------
-    equilibrium : Equilibrium
-    budget : Budget
-    start : (unknowns,) or None
-        Unknowns near the solution, if they are known.
-    tolerance : float
-        Relative size of Newton's last step in the energy norm.
-    settled : Settled or None
-        Charges that the last steps must leave as they are, where the film wrinkles.
-    other_start : callable or None
-        Given with a start from another mesh: makes another one, in case that one turns out to be
-        far away.
-    follow_path : bool
-        Whether a path of equilibria may be followed.
-    """
+    """An equilibrium to be found."""
 
     equilibrium: Equilibrium
     budget: Budget
-    start: Array | None = None
-    tolerance: float = STEP_TOLERANCE
-    settled: Settled | None = None
+    start: Array | None = None  #: Unknowns near the solution, if they are known.
+    tolerance: float = STEP_TOLERANCE  #: Relative size of Newton's last step in the energy norm.
+    settled: Settled | None = None  #: Charges to be settled where the film wrinkles.
+    #: Makes a start from another mesh, in case that `start` turns out to be far away.
     other_start: Callable[[], Array | None] | None = None
     follow_path: bool = True
     tried: list[tuple[str, NewtonResult]] = field(default_factory=list)
@@ -109,7 +95,7 @@ class FlatFilm(Rung):
 
     def applies(self, task: Task) -> bool:
         """Without a force."""
-        return task.equilibrium.load.force == 0.0
+        return task.equilibrium.force == 0.0
 
     def solve(self, task: Task) -> NewtonResult:
         """Tells whether the film stays flat."""
@@ -120,6 +106,24 @@ class FlatFilm(Rung):
             factors = factorise(equilibrium.tangent(equilibrium.state(q)))
             stable = negative_pivots(factors) == 0
         return NewtonResult(q, Status.CONVERGED if stable else Status.UNSTABLE, (), None)
+
+
+class OnTip(Rung):
+    """A film on a tip, from the equilibrium under as large a pressure on the same patch."""
+
+    name = "pressure in place of the tip"
+
+    def applies(self, task: Task) -> bool:
+        """Without a start."""
+        return bool(task.equilibrium.contacts) and task.start is None
+
+    def solve(self, task: Task) -> NewtonResult:
+        """The equilibrium under the pressure, which starts the next rungs."""
+        equilibrium = task.equilibrium
+        pressed = equilibrium.pressed()
+        result = climb(Task(pressed, task.budget, tolerance=task.tolerance))
+        task.start = equilibrium.restrict(pressed.dofs(result.q))
+        return replace(result, status=Status.MAX_ITERATIONS)
 
 
 class LineSearchNewton(Rung):
@@ -135,6 +139,8 @@ class LineSearchNewton(Rung):
         """With the full tangent from near, with the convex one from the seed."""
         start = seed(task.equilibrium) if task.start is None else task.start
         options = NewtonOptions(tolerance=task.tolerance)
+        if task.equilibrium.contacts:
+            options = replace(options, defer_size=ON_TIP)
         near = task.start is not None
         return newton(DeferredNewton(task.equilibrium, options, task.budget, near=near), start)
 
@@ -226,6 +232,7 @@ class ArcLength(Rung):
 
 LADDER: tuple[Rung, ...] = (
     FlatFilm(),
+    OnTip(),
     LineSearchNewton(),
     NearNewton(),
     OtherStart(),
@@ -257,7 +264,7 @@ def climb(task: Task) -> NewtonResult:
             continue
         result = rung.solve(task)
         task.tried.append((rung.name, result))
-        if result.converged or task.equilibrium.load.force == 0.0:
+        if result.converged or task.equilibrium.force == 0.0:
             break
     if not task.tried:
         nowhere = np.zeros(task.equilibrium.unknowns.count)

@@ -33,67 +33,33 @@ STEP_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class Iteration:
-    """One row of the iteration table.
+    """One row of the iteration table."""
 
-    Attributes
-    ----------
-    step : float
-        Size of the Newton step in the energy norm over that of the solution.
-    length : float
-        Length that the line search chose.
-    convex : bool
-        Whether compressive stress was left out of the tangent.
-    fresh : bool
-        Whether the tangent is that of this state, not of an earlier one.
-    """
-
-    step: float
-    length: float
-    convex: bool
-    fresh: bool
+    step: float  #: Size of the Newton step in the energy norm over that of the solution.
+    length: float  #: Length that the line search chose.
+    convex: bool  #: Whether compressive stress was left out of the tangent.
+    fresh: bool  #: Whether the tangent is that of this state, not of an earlier one.
 
 
 @dataclass(frozen=True)
 class Tried:
-    """A solver that was tried.
-
-    Attributes
-    ----------
-    solver : str
-    status : Status
-        How it ended.
-    iterations : int
-    tangents : int
-        Number of its iterations with a new tangent.
-    """
+    """A solver that was tried."""
 
     solver: str
     status: Status
     iterations: int
-    tangents: int
+    tangents: int  #: Number of its iterations with a new tangent.
 
 
 @dataclass(frozen=True)
 class NewtonResult:
-    """How Newton's method ended.
+    """How Newton's method ended."""
 
-    Attributes
-    ----------
-    q : (unknowns,)
-    status : Status
-    iterations : tuple of Iteration
-        The table of the solve that led to `q`.
-    factors : SuperLU or None
-        The last factorised tangent; None for the flat film and without a result.
-    tried : tuple of Tried
-        What was tried before.
-    """
-
-    q: Array
+    q: Array  #: (unknowns,)
     status: Status
-    iterations: tuple[Iteration, ...]
-    factors: SuperLU | None
-    tried: tuple[Tried, ...] = ()
+    iterations: tuple[Iteration, ...]  #: The table of the solve that led to `q`.
+    factors: SuperLU | None  #: The last tangent; None for the flat film and without a result.
+    tried: tuple[Tried, ...] = ()  #: What was tried before.
 
     @property
     def converged(self) -> bool:
@@ -133,34 +99,28 @@ def compressed(state: State) -> bool:
 
 
 def is_stable(equilibrium: Equilibrium, factors: SuperLU) -> bool:
-    """Whether a tangent in compression is that of a minimum, where it can tell.
-
-    It cannot where there is no energy, nor for a membrane: that is unstable on any fine mesh.
-    """
+    """Whether a tangent in compression is that of a minimum, where it can tell. It cannot where
+    there is no energy, nor for a membrane: that is unstable on any fine mesh."""
     tells = equilibrium.conservative and equilibrium.model.bends
     return not tells or negative_pivots(factors) == 0
 
 
 def balanced(equilibrium: Equilibrium, state: State, factors: SuperLU, allowed: float) -> bool:
-    """Whether a state lacks no more than `allowed` of balance.
-
-    By the residual the displacement is that far from the solution, in the energy norm; by the rim's
-    reaction that part of the load is not borne.
-    """
+    """Whether a state lacks no more than `allowed` of balance. By the residual the displacement is
+    that far from the solution, in the energy norm; by the rim's reaction that part of the load is
+    not borne."""
     residual = equilibrium.residual(state)
     lacking = abs(float(residual @ factors.solve(residual)))
-    work = float(equilibrium.load.forces(state) @ state.dofs)
-    balance = abs(equilibrium.rim_reaction(state) + equilibrium.applied_force(state))
-    return lacking <= allowed**2 * work and balance <= allowed * equilibrium.load.force
+    work = equilibrium.work(state, equilibrium.restrict(state.dofs))
+    enough = equilibrium.imbalance(state) <= allowed * equilibrium.force
+    return lacking <= allowed**2 * work and enough
 
 
 @dataclass(frozen=True)
 class Tangent:
-    """A factorised tangent and the steps made with it.
-
-    While the tangent serves on, its inverse follows the residuals met (L-BFGS: Nocedal, Math.
-    Comp. 35, 1980, 773-782), which takes the few modes that change most, those of the tension.
-    """
+    """A factorised tangent and the steps made with it. While the tangent serves on, its inverse
+    follows the residuals met (L-BFGS: Nocedal, Math. Comp. 35, 1980, 773-782), which takes the few
+    modes that change most, those of the tension."""
 
     factors: SuperLU
     convex: bool = False
@@ -196,41 +156,20 @@ class Direction(Protocol):
 
 @dataclass(frozen=True)
 class Step:
-    """A Newton step about to be made.
+    """A Newton step about to be made."""
 
-    Attributes
-    ----------
-    q : (unknowns,)
-        Where it starts.
-    state : State
-        The fields there.
-    change : (unknowns,)
-        The full step.
-    slope : float
-        Derivative of the energy along it, J.
-    size : float
-        Relative size in the energy norm.
-    """
-
-    q: Array
-    state: Any
-    change: Array
-    slope: float
-    size: float
+    q: Array  #: Where it starts, (unknowns,).
+    state: Any  #: The fields there.
+    change: Array  #: The full step, (unknowns,).
+    slope: float  #: Derivative of the energy along it, J.
+    size: float  #: Relative size in the energy norm.
 
 
 class Variant(ABC):
-    """What distinguishes one variant of Newton's method from another.
-
-    Attributes
-    ----------
-    max_iterations : int
-    factors : SuperLU or None
-        Factorised tangent of the solution, once it is found.
-    """
+    """What distinguishes one variant of Newton's method from another."""
 
     max_iterations = 60
-    factors: SuperLU | None = None
+    factors: SuperLU | None = None  #: Factorised tangent of the solution, once it is found.
 
     @abstractmethod
     def state(self, q: Array) -> Any:
@@ -261,6 +200,7 @@ class Variant(ABC):
         return Status.MAX_ITERATIONS
 
 
+@np.errstate(over="raise", invalid="raise")
 def newton(variant: Variant, q: Array) -> NewtonResult:
     """Iterate from the unknowns `q` until the variant ends."""
     table: list[Iteration] = []
@@ -280,6 +220,8 @@ def newton(variant: Variant, q: Array) -> NewtonResult:
             if status := variant.ended(replace(step, change=length * change), state, table):
                 factors = variant.factors if status is Status.CONVERGED else None
                 return NewtonResult(q, status, tuple(table), factors)
+    except FloatingPointError:  # the steps lead to infinity
+        return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
     except RuntimeError:  # SuperLU: exactly singular
         return NewtonResult(q, Status.SINGULAR, tuple(table), None)
     return NewtonResult(q, variant.exhausted(state), tuple(table), None)
@@ -304,54 +246,29 @@ class OfEquilibrium(Variant):
 
 @dataclass(frozen=True)
 class NewtonOptions:
-    """When Newton's method takes which tangent, and when it gives up.
+    """When Newton's method takes which tangent, and when it gives up. Sizes of steps are relative,
+    in the energy norm."""
 
-    Attributes
-    ----------
-    tolerance : float
-        Relative size, in the energy norm, of a last step with a fresh tangent.
-    near_size : float
-        After a larger step compressive stress adds no stiffness, so that every step lowers the
-        energy.
-    local_size : float
-        Below this size full steps keep the quadratic convergence, and no line search is made.
-    defer_size : float
-        A tangent serves on after a smaller step.
-    contraction : float
-        It serves as long as each step is at most this part of the one before.
-    max_iterations : int
-    max_following : int
-        The same under a load that follows the film, whose energy along a step is not known, and for
-        which there is another way (`pvdf_fem.solvers.arc_length`).
-    patience : int
-        A film that is still in compression after this number of iterations, and moves or has an
-        indefinite tangent, has no equilibrium that is a minimum.
-    least_patience : int
-        However small the budget is, this number of new tangents is tried before.
-    """
-
-    tolerance: float = STEP_TOLERANCE
+    tolerance: float = STEP_TOLERANCE  #: Of a last step with a fresh tangent.
+    #: After a larger step compressive stress adds no stiffness: every step lowers the energy.
     near_size: float = 0.1
+    #: Below this size full steps keep the quadratic convergence, and no line search is made.
     local_size: float = 1e-2
-    defer_size: float = 0.3
-    contraction: float = 0.5
+    defer_size: float = 0.3  #: A tangent serves on after a smaller step ...
+    contraction: float = 0.5  #: ... as long as each step is at most this part of the one before.
     max_iterations: int = 60
+    #: The same under a load that follows the film, whose energy along a step is not known, and for
+    #: which there is another way (`pvdf_fem.solvers.arc_length`).
     max_following: int = 25
+    #: A film that is still in compression after this number of iterations, and moves or has an
+    #: indefinite tangent, has no equilibrium that is a minimum.
     patience: int = 20
-    least_patience: int = 9
+    least_patience: int = 9  #: New tangents that are tried however small the budget is.
 
 
 class DeferredNewton(OfEquilibrium):
-    """Newton's method with an exact line search, whose tangents serve on near the solution.
-
-    Parameters
-    ----------
-    equilibrium : Equilibrium
-    options : NewtonOptions
-    budget : Budget
-    near : bool
-        Whether the start is a solution of less resolution, not a mere seed.
-    """
+    """Newton's method with an exact line search, whose tangents serve on near the solution. `near`
+    says that the start is a solution of less resolution, not a mere seed."""
 
     def __init__(
         self, equilibrium: Equilibrium, options: NewtonOptions, budget: Budget, *, near: bool
@@ -379,10 +296,8 @@ class DeferredNewton(OfEquilibrium):
         return not table[-1].fresh and table[-1].step > contraction * table[-2].step
 
     def _fresh_tangent(self, state: State, size: float) -> Tangent:
-        """The full tangent near the solution, otherwise the convex one.
-
-        Where no stress is compressive they are the same, and positive definite.
-        """
+        """The full tangent near the solution, otherwise the convex one. Where no stress is
+        compressive they are the same, and positive definite."""
         under_compression = compressed(state)
         if size <= self.options.near_size or not under_compression:
             factors = factorise(self.equilibrium.tangent(state))
@@ -410,10 +325,8 @@ class DeferredNewton(OfEquilibrium):
         return Status.CONVERGED if stable else Status.UNSTABLE
 
     def _small(self, table: Sequence[Iteration]) -> bool:
-        """Whether the last step leaves less than the square of the tolerance.
-
-        The steps shrink quadratically with fresh tangents, and else at the rate of the last two.
-        """
+        """Whether the last step leaves less than the square of the tolerance. The steps shrink
+        quadratically with fresh tangents, and else at the rate of the last two."""
         step, fresh = table[-1].step, table[-1].fresh
         return step * (step if fresh else step / table[-2].step) < self.options.tolerance**2
 
@@ -428,11 +341,8 @@ class DeferredNewton(OfEquilibrium):
 
 
 class FullSteps(OfEquilibrium):
-    """Undamped Newton from a near start.
-
-    It gives up after eight steps, at a step of relative size above 3, or when a step grows from the
-    third on.
-    """
+    """Undamped Newton from a near start. It gives up after eight steps, at a step of relative size
+    above 3, or when a step grows from the third on."""
 
     max_iterations = 8
     largest_step = 3.0
@@ -459,9 +369,7 @@ def convex_tangent(
     equilibrium: Equilibrium, state: State, least_tension: float = 1e-6
 ) -> sp.csc_matrix:
     """The tangent without the geometric stiffness of compressive stress: never indefinite.
-
-    `least_tension`, over the largest stress, keeps it regular where the film is slack.
-    """
+    `least_tension`, over the largest stress, keeps it regular where the film is slack."""
     floor = least_tension * np.abs(state.stress).max() * np.array([1.0, 1.0, 0.0])
     return equilibrium.tangent(replace(state, stress=tensile_part(state.stress) + floor))
 

@@ -16,14 +16,12 @@ from pvdf_fem.solvers.newton import factorise, least_energy
 
 
 def seed(equilibrium: Equilibrium) -> Array:
-    """Unknowns near the solution of a film that carries compression.
-
-    The linear membrane is solved under an estimate of the tension that the load itself makes, then
-    the in-plane equations at that deflection; the result is scaled to the least energy.
-    """
+    """Unknowns near the solution of a film that carries compression. The linear membrane is solved
+    under an estimate of the tension that the load itself makes, then the in-plane equations at that
+    deflection; the result is scaled to the least energy."""
     film, membrane = equilibrium.film, equilibrium.membrane
     q = np.zeros(equilibrium.unknowns.count)
-    if equilibrium.load.force == 0.0:
+    if equilibrium.force == 0.0:
         return q
     deflections = np.flatnonzero(equilibrium.unknowns.deflections())
     in_plane = np.flatnonzero(~equilibrium.unknowns.deflections())
@@ -31,7 +29,7 @@ def seed(equilibrium: Equilibrium) -> Array:
     forces = equilibrium.external_forces(flat)
 
     stiffness = film.thickness * film.stiffness[:2, :2].mean()
-    induced = 0.3 * np.cbrt(stiffness * (equilibrium.load.force / film.radius) ** 2)
+    induced = 0.3 * np.cbrt(stiffness * (equilibrium.force / film.radius) ** 2)
     tension = induced + max(film.thickness * film.stress_at_rest[:2].mean(), 0.0)
     assembly = equilibrium.assembly
     stretched = assembly.matrix(equilibrium.space.laplace() * tension)
@@ -39,25 +37,30 @@ def seed(equilibrium: Equilibrium) -> Array:
         stretched = stretched + equilibrium.plate.coupled_tangent(assembly)
     tangent = equilibrium.tangent(flat)
     q[deflections] = _solve_block(stretched, forces, deflections)
-    residual = equilibrium.residual(equilibrium.state(q))
-    q[in_plane] = -_solve_block(tangent, residual, in_plane)
+    residual = equilibrium.residual(equilibrium.state(q)) + forces
+    factors = factorise(tangent[in_plane][:, in_plane].tocsc())
+    q[in_plane] = -factors.solve(residual[in_plane])
+    if not q.any():  # nothing presses along z
+        q[in_plane] = factors.solve(forces[in_plane])
+        return q
 
     length = least_energy(_energy_of_scaled(equilibrium, q, deflections, forces, flat))
     q[deflections] *= length
     q[in_plane] *= length**2
+    q[in_plane] += factors.solve(forces[in_plane])  # of oblique loads
     return q
 
 
 def deflected_film(equilibrium: Equilibrium) -> Array:
-    """Unknowns of the linear membrane's deflection alone, scaled to the least energy.
-
-    For a film that wrinkles, whose energy is no polynomial: where it stops falling is bisected.
-    """
-    deflections = np.flatnonzero(equilibrium.unknowns.deflections())
+    """Unknowns of the linear membrane's deflection alone, scaled to the least energy. For a film
+    that wrinkles, whose energy is no polynomial: where it stops falling is bisected."""
     flat = equilibrium.membrane.state(np.zeros(equilibrium.space.dof_count))
     laplace = equilibrium.assembly.matrix(equilibrium.space.laplace())
-    q = np.zeros(equilibrium.unknowns.count)
-    q[deflections] = _solve_block(laplace, equilibrium.external_forces(flat), deflections)
+    q, forces = np.zeros(equilibrium.unknowns.count), equilibrium.external_forces(flat)
+    moving = np.flatnonzero(equilibrium.unknowns.deflections())
+    if not forces[moving].any():  # all forces are in the plane
+        moving = np.arange(len(q))
+    q[moving] = _solve_block(laplace, forces, moving)
     q *= equilibrium.film.radius / np.abs(q).max()
     low, high = 1e-12, 1.0
     while high > 1.1 * low:

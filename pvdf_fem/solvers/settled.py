@@ -19,10 +19,8 @@ from pvdf_fem.charges.goals import Goal
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.term import State
 
-#: Change of a charge that may be left, over its tolerance.
-OF_TOLERANCE = 0.1
-#: The same over the charge's correction, where a solution is corrected.
-OF_CORRECTION = 0.2
+OF_TOLERANCE = 0.1  #: Change of a charge that may be left, over its tolerance.
+OF_CORRECTION = 0.2  #: The same over the charge's correction, where a solution is corrected.
 #: A step is taken to be at most this part of the one before, and this part where only one is known.
 SLOWEST = 0.8
 
@@ -42,7 +40,7 @@ class Settled:
         space = self.equilibrium.space
         allowed = OF_TOLERANCE * tolerance * charge_sizes(self.goals, after, new, space)
         if self.start is not None:
-            old = self._forces(self.equilibrium.unknowns.expand(self.start))
+            old = self._forces(self.equilibrium.dofs(self.start))
             correction = np.abs(charges_of(self.goals, new - old))
             allowed = np.maximum(allowed, OF_CORRECTION * correction)
         change = np.abs(charges_of(self.goals, new - self._forces(before.dofs)))

@@ -42,7 +42,8 @@ def load_strain(scene: Scene) -> float:
     """(F/(E h a))^(2/3), of the order of the strain that the load makes in a flat film."""
     film = scene.film
     stiffness = film.thickness * film.stiffness[:2, :2].mean()
-    return float(np.cbrt(scene.load.force / (stiffness * film.radius)) ** 2)
+    force = sum(np.linalg.norm(touch.load.components) for touch in scene.loaded_probes)
+    return float(np.cbrt(force / (stiffness * film.radius)) ** 2)
 
 
 def barely_loaded(scene: Scene) -> bool:
@@ -59,16 +60,13 @@ class WrinklingOptions:
     damping: float = 1e-2
     #: Factor on the damping after a step shorter than `stalled`, until a full step is made.
     stiffening: float = 4.0
-    #: Length of a step that stalls.
-    stalled: float = 0.05
-    #: A larger step leads nowhere.
-    largest_step: float = 3.0
+    stalled: float = 0.05  #: Length of a step that stalls.
+    largest_step: float = 3.0  #: A larger step leads nowhere.
     #: middling_step, shortest_length: Nor does a step larger than the one that has to be shortened
     #: to the other.
     middling_step: float = 0.05
     shortest_length: float = 0.02
-    #: Steps; twice as many where the charges have settled.
-    max_iterations: int = 25
+    max_iterations: int = 25  #: Steps; twice as many where the charges have settled.
     #: late, quiet: From the late step on the iteration ends when the charges were settled that
     #: often in a row.
     late: int = 12
@@ -79,19 +77,9 @@ class WrinklingOptions:
 
 
 class PredictedStress(OfEquilibrium):
-    """Newton's method for the exact law with predicted stresses.
-
-    Parameters
-    ----------
-    equilibrium : Equilibrium
-        Of a film that wrinkles.
-    tolerance : float
-        Relative size of the last step.
-    settled : Settled or None
-        Charges that the last steps must leave as they are.
-    predicted : (elements, points, 3), optional
-        Stress to start with, by default that of the strain.
-    """
+    """Newton's method for the exact law with predicted stresses, of a film that wrinkles.
+    `predicted` (elements, points, 3) is the stress to start with, by default that of the strain;
+    the last steps must leave the charges of `settled` as they are."""
 
     def __init__(
         self,
@@ -184,7 +172,7 @@ class PredictedStress(OfEquilibrium):
 
     def _predict(self, step: Step) -> None:
         """The stress of the strain that the step would have in a linear film."""
-        gradient = self.equilibrium.space.gradient(self.equilibrium.unknowns.expand(step.change))
+        gradient = self.equilibrium.space.gradient(self.equilibrium.step(step.state, step.change))
         rate = strain_rate(step.state.deformation_gradient, gradient)
         self._predicted = self.membrane.stress(step.state.strain + rate)
 
@@ -201,13 +189,10 @@ class InteriorPointOptions:
 
     #: Integral of S : P over the work below which Newton's method is tried.
     first_gap: float = 1e-6
-    #: It is tried again when the gap is smaller by this factor.
-    narrowing: float = 1e-2
-    #: Smallest gap.
-    last_gap: float = 1e-15
+    narrowing: float = 1e-2  #: It is tried again when the gap is smaller by this factor.
+    last_gap: float = 1e-15  #: Smallest gap.
     max_iterations: int = 300
-    #: A budget of fewer interior points leads nowhere.
-    least_iterations: int = 20
+    least_iterations: int = 20  #: A budget of fewer interior points leads nowhere.
 
 
 def from_afar(
@@ -241,12 +226,10 @@ def from_afar(
 
 
 def _agrees(equilibrium: Equilibrium, point: Iterate, tolerance: float) -> bool:
-    """Whether the stress of the strain is that which is in balance, in the energy norm.
-
-    And whether rim and load balance by it, as every result has to. The distance of the two stresses
-    is the error in the constitutive relation (Ladeveze and Leguillon, SIAM J. Numer. Anal. 20
-    (1983) 485-509), which bounds that of the solution, also where a slack film has no stiffness.
-    """
+    """Whether the stress of the strain is that which is in balance, in the energy norm, and whether
+    rim and load balance by it, as every result has to. The distance of the two stresses is the
+    error in the constitutive relation (Ladeveze and Leguillon, SIAM J. Numer. Anal. 20 (1983)
+    485-509), which bounds that of the solution, also where a slack film has no stiffness."""
     membrane = equilibrium.membrane
     assert isinstance(membrane, WrinklingMembrane)
     compliance = membrane.law.compliance

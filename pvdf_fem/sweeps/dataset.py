@@ -19,23 +19,9 @@ from pvdf_fem.sweeps.grid import Grid
 from pvdf_fem.sweeps.plan import SweepPlan
 from pvdf_fem.sweeps.store import Record
 
-# Endings of keys, and the units that they stand for.
-_UNITS = {
-    "pC_N": "pC/N",
-    "kg_m3": "kg/m3",
-    "per_K": "1/K",
-    "MOhm": "MOhm",
-    "N_m": "N/m",
-    "pF": "pF",
-    "mm": "mm",
-    "um": "um",
-    "GPa": "GPa",
-    "deg": "degree",
-    "pC": "pC",
-    "K": "K",
-    "N": "N",
-    "V": "V",
-}
+# Endings of keys, and the units that they stand for where these are others.
+_UNITS = dict.fromkeys(("MOhm", "pF", "mm", "um", "GPa", "pC", "K", "N", "V"))
+_UNITS |= {"pC_N": "pC/N", "kg_m3": "kg/m3", "per_K": "1/K", "N_m": "N/m", "deg": "degree"}
 
 
 def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) -> xarray.Dataset:
@@ -114,9 +100,9 @@ def _labels(values: tuple[Any, ...]) -> list[Any]:
 
 
 def _unit(key: str) -> dict[str, str]:
-    ends = "|".join(_UNITS)
+    ends = "|".join(sorted(_UNITS, key=len, reverse=True))
     match = re.search(rf"_({ends})$", key)
-    return {"units": _UNITS[match[1]]} if match else {}
+    return {"units": _UNITS[match[1]] or match[1]} if match else {}
 
 
 def write_netcdf(data: xarray.Dataset, path: Path) -> None:

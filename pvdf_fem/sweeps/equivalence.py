@@ -37,12 +37,10 @@ _STRETCHING_KEYS = {"thermal_expansion_per_K", "temperature_change_K", "pretensi
 class Mechanics:
     """What the deformation of a scene's film depends on."""
 
-    #: Two scenes with equal texts have the same deformation.
-    given: str
+    given: str  #: Two scenes with equal texts have the same deformation.
     #: Two scenes with equal texts have the same deformation after a turn or a mirror image.
     turned: str
-    #: The same if thickness and force may differ, too, where only their ratio counts.
-    scaled: str
+    scaled: str  #: The same if thickness and force may differ, too, where only their ratio counts.
     #: Orthogonal matrix from the axes of the scene to axes in which all scenes with one `turned`
     #: have their probe at the same place, (2, 2).
     frame: Array
@@ -62,8 +60,13 @@ def mechanics(scene: Scene) -> Mechanics:
         flat = f"{film} {thickness} {numerics}"
         return Mechanics(flat, flat, f"{film} {numerics}", np.eye(2))
     load, force = scene.load, scene.load.force_N
+    if isinstance(scene.probe, tuple) or load.tangential_N or load.profile != "uniform":
+        given = f"{film} {thickness} {numerics} {scene.probe!r} {load!r}"
+        return Mechanics(given, given, given, np.eye(2))
     place, frame = _canonical_place(scene.probe, scene.film.radius, isotropy(scene.film))
-    common = f"{film} {load.kind} {load.contact} {numerics}"
+    common = (
+        f"{film} {scene.probe.edge_radius_mm} {load.model_dump(exclude={'force_N'})} {numerics}"
+    )
     size = f"{thickness} {force}"
     ratio = f"{force / thickness:.{DIGITS}e}" if model.force_over_thickness else size
     return Mechanics(
@@ -85,9 +88,7 @@ def _film_key(film: Film) -> str:
 @lru_cache(maxsize=4096)
 def _canonical_place(probe: Probe, radius: float, symmetry: str) -> tuple[str, Array]:
     """The first of the probe's equivalent places as text, and the frame that brings it there.
-
-    Several frames bring a symmetric probe to its first place; this is the one that turns least.
-    """
+    Several frames bring a symmetric probe to its first place; this is the one that turns least."""
     outline = probe.outline
     places = []
     for frame in _frames(outline.landmarks / radius, outline.centroid / radius, symmetry):

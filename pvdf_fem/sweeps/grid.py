@@ -25,8 +25,7 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, choose, parse_toml, problem, read_scene_text
 from pvdf_fem.sweeps.lines import MappingScheme
 
-#: Largest number of scenes in a grid.
-MOST_SCENES = 1_000_000
+MOST_SCENES = 1_000_000  #: Largest number of scenes in a grid.
 #: Largest number of axes; numpy's arrays have at most 64 dimensions, of which one is `electrode`.
 MOST_AXES = 63
 #: Names of the variables and of the further dimension of `pvdf_fem.sweeps.dataset.dataset`.
@@ -72,8 +71,7 @@ class SweepAxis:
     """A dimension of a grid."""
 
     name: str
-    #: For each key of the scene its values along the axis.
-    values: Mapping[str, tuple[Any, ...]]
+    values: Mapping[str, tuple[Any, ...]]  #: For each key of the scene its values along the axis.
     #: Further coordinates along the axis that are no keys of the scene.
     beside: Mapping[str, tuple[float, ...]]
 

@@ -17,29 +17,24 @@ from pvdf_fem.scene.scene import Scene
 
 @dataclass(frozen=True)
 class MappingScheme:
-    """Places of the probe on lines from the centre of an electrode.
+    """Places of the probe on lines from the centre of an electrode. Raises `ValueError` when the
+    scene has no such electrode or no probe, when distances do not grow, or when a line keeps no
+    place."""
 
-    Raises `ValueError` when the scene has no such electrode or no probe, when distances do not
-    grow, or when a line keeps no place.
-    """
-
-    #: The sensor, and the probe with its orientation.
-    scene: Scene
-    #: Name of the electrode that the lines start from.
-    electrode: str
+    scene: Scene  #: The sensor, and the probe with its orientation.
+    electrode: str  #: Name of the electrode that the lines start from.
     #: Directions of the lines, counter-clockwise from +x, one after another around the electrode.
     angles_deg: tuple[float, ...]
     #: Distances from the electrode's centre, growing.
     distances_mm: tuple[float, ...] = tuple(4.0 * i for i in range(8))
-    #: Places farther than this from the film's centre are left out.
-    reach_mm: float = 20.0
+    reach_mm: float = 20.0  #: Places farther than this from the film's centre are left out.
 
     def __post_init__(self) -> None:
         names = [electrode.name for electrode in self.scene.electrode_list]
         if self.electrode not in names:
             known = ", ".join(names)
             raise ValueError(f"electrode {self.electrode!r}: the scene has {known}; name one")
-        if self.scene.probe is None:
+        if self.scene.single_probe is None:
             raise ValueError("scene: has no probe to place; give it one")
         if np.any(np.diff(self.distances_mm) <= 0.0):
             raise ValueError(f"distances_mm {self.distances_mm}: do not grow; sort them")

@@ -17,10 +17,8 @@ from pvdf_fem.sweeps.equivalence import mechanics
 class Block:
     """Scenes that one solve serves."""
 
-    #: What the solve depends on: `Mechanics.scaled` of all its scenes.
-    mechanics: str
-    #: The scenes' indices in the plan.
-    indices: tuple[int, ...]
+    mechanics: str  #: What the solve depends on: `Mechanics.scaled` of all its scenes.
+    indices: tuple[int, ...]  #: The scenes' indices in the plan.
     #: For each of them, the orthogonal matrix from its axes to those of the first, (n, 2, 2).
     frames: Array
 
@@ -30,12 +28,9 @@ class SweepPlan:
     """The solves that scenes need; ``print`` shows it."""
 
     scenes: Sequence[Scene]
-    #: For each scene the index of the first one that equals it, (n,).
-    first: NDArray[np.int64]
-    #: Indices of the distinct scenes that need no solve.
-    stored: frozenset[int]
-    #: The solves that the other distinct scenes need.
-    blocks: tuple[Block, ...]
+    first: NDArray[np.int64]  #: For each scene the index of the first one that equals it, (n,).
+    stored: frozenset[int]  #: Indices of the distinct scenes that need no solve.
+    blocks: tuple[Block, ...]  #: The solves that the other distinct scenes need.
     #: How many solves those scenes would need if only films with equal `Mechanics.given`, or
     #: `Mechanics.turned`, shared one.
     given: int
@@ -55,24 +50,20 @@ class SweepPlan:
         given, turned, solves = self.given, self.turned, len(self.blocks)
         shared = ": electrodes and d31, d32 only read the stress" if given < self.missing else ""
         rows = [
-            (len(self.scenes), "scenes"),
-            (distinct, "different ones") if distinct < len(self.scenes) else None,
-            (self.missing, "not in the store") if self.stored else None,
-            (given, f"films to deform{shared}"),
-            (turned, "after turns and mirror images") if turned < given else None,
-            (solves, "after force over thickness: a membrane knows no other size")
-            if solves < turned
-            else None,
-            (solves, "solves"),
+            (True, len(self.scenes), "scenes"),
+            (distinct < len(self.scenes), distinct, "different ones"),
+            (self.stored, self.missing, "not in the store"),
+            (True, given, f"films to deform{shared}"),
+            (turned < given, turned, "after turns and mirror images"),
+            (solves < turned, solves, "after force over thickness: a membrane has no other size"),
+            (True, solves, "solves"),
         ]
-        return "\n".join(f"{row[0]:>8} {row[1]}" for row in rows if row)
+        return "\n".join(f"{count:>8} {text}" for shown, count, text in rows if shown)
 
 
 def plan(scenes: Sequence[Scene], stored: Sequence[bool] | None = None) -> SweepPlan:
-    """The plan for scenes, its blocks in the order of their first scenes.
-
-    Scenes need no solve where `stored` says that their records are known.
-    """
+    """The plan for scenes, its blocks in the order of their first scenes. Scenes need no solve
+    where `stored` says that their records are known."""
     index_of: dict[Scene, int] = {}
     first = np.array([index_of.setdefault(scene, i) for i, scene in enumerate(scenes)], int)
     known = frozenset(i for i in index_of.values() if stored is not None and stored[i])

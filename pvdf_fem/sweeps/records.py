@@ -25,12 +25,10 @@ _RETRIED = (Status.TOLERANCE, Status.SLACK, Status.MESH_FAILED)
 
 
 def records_of(scenes: Sequence[Scene], frames: Array) -> list[Record]:
-    """Records of scenes whose films deform alike.
-
-    `frames` (n, 2, 2) are the orthogonal matrices from their axes to those of the first scene. The
-    mesh follows the electrodes of the first scene if those of the others lie on them, otherwise the
-    probe only. Scenes that miss the tolerance together are solved one by one.
-    """
+    """Records of scenes whose films deform alike. `frames` (n, 2, 2) are the orthogonal matrices
+    from their axes to those of the first scene. The mesh follows the electrodes of the first scene
+    if those of the others lie on them, otherwise the probe only. Scenes that miss the tolerance
+    together are solved one by one."""
     scene = scenes[0]
     goals, indices = _distinct_goals(scenes, frames)
     followed = _followed(goals, scene)
@@ -67,8 +65,6 @@ def _records(
         reason=solution.reason,
         electrodes=(),
         deflection_max_mm=solution.deflection_max_mm if converged else 0.0,
-        unknowns=solution.unknowns,
-        newton_iterations=solution.newton_iterations,
         warnings=solution.warnings,
         seconds=solution.seconds["total"] / len(scenes),
     )
@@ -115,10 +111,8 @@ def _distinct_goals(scenes: Sequence[Scene], frames: Array) -> tuple[list[Goal],
 
 
 def _followed(goals: Sequence[Goal], scene: Scene) -> list[Goal] | None:
-    """The goals on a mesh that follows the electrodes of a scene.
-
-    None if one of them is not an electrode of the scene, with its axes along those of the scene.
-    """
+    """The goals on a mesh that follows the electrodes of a scene, or None if one of them is not an
+    electrode of the scene, with its axes along those of the scene."""
     patches = {
         electrode.outline.signature(scene.film.radius, DIGITS): electrode_patch(electrode.name)
         for electrode in scene.electrode_list

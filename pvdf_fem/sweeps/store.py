@@ -68,16 +68,13 @@ class Record:
 
     status: str
     reason: str
-    #: Names of the electrodes.
-    electrodes: tuple[str, ...]
+    electrodes: tuple[str, ...]  #: Names of the electrodes.
     #: For each observable the forces X, Y in N of each electrode; d31 X + d32 Y is its charge.
     #: Empty for a scene that has not converged.
     forces: dict[str, list[list[float]]] = field(default_factory=dict)
     #: Estimated errors of the forces by the observable of the scene.
     force_errors: dict[str, list[list[float]]] = field(default_factory=dict)
     deflection_max_mm: float = 0.0
-    unknowns: int = 0
-    newton_iterations: int = 0
     warnings: tuple[str, ...] = ()
     seconds: float = 0.0
 
@@ -115,26 +112,22 @@ class Record:
         d32_pC_N: float = 8.0,
     ) -> float:
         """Charge in pC of one electrode; NaN for a record without charges."""
-        if observable not in self.forces:
-            return np.nan
-        return self.charges_pC(d31_pC_N, d32_pC_N, observable)[electrode]
+        known = observable in self.forces
+        return self.charges_pC(d31_pC_N, d32_pC_N, observable)[electrode] if known else np.nan
 
     def charge_error_pC(
         self, electrode: str, observable: str, d31_pC_N: float = 8.0, d32_pC_N: float = 8.0
     ) -> float:
         """Estimated error of `charge_pC`; NaN where there is none."""
-        if observable not in self.forces:
-            return np.nan
-        return self.charge_errors_pC(d31_pC_N, d32_pC_N, observable)[electrode]
+        known = observable in self.forces
+        return self.charge_errors_pC(d31_pC_N, d32_pC_N, observable)[electrode] if known else np.nan
 
 
 class Store:
-    """Records by scene, in a file, which is made if there is none.
-
-    Several processes may use one file. Where it cannot be written it is opened for reading. `code`
-    is a hash of the code outside this package that makes the records, if there is any. Raises
-    `StoreError` if the file is damaged, or is no store of this version.
-    """
+    """Records by scene, in a file, which is made if there is none. Several processes may use one
+    file. Where it cannot be written it is opened for reading. `code` is a hash of the code outside
+    this package that makes the records, if there is any. Raises `StoreError` if the file is
+    damaged, or is no store of this version."""
 
     def __init__(self, path: Path, code: str = "") -> None:
         self._path, self._code = path, code
@@ -186,8 +179,7 @@ class Store:
         self._execute("COMMIT")
         used = tables or kind or schema or self.read_only
         if used and (kind, schema) != (APPLICATION_ID, SCHEMA):
-            text = f"{self._path}: not a store of pvdf_fem, version {SCHEMA}; {_REMOVE}"
-            raise StoreError(text)
+            raise StoreError(f"{self._path}: not a store of pvdf_fem, version {SCHEMA}; {_REMOVE}")
         state = self._execute("PRAGMA quick_check(1)")
         if state != ("ok",):
             raise StoreError(f"{self._path}: damaged: {state[0]}; {_REMOVE}")
@@ -206,10 +198,7 @@ class Store:
         if text is None:
             return None
         fields = json.loads(text)
-        fields["electrodes"], fields["warnings"] = (
-            tuple(fields[name]) for name in ("electrodes", "warnings")
-        )
-        return Record(**fields)
+        return Record(**fields | {name: tuple(fields[name]) for name in ("electrodes", "warnings")})
 
     def __contains__(self, scene: Scene) -> bool:
         return self._text(scene) is not None
@@ -252,10 +241,8 @@ class Store:
         return StoreError(f"{self._path}: {error}; {advice}")
 
     def claim(self, solve: str) -> bool:
-        """Claim a solve for this process; False if another process has claimed it.
-
-        Raises `StoreError` when the file can only be read: the solve's records would be lost.
-        """
+        """Claim a solve for this process; False if another process has claimed it. Raises
+        `StoreError` when the file can only be read: the solve's records would be lost."""
         if self.read_only:
             advice = _ADVICE[sqlite3.SQLITE_READONLY]
             raise StoreError(f"{self._path}: can only be read, and scenes are missing; {advice}")

@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 #: records are not stored, so that the next run tries the scenes again.
 CRASHED = "crashed"
 
-#: Seconds between two looks at what other processes have solved.
-WAIT = 0.2
+WAIT = 0.2  #: Seconds between two looks at what other processes have solved.
 
 Progress = Callable[[int, int], None]
 Task = tuple[list[Scene], Array]
+Run = Callable[..., Iterator[tuple[int, Any]]]
 
 
 def silent(done: int, total: int) -> None:
@@ -44,7 +44,7 @@ def sweep(
     scheduler: str | None = None,
     progress: Progress = silent,
 ) -> xarray.Dataset:
-    """Charges of a scene over a grid.
+    """Charges of a scene over a grid, as the dataset of `pvdf_fem.sweeps.dataset.dataset`.
 
     Parameters
     ----------
@@ -53,8 +53,7 @@ def sweep(
     axes : sequence of mapping
         See `pvdf_fem.sweeps.grid.Grid.of`: ``[{"film.thickness_um": [9, 25, 110]}, ...]``.
     store : Store, optional
-        Scenes in the store are not solved; the others join it as they are solved, but for those
-        that crashed.
+        Scenes in the store are not solved; the others join it, but for those that crashed.
     processes : int
         Number of processes, -1 for all cores; 1 solves in this one.
     scheduler : str, optional
@@ -62,40 +61,20 @@ def sweep(
     progress : callable
         Called with two numbers of distinct scenes: how many are solved, and how many had to be.
 
-    Returns
-    -------
-    xarray.Dataset
-        See `pvdf_fem.sweeps.dataset.dataset`.
-
-    Raises
-    ------
-    SceneError
-        When an axis, or a scene of the grid, has a mistake.
+    Raises `SceneError` when an axis, or a scene of the grid, has a mistake.
     """
     from pvdf_fem.sweeps.dataset import dataset  # xarray is slow to import
 
     grid = Grid.of(scene, axes)
     todo = planned(grid.scenes(), store)
-    solved = records(todo, store, processes=processes, scheduler=scheduler, progress=progress)
-    return dataset(grid, todo, solved)
+    how: dict[str, Any] = {"processes": processes, "scheduler": scheduler, "progress": progress}
+    return dataset(grid, todo, records(todo, store, **how))
 
 
-def solve_all(
-    scenes: Sequence[Scene],
-    store: Store | None = None,
-    *,
-    processes: int = -1,
-    scheduler: str | None = None,
-    progress: Progress = silent,
-) -> list[Record]:
-    """Records of scenes, in their order.
-
-    One solve serves all scenes whose films deform alike, see `pvdf_fem.sweeps.equivalence`. For the
-    other arguments see `sweep`.
-    """
+def solve_all(scenes: Sequence[Scene], store: Store | None = None, **how: Any) -> list[Record]:
+    """Records of scenes, in their order; `how` they are solved is as in `sweep`."""
     todo = planned(scenes, store)
-    solved = records(todo, store, processes=processes, scheduler=scheduler, progress=progress)
-    by_index = dict(solved)
+    by_index = dict(records(todo, store, **how))
     return [by_index[first] for first in todo.first.tolist()]
 
 
@@ -112,20 +91,15 @@ def records(
     scheduler: str | None = None,
     progress: Progress = silent,
 ) -> Iterator[tuple[int, Record]]:
-    """Indices of the distinct scenes of a plan, and their records, as they come.
-
-    For the parameters see `sweep`.
-    """
+    """Indices of a plan's distinct scenes with their records, as they come; see `sweep`."""
     if store is not None:
         for index in todo.stored:
             record = store.get(todo.scenes[index])
             assert record is not None  # rows are never removed
             yield index, record
-    run = (
-        partial(on_cluster, scheduler=scheduler)
-        if scheduler
-        else partial(on_processes, processes=processes)
-    )
+    run: Run = partial(on_processes, processes=processes)
+    if scheduler:
+        run = partial(on_cluster, scheduler=scheduler)
     done, total = 0, todo.missing
     progress(done, total)
     for number, result in _shared(todo, store, run):
@@ -135,13 +109,9 @@ def records(
         yield from zip(indices, result, strict=True)
 
 
-def _shared(
-    todo: SweepPlan, store: Store | None, run: Callable[..., Iterator[tuple[int, Any]]]
-) -> Iterator[tuple[int, list[Record]]]:
-    """Numbers of blocks with their records, which join the store, as they come.
-
-    A block that another process solves at the same time is left until the store has its records.
-    """
+def _shared(todo: SweepPlan, store: Store | None, run: Run) -> Iterator[tuple[int, list[Record]]]:
+    """Numbers of blocks with their records, which join the store, as they come. A block that
+    another process solves at the same time is left until the store has its records."""
     left = set(range(len(todo.blocks)))
     try:
         while left:

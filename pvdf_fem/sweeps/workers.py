@@ -46,14 +46,11 @@ class Died:
 def on_processes(
     function: Callable[[Task], Result], tasks: Iterable[tuple[int, Task]], processes: int
 ) -> Iterator[tuple[int, Result | Died]]:
-    """Numbers of tasks and their results as they come.
-
-    When a process dies, all processes are replaced, and the tasks without a result are done again.
-    A task that kills its process even when it is alone ends as `Died`. The function must not
-    raise; tasks are read as far as processes are free. There are as many processes as cores if
-    their number is -1; with 1 this one works. Each has one thread of linear algebra, and ends when
-    this one does.
-    """
+    """Numbers of tasks and their results as they come. When a process dies, all processes are
+    replaced, and the tasks without a result are done again. A task that kills its process even when
+    it is alone ends as `Died`. The function must not raise; tasks are read as far as processes are
+    free. There are as many processes as cores if their number is -1; with 1 this one works. Each
+    has one thread of linear algebra, and ends when this one does."""
     count = joblib.effective_n_jobs(processes)
     if count == 1:
         for number, task in tasks:
@@ -102,10 +99,8 @@ def _has_died(future: Any) -> bool:
 
 
 def _executor(count: int) -> Any:
-    """Processes that stay for later calls for 300 s.
-
-    They are joblib's own, which a caller's `joblib.Parallel` takes over.
-    """
+    """Processes that stay for later calls for 300 s. They are joblib's own, which a caller's
+    `joblib.Parallel` takes over."""
     ends = {"initializer": _end_with, "initargs": (os.getpid(),)}
     return get_memmapping_executor(count, timeout=300, env=_ONE_THREAD, **ends)
 
@@ -124,13 +119,11 @@ def _end_with(parent: int) -> None:
 def on_cluster(
     function: Callable[[Task], Result], tasks: Iterable[tuple[int, Task]], scheduler: str
 ) -> Iterator[tuple[int, Result | Died]]:
-    """Numbers of tasks and their results as they come from the workers of a Dask cluster.
-
-    The scheduler, of an address such as ``tcp://127.0.0.1:8786``, gives the tasks of a worker that
-    died to other workers, a few times at the most. Tasks are read as far as workers are free.
-    Raises `ClusterError` when dask is not installed or no scheduler answers, and
-    `ClusterLostError` when it stops.
-    """
+    """Numbers of tasks and their results as they come from the workers of a Dask cluster. The
+    scheduler, of an address such as ``tcp://127.0.0.1:8786``, gives the tasks of a worker that died
+    to other workers, a few times at the most. Tasks are read as far as workers are free. Raises
+    `ClusterError` when dask is not installed or no scheduler answers, and `ClusterLostError` when
+    it stops."""
     try:
         # otherwise a scheduler that stops is logged with its traceback
         quiet = dict.fromkeys(

@@ -9,21 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices, Mask
-from pvdf_fem.touch.problem import Problem
 
-Coordinates = tuple[float, float, float, float]
+Coordinates = tuple[float, ...]
 
 
 @dataclass(frozen=True)
 class SearchOptions:
     """When searches end, and how far they go in a step, by x, y, rotation and log of the force."""
 
-    #: Steps after which a search is given up.
-    max_steps: int = 60
+    max_steps: int = 60  #: Steps after which a search is given up.
     #: Decrease of chi-square that makes a step the last one, which is taken: at 1e-2 it is of 0.1
     #: standard deviations, and what is left is of the order of its square.
     arrived: float = 1e-2
@@ -40,27 +39,41 @@ class SearchOptions:
     #: Marquardt's damping at the start, and after a first step uphill.
     least_damping: float = 1e-10
     damping: float = 1e-3
+    #: Factor of the damping after a step as good as half its promise; the inverse after another.
+    relief: float = 0.1
 
 
 DEFAULTS = SearchOptions()
+
+
+class LeastSquares(Protocol):
+    """What `descend` asks of a problem; k coordinates, of which a `Problem` has four."""
+
+    @property
+    def scale(self) -> Array:
+        """Units of the longest steps, (k,)."""
+
+    def held_back(self, at: Array) -> Array:
+        """Coordinates (n, k) brought to where searches may go."""
+
+    def linearised(self, at: Array, touch: Indices | None = None) -> Array:
+        """Differences, then their slopes, over deviations, (n, electrodes, 1 + k)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Descent:
     """Where searches ended."""
 
-    #: Coordinates, (n, 4).
-    at: Array
+    at: Array  #: Coordinates, (n, 4).
     #: Slopes (n, electrodes, 4) of the charges over their deviations; zero by what is known.
     slopes: Array
-    #: Chi-square, (n,).
-    chi_square: Array
+    chi_square: Array  #: Chi-square, (n,).
     #: Whether there is nowhere better nearby, (n,); False where a search was given up.
     arrived: Mask
 
     def take(self, rows: Indices) -> Descent:
         """The ends of some searches."""
-        return Descent(self.at[rows], self.slopes[rows], self.chi_square[rows], self.arrived[rows])
+        return Descent(*(values[rows] for values in vars(self).values()))
 
     def improve(self, rows: Indices, others: Descent) -> None:
         """Replace the ends of some searches by those of others that are better."""
@@ -80,107 +93,62 @@ def joined(descents: Sequence[Descent]) -> Descent:
     return Descent(*(np.concatenate(column) for column in columns))
 
 
-@dataclass(eq=False)
-class _Searches:
-    """Searches under way."""
-
-    row: Indices  # number of the start of each search, (n,)
-    at: Array  # coordinates, (n, 4)
-    system: Array  # `Problem.linearised` there
-    normal: Array  # `products`: chi-square, half its gradient, and the normal matrix
-    damping: Array  # Marquardt's damping of the next step, (n,)
-
-    @property
-    def chi_square(self) -> Array:
-        return self.normal[:, 0, 0]
-
-    def only(self, chosen: Mask) -> _Searches:
-        rows = np.flatnonzero(chosen)
-        return _Searches(*(values.take(rows, axis=0) for values in vars(self).values()))
-
-    def move(self, ahead: Array, system: Array, promised: Array, options: SearchOptions) -> None:
-        """Go `ahead` unless uphill; the damping grows where less than half of a promise is kept."""
-        normal = products(system)
-        gain = self.chi_square - normal[:, 0, 0]
-        less = np.maximum(0.1 * self.damping, options.least_damping)
-        better: Mask = gain >= 0.0
-        kept: Mask = gain >= 0.5 * promised
-        if kept.all():
-            self.at, self.system, self.normal, self.damping = ahead, system, normal, less
-            return
-        self.at[better], self.system[better] = ahead[better], system[better]
-        self.normal[better] = normal[better]
-        more = np.maximum(10.0 * self.damping, options.damping)
-        self.damping = np.where(kept, less, more)
-
-
 def descend(
-    problem: Problem,
+    problem: LeastSquares,
     starts: Array,
     touch: Indices | None = None,
     *,
     hopeless: float = np.inf,
     options: SearchOptions = DEFAULTS,
 ) -> Descent:
-    """Levenberg-Marquardt searches from all `starts` (n, 4) at once.
-
-    Coordinates that are not sought keep their values. `touch` (n,) is the row of the problem's
-    charges that each search is for; by default all are for the first row. Then searches that come
-    close to a better one are given up, and those that cannot fall below the least chi-square by
-    now plus `hopeless`.
-    """
-    alone, least = touch is None, np.inf
+    """Levenberg-Marquardt searches from all `starts` (n, 4) at once. Coordinates that are not
+    sought keep their values. `touch` (n,) is the row of the problem's charges that each search is
+    for; by default all are for the first row. Then searches that come close to a better one are
+    given up, and those that cannot fall below the least chi-square by now plus `hopeless`."""
     longest, close = np.array(options.longest) * problem.scale, np.array(options.close)
-    at, damping = problem.held_back(starts), np.full(len(starts), options.least_damping)
+    at = problem.held_back(np.array(starts))
+    damping, arrived = np.full(len(at), options.least_damping), np.zeros(len(at), dtype=bool)
     system = problem.linearised(at, touch)
-    searches = _Searches(np.arange(len(at)), at, system, products(system), damping)
-    arrived: Mask = np.zeros(len(at), dtype=bool)
-    ends = Descent(np.empty_like(at), np.empty_like(system[:, :, 1:]), np.empty(len(at)), arrived)
+    normal, least, rows = products(system), np.inf, np.arange(len(at))
+    chi_square = normal[:, 0, 0]
     for _ in range(options.max_steps):
-        step, promised = damped_steps(searches.normal, searches.damping[:, None])
+        step, promised = damped_steps(normal[rows], damping[rows, None])
         length = np.abs(step / longest).max(axis=1)
-        aim = searches.at + step / np.maximum(length, 1.0)[:, None]
-        ahead = problem.held_back(aim)
-        last = (promised < options.arrived) & (length < options.short)
-        leave = last
-        if alone and len(starts) > 1:
-            if last.any():
-                least = min(least, (searches.chi_square - promised)[last].min())
+        aim = at[rows] + step / np.maximum(length, 1.0)[:, None]
+        ahead, now = problem.held_back(aim), chi_square[rows]
+        leave = last = (promised < options.arrived) & (length < options.short)
+        if touch is None and len(at) > 1:
+            least = min(least, np.min((now - promised)[last], initial=np.inf))
             # four times the promise is beyond what further steps gain
-            leave = last | (searches.chi_square - 4.0 * promised > least + hopeless)
-            if len(ahead) > 1 or ends.arrived.any():
-                leave |= repeated(ahead, searches.chi_square, close, ends.at[ends.arrived])
+            leave = last | (now - 4.0 * promised > least + hopeless)
+            leave |= repeated(ahead, now, close, at[arrived])
         if leave.any():
-            _end(ends, searches, ahead, promised, leave, last)
-            if leave.all():
-                break
-            searches, aim, ahead = searches.only(~leave), aim[~leave], ahead[~leave]
-            promised = promised[~leave]
-        rows = None if touch is None else touch[searches.row]
-        before = searches.chi_square.copy()
-        searches.move(ahead, problem.linearised(ahead, rows), promised, options)
-        if ahead is not aim:  # along the edge chi-square falls ever more slowly
-            slow = searches.chi_square > (1.0 - options.held_gain) * before
-            stuck = slow & (ahead != aim).any(axis=1)
-            if stuck.any():
-                _end(ends, searches, searches.at, np.zeros(len(stuck)), stuck, stuck)
-                if stuck.all():
-                    break
-                searches = searches.only(~stuck)
-    else:
-        rest = np.ones(len(searches.row), dtype=bool)
-        _end(ends, searches, searches.at, np.zeros(len(rest)), rest, ~rest)
-    return ends
-
-
-def _end(
-    ends: Descent, searches: _Searches, at: Array, promised: Array, leave: Mask, arrived: Mask
-) -> None:
-    """Write down the searches that `leave`, where chi-square is less as promised."""
-    row = searches.row[leave]
-    ends.at[row], ends.slopes[row] = at[leave], searches.system[leave, :, 1:]
-    ends.chi_square[row] = (searches.chi_square - promised)[leave]
-    ends.arrived[row] = arrived[leave]
+            ended = rows[leave]
+            at[ended], arrived[ended] = ahead[leave], last[leave]
+            chi_square[ended] -= promised[leave]
+            rows, aim, ahead, now, promised = (v[~leave] for v in (rows, aim, ahead, now, promised))
+        if not rows.size:
+            break
+        there = problem.linearised(ahead, None if touch is None else touch[rows])
+        products_there = products(there)
+        gain = now - products_there[:, 0, 0]
+        less = np.maximum(options.relief * damping[rows], options.least_damping)
+        more = np.maximum(damping[rows] / options.relief, options.damping)
+        damping[rows] = np.where(gain >= 0.5 * promised, less, more)
+        better: Mask = gain >= 0.0
+        moved = rows[better]
+        at[moved], system[moved], normal[moved] = (
+            ahead[better],
+            there[better],
+            products_there[better],
+        )
+        # along the edge chi-square falls ever more slowly
+        stuck = (gain < options.held_gain * now) & (ahead != aim).any(axis=1)
+        arrived[rows[stuck]] = True
+        rows = rows[~stuck]
+        if not rows.size:
+            break
+    return Descent(at, system[:, :, 1:], chi_square, arrived)
 
 
 def products(system: Array) -> Array:
@@ -189,10 +157,8 @@ def products(system: Array) -> Array:
 
 
 def damped_steps(normal: Array, damping: Array | float) -> tuple[Array, Array]:
-    """Damped Gauss-Newton steps (n, k), and the decrease of chi-square they promise, (n,).
-
-    `normal` (n, 1 + k, 1 + k) are the `products` of the system.
-    """
+    """Damped Gauss-Newton steps (n, k), and the decrease of chi-square they promise, (n,). `normal`
+    (n, 1 + k, 1 + k) are the `products` of the system."""
     damped = normal[:, 1:, 1:].copy()
     diagonal = damped.reshape(len(damped), -1)[:, :: damped.shape[1] + 1]
     diagonal *= 1.0 + damping
@@ -205,12 +171,11 @@ def damped_steps(normal: Array, damping: Array | float) -> tuple[Array, Array]:
 
 def repeated(at: Array, chi_square: Array, close: Array, ends: Array | None = None) -> Mask:
     """Which of the places `at` (n, 4) are `close` to a better one, or to one of the ends (m, 4)."""
-    others, better = at, chi_square < chi_square[:, None]
-    if ends is not None and len(ends):
-        others = np.concatenate([at, ends])
-        better = np.concatenate([better, np.ones((len(at), len(ends)), dtype=bool)], axis=1)
+    ends = at[:0] if ends is None else ends
+    better = np.ones((len(at), len(at) + len(ends)), dtype=bool)
+    better[:, : len(at)] = chi_square < chi_square[:, None]
     row, other = np.nonzero(better)
-    near = (np.abs(at[row] - others[other]) < close).all(axis=1)
+    near = (np.abs(at[row] - np.concatenate([at, ends])[other]) < close).all(axis=1)
     repeats = np.zeros(len(at), dtype=bool)
     repeats[row[near]] = True
     return repeats

@@ -18,32 +18,26 @@ from pvdf_fem.touch.locate import DEFAULTS, edges, extents, location, search
 from pvdf_fem.touch.measurement import READINGS, Deviations, Measurement
 from pvdf_fem.touch.mistakes import LARGEST_PC, LEAST_PC, charge_mistakes
 from pvdf_fem.touch.problem import Problem
-from pvdf_fem.touch.starts import NearestTouches, nearest_touches
-from pvdf_fem.touch.touch import DETERMINED, SIGNIFICANCE, explains, p_values
+from pvdf_fem.touch.starts import nearest_starts
+from pvdf_fem.touch.touch import DETERMINED, SIGNIFICANCE, curvature, explains, p_values
 
 #: Rows that are located together: they take some 3 kB each while searches are under way.
 CHUNK = 32768
-#: Starts of the second search for a row.
-RETRIES = 8
+RETRIES = 8  #: Starts of the second search for a row.
 
 
 class RowStatus(StrEnum):
     """What became of a row of charges."""
 
-    #: The likeliest touch was found.
     LOCATED = "located"
-    #: A charge, or what is known of the touch, is no finite number.
     NOT_FINITE = "not_finite"
-    #: A charge exceeds `LARGEST_PC`.
-    TOO_LARGE = "too_large"
+    TOO_LARGE = "too_large"  #: A charge exceeds `LARGEST_PC`.
     #: A charge below `LEAST_PC` has no deviation without noise, and if all are, no touch.
     ZERO = "zero_charge"
-    #: The known force is outside of the model's domain.
-    OUTSIDE = "known_outside_domain"
+    OUTSIDE = "known_outside_domain"  #: The known force is outside of the model's domain.
     #: No search ended: the charges fit no touch of the model's domain.
     NOT_FOUND = "no_touch_found"
-    #: The row of the file has not one cell for each column of the header.
-    MALFORMED = "malformed"
+    MALFORMED = "malformed"  #: The row of the file has not one cell for each column of the header.
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,40 +47,34 @@ class Touches:
     #: x and y in mm, rotation in degrees, force in N, (n, 4); NaN unless located, as all other
     #: numbers.
     values: Array
-    #: What the readings were taken for, of `READINGS`.
+    #: What the readings were taken for, of `READINGS`, and what was sought.
     reading: str
-    #: What was sought; the order of the covariances.
     unknown: tuple[str, ...]
-    #: What became of each row: a `RowStatus`, (n,).
-    status: NDArray[np.object_]
+    status: NDArray[np.object_]  #: A `RowStatus` each, (n,).
     #: Covariances (n, unknown, unknown) as for `Touch`, by the likelihood's curvature there alone.
     covariances: Array
     #: Standard deviations (n, unknown): calibrated as for `Location` if asked for, else by these.
     deviations: Array
-    #: Number of other touches that are likely, (n,); NaN unless calibrated.
-    alternatives: Array
-    #: Whether the charges determine every unknown, (n,).
-    determined: Mask
+    alternatives: Array  #: Number of other touches that are likely, (n,); NaN unless calibrated.
     #: As for `Touch`, (n,).
+    determined: Mask
     chi_square: Array
     p_value: Array
-    #: Whether a touch explains the charges, (n,).
     explained: Mask
     #: Whether no touch does, but one if the readings are the other of `READINGS`, (n,).
     other_reading: Mask
-    #: Whether the touch is held by a limit of the model's domain, (n,).
-    at_edge: Mask
+    at_edge: Mask  #: Whether the touch is held by a limit of the model's domain, (n,).
 
     @classmethod
     def empty(cls, status: NDArray[np.object_], unknown: tuple[str, ...], reading: str) -> Touches:
         """Room for touches, none of which is located."""
         n, k = len(status), len(unknown)
-        shapes = {"values": (n, 4), "covariances": (n, k, k), "deviations": (n, k)}
-        shapes |= dict.fromkeys(("alternatives", "chi_square", "p_value"), (n,))
-        masks = ("determined", "explained", "other_reading", "at_edge")
-        columns = {name: np.full(shape, np.nan) for name, shape in shapes.items()}
-        flags = {name: np.zeros(n, dtype=bool) for name in masks}
-        return cls(reading=reading, unknown=unknown, status=status, **columns, **flags)
+        values, covariances, deviations, alternatives, chi_square, p_value = (
+            np.full((n, *shape), np.nan) for shape in ((4,), (k, k), (k,), (), (), ())
+        )
+        determined, explained, other, at_edge = np.zeros((4, n), dtype=bool)
+        numbers = values, reading, unknown, status, covariances, deviations, alternatives
+        return cls(*numbers, determined, chi_square, p_value, explained, other, at_edge)
 
     def put(self, rows: Indices, problem: Problem, ends: Descent) -> None:
         """Write down the ends of searches for some rows."""
@@ -96,9 +84,11 @@ class Touches:
         values = problem.touches(ends.at)
         scale = np.where(sought == FORCE, values[:, FORCE:], 1.0)
         extent = extents(problem.model)[sought]
-        covariances, self.determined[rows] = _covariances(ends.slopes[:, :, sought], extent)
-        self.values[rows] = values
-        self.covariances[rows] = covariances * (scale[:, :, None] * scale[:, None])
+        squares, vectors = curvature(ends.slopes[:, :, sought] * extent)
+        free = squares < DETERMINED**2
+        root = vectors / np.sqrt(squares + free)[:, None] * (extent * scale)[:, :, None]
+        self.values[rows], self.determined[rows] = values, ~free.any(axis=1)
+        self.covariances[rows] = root @ root.swapaxes(1, 2)
         if np.isnan(self.alternatives[rows]).all():  # not calibrated
             self.deviations[rows] = np.sqrt(np.einsum("nuu->nu", self.covariances[rows]))
         freedom = len(problem.electrodes) - len(sought)
@@ -160,15 +150,14 @@ def locate_many(
 
     Parameters
     ----------
-    model : Model
+    model, sigma, noise_pC, reading
+        As for `locate`.
     charges_pC : array_like, shape (n, electrodes), or mapping
         Rows of readings as for `locate`, or the readings of all rows by the electrode's name.
     rotations_deg, forces_N : array_like, shape (n,), optional
         Known rotations, in the frame of the scene's stage, and forces; sought if not given.
     electrodes : sequence of str, optional
         The columns of `charges_pC`; by default the model's, or the names of the mapping.
-    sigma, noise_pC, reading
-        As for `locate`.
     significance : float
         Charges count as explained if their p-value is not below this. With 0 the touches of the
         first search are kept, however far their charges are.
@@ -179,19 +168,16 @@ def locate_many(
     Raises
     ------
     ValueError
-        For shapes that do not match, electrodes that the model does not have or that are named
-        twice, and deviations as `locate` refuses them.
+        For shapes that do not match, and mistakes as `locate` tells them.
     """
     names, charges = _table(model, charges_pC, electrodes)
     any_charges = dict.fromkeys(names, math.pi)
     mistakes = [*charge_mistakes(model.scene, any_charges, sigma, noise_pC, reading)]
-    quantities = {ROTATION: ("rotations_deg", rotations_deg), FORCE: ("forces_N", forces_N)}
-    known = {}
-    for i, (name, values) in quantities.items():
-        if values is not None:
-            known[i] = _numbers(values)
-            if known[i].shape != charges.shape[:1]:
-                mistakes.append(f"{name} of shape {known[i].shape}: give one per row")
+    given = {ROTATION: rotations_deg, FORCE: forces_N}
+    known = {i: _numbers(values) for i, values in given.items() if values is not None}
+    for name, i in {"rotations_deg": ROTATION, "forces_N": FORCE}.items():
+        if i in known and known[i].shape != charges.shape[:1]:
+            mistakes.append(f"{name} of shape {known[i].shape}: give one per row")
     if mistakes:
         raise ValueError("\n".join(mistakes))
     measurement = Measurement.of(model, names, sigma, noise_pC, reading)
@@ -207,7 +193,7 @@ def locate_many(
         problem = measurement.problem(charges[rows], sought)
         ends = _ends(problem, held, significance)
         if calibrated:
-            found.deviations[rows], found.alternatives[rows] = _calibrated(problem, ends)
+            _calibrate(found, rows, problem, ends)
         found.put(rows, problem, ends)
         strange = ~found.explained[rows] & ~_explained(problem, ends, significance)
         if strange.any():
@@ -217,16 +203,13 @@ def locate_many(
     return found
 
 
-def _calibrated(problem: Problem, ends: Descent) -> tuple[Array, Array]:
-    """Calibrated deviations (n, unknown), and numbers of other touches; improves the ends."""
-    count = len(problem.charges_pC)
-    deviations, alternatives = np.full((count, len(problem.unknown)), np.nan), np.zeros(count)
-    for row in range(count):
-        found = location(problem.row(row), _search_everywhere(problem, ends, row))
-        if found.touches:
-            deviations[row] = list(found.deviations.values())
-            alternatives[row] = found.alternatives
-    return deviations, alternatives
+def _calibrate(found: Touches, rows: Indices, problem: Problem, ends: Descent) -> None:
+    """Write down calibrated deviations and numbers of other touches; improves the ends."""
+    for k, row in enumerate(rows.tolist()):
+        there = location(problem.row(k), _search_everywhere(problem, ends, k))
+        found.alternatives[row] = there.alternatives
+        if there.touches:
+            found.deviations[row] = list(there.deviations.values())
 
 
 def _table(
@@ -272,7 +255,7 @@ def _number(value: Any) -> float:
     try:
         return float(value)
     except (TypeError, ValueError, OverflowError):
-        return float("nan")
+        return math.nan
 
 
 def _status(
@@ -297,25 +280,19 @@ def _status(
 
 def _ends(problem: Problem, held: Mapping[int, Array], significance: float) -> Descent:
     """The best end found for each row of the charges."""
-    table = nearest_touches(problem.model, tuple(problem.electrodes.tolist()), ROTATION in held)
-    ends = _nearest_end(problem, table, np.arange(len(problem.charges_pC)), held, 1)
+    ends = _nearest_end(problem, np.arange(len(problem.charges_pC)), held, 1)
     if (rows := np.flatnonzero(~_explained(problem, ends, significance))).size:
-        ends.improve(rows, _nearest_end(problem, table, rows, held, RETRIES))
+        ends.improve(rows, _nearest_end(problem, rows, held, RETRIES))
     for row in np.flatnonzero(~_explained(problem, ends, significance)).tolist():
         _search_everywhere(problem, ends, row)
     return ends
 
 
-def _nearest_end(
-    problem: Problem,
-    table: NearestTouches,
-    rows: Indices,
-    held: Mapping[int, Array],
-    count: int,
-) -> Descent:
+def _nearest_end(problem: Problem, rows: Indices, held: Mapping[int, Array], count: int) -> Descent:
     """The best end of searches from `count` starts each, for some rows of the charges."""
     known = held[ROTATION][rows] if ROTATION in held else None
-    at = table.starts(problem.charges_pC[rows], known, count)
+    charges = problem.charges_pC[rows]
+    at = nearest_starts(problem.model, charges, problem.electrodes, known, count)
     for quantity, values in held.items():
         at[..., quantity] = values[rows, None]
     at = at.reshape(-1, 4)
@@ -334,21 +311,9 @@ def _explained(problem: Problem, ends: Descent, significance: float = SIGNIFICAN
 
 def _search_everywhere(problem: Problem, ends: Descent, row: int) -> Descent:
     """Replace the end of a row by the best that a search from everywhere finds; return all."""
-    known = {}
-    if ROTATION not in problem.unknown:
-        known[ROTATION] = float(ends.at[row, ROTATION])
-    if FORCE not in problem.unknown:
-        known[FORCE] = float(np.exp(ends.at[row, FORCE]))
+    touch = ends.at[row].tolist()
+    touch[FORCE] = math.exp(touch[FORCE])
+    known = {i: touch[i] for i in (ROTATION, FORCE) if i not in problem.unknown}
     others = search(problem.row(row), known, DEFAULTS)
     ends.improve(np.array([row]), others.take(np.array([others.ranking.argmin()])))
     return joined([others, ends.take(np.array([row]))])
-
-
-def _covariances(slopes: Array, extent: Array) -> tuple[Array, Mask]:
-    """Covariances (n, unknown, unknown) as a `Touch` has them, and which are determined."""
-    J = slopes * extent
-    values, vectors = np.linalg.eigh(J.swapaxes(1, 2) @ J)
-    free = values < DETERMINED**2
-    covariances = (vectors / (np.maximum(values, 0.0) + free)[:, None]) @ vectors.swapaxes(1, 2)
-    determined: Mask = np.logical_not(free.any(axis=1))
-    return covariances * np.outer(extent, extent), determined

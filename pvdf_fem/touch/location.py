@@ -89,7 +89,12 @@ class Location:
         """What keeps the best touch from being the answer, in sentences."""
         texts = []
         if self.other_reading:
-            texts.append(f"wrong reading: {self._about_other(self.other_reading)}")
+            touch, (other,) = self.other_reading, READINGS.keys() - {self.reading}
+            texts.append(
+                f"wrong reading: as {READINGS[self.reading]} no touch explains what was given; as "
+                f"{READINGS[other]} one does, at ({touch.x_mm:.4g}, {touch.y_mm:.4g}) mm, "
+                f"{touch.force_N:.4g} N"
+            )
         if not self.touches:
             return ("no search ended: the charges fit no touch of the model's domain", *texts)
         best = self.best
@@ -112,14 +117,6 @@ class Location:
             limits = ", ".join(best.at_edge)
             texts.append(f"at the edge of the model's domain ({limits}): the touch may lie beyond")
         return tuple(texts)
-
-    def _about_other(self, touch: Touch) -> str:
-        (other,) = (name for reading, name in READINGS.items() if reading != self.reading)
-        place = f"({touch.x_mm:.4g}, {touch.y_mm:.4g}) mm, {touch.force_N:.4g} N"
-        return (
-            f"as {READINGS[self.reading]} no touch explains what was given; as {other} one does, "
-            f"at {place}"
-        )
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for JSON."""

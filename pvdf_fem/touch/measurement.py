@@ -30,24 +30,17 @@ Deviations = float | Mapping[str, float]
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """How charges follow from readings of some electrodes, and with which errors.
-
-    Arrays are (electrodes,).
-    """
+    """How charges follow from readings of some electrodes, and with which errors. Arrays are
+    (electrodes,)."""
 
     model: Model
-    #: Of the electrodes in the model.
-    electrodes: Indices
-    #: Of `READINGS`.
-    reading: str
+    electrodes: Indices  #: Of the electrodes in the model.
+    reading: str  #: Of `READINGS`.
     gains: Array
     offsets_pC: Array
-    #: Charges of the film without a touch.
-    rest_pC: Array
-    #: Standard deviation over the charge or the change, whichever is read.
-    sigma: Array
-    #: Standard deviation of a reading besides.
-    noise_pC: Array
+    rest_pC: Array  #: Charges of the film without a touch.
+    sigma: Array  #: Standard deviation over the charge or the change, whichever is read.
+    noise_pC: Array  #: Standard deviation of a reading besides.
 
     @classmethod
     def of(
@@ -58,10 +51,7 @@ class Measurement:
         noise_pC: Deviations | None,
         reading: str | None,
     ) -> Measurement:
-        """That of readings by name; what is None is that of the scene's readout.
-
-        Raises `ValueError` if there is no deviation at all.
-        """
+        """That of readings by name; what is None is that of the scene's readout."""
         electrodes = np.array([model.names.index(name) for name in names])
         by_name = electrode_columns(model.scene)
         gains, offsets, noise, rest = np.array([by_name[name] for name in names]).T
@@ -94,22 +84,16 @@ class Measurement:
 
     def signals(self, readings_pC: Array) -> Array:
         """The charges or changes that readings stand for, in pC."""
-        signals: Array = (readings_pC - self.offsets_pC) / self.gains
-        return signals
+        return np.asarray((readings_pC - self.offsets_pC) / self.gains)
 
 
 @lru_cache(maxsize=8)
 def electrode_columns(scene: Scene) -> dict[str, tuple[float, float, float, float]]:
     """Gain, and offset, noise and rest charge in nominal pC, of each electrode."""
     columns = {}
-    for channel, rest in zip(channels(scene), rest_charges(scene).tolist(), strict=True):
-        unit = 1e12 * channel.capacitance
-        columns[channel.name] = (
-            channel.gain,
-            unit * channel.offset,
-            unit * channel.noise,
-            1e12 * rest,
-        )
+    for c, rest in zip(channels(scene), rest_charges(scene).tolist(), strict=True):
+        unit = 1e12 * c.capacitance
+        columns[c.name] = c.gain, unit * c.offset, unit * c.noise, 1e12 * rest
     return columns
 
 

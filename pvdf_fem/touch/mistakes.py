@@ -10,10 +10,8 @@ from pvdf_fem.response.model import QUANTITIES, Domain
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.touch.measurement import READINGS, Deviations, electrode_columns
 
-#: Readings beyond this many pC are in another unit, or none.
-LARGEST_PC = 1e12
-#: Charges or changes below this many pC count as zero.
-LEAST_PC = 1e-12
+LARGEST_PC = 1e12  #: Readings beyond this many pC are in another unit, or none.
+LEAST_PC = 1e-12  #: Charges or changes below this many pC count as zero.
 
 
 def number(value: Any) -> float:
@@ -76,11 +74,9 @@ def known_mistakes(
     default: Mapping[str, float],
     centre_mm: Sequence[float] = (0.0, 0.0),
 ) -> Iterator[str]:
-    """What is wrong with the quantities sought and known.
-
-    `default` has the scene's values of what is neither sought nor in `known`; `centre_mm` is the
-    place of the film's centre in the same frame.
-    """
+    """What is wrong with the quantities sought and known. `default` has the scene's values of what
+    is neither sought nor in `known`; `centre_mm` is the place of the film's centre in the same
+    frame."""
     names = ", ".join(QUANTITIES)
     if not unknown:
         yield f"unknown: nothing is sought; choose from {names}"

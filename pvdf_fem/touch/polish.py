@@ -68,13 +68,15 @@ def _polished(
     """Where rounds from a touch `at` (4,) settle, and the problem that is right there."""
     start = problem.coordinates(at[None])
     for _ in range(MAX_ROUNDS):
-        on_film = _on_film(better.scene, problem.touches(start))
-        solution = solver(scene_of_touch(better.scene, on_film[0], better.error_bound))
-        place = _place(problem.touches(start)[0])
+        x, y, rotation, force = on_film = problem.touches(start)[0]
+        place = f"({x:.4g}, {y:.4g}) mm, {rotation:.4g}°, {force:.4g} N"
+        if stage := better.scene.stage:
+            on_film[:2], on_film[ROTATION] = stage.to_film([x, y], rotation)
+        solution = solver(scene_of_touch(better.scene, on_film, better.error_bound))
         if solution.status is not Status.CONVERGED:
             raise PolishError(f"polish: the solve at {place} ended {solution.status}")
         exact = np.array([solution.charges_pC[name] for name in better.names])
-        added = exact - better.model.evaluate(on_film)[0][0]
+        added = exact - better.model.evaluate(on_film[None])[0][0]
         problem = replace(problem, model=along_stage(replace(better, added_pC=added)))
         end = descend(problem, start)
         if not end.arrived[0]:
@@ -83,16 +85,3 @@ def _polished(
         if np.square(end.slopes[0] @ moved).sum() < SETTLED**2:
             return problem, end
     raise PolishError(f"polish: {MAX_ROUNDS} rounds did not settle near {place}")
-
-
-def _on_film(scene: Scene, touches: Array) -> Array:
-    """Touches (n, 4) in the frame of the scene's stage, in that of the film."""
-    if scene.stage is None:
-        return touches
-    places, rotations = scene.stage.to_film(touches[:, :ROTATION], touches[:, ROTATION])
-    return np.column_stack([places, rotations, touches[:, ROTATION + 1 :]])
-
-
-def _place(at: Array) -> str:
-    x, y, rotation, force = at.tolist()
-    return f"({x:.4g}, {y:.4g}) mm, {rotation:.4g}°, {force:.4g} N"

@@ -27,20 +27,14 @@ from pvdf_fem.response.model import FORCE, ROTATION, period_deg
 from pvdf_fem.touch.problem import Problem
 from pvdf_fem.touch.touch import Touch
 
-#: Share of a normal distribution within one standard deviation.
-ONE_SIGMA = 0.6827
+ONE_SIGMA = 0.6827  #: Share of a normal distribution within one standard deviation.
 
 
-#: Draws in each round.
-DRAWS = 384
-#: Rounds after the first.
-ROUNDS = 2
-#: Distributions of a round after the first.
-CENTRES = 16
-#: Degrees of freedom of Student's distributions.
-FREEDOM = 3.0
-#: Their widths over those by the curvature.
-WIDENING = 1.3
+DRAWS = 384  #: Draws in each round.
+ROUNDS = 2  #: Rounds after the first.
+CENTRES = 16  #: Distributions of a round after the first.
+FREEDOM = 3.0  #: Degrees of freedom of Student's distributions.
+WIDENING = 1.3  #: Their widths over those by the curvature.
 #: Least share of the first draws about a maximum, before all are scaled to a sum of 1.
 LEAST_SHARE = 0.02
 
@@ -49,31 +43,23 @@ LEAST_SHARE = 0.02
 class Posterior:
     """Draws that stand for the posterior distribution."""
 
-    #: In the unknown's units, (n, unknown).
-    values: Array
-    #: Their probabilities, (n,).
-    weights: Array
-    #: The rotation's period, 0 for the others, (unknown,).
-    periods: Array
+    values: Array  #: In the unknown's units, (n, unknown).
+    weights: Array  #: Their probabilities, (n,).
+    periods: Array  #: The rotation's period, 0 for the others, (unknown,).
 
     def deviations(self, about: Array) -> Array:
         """Half-widths (unknown,) of the intervals about `about` with the probability of one σ."""
-        apart = np.abs(self._apart(about))
-        order = np.argsort(apart, axis=0)
-        within = np.cumsum(self.weights[order], axis=0)
-        sizes = np.take_along_axis(apart, order, axis=0)
-        pairs = zip(within.T, sizes.T, strict=True)
-        return np.array([np.interp(ONE_SIGMA, w, s) for w, s in pairs])
+        apart = np.abs(_nearest(self.values - about, self.periods)).T
+        orders = zip(apart, np.argsort(apart, axis=1), strict=True)
+        sums = [(np.cumsum(self.weights[order]), sizes[order]) for sizes, order in orders]
+        return np.array([np.interp(ONE_SIGMA, *within) for within in sums])
 
     def covariance(self, about: Array) -> Array:
         """Covariance (unknown, unknown) with these deviations and the correlation about `about`."""
-        apart = self._apart(about)
+        apart = _nearest(self.values - about, self.periods)
         second = (apart * self.weights[:, None]).T @ apart
         scale = self.deviations(about) / np.sqrt(np.diag(second))
         return second * np.outer(scale, scale)
-
-    def _apart(self, about: Array) -> Array:
-        return _nearest(self.values - about, self.periods)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,10 +104,8 @@ class _Mixture:
 
 
 def posterior(problem: Problem, touches: Sequence[Touch]) -> Posterior:
-    """The posterior within the model's domain, for the first row of a problem's charges.
-
-    `touches` are the maxima of the likelihood.
-    """
+    """The posterior within the model's domain, for the first row of a problem's charges. `touches`
+    are the maxima of the likelihood."""
     unknown = problem.unknown
     maxima = problem.coordinates(np.array([touch.values for touch in touches]))
     scale = np.where(unknown == FORCE, np.exp(maxima[:, FORCE, None]), 1.0)

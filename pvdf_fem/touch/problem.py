@@ -34,10 +34,8 @@ from pvdf_fem.response.model import (
 from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.scene.scene import Scene
 
-#: Searches may go this far beyond the model's domain: a factor of its reach.
-ROOM_REACH = 1.05
-#: The same of its largest force and, inversely, its least.
-ROOM_FORCE = 1.1
+ROOM_REACH = 1.05  #: Searches may go this far beyond the model's domain: a factor of its reach.
+ROOM_FORCE = 1.1  #: The same of its largest force and, inversely, its least.
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,13 +79,10 @@ class Problem:
     """Charges of some touches, to be explained by a model."""
 
     model: Model
-    #: The model's electrodes that have charges.
-    electrodes: Indices
-    #: charges_pC, deviations_pC: Charges and their standard deviations, (touches, electrodes).
-    charges_pC: Array
+    electrodes: Indices  #: The model's electrodes that have charges.
+    charges_pC: Array  #: With their standard deviations, (touches, electrodes).
     deviations_pC: Array
-    #: Which of x, y, rotation and force are sought.
-    unknown: Indices
+    unknown: Indices  #: Which of x, y, rotation and force are sought.
     #: Place of the film's centre in the frame of results.
     centre_mm: tuple[float, float] = (0.0, 0.0)
 
@@ -113,11 +108,9 @@ class Problem:
         return at
 
     def linearised(self, at: Array, touch: Indices | None = None) -> Array:
-        """Differences of charges, then their slopes, over deviations, (n, electrodes, 1 + 4).
-
-        At coordinates `at` (n, 4), which are to explain the rows `touch` (n,) of the charges, by
-        default the first. Slopes by coordinates that are not sought are zero.
-        """
+        """Differences of charges, then their slopes, over deviations, (n, electrodes, 1 + 4). The
+        coordinates `at` (n, 4) are to explain the rows `touch` (n,) of the charges, by default the
+        first. Slopes by coordinates that are not sought are zero."""
         edge = self.inside(at)
         touches = edge.copy()
         touches[:, FORCE] = force = np.exp(edge[:, FORCE])
@@ -138,7 +131,9 @@ class Problem:
 
     def held_back(self, at: Array) -> Array:
         """`inside` for the larger domain that searches may not leave."""
-        return self._moved(at, *self._room)
+        reach_mm, lowest, highest = self._domain
+        more = math.log(ROOM_FORCE)
+        return self._moved(at, ROOM_REACH * reach_mm, lowest - more, highest + more)
 
     def _moved(self, at: Array, reach_mm: float, lowest: float, highest: float) -> Array:
         if all_within(at, reach_mm, lowest, highest):
@@ -159,13 +154,6 @@ class Problem:
     def _domain(self) -> tuple[float, float, float]:
         """Reach in mm, least and largest logarithm of the force."""
         return self.model.domain.reach_mm, *self.model.domain.log_force
-
-    @cached_property
-    def _room(self) -> tuple[float, float, float]:
-        """The same of the domain that searches may not leave."""
-        reach_mm, lowest, highest = self._domain
-        more = math.log(ROOM_FORCE)
-        return ROOM_REACH * reach_mm, lowest - more, highest + more
 
     @property
     def scale(self) -> Array:

@@ -1,13 +1,13 @@
 """Where to start the search for a touch: a coarse table of the model's charges.
 
-At every place and rotation of the table's lattice, the best force is found on the chords between
-the charges at tabulated forces. From the places where chi-square then has a local minimum, a
+At every place and rotation of the table's lattice, the best force is found on the tangents of the
+charges at tabulated forces. From the places where chi-square then has a local minimum, a
 Gauss-Newton step with tabulated slopes leads to the starts, of which the best are kept. So each
 valley wider than the lattice's pitch has one. A ring on the edge of the reach is added, since
 valleys there may be narrower.
 
 Many touches are sought from one start each: the touch of the table whose charges have about the
-same ratios (`NearestTouches`).
+same ratios (`nearest_starts`).
 """
 
 from __future__ import annotations
@@ -23,26 +23,21 @@ from scipy.spatial import cKDTree
 
 from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.response.model import FORCE, ROTATION, Model, X, Y, period_deg, rotation_counts
-from pvdf_fem.touch.descent import damped_steps, repeated
+from pvdf_fem.touch.descent import damped_steps, products, repeated
 
 Single = NDArray[np.float32]
 # Coordinates of a table's slopes.
 _MOVING = np.array([X, Y, FORCE])
 
 
-#: Places of a table's lattice across the reach.
-ACROSS = 25
-#: Places on the edge of the reach.
-AROUND = 48
-#: Rotations of a table in the probe's period.
-ROTATIONS = 24
-#: Forces of a table in the domain.
-FORCES = 5
+ACROSS = 25  #: Places of a table's lattice across the reach.
+AROUND = 48  #: Places on the edge of the reach.
+ROTATIONS = 24  #: Rotations of a table in the probe's period.
+FORCES = 6  #: Forces of a table in the domain.
 #: Number of places with the least chi-square that are taken at each rotation besides local minima:
 #: long valleys have several bottoms.
 LOWEST = 8
-#: Damping of the Gauss-Newton step.
-DAMPING = 1e-3
+DAMPING = 1e-3  #: Damping of the Gauss-Newton step.
 #: Longest step along x and y in mm, and the logarithm of the force.
 LONGEST = np.array([1.5, 1.5, 0.5])
 #: Of starts this close (mm, mm, degrees, logarithm of the force) only the best is kept.
@@ -50,8 +45,7 @@ CLOSE = np.array([0.3, 0.3, 1e-9, 0.1])
 #: A start is left out whose charges are farther than those of the best start by more than this
 #: number of standard deviations and `NEGLECTED`.
 WORSE = 5.0
-#: The second order in a step, over the charges' size.
-NEGLECTED = 0.01
+NEGLECTED = 0.01  #: The second order in a step, over the charges' size.
 #: Share by which a touch of about the same ratios may be farther than the nearest, for the sake of
 #: speed.
 NEARLY = 0.5
@@ -68,103 +62,67 @@ class TouchTable:
     #: The other axes: rotations and logarithms of the force.
     rotations_deg: Array
     log_forces: Array
-    #: Charges, (rotations, electrodes, forces, places).
-    charges_pC: Single
-    #: The charges and their slopes, (rotations forces places, electrodes, 1 + 3).
-    nodes: Single
-    #: Period of the rotation, when the axis is the whole period; else 0.
-    period_deg: float
+    nodes: Single  #: Charges, then their slopes, (1 + 3, rotations, electrodes, forces, places).
+    period_deg: float  #: Period of the rotation, when the axis is the whole period; else 0.
 
     def of(self, electrodes: Indices) -> TouchTable:
         """The table of some electrodes."""
-        charges = self.charges_pC.take(electrodes, axis=1)
-        return replace(self, charges_pC=charges, nodes=self.nodes.take(electrodes, axis=1))
+        return replace(self, nodes=self.nodes.take(electrodes, axis=2))
 
-    def starts(
-        self,
-        charges_pC: Array,
-        deviations_pC: Array,
-        sought: Indices,
-        rotation_deg: float | None = None,
-    ) -> Array:
-        """Coordinates (n, 4) near the local minima of chi-square over places, at each rotation.
-
-        For charges and deviations (electrodes,). `sought` is what the Gauss-Newton step changes of
-        x, y and force, 0 to 2. At a given rotation the table's nearest one serves.
-        """
-        weights = 1.0 / deviations_pC
-        target = charges_pC * weights
-        turns = self._turns(rotation_deg)
+    def starts(self, charges_pC: Array, deviations_pC: Array, known: Mapping[int, float]) -> Array:
+        """Coordinates (n, 4) near the local minima of chi-square over places, at each rotation, for
+        charges and deviations (electrodes,). `known` are values by index; at a known rotation the
+        table's nearest one serves."""
+        sought = np.array([k for k, i in enumerate(_MOVING) if i not in known], dtype=np.int64)
+        weights, target = 1.0 / deviations_pC, charges_pC / deviations_pC
+        first, count = 0, len(self.rotations_deg)
+        if ROTATION in known and self.period_deg:
+            first, count = round(known[ROTATION] / self.period_deg * count) % count, 1
+        turns = slice(first, first + count)
         chi_square, along = self._fitted(turns, weights.astype(np.float32), target)
         turn, place = np.nonzero(self._bottoms(chi_square.min(axis=1)))
-        chord = chi_square[turn, :, place].argmin(axis=1)
-        share = along[turn, chord, place].astype(np.float64)
-        lower, upper = self._ends(turns.start + turn, chord, place)
+        force = chi_square[turn, :, place].argmin(axis=1)
+        rotations = known.get(ROTATION, self.rotations_deg[first + turn])
         at = np.empty((len(place), 4))
-        at[:, :ROTATION] = self.places_mm[place]
-        at[:, ROTATION] = self.rotations_deg[turn] if rotation_deg is None else rotation_deg
-        at[:, FORCE] = self.log_forces[chord]
-        at[:, FORCE] += self._log_force_along(lower[:, :, 0], upper[:, :, 0], share)
+        at[:, :ROTATION], at[:, ROTATION] = self.places_mm[place], rotations
+        at[:, FORCE] = self.log_forces[force]
         if not sought.size:
             return at
-        system = (lower + share[:, None, None] * (upper - lower)) * weights[:, None]
+        system = self.nodes[:, first + turn, :, force, place].swapaxes(1, 2).astype(float)
+        if len(self.log_forces) > 1:  # charges and slopes grow with a power of the force
+            share = along[turn, force, place].astype(float)
+            squares = np.square(system[:, :, [0, 3]]).sum(axis=1)
+            power = np.sqrt(squares[:, 1] / squares[:, 0])
+            growth = np.maximum(1.0 + power * share, 0.1)
+            at[:, FORCE] += np.log(growth) / power
+            system[:, :, 0] += share[:, None] * system[:, :, 3]
+            system[:, :, 1:] *= growth[:, None, None]
+        system *= weights[:, None]
         system[:, :, 0] -= target
-        misfit = self._stepped(at, system, sought)
-        excess = WORSE + NEGLECTED * math.sqrt(target @ target)
-        by_rotation = [np.flatnonzero(turn == k) for k in range(len(chi_square))]
-        kept = [self._best(rows, at, misfit, excess) for rows in by_rotation]
-        return at.take(np.concatenate(kept), axis=0)
-
-    def _stepped(self, at: Array, system: Array, sought: Indices) -> Array:
-        """Move `at` (n, 4) by a Gauss-Newton step; return the roots of chi-square left, (n,)."""
-        if len(sought) < len(_MOVING):
-            system = system.take([0, *(1 + sought)], axis=2)
-        normal = np.matmul(system.swapaxes(1, 2), system)
+        # a Gauss-Newton step, and the roots of chi-square left
+        normal = products(system[:, :, [0, *(1 + sought)]])
         step, promised = damped_steps(normal, DAMPING)
         stretch = np.abs(step / LONGEST[sought]).max(axis=1)
         at[:, _MOVING[sought]] += step / np.maximum(stretch, 1.0)[:, None]
-        return np.sqrt(np.maximum(normal[:, 0, 0] - promised, 0.0))
-
-    @property
-    def _chord_count(self) -> int:
-        return len(self.log_forces) - 1
-
-    def _turns(self, rotation_deg: float | None) -> slice:
-        """Numbers of the table's rotations: of the one next to a given one, or of all."""
-        count = len(self.rotations_deg)
-        if rotation_deg is None or count == 1:
-            return slice(0, count)
-        k = round(rotation_deg / self.period_deg * count) % count
-        return slice(k, k + 1)
-
-    def _ends(self, turn: Indices, chord: Indices, place: Indices) -> tuple[Array, Array]:
-        """Charges and slopes (n, electrodes, 1 + 3) at the lower and upper ends of chords."""
-        places, forces = len(self.places_mm), len(self.log_forces)
-        lower = (turn * forces + chord) * places + place
-        upper = lower + places if self._chord_count else lower
-        ends = self.nodes.take(np.stack([lower, upper]), axis=0).astype(float)
-        return ends[0], ends[1]
-
-    def _log_force_along(self, lower: Array, upper: Array, share: Array) -> Array | float:
-        """Increase of log force along a share of a chord, charges being a power of the force."""
-        if not self._chord_count:
-            return 0.0
-        growth = np.sqrt(np.square(upper).sum(axis=1) / np.square(lower).sum(axis=1))
-        length = (self.log_forces[-1] - self.log_forces[0]) / self._chord_count
-        return length * np.log1p(share * (growth - 1.0)) / np.log(growth)
+        misfit = np.sqrt(np.maximum(normal[:, 0, 0] - promised, 0.0))
+        excess = WORSE + NEGLECTED * math.sqrt(target @ target)
+        kept = [
+            self._best(np.flatnonzero(turn == k), at, misfit, excess)
+            for k in range(len(chi_square))
+        ]
+        return at.take(np.concatenate(kept), axis=0)
 
     def _fitted(self, turns: slice, weights: Single, target: Array) -> tuple[Single, Single]:
-        """Least chi-square on chords (rotations, chords, places), and where along them, 0 to 1."""
-        misfits = self.charges_pC[turns] * weights[:, None, None]
-        misfits -= target.astype(np.float32)[:, None, None]
-        square = np.square(misfits).sum(axis=1)
-        if not self._chord_count:
+        """Least chi-square on tangents (rotations, forces, places), steps of log force to it."""
+        charges, slopes = (nodes[turns] * weights[:, None, None] for nodes in self.nodes[::3])
+        charges -= target.astype(np.float32)[:, None, None]
+        square = np.square(charges).sum(axis=1)
+        if len(self.log_forces) == 1:
             return square, np.zeros_like(square)
-        lower, upper = square[:, :-1], square[:, 1:]
-        product = (misfits[:, :, :-1] * misfits[:, :, 1:]).sum(axis=1)
-        reached, length = lower - product, lower + upper - 2.0 * product
-        along = np.minimum(np.maximum(reached / length, 0.0), 1.0)
-        return lower - along * (2.0 * reached - along * length), along
+        half = np.float32(0.5 * (self.log_forces[1] - self.log_forces[0]))
+        product, length = (charges * slopes).sum(axis=1), np.square(slopes).sum(axis=1)
+        along = np.clip(-product / length, -half, half)
+        return square + along * (2.0 * product + along * length), along
 
     def _bottoms(self, chi_square: Single) -> Mask:
         """Places (rotations, places) without a better neighbour, and the best ones."""
@@ -177,12 +135,8 @@ class TouchTable:
 
     def _best(self, rows: Indices, at: Array, misfit: Array, excess: float) -> Indices:
         """Starts with at most an excess over the least misfit, none close to a better one."""
-        values = misfit[rows]
-        good = values <= values.min() + excess
-        rows, values = rows[good], values[good]
-        if len(rows) == 1:
-            return rows
-        return rows[~repeated(at[rows], values, CLOSE)]
+        rows = rows[misfit[rows] <= misfit[rows].min() + excess]
+        return rows[~repeated(at[rows], misfit[rows], CLOSE)]
 
 
 def tabulate(model: Model, known: Mapping[int, float]) -> TouchTable:
@@ -194,58 +148,43 @@ def tabulate(model: Model, known: Mapping[int, float]) -> TouchTable:
     period = 0.0 if ROTATION in known else period_deg(model)
     count = ROTATIONS if rotation_counts(model) else 1
     rotations = np.arange(count) * period / count if period else np.array([known[ROTATION]])
-    forces = np.geomspace(lowest, highest, FORCES)
-    if FORCE in known:
-        forces = np.array([known[FORCE]])
-    by_rotation = [_at_rotation(model, places, rotation, forces) for rotation in rotations]
-    charges, nodes = zip(*by_rotation, strict=True)
-    rows = np.stack(charges), np.concatenate(nodes)
-    return TouchTable(places, neighbours, rotations, np.log(forces), *rows, period)
-
-
-def _at_rotation(
-    model: Model, places_mm: Array, rotation_deg: float, forces_N: Array
-) -> tuple[Single, Single]:
-    """The rows of a table's `charges_pC` and `nodes` for one rotation."""
-    touches = np.empty((len(forces_N), len(places_mm), 4))
-    touches[..., :ROTATION], touches[..., ROTATION] = places_mm, rotation_deg
-    touches[..., FORCE] = forces_N[:, None]
-    rows = touches.reshape(-1, 4)
-    charges, slopes = model.evaluate(rows)
-    slopes = slopes[..., _MOVING]
-    slopes[..., -1] *= rows[:, FORCE, None]
-    nodes = np.concatenate([charges[..., None], slopes], axis=-1).astype(np.float32)
-    by_electrode = np.moveaxis(charges.reshape(*touches.shape[:2], -1), 2, 0)
-    return np.ascontiguousarray(by_electrode, np.float32), nodes
+    forces = np.array([known[FORCE]]) if FORCE in known else np.geomspace(lowest, highest, FORCES)
+    nodes = np.empty((4, len(rotations), len(model.names), len(forces), len(places)), np.float32)
+    touches = np.empty((len(forces), len(places), 4))
+    touches[..., :ROTATION], touches[..., FORCE] = places, forces[:, None]
+    for k, rotation in enumerate(rotations):
+        touches[..., ROTATION] = rotation
+        charges, slopes = model.evaluate(touches.reshape(-1, 4))
+        slopes[:, :, FORCE] *= touches[..., FORCE].reshape(-1, 1)
+        columns = np.concatenate([charges[..., None], slopes[..., _MOVING]], axis=-1)
+        nodes[:, k] = columns.T.reshape(4, -1, *touches.shape[:2])
+    return TouchTable(places, neighbours, rotations, np.log(forces), nodes, period)
 
 
 def _lattice(x: Array, y: Array, reach: float, around: int) -> tuple[Array, Indices]:
     """Places of the lattice within the reach, then `around` on its edge, and their neighbours."""
-    inside = np.pad(np.hypot(x[:, None], y) <= reach * (1 + 1e-9), 1)
-    i, j = np.nonzero(inside)
-    missing = len(i) + around
-    number = np.full(inside.shape, missing)
-    number[inside] = np.arange(len(i))
-    shifts = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if a or b]
-    neighbours = np.full((len(shifts), missing), missing)
-    neighbours[:, : len(i)] = [number[i + a, j + b] for a, b in shifts]
+    lattice = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    lattice = lattice[np.hypot(*lattice.T) <= reach * (1 + 1e-9)]
     angles = 2.0 * np.pi * np.arange(around) / max(around, 1)
     ring = reach * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    for k, shift in enumerate((1, -1)):
-        neighbours[k, len(i) :] = len(i) + np.roll(np.arange(around), shift)
-    lattice = np.stack([x[i - 1], y[j - 1]], axis=1)
+    count, on_ring = len(lattice), np.arange(around)
+    neighbours = np.full((9, count + around), count + around)
+    # diagonal neighbours are 1.41 pitches away
+    near = cKDTree(lattice).query(lattice, 9, distance_upper_bound=3.0 * reach / (ACROSS - 1))[1]
+    neighbours[:, :count] = np.where(near < count, near, count + around).T
+    neighbours[:2, count:] = count + np.add.outer([-1, 1], on_ring) % max(around, 1)
     return np.concatenate([lattice, ring]), neighbours
 
 
 @lru_cache(maxsize=8)
-def table_of(model: Model) -> TouchTable:
-    """The table of a model over places, rotations and forces, made once."""
+def _whole_table(model: Model) -> TouchTable:
     return tabulate(model, {})
 
 
 @lru_cache(maxsize=32)
-def _table_of_electrodes(model: Model, electrodes: tuple[int, ...]) -> TouchTable:
-    return table_of(model).of(np.array(electrodes))
+def table_of(model: Model, electrodes: tuple[int, ...]) -> TouchTable:
+    """The table of some electrodes of a model over places, rotations and forces, made once."""
+    return _whole_table(model).of(np.array(electrodes))
 
 
 def starts(
@@ -256,71 +195,57 @@ def starts(
     known: Mapping[int, float],
 ) -> Array:
     """Coordinates (n, 4) to start searches from; a sought rotation starts from all of the table's.
-
-    `electrodes` are the model's that have `charges_pC` (electrodes,); `known` are values by index.
-    """
+    `electrodes` are the model's that have `charges_pC` (electrodes,); `known` are values by
+    index."""
     if set(known) <= {ROTATION}:
-        table = _table_of_electrodes(model, tuple(electrodes.tolist()))
+        table = table_of(model, tuple(electrodes.tolist()))
     else:
         table = tabulate(model, known).of(electrodes)
-    sought = np.array([k for k, i in enumerate(_MOVING) if i not in known], dtype=np.int64)
-    at = table.starts(charges_pC, deviations_pC, sought, known.get(ROTATION))
-    for i, value in known.items():
-        at[:, i] = math.log(value) if i == FORCE else value
+    return table.starts(charges_pC, deviations_pC, known)
+
+
+def nearest_starts(
+    model: Model,
+    charges_pC: Array,
+    electrodes: Indices,
+    rotations_deg: Array | None,
+    count: int,
+) -> Array:
+    """Coordinates (n, count, 4) of touches with about the ratios of charges (n, electrodes).
+    `rotations_deg` (n,) are given where they are known."""
+    known = rotations_deg is not None
+    tree, touches, sizes, powers, period = _nearest(model, tuple(electrodes.tolist()), known)
+    size = np.linalg.norm(charges_pC, axis=1)[:, None]
+    ratios = charges_pC / size
+    if rotations_deg is not None:
+        ratios = np.concatenate([ratios, _circle(rotations_deg, period)], axis=1)
+    row = tree.query(ratios, np.arange(1, count + 1), eps=NEARLY)[1]
+    at: Array = touches[row]
+    at[..., FORCE] += np.log(size / sizes[row]) / powers[row]
     return at
 
 
-@dataclass(frozen=True, eq=False)
-class NearestTouches:
-    """The touches of a table by the ratios of their charges."""
-
-    #: Charges over their size, and where the rotation is known, the rotation as a point of a
-    #: circle.
-    tree: cKDTree
-    #: Coordinates x, y, rotation and logarithm of the force, (touches, 4).
-    at: Array
-    #: Norms of the charges, (touches,).
-    sizes_pC: Array
-    #: The power of the force by which the sizes grow, (touches,).
-    exponents: Array
-    #: Period of the rotation.
-    period_deg: float
-
-    def starts(self, charges_pC: Array, rotations_deg: Array | None, count: int) -> Array:
-        """Coordinates (n, count, 4) of touches with about the ratios of charges (n, electrodes).
-
-        `rotations_deg` (n,) are known rotations, if they are.
-        """
-        sizes = np.linalg.norm(charges_pC, axis=1)
-        ratios = charges_pC / sizes[:, None]
-        if rotations_deg is not None:
-            ratios = np.concatenate([ratios, _circle(rotations_deg, self.period_deg)], axis=1)
-        _, row = self.tree.query(ratios, np.arange(1, count + 1), eps=NEARLY)
-        at = self.at[row]
-        at[..., FORCE] += np.log(sizes[:, None] / self.sizes_pC[row]) / self.exponents[row]
-        return at
-
-
 @lru_cache(maxsize=8)
-def nearest_touches(
+def _nearest(
     model: Model, electrodes: tuple[int, ...], with_rotation: bool
-) -> NearestTouches:
-    """The touches of a model's table; `with_rotation` where the rotation is known."""
-    table = table_of(model)
+) -> tuple[cKDTree, Array, Array, Array, float]:
+    """The touches of a model's table, in a tree by the ratios of their charges, and by the
+    rotation, where it is known, as a point of a circle. After the tree come coordinates (touches,
+    4), the norms of the charges, the power of the force by which these grow, and the rotation's
+    period."""
+    table = table_of(model, electrodes)
     # (places, rotations, forces, electrodes)
-    charges = table.charges_pC[:, list(electrodes)].transpose(3, 0, 2, 1).astype(float)
-    sizes = np.linalg.norm(charges, axis=-1)
-    growth = np.diff(np.log(sizes), axis=-1) / np.diff(table.log_forces)
-    exponents = np.concatenate([growth, growth[..., -1:]], axis=-1)
-    at = np.empty((*sizes.shape, 4))
+    charges, slopes = table.nodes[[0, 3]].transpose(0, 4, 1, 3, 2).astype(float)
+    at = np.empty((*charges.shape[:3], 4))
     at[..., :ROTATION] = table.places_mm[:, None, None]
     at[..., ROTATION] = table.rotations_deg[:, None]
     at[..., FORCE] = table.log_forces
-    features = (charges / sizes[..., None]).reshape(-1, len(electrodes))
-    rows, period = at.reshape(-1, 4), table.period_deg
+    charges, slopes = (values.reshape(-1, len(electrodes)) for values in (charges, slopes))
+    sizes, rows, period = np.linalg.norm(charges, axis=1), at.reshape(-1, 4), table.period_deg
+    powers, features = (charges * slopes).sum(axis=1) / sizes**2, charges / sizes[:, None]
     if with_rotation:
         features = np.concatenate([features, _circle(rows[:, ROTATION], period)], axis=1)
-    return NearestTouches(cKDTree(features), rows, sizes.ravel(), exponents.ravel(), period)
+    return cKDTree(features), rows, sizes, powers, period
 
 
 def _circle(rotations_deg: Array, period_deg: float) -> Array:

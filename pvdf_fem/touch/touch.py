@@ -32,42 +32,34 @@ def explains(chi_square: Array, freedom: int, significance: float = SIGNIFICANCE
     return common
 
 
-@dataclass(frozen=True, eq=False)
-class Touch:
-    """A touch whose charges are, among touches nearby, the likeliest to give those measured."""
+def curvature(slopes: Array) -> tuple[Array, Array]:
+    """Squares (..., k), ascending, and directions (..., k, k), as columns, of principal slopes.
+    `slopes` (..., electrodes, k) are those of the charges over their deviations, per extent."""
+    squares, vectors = np.linalg.eigh(slopes.swapaxes(-1, -2) @ slopes)
+    return np.maximum(squares, 0.0), vectors
 
-    x_mm: float
-    y_mm: float
-    #: From 0 to the probe's period.
-    rotation_deg: float
-    force_N: float
-    #: The quantities that were sought, of `QUANTITIES`; the order of all matrices.
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Values of some unknown whose charges are, among those nearby, the likeliest."""
+
+    #: The quantities that were sought; the order of all matrices.
     unknown: tuple[str, ...]
-    #: Slopes of the charges over their standard deviations, (electrodes, unknown).
-    jacobian: Array
+    jacobian: Array  #: Slopes of the charges over their standard deviations, (electrodes, unknown).
     #: Size (unknown,) of the domain in each unknown: what is known of it without any charge.
     extent: Array
-    #: Sum of the squared residuals, each divided by its standard deviation.
-    chi_square: float
+    chi_square: float  #: Sum of the squared residuals, each divided by its standard deviation.
     #: Probability of a larger chi-square if the model is right; NaN if there are no more charges
     #: than unknown quantities.
     p_value: float
-    #: Share of this touch in the likelihood of all touches of its location.
-    weight: float
+    weight: float  #: Share of this touch in the likelihood of all touches of its location.
     #: Which limits of the model's domain hold it: ``reach_mm``, ``force_N``. The true touch may lie
     #: beyond.
     at_edge: tuple[str, ...]
 
-    @property
-    def values(self) -> Array:
-        """The touch as a model takes it, (4,)."""
-        return np.array([self.x_mm, self.y_mm, self.rotation_deg, self.force_N])
-
     @cached_property
-    def _singular(self) -> tuple[Array, Array]:
-        """Singular values, and right singular vectors as rows, per extent of each unknown."""
-        _, values, vectors = np.linalg.svd(self.jacobian * self.extent)
-        return np.pad(values, (0, len(vectors) - len(values))), vectors
+    def _curvature(self) -> tuple[Array, Array]:
+        return curvature(self.jacobian * self.extent)
 
     @property
     def null_directions(self) -> Array:
@@ -77,23 +69,21 @@ class Touch:
         their standard deviation. In units of the unknown, the largest entry relative to its extent
         being positive.
         """
-        values, vectors = self._singular
-        free = vectors[values < DETERMINED]
-        largest = np.abs(free).argmax(axis=1)
-        signs = np.sign(free[np.arange(len(free)), largest])
-        return free * self.extent * signs[:, None]
+        squares, vectors = self._curvature
+        free = vectors.T[squares < DETERMINED**2]
+        signs = np.sign(np.take_along_axis(free, np.abs(free).argmax(axis=1)[:, None], axis=1))
+        return free * self.extent * signs
 
     @property
     def determined(self) -> bool:
         """Whether the charges determine every unknown."""
-        return bool(self._singular[0][-1] >= DETERMINED)
+        return bool(self._curvature[0][0] >= DETERMINED**2)
 
     @cached_property
     def root(self) -> Array:
-        """A square root of the covariance, its columns along the singular vectors."""
-        values, vectors = self._singular
-        precision = values**2 + (values < DETERMINED)
-        return vectors.T / np.sqrt(precision) * self.extent[:, None]
+        """A square root of the covariance, its columns along the principal directions."""
+        squares, vectors = self._curvature
+        return vectors / np.sqrt(squares + (squares < DETERMINED**2)) * self.extent[:, None]
 
     @property
     def covariance(self) -> Array:
@@ -127,10 +117,9 @@ class Touch:
         rows, columns = self.jacobian.shape
         return bool(explains(np.array([self.chi_square]), rows - columns)[0])
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain values for JSON, None for what is infinite; errors are left to the location."""
+    def fit_json(self) -> dict[str, Any]:
+        """Plain values for JSON, None for what is infinite, of all but what fits."""
         return {
-            **{name: float(getattr(self, name)) for name in QUANTITIES},
             "condition": finite(self.condition),
             "chi_square": self.chi_square,
             "p_value": finite(self.p_value),
@@ -142,3 +131,23 @@ class Touch:
             ],
             "at_edge": list(self.at_edge),
         }
+
+
+@dataclass(frozen=True, eq=False)
+class Touch(Fit):
+    """A touch whose charges are, among touches nearby, the likeliest to give those measured."""
+
+    x_mm: float
+    y_mm: float
+    #: From 0 to the probe's period.
+    rotation_deg: float
+    force_N: float
+
+    @property
+    def values(self) -> Array:
+        """The touch as a model takes it, (4,)."""
+        return np.array([self.x_mm, self.y_mm, self.rotation_deg, self.force_N])
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values for JSON; errors are left to the location."""
+        return {**{name: float(getattr(self, name)) for name in QUANTITIES}, **self.fit_json()}

@@ -15,8 +15,7 @@ from pvdf_fem.tracking.circuit import LEAST_NOISE, Circuit
 WINDOWS = np.array([1, 2, 4, 8, 16, 32, 64])
 #: Probability of a false alarm in a sample. Windows share it evenly, which is more than enough.
 FALSE_ALARM = 1e-7
-#: Share of voltages that are left of a touch when they stay.
-LEFT = 0.1
+LEFT = 0.1  #: Share of voltages that are left of a touch when they stay.
 #: First samples, whose deviations from the line through those before tell nothing of the noise.
 EARLY = 8
 #: Samples with the same weight that give a line's end the variance of the filter's, per memory.
@@ -24,21 +23,17 @@ MEMORY_WORTH = 3.2
 
 
 class Baseline:
-    """Level and slope of quiet voltages.
-
-    They follow the samples by the least squares of a line, first through all samples, later with a
-    memory of `memory` samples that fades exponentially (the α-β filter that is critically damped).
-    They are given samples only when these are so old that a slow touch would have been seen.
-    """
+    """Level and slope of quiet voltages. They follow the samples by the least squares of a line,
+    first through all samples, later with a memory of `memory` samples that fades exponentially (the
+    α-β filter that is critically damped). They are given samples only when these are so old that a
+    slow touch would have been seen."""
 
     def __init__(self, circuit: Circuit, memory: int) -> None:
         self.circuit, self.memory, self.count = circuit, memory, 0
-        #: Samples since a touch from which the level was taken anew.
-        self.fresh = 0
+        self.fresh = 0  #: Samples since a touch from which the level was taken anew.
         none = np.zeros_like(circuit.noise)
         self.time, self.level, self.slope, self.square = 0.0, none, none, none
-        #: Voltages that a touch left, and when; they decay.
-        self.left, self.left_at = none, 0.0
+        self.left, self.left_at = none, 0.0  #: Voltages that a touch left, and when; they decay.
 
     def at(self, time: float) -> Array:
         """Quiet voltages at a time."""
@@ -54,18 +49,14 @@ class Baseline:
         return np.maximum(np.sqrt(self.square), np.maximum(self.circuit.noise, LEAST_NOISE))
 
     def relative_error(self, samples: float = 0.0) -> float:
-        """Standard deviation of the level over the noise, after samples without a look at it.
-
-        That of the end of a straight line through as many samples as the memory is worth.
-        """
+        """Standard deviation of the level over the noise, after samples without a look at it. It is
+        that of the end of a straight line through as many samples as the memory is worth."""
         count = min(self.count, MEMORY_WORTH * self.memory)
         return math.hypot(2.0 / math.sqrt(count) * (1.0 + samples / count), self.fresh**-0.5)
 
     def keep(self, since: float, time: float, voltages: Array) -> None:
-        """Go on after a touch that leaves voltages (n, channels) over the level, NaN for none.
-
-        They are of the samples between two times. Where they stay, the level is learned anew.
-        """
+        """Go on after a touch that leaves voltages (n, channels) over the level, NaN for none. They
+        are of the samples between two times. Where they stay, the level is learned anew."""
         stay = self.circuit.decay(time - since).max() > LEFT
         self.left = np.nan_to_num(voltages.mean(axis=0) if stay else voltages[-1])
         self.left_at, self.fresh = time, len(voltages) if stay else self.fresh
@@ -91,11 +82,9 @@ class Baseline:
 
 
 class Watch:
-    """Deviations of the last samples from the baseline, summed up over several windows.
-
-    A touch is seen when one of the sums of squares over the channels, each over its variance, is
-    above what noise exceeds in one of 1/`FALSE_ALARM` samples.
-    """
+    """Deviations of the last samples from the baseline, summed up over several windows. A touch is
+    seen when one of the sums of squares over the channels, each over its variance, is above what
+    noise exceeds in one of 1/`FALSE_ALARM` samples."""
 
     def __init__(self, channels: int) -> None:
         #: Times, voltages, and deviations over the noise.
@@ -103,12 +92,10 @@ class Watch:
         self.threshold = float(chi2.isf(FALSE_ALARM / len(WINDOWS), channels))
 
     def touched(self, error: float) -> int:
-        """Number of the last samples that belong to a touch, 0 if none is seen.
-
-        `error` is the standard deviation of the baseline over the noise. Backwards from the window
-        that sees it, the touch lasts as long as further samples make the mean deviation more
-        significant, and then a quarter of that and two samples more.
-        """
+        """Number of the last samples that belong to a touch, 0 if none is seen. `error` is the
+        standard deviation of the baseline over the noise. Backwards from the window that sees it,
+        the touch lasts as long as further samples make the mean deviation more significant, and
+        then a quarter of that and two samples more."""
         sums = np.cumsum([deviation for *_, deviation in reversed(self.samples)], axis=0)
         windows = WINDOWS[: np.searchsorted(WINDOWS, len(sums), side="right")]
         squares = np.square(sums[windows - 1]).sum(axis=1)

@@ -10,8 +10,7 @@ import numpy as np
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.readout.channel import Channel
 
-#: pC in a C.
-PICO = 1e12
+PICO = 1e12  #: pC in a C.
 #: Least noise of a voltage in V: that of a resistor of 1 kΩ at 1 kHz is 0.13 µV.
 LEAST_NOISE = 1e-7
 
@@ -20,10 +19,8 @@ LEAST_NOISE = 1e-7
 class Circuit:
     """The channels of all electrodes as arrays, (electrodes,)."""
 
-    #: In pF, so that charges are in pC.
-    capacitance: Array
-    #: Over the resistance, in pA/V; zero where nothing discharges the capacitance.
-    leak: Array
+    capacitance: Array  #: In pF, so that charges are in pC.
+    leak: Array  #: Over the resistance, in pA/V; zero where nothing discharges the capacitance.
     gain: Array
     #: Offset of readings, and standard deviation of voltages, in V.
     offset: Array
@@ -49,10 +46,8 @@ class Circuit:
 
     def response(self, times: Array, charges: Array, rows: Indices) -> Array:
         """Voltages at `times[rows]` of charges (n, electrodes) that change linearly between times.
-
-        Their sum over the intervals is exact: each change of charge comes evenly over its
-        interval, and then decays.
-        """
+        Their sum over the intervals is exact: each change of charge comes evenly over its interval,
+        and then decays."""
         steps, rate = np.diff(times), self.leak / self.capacitance
         exponent = np.maximum(steps[:, None] * rate, 1e-12)
         spread = -np.expm1(-exponent) / exponent
@@ -62,21 +57,17 @@ class Circuit:
 
 
 class ChargeSum:
-    """The charge since a start: C V + ∫ V/R dt, with its variances.
-
-    The integral is that of parabolas through three samples, which may be unevenly spaced. An
-    interval between two others has the mean of both its parabolas, which is exact for cubics on
-    even samples. A missing voltage is that before, until the next one replaces the gap by a
-    trapezium.
-    """
+    """The charge since a start: C V + ∫ V/R dt, with its variances. The integral is that of
+    parabolas through three samples, which may be unevenly spaced. An interval between two others
+    has the mean of both its parabolas, which is exact for cubics on even samples. A missing voltage
+    is that before, until the next one replaces the gap by a trapezium."""
 
     def __init__(self, circuit: Circuit, time: float, before: Array) -> None:
         """Begin at a time; `before` are the voltages that charges from earlier leave then."""
         self.circuit, self.time, self.before = circuit, time, before
         self.voltage = before.copy()
         none = np.zeros_like(before)
-        #: Variance in pC² that sums up from sample to sample.
-        self.variance = none.copy()
+        self.variance = none.copy()  #: Variance in pC² that sums up from sample to sample.
         self._settled, self._linear, self._slope = none, none, none
         self._bend: Array | None = None
         self._step, self._gap = 0.0, none.copy()

@@ -17,34 +17,28 @@ from pvdf_fem.tracking.circuit import ChargeSum
 from pvdf_fem.tracking.course import ChangeModel, Places, Sample, fitted
 from pvdf_fem.tracking.onset import missed_charge
 
-#: Variance in pC² of a charge that is not known.
-UNKNOWN = 1e12
+UNKNOWN = 1e12  #: Variance in pC² of a charge that is not known.
 #: Charges are located when they are this many deviations large, and again as they grow by a factor.
 ENOUGH = 15.0
 GROWTH = 1.3
 #: Most places that are followed, and samples of the course that they are fitted to.
 MOST = 6
 FITTED = 16
-#: Places are fitted again when there are more samples by this share.
-MORE = 0.1
-#: Share of the largest charges that a sample needs to tell of the place.
-TELLING = 0.3
+MORE = 0.1  #: Places are fitted again when there are more samples by this share.
+TELLING = 0.3  #: Share of the largest charges that a sample needs to tell of the place.
 #: Samples after the onset before the first search; up to more the onset is corrected again.
 FIRST_SEARCH = 6
 ONSET_SAMPLES = 24
-#: Share of a voltage left after a sample above which sampling misses nothing.
-SLOW = 0.9
+SLOW = 0.9  #: Share of a voltage left after a sample above which sampling misses nothing.
 #: Relative error of charges by what sampling misses at an onset or an end that is not corrected.
 ONSET_ERROR = 0.05
-#: Samples over which charges must not change for a touch to have ended.
-STILL = 12
+STILL = 12  #: Samples over which charges must not change for a touch to have ended.
 #: A touch has ended when this share of its largest charges is left, or, after a number of samples,
 #: this many deviations.
 ENDED = 0.2
 INSIGNIFICANT = 4.0
 PATIENCE = 100
-#: It is lost when the deviations of charges are this share of its largest charges.
-LOST = 0.3
+LOST = 0.3  #: It is lost when the deviations of charges are this share of its largest charges.
 #: Mean chi-square per degree of freedom above which places are searched for anew, and the share of
 #: a new sample in it.
 BAD = 4.0
@@ -61,22 +55,17 @@ class Contact:
         self.places: Places | None = None
         #: The likeliest touch at the last sample, and chi-square of its charges.
         self.at, self.chi_square = np.full(4, math.nan), math.nan
-        #: Mean chi-square of the last samples over its degrees of freedom.
-        self.strain = 1.0
+        self.strain = 1.0  #: Mean chi-square of the last samples over its degrees of freedom.
         #: Number of the sample with the largest charges, and the integral of the force in N s.
         self.peak, self.impulse = 0, 0.0
         self._sum = ChargeSum(model.circuit, time, before)
-        #: Voltages over the baseline, from the beginning on.
-        self.voltages = [before]
+        self.voltages = [before]  #: Voltages over the baseline, from the beginning on.
         self._missed, self._onset_error = np.zeros_like(before), ONSET_ERROR
         self._searched, self._fitted, self._corrected = 0.0, 0, False
 
     def add(self, time: float, voltage: Array, noise: Array, doubt: Array) -> None:
-        """Take in a sample.
-
-        Voltages are those over the baseline, NaN where missing, and `noise` their deviations in V;
-        `doubt` is the variance in pC² that the baseline's error has by now.
-        """
+        """Take in a sample. Voltages are those over the baseline, NaN where missing, and `noise`
+        their deviations in V; `doubt` is the variance in pC² of the baseline's error by now."""
         charges = self._sum.add(time, voltage, noise) + self._missed
         white = np.square(self.model.circuit.capacitance * noise)
         white[np.isnan(voltage)] = UNKNOWN
@@ -90,7 +79,7 @@ class Contact:
         if count >= FIRST_SEARCH and larger:
             self._search()
         elif self.places and self._telling(sample) and count > (1.0 + MORE) * self._fitted:
-            self._fit(self.places.at)
+            self._fit(self.places.at[:0])
             if self.strain > BAD:
                 self._search()
         if self.places:
@@ -113,29 +102,27 @@ class Contact:
     def _search(self) -> None:
         """Look for all places that explain the charges of the last sample, then the course."""
         self._searched, self.strain = self._significance, 1.0
-        at = self._candidates(self.history[-1])
+        at = self._candidates(-1)
         if len(at) and (len(self.history) <= ONSET_SAMPLES or not self._corrected):
             self._correct_onset(at[0])
-            at = self._candidates(self.history[-1])
-        if self.places:
-            at = np.concatenate([at, self.places.at])
-        if len(at):
-            self._fit(at)
+            at = self._candidates(-1)
+        self._fit(at)
 
-    def _fit(self, starts: Array) -> None:
-        """Fit places near some to the course, the last sample last."""
+    def _fit(self, others: Array) -> None:
+        """Fit the known places and others to the course, the last sample last."""
         last, self._fitted = len(self.history) - 1, len(self.history)
         common = self._onset_error * np.abs(self.history[-1].charges)
         none = np.zeros_like(common)
-        self.places = self._fitted_places(starts, last, none, none + np.inf, common)
+        self._fit_places(others, last, none, none + np.inf, common)
 
-    def _fitted_places(
-        self, starts: Array, last: int, begin: Array, total: Array, common: Array
-    ) -> Places:
-        """Places near some that explain telling samples of the whole course, one of them last.
-
-        The variance of errors walks from `begin` on to `total`, at whose end they are known.
-        """
+    def _fit_places(
+        self, others: Array, last: int, begin: Array, total: Array, common: Array
+    ) -> None:
+        """Fit the places, and others, to telling samples of the whole course, one of them last. The
+        variance of errors walks from `begin` on to `total`, at whose end they are known."""
+        starts = np.concatenate([others, self.places.at]) if self.places else others
+        if not len(starts):
+            return
         telling = [k for k, sample in enumerate(self.history) if self._telling(sample)]
         chosen = np.linspace(0, len(telling) - 1, FITTED).round().astype(int)
         numbers = {telling[k] for k in chosen.tolist()} - {last}
@@ -144,14 +131,13 @@ class Contact:
         noise = np.array([sample.noise for sample in samples]).T[:, :, None] * np.eye(len(samples))
         errors = np.minimum(walked[:, :, None], walked[:, None]) + noise
         errors -= walked[:, :, None] * walked[:, None] / total[:, None, None]
-        return fitted(self.model, starts, samples, errors, common)
+        self.places = fitted(self.model, starts, samples, errors, common)
 
-    def _candidates(self, sample: Sample) -> Array:
-        """Coordinates (n, 4) of the likely touches that explain the charges of one sample.
-
-        None where the likeliest is lighter than the model knows.
-        """
-        model, heard = self.model, np.flatnonzero(sample.noise < UNKNOWN)
+    def _candidates(self, number: int) -> Array:
+        """Coordinates (n, 4) of the likely touches that explain the charges of one sample; none
+        where the likeliest is lighter than the model knows."""
+        model, sample = self.model, self.history[number]
+        heard = np.flatnonzero(sample.noise < UNKNOWN)
         total = (sample.charges + model.rest_pC)[heard]
         error = model.problem.model.error_bound * total
         spread = np.sqrt((sample.walked + sample.noise)[heard] + np.square(error))
@@ -203,10 +189,8 @@ class Contact:
         )
 
     def closed(self) -> Contact:
-        """The touch with what its end tells: no charge is left, so that what is was an error.
-
-        The errors' walk is a bridge between onset and end then. The touch is that at its peak.
-        """
+        """The touch with what its end tells: no charge is left, so that what is was an error. The
+        errors' walk is a bridge between onset and end then. The touch is that at its peak."""
         last, size = self.history[-1], np.square(self.history[self.peak].charges)
         begin = self._onset_error**2 * size
         total = begin + last.walked + (ONSET_ERROR**2 * size if self._onset_error else 0.0)
@@ -216,11 +200,8 @@ class Contact:
             replace(s, charges=s.charges - last.charges * (begin + s.walked) / total)
             for s in self.history
         ]
-        at = closed._candidates(closed.history[self.peak])
-        if self.places:
-            at = np.concatenate([at, self.places.at])
-        if len(at):
-            none = np.zeros_like(total)
-            closed.places = closed._fitted_places(at, self.peak, begin, total, none)
+        others, none = closed._candidates(self.peak), np.zeros_like(total)
+        closed._fit_places(others, self.peak, begin, total, none)
+        if closed.places:
             closed.at = closed.places.at[0]
         return closed

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pvdf_fem.arrays import Array, Indices, Mask
-from pvdf_fem.response.model import FORCE, ROTATION, Model, X, Y
+from pvdf_fem.arrays import Array, Mask
+from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model, X, Y
 from pvdf_fem.touch.descent import repeated
 from pvdf_fem.touch.locate import extents
 from pvdf_fem.touch.location import SHARE
@@ -18,16 +18,11 @@ from pvdf_fem.tracking.circuit import Circuit
 #: Gauss-Newton steps at most, and the longest: mm, mm, degrees, logarithm of the force.
 STEPS = 8
 LONGEST = np.array([1.5, 1.5, 10.0, 1.0])
-#: Steps end when all are shorter than this part of the longest.
-SHORT = 0.05
-#: Part of the largest entry that is added to the diagonal of normal equations.
-RIDGE = 1e-10
-#: Places this close are one.
-CLOSE = np.array([0.3, 0.3, 3.0, np.inf])
-#: Places beyond the model's reach are e to this power less likely before.
-BEYOND = 6.0
-#: Forces are followed down to the model's least over e to this power.
-LIGHTEST = 7.0
+SHORT = 0.05  #: Steps end when all are shorter than this part of the longest.
+RIDGE = 1e-10  #: Part of the largest entry that is added to the diagonal of normal equations.
+CLOSE = np.array([0.3, 0.3, 3.0, np.inf])  #: Places this close are one.
+BEYOND = 6.0  #: Places beyond the model's reach are e to this power less likely before.
+LIGHTEST = 7.0  #: Forces are followed down to the model's least over e to this power.
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,23 +37,17 @@ class Sample:
 
 
 class ChangeModel:
-    """Changes of the charges, since the film was untouched, by touches of any force.
-
-    Below the model's least force they are continued to zero as the tension T of a membrane with the
+    """Changes of the charges, since the film was untouched, by touches of any force. Below the
+    model's least force they are continued to zero as the tension T of a membrane with the
     pretension T0 is, for which T² (T - T0) grows as the square of the force. T0 over T at the least
     force is the share of the charges at rest. Full solves of the thesis's film from 0.1 N down to
-    5 mN differ from this by at most a tenth of the charge.
-    """
+    5 mN differ from this by at most a tenth of the charge."""
 
     def __init__(
-        self,
-        model: Model,
-        circuit: Circuit,
-        rest_pC: Array,
-        unknown: Indices,
-        known: Mapping[int, float],
+        self, model: Model, circuit: Circuit, rest_pC: Array, known: Mapping[int, float]
     ) -> None:
-        """`unknown` are indices of what is sought, and `known` are values of the rest by index."""
+        """`known` are values by index of what is not sought."""
+        unknown = np.array([i for i in range(len(QUANTITIES)) if i not in known])
         self.circuit, self.known = circuit, known
         self.rest_pC, self.least = rest_pC, model.domain.log_force[0]
         every, ones = np.arange(len(rest_pC)), np.ones((1, len(rest_pC)))
@@ -68,11 +57,9 @@ class ChangeModel:
     def evaluate(self, at: Array) -> Array:
         """Changes in pC and their slopes, (n, electrodes, 1 + 4), at coordinates `at` (n, 4)."""
         light: Mask = at[:, FORCE] < self.least
+        system = self.problem.linearised(np.maximum(at, [-np.inf, -np.inf, -np.inf, self.least]))
         if not light.any():
-            return self.problem.linearised(at)
-        held = at.copy()
-        held[:, FORCE] = np.maximum(at[:, FORCE], self.least)
-        system = self.problem.linearised(held)
+            return system
         change = system[light, :, 0].copy()
         total = np.linalg.norm(change + self.rest_pC, axis=1)
         share = np.clip(np.linalg.norm(self.rest_pC) / total, 0.0, 0.95)
@@ -107,15 +94,12 @@ class Places:
     #: Coordinates, with the force at the last sample, (n, 4), and their covariances, (n, 4, 4).
     at: Array
     covariance: Array
-    #: Probabilities, (n,).
-    weights: Array
+    weights: Array  #: Probabilities, (n,).
 
     def deviations(self, turn: Array) -> Array:
-        """Standard deviations (4,) of the likeliest x, y, rotation and logarithm of the force.
-
-        The places are turned first by an orthogonal matrix (2, 2). Other places that may be touched
-        count with their distances.
-        """
+        """Standard deviations (4,) of the likeliest x, y, rotation and logarithm of the force. The
+        places are turned first by an orthogonal matrix (2, 2). Other places that may be touched
+        count with their distances."""
         apart = self.at - self.at[0]
         second = self.covariance + apart[:, :, None] * apart[:, None]
         mean = np.tensordot(self.weights, second, 1)
@@ -127,10 +111,8 @@ def fitted(
     model: ChangeModel, starts: Array, samples: Sequence[Sample], errors: Array, common: Array
 ) -> Places:
     """The places near `starts` (n, 4) that explain some samples of a touch, the forces free.
-
     `errors` (electrodes, samples, samples) are the covariances of the samples' errors by channel,
-    and `common` (electrodes,) is the standard deviation of an error that all samples share.
-    """
+    and `common` (electrodes,) is the standard deviation of an error that all samples share."""
     count, channels = len(samples), len(common)
     charges = np.array([sample.charges for sample in samples])
     sizes = np.linalg.norm(charges, axis=1)
@@ -182,10 +164,8 @@ def fitted(
 
 
 def _likely(at: Array, covariance: Array, logs: Array, volume: Array) -> Places:
-    """Places in the order of their likelihood, without repeated and unlikely ones.
-
-    They weigh as much as the likelihood about them, integrated; `volume` is twice its logarithm.
-    """
+    """Places in the order of their likelihood, without repeated and unlikely ones. They weigh as
+    much as the likelihood about them, integrated; `volume` is twice its logarithm."""
     order = np.argsort(-logs, kind="stable")
     order = order[~repeated(at[order], np.arange(len(order), dtype=float), CLOSE)]
     masses = logs[order] + 0.5 * volume[order]

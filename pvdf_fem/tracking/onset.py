@@ -26,24 +26,19 @@ SPREADS = np.array([3.0, 0.5, 0.5, 1.0])
 #: Searches start from the best of these, added to what is likely.
 BEGINS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 POWERS = (-0.4, 0.1, 0.6)
-#: Part of a voltage by which such a course may differ from the true one.
-MISFIT = 0.01
-#: Share of the charge missed that is in doubt, as the course may be another.
-DOUBT = 0.5
-#: The touch has begun where this share of its squared voltages has come.
-BEGUN = 0.01
+MISFIT = 0.01  #: Part of a voltage by which such a course may differ from the true one.
+DOUBT = 0.5  #: Share of the charge missed that is in doubt, as the course may be another.
+BEGUN = 0.01  #: The touch has begun where this share of its squared voltages has come.
 
 
 def missed_charge(
     model: ChangeModel, at: Array, times: Array, voltages: Array, noise: Array
 ) -> tuple[Array, float]:
-    """What a `ChargeSum` over the first samples of a touch misses, and how well that is known.
-
-    For a touch near coordinates `at` (4,), at times (n,) in s with voltages (n, electrodes) over
-    the baseline, NaN where a channel was lost. The course of the force is f (t - t0)^p exp(c t),
-    with t0, f, p and c fitted. Returns charges (electrodes,) in pC, and the standard deviation of
-    this over the charge at the last time.
-    """
+    """What a `ChargeSum` over the first samples of a touch misses, and how well that is known. For
+    a touch near coordinates `at` (4,), at times (n,) in s with voltages (n, electrodes) over the
+    baseline, NaN where a channel was lost. The course of the force is f (t - t0)^p exp(c t), with
+    t0, f, p and c fitted. Returns charges (electrodes,) in pC, and the standard deviation of this
+    over the charge at the last time."""
     errors = np.hypot(noise, MISFIT * np.abs(voltages))
     weights = np.where(np.isnan(voltages), 0.0, 1.0 / errors)
     measured = np.nan_to_num(voltages) * weights

@@ -20,8 +20,7 @@ class Row:
 
     t_s: float
     status: str
-    #: Number of the touch, from 1; 0 for none.
-    touch: int = 0
+    touch: int = 0  #: Number of the touch, from 1; 0 for none.
     x_mm: float = NAN
     y_mm: float = NAN
     force_N: float = NAN
@@ -33,10 +32,8 @@ class Row:
     rotation_deviation_deg: float = NAN
     #: Of the charges of this sample, with one degree of freedom less than there are channels.
     chi_square: float = NAN
-    #: Number of places with a hundredth of the likelihood or more.
-    alternatives: int = 0
-    #: Channels without a reading, by name: ``A C``.
-    missing: str = ""
+    alternatives: int = 0  #: Number of places with a hundredth of the likelihood or more.
+    missing: str = ""  #: Channels without a reading, by name: ``A C``.
 
 
 @dataclass(frozen=True)
@@ -49,8 +46,7 @@ class TouchSummary(Row):
 
     onset_s: float = NAN
     end_s: float = NAN
-    #: Integral of the force over time.
-    impulse_N_s: float = NAN
+    impulse_N_s: float = NAN  #: Integral of the force over time.
 
     def __str__(self) -> str:
         """A line for people."""

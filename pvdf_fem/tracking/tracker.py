@@ -15,7 +15,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.readout.channel import channels
-from pvdf_fem.response.model import FORCE, QUANTITIES, Model, period_deg, touch_of
+from pvdf_fem.response.model import QUANTITIES, Model, period_deg, touch_of
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.touch.locate import PLACE_AND_FORCE
 from pvdf_fem.touch.mistakes import known_mistakes
@@ -25,16 +25,14 @@ from pvdf_fem.tracking.contact import BAD, STILL, Contact
 from pvdf_fem.tracking.course import ChangeModel
 from pvdf_fem.tracking.rows import Row, TouchSummary
 
-#: Samples of quiet signal before touches are looked for.
-SETTLE = 256
+SETTLE = 256  #: Samples of quiet signal before touches are looked for.
 #: Samples over which the baseline is followed. A faster drift than in this time is not.
 MEMORY = 2000
-#: A pause in samples after which a touch is lost.
-PAUSE = 50
+PAUSE = 50  #: A pause in samples after which a touch is lost.
 
 
 class Tracker:
-    """Follows touches from sample to sample.
+    """Follows touches from sample to sample; `touches` are the summaries of those that have ended.
 
     Parameters
     ----------
@@ -47,15 +45,10 @@ class Tracker:
     unit : str
         Of the readings: ``V``, or ``pC``: V times the channel's capacitance.
 
-    Attributes
-    ----------
-    touches : list of TouchSummary
-        Summaries of the touches that have ended.
-
     Raises
     ------
     ValueError
-        Listing all mistakes in the options, a line each.
+        With a line for each mistake in the options.
     """
 
     def __init__(
@@ -77,35 +70,23 @@ class Tracker:
             raise ValueError("\n".join(mistakes))
         values = {**default, **known}
         fixed = {i: values[n] for i, n in enumerate(QUANTITIES) if n not in unknown}
-        moving = np.array([i for i, n in enumerate(QUANTITIES) if n in unknown])
         circuit = Circuit.of(channels(scene))
         self.touches: list[TouchSummary] = []
         self._names, self._unit, self._stage = response.names, unit, scene.stage or Stage()
-        self._model = ChangeModel(response, circuit, PICO * rest_charges(scene), moving, fixed)
+        self._model = ChangeModel(response, circuit, PICO * rest_charges(scene), fixed)
         self._response, self._time = response, -math.inf
         self._restart()
 
     def _restart(self) -> None:
         self._step = math.inf
         self._baseline = Baseline(self._model.circuit, MEMORY)
-        self._watch = Watch(len(self._names))
+        self._watch, self._missing = Watch(len(self._names)), set[str]()
         self._contact: Contact | None = None
-        self._missing: set[str] = set()
 
     def update(self, t: float, readings: Mapping[str, float] | Sequence[float]) -> Row:
-        """What is known with a further sample.
+        """What is known with a sample at a time in s; if that does not grow, all begins anew.
 
-        Parameters
-        ----------
-        t : float
-            Time in s. When it does not grow, all begins anew.
-        readings : mapping or sequence
-            Readings of the channels by name or in their order, NaN where there is none.
-
-        Raises
-        ------
-        ValueError
-            For readings of another number of channels.
+        `readings` are those of the channels by name or in their order, NaN where there is none.
         """
         if isinstance(readings, Mapping):
             readings = [readings.get(name, math.nan) for name in self._names]
@@ -119,7 +100,8 @@ class Tracker:
         voltage = self._model.circuit.voltages(values, self._unit == "pC")
         step, most = t - self._time, PAUSE if self._contact else MEMORY
         if math.isfinite(step) and 0.0 < step <= most * self._step:
-            row = self._follow(t, voltage) if self._contact else self._watch_out(t, voltage)
+            touch = self._contact
+            row = self._follow(t, voltage, touch) if touch else self._watch_out(t, voltage)
             known = self._step if math.isfinite(self._step) else step
             self._step = known + (min(step, 2.0 * known) - known) / 16.0
         else:
@@ -171,18 +153,14 @@ class Tracker:
         doubt = np.square((circuit.capacitance + circuit.leak * elapsed) * error)
         contact.add(t, voltage - baseline.at(t) + baseline.remaining(t), baseline.noise, doubt)
 
-    def _follow(self, t: float, voltage: Array) -> Row:
+    def _follow(self, t: float, voltage: Array, contact: Contact) -> Row:
         """During a touch."""
-        contact = self._contact
-        assert contact is not None
         self._add(contact, t, voltage)
-        if contact.ended():
-            self._finish(t, contact)
-            return Row(t, "quiet")
-        if contact.lost(MEMORY):
-            self._finish(t, contact, "lost")
-            return Row(t, "lost")
-        return self._row(t, contact)
+        status = "quiet" if contact.ended() else "lost" if contact.lost(MEMORY) else ""
+        if not status:
+            return self._row(t, contact)
+        self._finish(t, contact, status.removeprefix("quiet"))
+        return Row(t, status)
 
     def _finish(self, t: float, contact: Contact, status: str = "") -> None:
         """End the touch, for a reason if it is no plain end, and watch out for another."""
@@ -200,12 +178,13 @@ class Tracker:
         number, (low, high) = len(self.touches) + 1, self._response.domain.log_force
         if contact.places is None:
             return Row(t, "starting", number)
-        status = "too_light" if contact.at[FORCE] < low else "touch"
-        status = "too_strong" if contact.at[FORCE] > high else status
-        status = "unexplained" if contact.strain > BAD else status
         x, y, rotation, log_force = contact.at.tolist()
-        (x, y), rotation = self._stage.to_stage((x, y), rotation)
-        force, rotation = math.exp(log_force), float(rotation) % period_deg(self._response)
+        status = "too_light" if log_force < low else "touch"
+        status = "too_strong" if log_force > high else status
+        status = "unexplained" if contact.strain > BAD else status
+        place, turned = self._stage.to_stage((x, y), rotation)
+        x, y = place.tolist()
+        force, rotation = math.exp(log_force), float(turned) % period_deg(self._response)
         dx, dy, turn, relative = contact.places.deviations(self._stage.turn).tolist()
-        numbers = float(x), float(y), force, rotation, dx, dy, relative * force, turn
+        numbers = x, y, force, rotation, dx, dy, relative * force, turn
         return Row(t, status, number, *numbers, contact.chi_square, len(contact.places.at))

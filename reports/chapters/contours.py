@@ -66,8 +66,8 @@ def first_maps(thesis: Thesis, results: Results, observable: str) -> dict[str, C
     scenes = [scene for scene in dict.fromkeys(_first_scenes(thesis)) if results[scene].converged]
     charges: dict[str, dict[tuple[float, float], float]] = {name: {} for name in _MIRRORED}
     for scene in scenes:
-        assert scene.probe is not None
-        x, y = scene.probe.x_mm, scene.probe.y_mm
+        assert scene.single_probe is not None
+        x, y = scene.single_probe.x_mm, scene.single_probe.y_mm
         for name, charge in results[scene].charges_pC(8.0, 8.0, observable).items():
             charges[name][x, y] = charge
             charges[_MIRRORED[name]].setdefault((-x + 0.0, y), charge)

@@ -244,8 +244,8 @@ def _electrodes(ax: Axes, scene: Scene, outwards: float) -> dict[str, Array]:
 
 
 def _probe(scene: Scene) -> Outline:
-    assert scene.probe is not None
-    return scene.probe.outline
+    assert scene.single_probe is not None
+    return scene.single_probe.outline
 
 
 def _ring(ax: Axes) -> None:

@@ -64,7 +64,7 @@ def _stored() -> tuple[list[Scene], list[Record], bytes]:
     scenes = [Scene().with_(**{"load.force_N": 0.1 * i}) for i in range(40)]
     forces = {"material": [[0.123456789, 9.87654321]] * 4}
     records = [
-        Record("converged", "", tuple("ABCD"), forces, forces, 1.0 + i, 99, 9, (), 0.1)
+        Record("converged", "", tuple("ABCD"), forces, forces, 1.0 + i, (), 0.1)
         for i in range(len(scenes))
     ]
     with tempfile.TemporaryDirectory() as folder:

@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
-from itertools import combinations
+from itertools import chain, combinations
 from pathlib import Path
 from typing import Any
 
@@ -22,30 +22,43 @@ ROOT = Path(__file__).resolve().parents[2]
 #: Largest number of any key but the number of unknowns.
 LARGEST = 1e6
 #: Keys of numbers that may be zero or negative.
-SIGNED = {"x_mm", "y_mm", "rotation_deg", "poisson_ratio", "thermal_expansion_per_K"}
+SIGNED = {
+    "tangential_N",
+    "x_mm",
+    "y_mm",
+    "rotation_deg",
+    "poisson_ratio",
+    "thermal_expansion_per_K",
+}
 SIGNED |= {"temperature_change_K", "pretension_N_m", "d31_pC_N", "d32_pC_N", "first_angle_deg"}
-SIGNED |= {"gain", "offset_V"}
+SIGNED |= {"gain", "offset_V", "tangential_N"}
 #: Keys of numbers that may be zero.
-ZERO = {"force_N", "cable_capacitance_pF", "noise_V"}
-WORDS: dict[str, set[bool | str]] = {
+ZERO = {"force_N", "depth_mm", "cable_capacitance_pF", "noise_V"}
+WORDS: dict[str, set[bool | float | str]] = {
     "bending": {False, True, "auto"},
     "compression": {"refuse", "tension-field"},
     "layout": {"four", "three", "ring"},
     "centre": {False, True},
-    "kind": {"dead", "follower", "rigid"},
+    "kind": {"dead", "follower", "rigid", "contact"},
+    "tilt": {"held", "free"},
+    "friction": {0.0, "stuck"},
     "contact": {"sliding", "stuck"},
+    "profile": {"uniform", "hertz", "gaussian"},
     "observable": {"material", "thesis-edge"},
 }
+PAIRS = {"youngs_modulus_GPa", "pretension_N_m", "tangential_N"}
 READOUT_WORDS = {"kind": {"charge", "voltage"}, "reading": {"change", "total"}}
 SIZES = {
     "triangle": {"side_mm"},
+    "sphere": {"radius_mm"},
     "square": {"side_mm"},
     "rectangle": {"width_mm", "height_mm"},
     "circle": {"radius_mm"},
     "ellipse": {"semi_axes_mm"},
     "polygon": {"vertices_mm"},
 }
-PLACE = {"name", "shape", "x_mm", "y_mm", "rotation_deg"}
+PLACE = {"name", "shape", "x_mm", "y_mm", "rotation_deg", "edge_radius_mm"}
+LOADS = frozenset({"force_N", "tangential_N", "load"})
 RING = frozenset({"layout", "count", "ring_radius_mm", "first_angle_deg", "centre"})
 
 
@@ -65,7 +78,13 @@ def _of_scene(tables: Mapping[str, Any]) -> Iterator[str]:
         elif name in ("electrodes", "probe") and not _is_layout(section):
             shapes = section if isinstance(section, list) else [section]
             for shape in shapes:
-                yield from _of_shape(shape)
+                if name == "probe" and shape is not section and isinstance(shape, Mapping):
+                    forces = {key: shape[key] for key in shape.keys() & LOADS}
+                    yield from _of_keys(forces.pop("load", {}), sections["load"])
+                    yield from _of_keys(forces, LOADS)
+                    yield from _of_shape({k: shape[k] for k in shape.keys() - LOADS})
+                else:
+                    yield from _of_shape(shape)
         elif not isinstance(section, Mapping):
             yield f"{name} is no table"
         elif name == "readout":
@@ -101,9 +120,11 @@ def _of_keys(section: Mapping[str, Any], documented_keys: frozenset[str]) -> Ite
         if key not in documented_keys:
             yield f"key {key}"
         elif key in WORDS:
-            if not isinstance(value, bool | str) or value not in WORDS[key]:
+            file = key == "profile" and str(value).endswith((".csv", ".nc"))
+            word = isinstance(value, bool | str) or key == "friction"
+            if not word or isinstance(value, list) or not (file or value in WORDS[key]):
                 yield f"{key} = {value!r}"
-        elif key in ("youngs_modulus_GPa", "pretension_N_m") and isinstance(value, list):
+        elif key in PAIRS and isinstance(value, list):
             if len(value) != 2 or any(_number(key, modulus) for modulus in value):
                 yield f"{key} = {value!r}"
         else:
@@ -169,13 +190,17 @@ def _of_places(tables: Mapping[str, Any], slack: float = 1e-3) -> Iterator[str]:
     names = [name for _, name in placed]
     if len(set(names)) < len(names) or not all(name.isprintable() and name for name in names):
         yield f"names {names}"
-    probe = [(_shape(tables["probe"]), "probe")] if "probe" in tables else []
-    for shape, name in placed + probe:
+    probes = tables.get("probe", [])
+    probes = [probes] if isinstance(probes, Mapping) else probes
+    pressing = [(_shape(entry), "probe") for entry in probes]
+    for shape, name in placed + pressing:
         if not shape.is_valid or shape.area == 0:
             yield f"{name} is no polygon"
         elif max(math.hypot(*corner) for corner in shape.exterior.coords) > radius * (1 + slack):
             yield f"{name} is over the rim"
-    for (a, first_name), (b, second_name) in combinations(placed, 2):
+    for (a, first_name), (b, second_name) in chain(
+        combinations(placed, 2), combinations(pressing, 2)
+    ):
         if a.intersection(b).area > slack * min(a.area, b.area):
             yield f"{first_name} overlaps {second_name}"
 

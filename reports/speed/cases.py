@@ -148,8 +148,8 @@ def _patch_charge(scene: Scene, points: int = 40) -> dict[str, float]:
     film = scene.film
     modulus = film.stiffness[0, 0] * (1.0 - film.poisson_ratio**2)
     scale = modulus * film.thickness
-    assert scene.probe is not None
-    patch = math.sqrt(scene.probe.outline.area / math.pi) / film.radius
+    assert scene.single_probe is not None
+    patch = math.sqrt(scene.single_probe.outline.area / math.pi) / film.radius
     solution = axisymmetric_membrane(
         scene.load.force / (scale * film.radius),
         poisson_ratio=film.poisson_ratio,

@@ -115,7 +115,7 @@ def _deck(equilibrium: Equilibrium, element: str, first_part: float = 0.1) -> It
     yield f"*TEMPERATURE\nALL, {film.temperature_change_K:.12g}\n*END STEP"
     yield f"*STEP, NLGEOM, INC=1000\n*STATIC\n{first_part}, 1.\n*CLOAD"
     state = equilibrium.membrane.state(np.zeros(equilibrium.space.dof_count))
-    force = equilibrium.load.forces(state)[2::3]
+    force = equilibrium.load_forces(state)[2::3]
     for node in np.flatnonzero(force):
         yield f"{node + 1}, 3, {force[node]:.12g}"
     yield "*NODE PRINT, NSET=ALL, FREQUENCY=1000\nU\n*END STEP"

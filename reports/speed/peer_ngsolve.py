@@ -144,8 +144,8 @@ def _mesh(scene: Scene, patches: dict[str, float], film: float, grading: float =
     disc.edges.name = RIM
     faces: list[tuple[str, Any]] = [("film", disc)]
     outlines = [(f"electrode {e.name}", e.outline) for e in scene.electrode_list]
-    if scene.probe is not None:
-        outlines.append((PROBE, scene.probe.outline))
+    if scene.single_probe is not None:
+        outlines.append((PROBE, scene.single_probe.outline))
     for name, outline in outlines:
         if outline.reach >= scene.film.radius * (1.0 - 1e-9):  # the outline is the film's own rim
             faces = [(f"{old}|{name}", face) for old, face in faces]

@@ -11,10 +11,11 @@ from pvdf_fem import Scene
 from pvdf_fem.charges.forces import goal_forces, goal_gradients
 from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.charges.observables import OBSERVABLES
-from pvdf_fem.charges.quadrature import area_quadrature, facet_quadrature, line_quadrature
+from pvdf_fem.charges.quadrature import area_quadrature, line_quadrature
 from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.space import Space
 from pvdf_fem.mesh.gmsh_mesh import RIM
+from pvdf_fem.mesh.points import facet_quadrature
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.polygon import Polygon
 from tests.helpers.discs import graded_mesh

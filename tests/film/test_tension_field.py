@@ -138,7 +138,7 @@ def barely():
 
 def test_interior_points_approach_the_minimum(barely):
     """Their stress is in balance and is that of their strain: no other state has both."""
-    film, load = barely.film, barely.load.force
+    film, load = barely.film, barely.force
     points = islice(interior_points(barely, deflected_film(barely)), 25)
     point = next(point for point in points if 0.0 < point.gap < 1e-10)
     state = barely.state(point.q)

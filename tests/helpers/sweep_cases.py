@@ -25,7 +25,7 @@ def made_up(scenes, frames):
     for scene in scenes:
         value = scene.load.force_N * (1.0 + scene.probe.x_mm) / scene.electrodes.ring_radius_mm
         forces = {"material": [[value, 2.0 * value]] * 4}
-        records.append(Record("converged", "", tuple("ABCD"), forces, forces, value, 1, 1))
+        records.append(Record("converged", "", tuple("ABCD"), forces, forces, value))
     return records
 
 

@@ -27,7 +27,8 @@ UNKNOWN = ("film.pretension_N_m", "gains", "shift", "turn")
 
 
 @cache
-def _made(count: int, sigma: float, place_sd: float, seed: int) -> dict[str, np.ndarray]:
+def _solved(count: int, place_sd: float, seed: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Columns of touches, and standard normal errors of their readings."""
     rng = np.random.default_rng(seed)
     reach, angle = 12.0 * rng.uniform(size=count) ** 0.5, rng.uniform(0.0, 2.0 * np.pi, count)
     places = np.stack([reach * np.cos(angle), reach * np.sin(angle)], axis=-1)
@@ -41,11 +42,13 @@ def _made(count: int, sigma: float, place_sd: float, seed: int) -> dict[str, np.
         film = {"film.pretension_N_m": TRUE["film.pretension_N_m"], "load.force_N": force}
         changes = solve(SCENE.with_(**probe, **film, **{"numerics.tolerance": 1e-5}))
         rows.append([TRUE[f"gain.{n}"] * q for n, q in changes.charge_changes_pC.items()])
-    readings = np.array(rows) * (1.0 + sigma * rng.standard_normal((count, 4)))
     columns = {"x_mm": places[:, 0], "y_mm": places[:, 1], "rotation_deg": rotations}
-    return {**columns, "force_N": forces, **dict(zip(NAMES, readings.T, strict=True))}
+    columns |= {"force_N": forces, **dict(zip(NAMES, np.array(rows).T, strict=True))}
+    return columns, rng.standard_normal((count, 4))
 
 
 def made(count=12, sigma=0.0, place_sd=0.0, seed=1, **changes):
     """Columns of touches with readings of the changes in pC; some columns may be replaced."""
-    return {**_made(count, sigma, place_sd, seed), **changes}
+    columns, errors = _solved(count, place_sd, seed)
+    noisy = {n: columns[n] * (1.0 + sigma * e) for n, e in zip(NAMES, errors.T, strict=True)}
+    return {**columns, **noisy, **changes}

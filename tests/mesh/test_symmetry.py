@@ -169,7 +169,8 @@ def test_unfolded_solution_solves_the_whole_film(name):
     solved = fields.solved
     for force in (whole.rim_reaction, whole.applied_force):
         on_solved = getattr(solved, force.__name__)(fields.solved_state)
-        assert on_solved == pytest.approx(force(fields.state), rel=1e-11)
+        small = 1e-9 * scene.load.force
+        assert on_solved == pytest.approx(force(fields.state), rel=1e-11, abs=small)
 
 
 @pytest.mark.parametrize("name", ["disc on the diagonal", "edges on the mirror line", "rectangle"])

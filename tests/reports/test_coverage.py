@@ -29,7 +29,7 @@ def made_up(scene: Scene) -> Record:
     ]
     names = tuple(e.name for e in scene.electrode_list)
     forces = {"material": charge_forces, "thesis-edge": charge_forces}
-    return Record("converged", "", names, forces, forces, 3.0, 1, 1, (), 0.0)
+    return Record("converged", "", names, forces, forces, 3.0, (), 0.0)
 
 
 @pytest.fixture(scope="module")

@@ -38,7 +38,7 @@ class Solved(dict):
         forces = [[1e3 * half, 1e3 * half]] * 4
         observables = {key: forces for key in ("material", "thesis-edge")}
         solved = observables if status == "converged" else {}
-        self.record = Record(status, "", names, solved, {}, 1.0, 1, 1, (), 0.1)
+        self.record = Record(status, "", names, solved, {}, 1.0, (), 0.1)
 
     def __getitem__(self, scene: object) -> Record:
         return self.record

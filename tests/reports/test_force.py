@@ -30,7 +30,7 @@ from reports.thesis_methods.force_law import MembraneLaw
 
 DATA = Thesis.read()
 CHAPTERS = (TRIANGLE_FORCE_CHAPTER, THICKNESS_CHAPTER, RECTANGLE_FORCE_CHAPTER, FORCE_LAW_CHAPTER)
-FAILED = Record("unstable", "no", ("A", "B", "C", "D"), {}, {}, np.nan, 0, 0, (), 0.0)
+FAILED = Record("unstable", "no", ("A", "B", "C", "D"), {}, {}, np.nan, (), 0.0)
 
 
 def same(source: str) -> list[Comparison]:

@@ -30,7 +30,7 @@ from reports.common.thesis_data import Thesis
 
 DATA = Thesis.read()
 CHAPTERS = (ROTATION_CHAPTER, ANGLE_CHAPTER, SURFACE_CHAPTER, RECOVERY_CHAPTER)
-FAILED = Record("unstable", "no", ("A", "B", "C", "D"), {}, {}, np.nan, 0, 0, (), 0.0)
+FAILED = Record("unstable", "no", ("A", "B", "C", "D"), {}, {}, np.nan, (), 0.0)
 
 
 def charge_pC(angle_deg: float, force_N: float, electrode: str) -> float:

@@ -252,7 +252,7 @@ def test_failed_solves_are_reported_and_tried_again(
 def test_all_chapters_survive_failed_solves(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    failed = Record("unstable", "no", tuple("ABCD"), {}, {}, 0.0, 0, 0, (), 0.0)
+    failed = Record("unstable", "no", tuple("ABCD"), {}, {}, 0.0, (), 0.0)
     monkeypatch.setattr(sweep, "records_of", lambda scenes, frames: [failed] * len(scenes))
     arguments = ["--out", str(tmp_path), "--processes", "1", "--quiet", "--quick"]
     assert thesis.main(arguments) == 1

@@ -29,22 +29,20 @@ SMALL = {"reach_mm": 3.0, "force_N": (0.8, 1.6), "processes": 1, "options": OPTI
 DRAWN = {"film.youngs_modulus_GPa": [2.0, 3.0], "film.d31_pC_N": 20.0, "film.d32_pC_N": 3.0}
 
 
-_SOLVED = {}
+@pytest.fixture(scope="module", autouse=True)
+def _remembered():
+    """Stress about a probe is solved once for all builds with the same options."""
+    solve, solved = build.mean_stress_about_probe, {}
 
+    def once(scene, *rest):
+        at = f"{mechanics_of(scene)} {rest}"
+        if at not in solved:
+            solved[at] = solve(scene, *rest)
+        return solved[at]
 
-@pytest.fixture
-def remembered(monkeypatch):
-    """Stress about the disc is solved once for all builds with the same options."""
-    solve = build.mean_stress_about_probe
-
-    def once(scene, place, forces, *rest):
-        assert mechanics_of(scene) == mechanics_of(DISC)
-        at = f"{place} {forces} {rest}"
-        if at not in _SOLVED:
-            _SOLVED[at] = solve(scene, place, forces, *rest)
-        return _SOLVED[at]
-
-    monkeypatch.setattr(build, "mean_stress_about_probe", once)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build, "mean_stress_about_probe", once)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +72,6 @@ def test_a_response_is_true_to_the_solver(built):
 
 
 @pytest.mark.parametrize("d", [(9.0, 4.0), (2.0, 30.0), (5.0, 5.0)])
-@pytest.mark.usefixtures("remembered")
 def test_other_coefficients_are_those_of_a_build_anew(built, d):
     """The first are both a half."""
     changes = dict(zip(("film.d31_pC_N", "film.d32_pC_N"), d, strict=True))
@@ -88,7 +85,6 @@ def test_other_coefficients_are_those_of_a_build_anew(built, d):
     assert found.evaluate(touches)[0] == pytest.approx(anew.evaluate(touches)[0], abs=1e-6 * sizes)
 
 
-@pytest.mark.usefixtures("remembered")
 def test_other_electrodes_are_read_from_the_same_stress(built, monkeypatch):
     """Far out, too, and without a solve for the stress; the bound is measured anew."""
     electrodes = [
@@ -168,7 +164,6 @@ def test_a_damaged_field_is_solved_again(tmp_path):
         assert build._read(file) is None
 
 
-@pytest.mark.usefixtures("remembered")
 def test_a_missed_tolerance_returns_the_true_bound(tmp_path):
     path = tmp_path / "disc.response"
     response = build_response(DISC, tolerance=2e-5, file=path, **SMALL)

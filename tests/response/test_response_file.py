@@ -116,7 +116,7 @@ from pvdf_fem import Response
 from reports.robustness import kept
 bound = float(sys.argv[2])
 response = replace(kept.response(), error_bound=bound)
-for _ in range(150):
+for _ in range(50):
     response.save(sys.argv[1])
     assert Response.load(sys.argv[1]).error_bound in (1.0, 2.0)
 """

@@ -137,6 +137,7 @@ def test_files_of_the_geometry_folder():
             "disc": math.pi * 1e-6,
             "uniaxial": 98e-6,
             "ring": math.pi * 4e-6,
+            "sphere": math.pi * 25e-6,
         }
     )
     assert found["triangle"].probe.outline.centroid == pytest.approx([5.0714e-3, 0.8757e-3])

@@ -9,6 +9,7 @@ import pytest
 
 from pvdf_fem import NotConvergedError, Scene, solve
 from pvdf_fem.film.models import film_model
+from pvdf_fem.scene.change import steps_of
 from pvdf_fem.solution.gradients import gradients, parameters_of
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, graded_mesh
 from tests.helpers.random_scenes import random_scene
@@ -23,8 +24,8 @@ UNEQUAL = ORTHOTROPIC.with_(**{"film.pretension_N_m": [12.0, 5.0]})
 
 
 def value(scene, key):
-    for name in key.split("."):
-        scene = scene[int(name)] if name.isdecimal() else getattr(scene, name)
+    for name in steps_of(key):
+        scene = scene[name] if isinstance(name, int) else getattr(scene, name)
     return scene
 
 
@@ -259,3 +260,49 @@ def test_tolerance_out_of_range_is_refused_before_meshing(tolerance, monkeypatch
     monkeypatch.setattr("pvdf_fem.solution.gradients.solve", None)
     with pytest.raises(ValueError, match=r"tolerance = .*give a number from 0 to 1"):
         gradients(TURNED, tolerance=tolerance)
+
+
+PROBES = [
+    {"shape": "triangle", "x_mm": -7.0, "y_mm": 3.0, "force_N": 0.4, "tangential_N": [0.1, 0.2]},
+    {"shape": "circle", "radius_mm": 2.0, "x_mm": 5.0, "y_mm": -4.0},
+]
+FORCE_KEYS = {"probe[0].force_N", *(f"probe[0].tangential_N[{i}]" for i in (0, 1)), "load.force_N"}
+SPHERE = {"shape": "sphere", "radius_mm": 5.0, "x_mm": 5.0, "y_mm": 1.0}
+
+
+def test_forces_of_several_probes_by_their_own_keys():
+    scene = Scene(probe=PROBES, numerics={"tolerance": 1e-4})
+    assert set(parameters_of(scene)) > FORCE_KEYS
+    direction = {key: 0.1 + 0.05 * i for i, key in enumerate(sorted(FORCE_KEYS))}
+    found = gradients(solve(scene), sorted(FORCE_KEYS))
+    expected = difference(scene, direction, 0.2)
+    assert along(found, direction) == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("scene", "direction"),
+    [
+        (Scene(probe=PROBES), {"probe[0].x_mm": 0.3, "probe[1].y_mm": -0.4}),
+        (Scene(probe=SPHERE, load={"kind": "contact"}), {"probe.x_mm": 0.3, "load.force_N": 0.1}),
+        (
+            Scene(probe=SPHERE, load={"kind": "contact", "depth_mm": 2.5}),
+            {"load.depth_mm": 0.1, "probe.y_mm": -0.2},
+        ),
+    ],
+)
+def test_places_of_several_probes_and_of_tips(scene, direction):
+    scene = scene.with_(**{"numerics.tolerance": 1e-4})
+    found = gradients(solve(scene), list(direction))
+    plus, minus = (
+        charges(scene.with_(**{key: value(scene, key) + s * d for key, d in direction.items()}))
+        for s in (0.5, -0.5)
+    )
+    expected = plus - minus
+    assert np.abs(along(found, direction) - expected).max() < 5e-3 * np.abs(expected).max()
+
+
+def test_a_sphere_that_turns_changes_nothing():
+    scene = Scene(probe=SPHERE, load={"kind": "contact"})
+    found = gradients(solve(scene), ["probe.rotation_deg", "probe.y_mm"])
+    assert max(map(abs, found["probe.rotation_deg"].values())) == 0.0
+    assert max(map(abs, found["probe.y_mm"].values())) > 1.0

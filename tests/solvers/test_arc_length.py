@@ -64,8 +64,8 @@ def test_turning_is_the_derivative_of_the_forces_by_the_part_that_follows(follow
     state = equilibrium.state(
         1e-3 * np.random.default_rng(2).standard_normal(equilibrium.unknowns.count)
     )
-    ahead, here = (turned(equilibrium, p).load.forces(state) for p in (following + 0.5, following))
-    turning = equilibrium.load.turning_forces(state)
+    ahead, here = (turned(equilibrium, p).load_forces(state) for p in (following + 0.5, following))
+    turning = equilibrium.loads[0].turning_forces(state)
     assert turning == pytest.approx((ahead - here) / 0.5, abs=1e-12 * np.abs(turning).max())
 
 
@@ -84,7 +84,7 @@ def test_a_path_turns_back_at_the_same_limit_on_every_mesh_and_the_determinant_c
         for point in points:
             now = turned(equilibrium, point.following)
             state = now.state(point.q)
-            assert np.abs(now.residual(state)).max() < 1e-4 * now.load.force
+            assert np.abs(now.residual(state)).max() < 1e-4 * now.force
             if abs(point.slope) > 0.02:
                 assert beyond_limit(factorise(now.tangent(state))) == (point.slope < 0.0)
         limits.append(max(point.following for point in points))

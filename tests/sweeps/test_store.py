@@ -21,7 +21,7 @@ SCENE = Scene().with_(**{"probe.shape": "circle", "numerics.tolerance": 0.05})
 
 
 def record(status: str = "converged") -> Record:
-    return Record(status, "", ("A",), {"material": [[1.0, 2.0]]}, {}, 0.5, 10, 3, ("w",), 0.1)
+    return Record(status, "", ("A",), {"material": [[1.0, 2.0]]}, {}, 0.5, ("w",), 0.1)
 
 
 def test_a_record_comes_back_as_it_was(tmp_path):
@@ -214,7 +214,7 @@ def _open_at(path, moment):
 def test_processes_may_make_a_store_at_the_same_moment(tmp_path):
     """One found tables without the number of a store, another the file locked; both gave up."""
     fork = multiprocessing.get_context("fork")
-    for number in range(40):
+    for number in range(12):
         arguments = (tmp_path / f"{number}.db", time.time() + 0.03)
         processes = [fork.Process(target=_open_at, args=arguments) for _ in range(6)]
         for process in processes:

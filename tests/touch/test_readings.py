@@ -10,10 +10,9 @@ from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.response.model import QUANTITIES
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.touch.descent import SearchOptions
-from pvdf_fem.touch.locate import LocateOptions, locate
+from pvdf_fem.touch.locate import LocateOptions, locate, weigh
 from pvdf_fem.touch.locate_many import RowStatus, locate_many
 from pvdf_fem.touch.polish import polish
-from pvdf_fem.touch.probes import weigh
 from tests.helpers.touch_models import bumps, random_touches
 
 TOUCH = np.array([3.0, -4.0, 25.0, 0.7])

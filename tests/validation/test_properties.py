@@ -98,8 +98,8 @@ def test_only_force_over_thickness_matters(probe, force_N, factor, kind):
 def test_rim_bears_the_force(probe, force_N, kind):
     solution = solve(scene_with(probe, **{"load.force_N": force_N}, **LOADS[kind]))
     equilibrium, state = solution.fields.equilibrium, solution.fields.state
-    assert equilibrium.applied_force(state) == pytest.approx(force_N, rel=1e-12)
-    assert equilibrium.rim_reaction(state) == pytest.approx(-force_N, rel=1e-6)
+    assert equilibrium.applied_force(state)[2] == pytest.approx(force_N, rel=1e-12)
+    assert equilibrium.rim_reaction(state)[2] == pytest.approx(-force_N, rel=1e-6)
     assert solution.force_balance < 1e-6
 
 
@@ -110,7 +110,7 @@ def test_rim_bears_the_vertical_part_of_a_follower_pressure(probe, force_N):
     assert solution.force_balance < 1e-6
     # the probe's part of the film is stretched and tilted: the resultant is not F
     applied = solution.fields.equilibrium.applied_force(solution.fields.state)
-    assert applied == pytest.approx(force_N, rel=0.1)
+    assert applied[2] == pytest.approx(force_N, rel=0.1)
 
 
 @given(probe=probes(), kind=st.sampled_from(list(LOADS)))

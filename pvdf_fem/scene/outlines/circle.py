@@ -15,15 +15,7 @@ from pvdf_fem.scene.quantity import Length
 
 @dataclass(frozen=True, eq=False)
 class Circle(ImageOfDisc):
-    """A disc.
-
-    Parameters
-    ----------
-    centre : array_like, shape (2,)
-        Centre in metres, stored read-only.
-    radius : float
-        Radius in metres.
-    """
+    """A disc; lengths are in m, the centre is stored read-only."""
 
     centre: Array
     radius: float

@@ -12,15 +12,8 @@ from pvdf_fem.scene.outlines.outline import EllipseCurve, Outline
 
 
 class ImageOfDisc(Outline):
-    """The points centre + axes z, where z is in the unit disc.
-
-    Attributes
-    ----------
-    centre : ndarray, shape (2,)
-        In m.
-    axes : ndarray, shape (2, 2)
-        Two orthogonal columns in m, the second a quarter counter-clockwise of the first.
-    """
+    """The points centre + axes z, where z is in the unit disc; lengths are in m. `axes` are two
+    orthogonal columns, the second a quarter counter-clockwise of the first."""
 
     centre: Array
 
@@ -52,9 +45,7 @@ class ImageOfDisc(Outline):
 
     def signed_distance(self, points: Array) -> Array:
         """Distances (n,) in m of points (n, 2) from the boundary to first order, negative inside.
-
-        They are f / |grad f| with f = |z| - 1.
-        """
+        They are f / |grad f| with f = |z| - 1."""
         to_disc = np.linalg.inv(self.axes)
         z = (points - self.centre) @ to_disc.T
         radius = np.hypot(z[:, 0], z[:, 1])
@@ -63,11 +54,9 @@ class ImageOfDisc(Outline):
         return (radius - 1.0) / np.linalg.norm(outward @ to_disc, axis=1)
 
     def dip(self, other: Outline) -> float:
-        """How deep the boundary reaches into another outline, in m; negative outside.
-
-        Each point that is deeper than its neighbours is sought between these again and again; the
-        depth's error is quadratic in their distance.
-        """
+        """How deep the boundary reaches into another outline, in m; negative outside. Each point
+        that is deeper than its neighbours is sought between these again and again; the depth's
+        error is quadratic in their distance."""
         angles = 2.0 * np.pi * np.arange(256) / 256
         step, deepest = angles[1], -np.inf
         while step > 1e-8:
@@ -83,12 +72,10 @@ class ImageOfDisc(Outline):
         return deepest
 
     def arc_middles(self, starts: Array, ends: Array) -> Array:
-        """Midside nodes (n, 2) that give curved elements the area of the disc's image.
-
-        On the unit circle they are moved outwards: a quadratic arc through three points of a circle
-        lies inside it. With the area right, what is left of the error changes sign along the arc,
-        and is not felt away from it. A linear map keeps the ratio of areas.
-        """
+        """Midside nodes (n, 2) that give curved elements the area of the disc's image. On the unit
+        circle they are moved outwards: a quadratic arc through three points of a circle lies inside
+        it. With the area right, what is left of the error changes sign along the arc, and is not
+        felt away from it. A linear map keeps the ratio of areas."""
         to_disc = np.linalg.inv(self.axes)
         a, b = ((points - self.centre) @ to_disc.T for points in (starts, ends))
         half = np.arcsin(0.5 * np.linalg.norm(a - b, axis=1))

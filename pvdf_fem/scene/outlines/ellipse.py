@@ -22,21 +22,11 @@ THINNEST = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Ellipse(ImageOfDisc):
-    """An ellipse.
-
-    Parameters
-    ----------
-    centre : array_like, shape (2,)
-        Centre in metres, stored read-only.
-    first : array_like, shape (2,)
-        From the centre to the end of one of the axes, in metres, stored read-only.
-    second : float
-        Length of the other semi-axis in metres.
-    """
+    """An ellipse; lengths are in m, arrays are stored read-only."""
 
     centre: Array
-    first: Array
-    second: float
+    first: Array  #: From the centre to the end of one of the axes.
+    second: float  #: Length of the other semi-axis.
 
     def __post_init__(self) -> None:
         for name in ("centre", "first"):
@@ -60,11 +50,8 @@ class Ellipse(ImageOfDisc):
 
     @cached_property
     def reach(self) -> float:
-        """Largest distance of a point of the ellipse from the film's centre, in m.
-
-        At z = exp(it) the derivative of |centre + axes (cos t, sin t)|² is a polynomial of
-        degree 4 over z².
-        """
+        """Largest distance of a point of the ellipse from the film's centre, in m. At z = exp(it)
+        the derivative of |centre + axes (cos t, sin t)|² is a polynomial of degree 4 over z²."""
         p, q = self.centre @ self.axes
         a, b = (self.axes**2).sum(axis=0)
         roots = np.roots([b - a, 2j * q - 2.0 * p, 0.0, 2j * q + 2.0 * p, a - b])

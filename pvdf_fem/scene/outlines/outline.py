@@ -35,10 +35,8 @@ class Line:
 class EllipseCurve:
     """A whole ellipse as a boundary."""
 
-    #: In m, (2,).
-    centre: Array
-    #: The two semi-axes in m, as orthogonal columns, (2, 2).
-    axes: Array
+    centre: Array  #: In m, (2,).
+    axes: Array  #: The two semi-axes in m, as orthogonal columns, (2, 2).
 
 
 class Outline(ABC):
@@ -100,42 +98,29 @@ class Outline(ABC):
 
     @abstractmethod
     def signed_distance(self, points: Array) -> Array:
-        """Distances (n,) in m of points (n, 2) from the boundary, negative inside.
-
-        They are exact to first order next to the boundary, and have the right sign anywhere.
-        """
+        """Distances (n,) in m of points (n, 2) from the boundary, negative inside. They are exact
+        to first order next to the boundary, and have the right sign anywhere."""
 
     @abstractmethod
     def dip(self, other: Outline) -> float:
-        """How deep this boundary reaches into another outline, in m; negative outside.
-
-        It is taken where two outlines only touch but for rounding; there a polygon dips with its
-        corners, and into its sides the other outline dips.
-        """
+        """How deep this boundary reaches into another outline, in m; negative outside. It is taken
+        where two outlines only touch but for rounding; there a polygon dips with its corners, and
+        into its sides the other outline dips."""
 
     @abstractmethod
     def arc_middles(self, starts: Array, ends: Array) -> Array:
-        """Midside nodes (n, 2) that give curved elements the outline's area.
-
-        Parameters
-        ----------
-        starts, ends : ndarray, shape (n, 2)
-            Ends of the elements' sides on a curved piece of the boundary, m.
-        """
+        """Midside nodes (n, 2) in m that give curved elements the outline's area. `starts` and
+        `ends` (n, 2) are those of their sides on a curved piece of the boundary."""
 
     @abstractmethod
     def area_rule(self, count: int) -> tuple[Array, Array]:
-        """Points (n, 2) in m and weights (n,) in m² of an integral over the outline.
-
-        `count` Gauss points are taken across each piece of the area.
-        """
+        """Points (n, 2) in m and weights (n,) in m² of an integral over the outline. `count` Gauss
+        points are taken across each piece of the area."""
 
     @abstractmethod
     def boundary_rule(self, count: int) -> tuple[Array, Array]:
         """Points (n, 2) in m and outward normals (n, 2) times weights in m along the boundary.
-
-        `count` points are taken along a side of a polygon or a quarter of a closed curve.
-        """
+        `count` points are taken along a side of a polygon or a quarter of a closed curve."""
 
     @cached_property
     def polygon(self) -> shapely.Polygon:
@@ -153,15 +138,8 @@ class Outline(ABC):
         return bool(max(np.abs(apart).max(), abs(self.size - other.size)) <= slack)
 
     def signature(self, unit: float, digits: int) -> tuple[str | float, ...]:
-        """Values that are equal for outlines that cover the same points, after rounding.
-
-        Parameters
-        ----------
-        unit : float
-            Unit of the rounded lengths in m.
-        digits : int
-            Digits of a rounded length after the point.
-        """
+        """Values that are equal for outlines that cover the same points, after rounding lengths to
+        `digits` after the point in units of `unit` m."""
         rounded = (np.round(self.landmarks / unit, digits) + 0.0).tolist()
         first = rounded.index(min(rounded))
         ordered = [x for point in rounded[first:] + rounded[:first] for x in point]

@@ -16,21 +16,14 @@ from pvdf_fem.scene.outlines.outline import Line, Outline, turn
 from pvdf_fem.scene.outlines.shape import Shape
 from pvdf_fem.scene.quantity import Coordinate, Length, refusal
 
-#: Details of a ring smaller than this, relative to its extent, cannot be meshed.
-DETAIL = 1e-6
-#: Polygons with more vertices are refused.
-MOST_VERTICES = 1000
+DETAIL = 1e-6  #: Details of a ring smaller than this, relative to its extent, cannot be meshed.
+MOST_VERTICES = 1000  #: Polygons with more vertices are refused.
 
 
 @dataclass(frozen=True, eq=False)
 class Polygon(Outline):
-    """A simple polygon.
-
-    Parameters
-    ----------
-    vertices : array_like, shape (n, 2)
-        Corners in metres, in either orientation; stored counter-clockwise and read-only.
-    """
+    """A simple polygon. Its `vertices` (n, 2) in m may be in either orientation; they are stored
+    counter-clockwise and read-only."""
 
     vertices: Array
 
@@ -98,11 +91,9 @@ class Polygon(Outline):
         return 0.5 * (starts + ends)
 
     def area_rule(self, count: int) -> tuple[Array, Array]:
-        """Points (n, 2) in m and weights (n,) in m² of an integral over the polygon.
-
-        A parallelogram has `count` Gauss points along each side; any other polygon is cut into
-        triangles, each of which has `count` points along two of its sides.
-        """
+        """Points (n, 2) in m and weights (n,) in m² of an integral over the polygon. A
+        parallelogram has `count` Gauss points along each side; any other polygon is cut into
+        triangles, each of which has `count` points along two of its sides."""
         s, w = unit_gauss(count)
         if (sides := _parallelogram(self.vertices)) is not None:
             places = np.stack(np.meshgrid(s, s), axis=-1).reshape(-1, 2)

@@ -6,7 +6,7 @@ from abc import abstractmethod
 from typing import ClassVar
 
 from pvdf_fem.scene.outlines.outline import Outline
-from pvdf_fem.scene.quantity import Coordinate, Number, Section
+from pvdf_fem.scene.quantity import Coordinate, Length, Number, Section
 
 
 class Shape(Section):
@@ -16,6 +16,7 @@ class Shape(Section):
     y_mm: Coordinate = 0.0
     rotation_deg: Number = 0.0
     shape: str
+    edge_radius_mm: Length | None = None
 
     #: The least rotation that brings the shape onto itself; 0 if any does.
     period_deg: ClassVar[float] = 360.0
@@ -25,6 +26,11 @@ class Shape(Section):
     is_rectangle: ClassVar[bool] = False
     #: The key to blame for a shape that is too large wherever it is.
     size_key: ClassVar[str] = "side_mm"
+
+    @property
+    def rounding_mm(self) -> float | None:
+        """Radius of a tip's rounded edge; None of a shape with a sharp one."""
+        return self.edge_radius_mm
 
     @property
     @abstractmethod

@@ -125,8 +125,8 @@ def _unseen_pairs(
     pairs = []
     for scene, name in _unseen(thesis).items():
         charges = [results[scene].charge_pC(e, THESIS_EDGE) for e in "AB"]
-        assert scene.probe is not None
-        place = scene.probe.rotation_deg, scene.load.force_N
+        assert scene.single_probe is not None
+        place = scene.single_probe.rotation_deg, scene.load.force_N
         pairs.append(pair(charge_series, name, *place, charges[0], charges[1]))
     return pairs
 

@@ -72,8 +72,8 @@ def scene_outlines(ax: Axes, scene: Scene, *, probe: bool = True) -> None:
         centre = 1e3 * electrode.outline.centroid
         x, y = centre * (1.0 + 2.9 / np.linalg.norm(centre))
         ax.text(x, y, electrode.name, color=ink, ha="center", va="center", clip_on=True)
-    if probe and scene.probe is not None:
-        draw_outline(ax, scene.probe.outline, fc="none", ec=GREY, lw=1.0)
+    if probe and scene.single_probe is not None:
+        draw_outline(ax, scene.single_probe.outline, fc="none", ec=GREY, lw=1.0)
 
 
 def draw_contours(ax: Axes, crossing: Crossing, dashed: bool = False) -> None:

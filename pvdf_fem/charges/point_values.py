@@ -1,0 +1,86 @@
+"""Deflection, strain, stress and charge density of a solved film at points and along lines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.film.membrane import strain_of
+from pvdf_fem.film.space import shape_values
+from pvdf_fem.mesh.points import located
+
+#: Points whose values are computed together, so that memory beyond the results stays small.
+CHUNK = 20_000
+
+
+@dataclass(frozen=True, eq=False)
+class PointValues:
+    """Values at points of the undeformed film; (...) is the shape of the points' coordinates."""
+
+    x_mm: Array  #: (...)
+    y_mm: Array  #: (...)
+    displacement_mm: Array  #: u, v, w, (..., 3).
+    strain: Array  #: Green-Lagrange strain of the displacement, E11, E22, 2 E12, (..., 3).
+    #: Second Piola-Kirchhoff stress with that of the pretension, S11, S22, S12, (..., 3).
+    stress_MPa: Array
+    #: d31 S11 + d32 S22, which is also that of the film outside of electrodes, (...).
+    charge_density_pC_mm2: Array
+    #: Distance along the line from its start; None of points that are on no line, (...).
+    distance_mm: Array | None = None
+
+    @property
+    def deflection_mm(self) -> Array:
+        """w, (...)."""
+        return np.asarray(self.displacement_mm[..., 2])
+
+
+def values_at(
+    equilibrium: Equilibrium, dofs: Array, x_mm: ArrayLike, y_mm: ArrayLike
+) -> PointValues:
+    """Values at points, whose coordinates are numbers or arrays that broadcast together. Raises
+    ValueError for coordinates that are no numbers on the film."""
+    x, y = np.broadcast_arrays(np.asarray(x_mm, dtype=float), np.asarray(y_mm, dtype=float))
+    radius_mm = 1e3 * equilibrium.film.radius
+    # rounding may put a point of the rim outside
+    outside = ~(np.hypot(x, y) <= radius_mm * (1.0 + 1e-9))
+    if outside.any():
+        first = f"({x[outside][0]:.9g}, {y[outside][0]:.9g}) mm"
+        raise ValueError(
+            f"{first} is not on the film; give points up to {radius_mm:g} mm from (0, 0)"
+        )
+    points = 1e-3 * np.stack([x.ravel(), y.ravel()])
+    chunks = (points[:, i : i + CHUNK] for i in range(0, x.size, CHUNK))
+    parts = [_values(equilibrium, dofs, chunk) for chunk in chunks]
+    values = np.concatenate([np.empty((3, 0, 3)), *parts], axis=1).reshape(3, *x.shape, 3)
+    displacement, strain, stress = values
+    film = equilibrium.film
+    density = film.d31_pC_N * stress[..., 0] + film.d32_pC_N * stress[..., 1]
+    return PointValues(x, y, displacement, strain, stress, density)
+
+
+def _values(equilibrium: Equilibrium, dofs: Array, points: Array) -> Array:
+    """Displacement in mm, strain and stress in MPa, (3, n, 3), at points (2, n) in m."""
+    space, membrane = equilibrium.space, equilibrium.membrane
+    elements, local = located(space.mesh, points)
+    nodal = dofs.reshape(-1, 3)[space.nodes[elements]]
+    displacement = np.einsum("nf,nfc->nc", shape_values(space.basis.elem, local), nodal)
+    gradients = space.gradients_at(elements, local[:, :, None])[:, 0]
+    strain = strain_of(np.matmul(nodal.swapaxes(1, 2), gradients))
+    return np.stack([1e3 * displacement, strain, 1e-6 * membrane.stress(strain)])
+
+
+def values_along(
+    equilibrium: Equilibrium, dofs: Array, line_mm: ArrayLike, points: int
+) -> PointValues:
+    """Values at this number of points at equal distances along a polyline, its ends included."""
+    corners = np.asarray(line_mm, dtype=float)
+    if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 2 or points < 2:
+        raise ValueError("a line has at least two corners (x, y) in mm, and at least two points")
+    ends = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1)))
+    distance = np.linspace(0.0, ends[-1], points)
+    x, y = (np.interp(distance, ends, along) for along in corners.T)
+    return replace(values_at(equilibrium, dofs, x, y), distance_mm=distance)

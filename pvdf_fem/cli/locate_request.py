@@ -1,0 +1,148 @@
+"""What ``pvdf-fem locate`` is asked for, read from its options, and what is wrong with it."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from pvdf_fem.cli.response_model import ModelChoice, number_of, positive
+
+if TYPE_CHECKING:
+    from pvdf_fem.scene.scene import Scene
+
+#: What may be sought, as on the command line.
+NAMES = {"x": "x_mm", "y": "y_mm", "force": "force_N", "rotation": "rotation_deg"}
+#: What full solves find besides.
+BY_SOLVES = {**NAMES, "tangential": "tangential_N"}
+SOUGHT = f"what is sought, of {', '.join(BY_SOLVES)}"
+
+
+@dataclass(frozen=True)
+class Request:
+    """What was asked for, read from the options."""
+
+    #: By electrode in the unit; none for a table.
+    readings: dict[str, float]
+    #: ``pC`` or ``V``.
+    unit: str
+    #: Of `pvdf_fem.touch.measurement.READINGS`; None is the scene's.
+    reading: str | None
+    sigma: float
+    #: In the unit; None is the scene's.
+    noise: float | None
+    #: Of the quantities of a touch.
+    unknown: tuple[str, ...]
+    #: Number of probes that touch at once.
+    touches: int
+    #: The model that is wanted.
+    model: ModelChoice
+    #: What is wrong with the options; the other values count only if nothing is.
+    mistakes: tuple[str, ...]
+
+    @classmethod
+    def of(cls, options: argparse.Namespace) -> Request:
+        """The request of a command line."""
+        readings, reading, wrong = {}, options.reading, _misplaced(options)
+        for word, text in (("total", options.charges), ("change", options.changes)):
+            if text is not None:
+                option = "--charges" if word == "total" else "--changes"
+                readings, reading = _charges(option, text, wrong), word
+        sigma, noise = positive("--sigma", options.sigma, wrong, zero=True), options.noise
+        if noise is not None:
+            noise = positive("--noise", noise, wrong, zero=True)
+        unknown = sought(options.unknown, wrong)
+        if (options.touches > 1 or "tangential_N" in unknown) and (
+            options.csv is not None or options.others or options.polish
+        ):
+            wrong.append("--touches, --unknown tangential: are for --charges or --changes alone")
+        model = ModelChoice.of(options, wrong)
+        if options.model and options.others:
+            wrong.append("--model: is of one scene; leave it out with --or")
+        asked = readings, options.unit, reading, sigma, noise, unknown, options.touches
+        return cls(*asked, model, tuple(wrong))
+
+    @property
+    def by_solves(self) -> bool:
+        """Whether no model of a single touch serves it."""
+        return self.touches > 1 or "tangential_N" in self.unknown
+
+    def unit_pC(self, scene: Scene) -> dict[str, float]:
+        """The unit of readings in nominal pC, by electrode."""
+        from pvdf_fem.readout.channel import channels
+
+        return {
+            channel.name: 1e12 * channel.capacitance if self.unit == "V" else 1.0
+            for channel in channels(scene)
+        }
+
+    def readings_pC(self, scene: Scene) -> dict[str, float]:
+        """The readings in nominal pC, by electrode."""
+        units = self.unit_pC(scene)
+        return {name: units.get(name, 1.0) * value for name, value in self.readings.items()}
+
+    def noise_pC(self, scene: Scene) -> dict[str, float] | None:
+        """The noise in nominal pC, by electrode; None is that of the readout."""
+        if self.noise is None:
+            return None
+        return {name: unit * self.noise for name, unit in self.unit_pC(scene).items()}
+
+
+def _misplaced(options: argparse.Namespace) -> list[str]:
+    """Options that are not for what was given."""
+    table, single = options.csv is not None, "is of a table; leave it out, or give --csv"
+    wrong = [f"--{name}: {single}" for name in ("quick", "reading") if getattr(options, name)]
+    if options.output != "-":
+        wrong.append(f"--output: {single}")
+    if not table:
+        return wrong
+    each = {"--or": options.others, "--polish": options.polish}
+    return [f"{name}: is for single touches; leave it out" for name, used in each.items() if used]
+
+
+def _charges(option: str, text: str, mistakes: list[str]) -> dict[str, float]:
+    charges: dict[str, float] = {}
+    for item in text.split(","):
+        name, equals, value = (part.strip() for part in item.partition("="))
+        number = number_of(value)
+        if not (name and equals) or number is None:
+            mistakes.append(f"{option} {item.strip()}: write NAME=CHARGE, such as A=905.1")
+        elif name in charges:
+            mistakes.append(f"{option} {name}: given twice; remove one")
+        else:
+            charges[name] = number
+    return charges
+
+
+def sought(text: str, mistakes: list[str]) -> tuple[str, ...]:
+    """The quantities that are named as sought; what is wrong is added to `mistakes`."""
+    known = BY_SOLVES | {name: name for name in BY_SOLVES.values()}
+    items = [item.strip() for item in text.split(",")]
+    names = ", ".join(BY_SOLVES)
+    mistakes += [f"--unknown {item}: choose from {names}" for item in items if item not in known]
+    return tuple(dict.fromkeys(known[item] for item in items if item in known))
+
+
+def require(
+    scenes: Mapping[str, Scene],
+    request: Request,
+    readings_pC: Mapping[str, float],
+    known: Mapping[str, float],
+) -> None:
+    """Refuse before anything is built what cannot be located with the scenes."""
+    from pvdf_fem.touch.measurement import centre_mm
+    from pvdf_fem.touch.mistakes import charge_mistakes, known_mistakes
+
+    mistakes: list[str] = []
+    for name, scene in scenes.items():
+        mistakes += charge_mistakes(scene, readings_pC, request.sigma, request.noise_pC(scene))
+        if request.unit == "V" and scene.readout is None:
+            mistakes.append(f"--unit V: {name} has no [readout]; add one, or give pC")
+    for name, scene in scenes.items():
+        mistakes += request.model.mistakes(scene, name)
+    if not (request.model.file and request.model.file.exists()):
+        centre = centre_mm(next(iter(scenes.values())))
+        mistakes += known_mistakes(request.model.domain, request.unknown, {}, known, centre)
+    if mistakes:
+        raise ValueError("\n".join(dict.fromkeys(mistakes)))

@@ -1,0 +1,446 @@
+"""Contact with a rigid tip: inside an edge that the mesh follows the film rests on it.
+
+At a node X that rests on the tip the deflection is w = depth - z(X + u), with the tip's height z
+over the displaced point. So it is no unknown: the node's in-plane displacement u, which slides
+without friction, and the depth decide it. The tip's force belongs to the depth.
+
+Where the film leaves the tip it does so without a kink. A kink e = [grad w . n] tells how far the
+edge is from there: the gap beyond an edge moved by s is e s + k s^2/2 with the jump k of the film's
+curvature, which the contact pressure over the tension across the edge gives, so that s = -e/k.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from pvdf_fem.arrays import ALL, Array, Indices, Mask, Selection
+from pvdf_fem.film.loads.pressure import DeadPressure
+from pvdf_fem.film.membrane import IDENTITY, Membrane, strain_of
+from pvdf_fem.film.point_load import point_force, tension_at
+from pvdf_fem.film.space import Space, shape_values
+from pvdf_fem.film.term import State
+from pvdf_fem.mesh.points import facet_quadrature
+from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
+from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.outlines.outline import Outline
+from pvdf_fem.scene.outlines.tip import STEEPEST, Height, Tip
+from pvdf_fem.scene.registry import Load
+from pvdf_fem.scene.scene import LoadedProbe, Scene
+
+#: Width of the contact over that guessed, measured for spheres: 1.07 to 1.11.
+WIDER = 1.09
+#: Largest overlap of film and tip over the tip's depth.
+PENETRATION = 1e-6
+#: The same from which a contact has no result.
+LARGEST = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeFacets:
+    """Middles of the facets along a patch, counter-clockwise, seen from outside of it.
+
+    Attributes
+    ----------
+    points, normals : (n, 2)
+        In m, and unit normals outwards.
+    lengths : (n,)
+        Of the facets, m.
+    nodes : (n, functions) int
+        Scalar dofs of the elements outside.
+    functions, slopes : (n, functions), (n, functions, 2)
+        Values and gradients of the shape functions.
+    """
+
+    points: Array
+    normals: Array
+    lengths: Array
+    nodes: Indices
+    functions: Array
+    slopes: Array
+
+    @classmethod
+    def of(cls, space: Space, patch: Indices) -> EdgeFacets:
+        """Those of a patch of elements."""
+        mesh = space.mesh
+        facets, count = np.unique(mesh.t2f[:, patch], return_counts=True)
+        facets = facets[count == 1]
+        first, second = mesh.f2t[:, facets]
+        outer = np.where(np.isin(first, patch), second, first)
+        along, tangents = facet_quadrature(mesh, facets, outer, 1)
+        points = mesh.mapping().F(along.points, outer)[:, :, 0].T
+        normals = np.stack([tangents[:, 0, 1], -tangents[:, 0, 0]], axis=-1)
+        outwards = mesh.p[:, mesh.t[:, outer]].mean(axis=1).T - points
+        normals *= np.sign((outwards * normals).sum(axis=1))[:, None]
+        values = shape_values(space.basis.elem, along.points[:, :, 0])
+        slopes = space.gradients_at(outer, along.points)[:, 0]
+        x, y = (points - points.mean(axis=0)).T
+        order = np.argsort(np.arctan2(y, x))
+        lengths, nodes = along.weights[order, 0], space.nodes[outer[order]]
+        return cls(points[order], normals[order], lengths, nodes, values[order], slopes[order])
+
+    def values(self, rows: Array) -> Array:
+        """Of displacements (n, functions, 3): (n, 3)."""
+        return np.einsum("nf,nfc->nc", self.functions, rows)
+
+    def gradient(self, rows: Array) -> Array:
+        """Of displacements (n, functions, 3): (n, 3, 2)."""
+        return np.einsum("nfa,nfc->nca", self.slopes, rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Edge:
+    """The edge of the contact on a mesh, and where it should be.
+
+    Attributes
+    ----------
+    tip : Tip
+    facets : EdgeFacets
+    height : Height
+        The tip's over the points.
+    place, gradient : (n, 3), (n, 3, 2)
+        The displacement in m, and its gradient outside.
+    kinks, jumps : (n,)
+        The film's kink, and the jump of its curvature in 1/m.
+    widths : (n,)
+        Distance of the points from the tip's core, m.
+    tension : (n,)
+        Across the edge, N/m.
+    """
+
+    tip: Tip
+    facets: EdgeFacets
+    height: Height
+    place: Array
+    gradient: Array
+    kinks: Array
+    jumps: Array
+    widths: Array
+    tension: Array
+
+    @property
+    def leaving(self) -> Array:
+        """Derivative of the place along the normals, outside, (n, 3)."""
+        return np.einsum("nca,na->nc", self.gradient + IDENTITY, self.facets.normals)
+
+    @cached_property
+    def fitted(self) -> Outline:
+        """Where the edge should be; at most twice or half as far from the core as it is."""
+        return self.grown(1.0)
+
+    def grown(self, ratio: float) -> Outline:
+        """Where the edge should be, with its distance from the core times a ratio."""
+        moves = np.clip(-self.kinks / self.jumps, -0.5 * self.widths, self.widths)
+        points = self.facets.points + moves[:, None] * self.facets.normals
+        away = self.tip.distances(points)
+        return self.tip.fitted(points + (ratio - 1.0) * away.value[:, None] * away.normal)
+
+    @property
+    def penetration(self) -> float:
+        """Largest gap or overlap in m between the edge and where it should be.
+
+        It is infinite where the film would wrap the tip up to its vertical side.
+        """
+        if self.widths.max() > STEEPEST * self.tip.radius:
+            return np.inf
+        moves = self.fitted.signed_distance(self.facets.points)
+        return float(np.max(0.5 * self.jumps * moves**2))
+
+    def errors(self, duals: Array) -> Array:
+        """What the misfit changes of goals, (goals,), of their dual displacements (dofs, goals).
+
+        Moving the edge by s releases N e e* s, with the kink e* of the dual displacement; e itself
+        vanishes on the way, which leaves half of that.
+        """
+        facets, slope = self.facets, self.height.slope
+        rows = duals.reshape(-1, 3, duals.shape[1])[facets.nodes]
+        gradient = np.einsum("nfa,nfcg,na->ncg", facets.slopes, rows, facets.normals)
+        value = np.einsum("nf,nfcg->ncg", facets.functions, rows[:, :, :2])
+        kinks = gradient[:, 2] + np.einsum("nc,ncg->ng", slope, gradient[:, :2])
+        kinks += np.einsum("nc,ncd,ndg->ng", self.leaving[:, :2], self.height.hessian, value)
+        released = 0.5 * self.tension * facets.lengths * self.kinks**2 / self.jumps
+        return released @ kinks
+
+
+class Contact(DeadPressure):
+    """A rigid tip on which the film rests inside the mesh's patch of the probe.
+
+    Attributes
+    ----------
+    tip : Tip
+    depth : float or None
+        Of the tip's lowest point in m where it is given; otherwise the force decides it.
+    nodes : (n,) int
+        Scalar dofs that rest on the tip.
+    """
+
+    def __init__(self, touch: LoadedProbe, space: Space, part: MirroredPart = WHOLE) -> None:
+        super().__init__(touch, space, part)
+        self.tip: Tip = touch.tip
+        self.depth: float | None = touch.load.depth
+        self._last: tuple[Array, Height] | None = None
+        self.nodes: Indices = np.unique(space.basis.element_dofs[:, self.patch])
+        self.raised: Indices = 3 * self.nodes + 2
+        self.touched: Indices = (3 * self.nodes[:, None] + np.arange(3)).ravel()
+        self.places: Array = space.basis.doflocs.T[self.nodes]
+        moving = self.depth is None, touch.load.tangential_N is not None
+        self._held: Array | None = touch.held and touch.held(self.places)
+        sideways = () if self._held is None else (self.raised - 2, self.raised - 1)
+        self.shared_dofs = sideways * moving[1] + (self.raised,) * moving[0]
+        fixed = sideways * (not moving[1]) + (self.raised,) * (not moving[0])
+        self.fixed_dofs = np.concatenate([self.fixed_dofs, *fixed])
+
+    def as_pressure(self, film: Film) -> DeadPressure:
+        """A uniform pressure on the same patch, about as large."""
+        return DeadPressure(self.touch, self.space, self.part).with_force(
+            guessed_force(self.touch.load, film)
+        )
+
+    def depth_of(self, x: Array) -> float:
+        """The tip's depth in m, of the film's dofs."""
+        return float(self.lifted(x)[self.raised[0]]) if self.depth is None else self.depth
+
+    def forces(self, state: State) -> Array:
+        """None on the dofs: the force is on the depth."""
+        return np.zeros(self.space.dof_count)
+
+    # --- the map from the unknowns' dofs, whose deflections here are the depth, to the film's
+
+    def face(self, x: Array) -> dict[str, Outline]:
+        """The points of the film that lie on the edge of the flat face, by the name of a patch."""
+        if self.tip.face is None:
+            return {}
+        points = np.array(self.tip.face.shape.exterior.coords)[:-1]
+        moved = self.space.interpolation(points.T) @ x.reshape(-1, 3)[:, :2]
+        return {face_patch(self.touch): self.tip.fitted(points - moved)}
+
+    def rested(self, x: Array) -> Array:
+        """The film's dofs."""
+        rows = x.reshape(-1, 3)
+        if self._held is not None:
+            rows[self.nodes, :2] += self._held
+        rows[self.nodes, 2] += (self.depth or 0.0) - self._height(rows).value
+        return x
+
+    def lifted(self, x: Array) -> Array:
+        """The inverse of `rested`."""
+        rows = x.reshape(-1, 3).copy()
+        rows[self.nodes, 2] += self._height(rows).value - (self.depth or 0.0)
+        if self._held is not None:
+            rows[self.nodes, :2] -= self._held
+        return rows.ravel()
+
+    def _height(self, rows: Array) -> Height:
+        held = self._held
+        return self.tip.height(self.places + (rows[self.nodes, :2] if held is None else held))
+
+    def pushed(self, x: Array, state: State) -> Array:
+        """The film's small change that a change `x` of the unknowns' dofs makes, (dofs,)."""
+        rows, slope = x.reshape(-1, 3), self._at(state).slope
+        rows[self.nodes, 2] -= (slope * rows[self.nodes, :2]).sum(axis=1)
+        return x
+
+    def push_matrix(self, state: State) -> sp.csr_matrix:
+        """`pushed` as a matrix (dofs, dofs)."""
+        slope, w = self._at(state).slope, self.raised
+        columns = np.concatenate([w - 2, w - 1])
+        entries = -slope.T.ravel(), (np.tile(w, 2), columns)
+        count = self.space.dof_count
+        return sp.identity(count, format="csr") + sp.csr_matrix(entries, (count, count))
+
+    def turned(self, forces: Array, state: State, x: Array) -> Array:
+        """Change of the forces (dofs,) pulled to the unknowns' dofs as the tip's slope changes."""
+        result, rows = np.zeros_like(x), x.reshape(-1, 3)[self.nodes, :2]
+        turning = forces[self.raised, None, None] * self._at(state).hessian
+        for axis in (0, 1):
+            result[3 * self.nodes + axis] = -(turning[:, axis] * rows).sum(axis=1)
+        return result
+
+    def pulled(self, forces: Array, state: State) -> Array:
+        """The forces (dofs, ...) of the film on the unknowns' dofs: the transpose of `pushed`."""
+        total = forces.copy()
+        for axis, slope in enumerate(self._at(state).slope.T):
+            down = total[self.raised]
+            total[3 * self.nodes + axis] -= (slope * down.T).T
+        return total
+
+    def _at(self, state: State) -> Height:
+        if self._last is None or self._last[0] is not state.dofs:
+            height = self._height(state.dofs.reshape(-1, 3))
+            if self._held is not None:  # what sticks does not slide along the tip
+                height = Height(height.value, 0.0 * height.slope, 0.0 * height.hessian)
+            self._last = state.dofs, height
+        return self._last[1]
+
+    def _shift(self, state: State) -> Array:
+        """How far the tip has moved sideways with what sticks to it, (2,) in m."""
+        moved = state.dofs.reshape(-1, 3)[self.nodes[0], :2]
+        return np.zeros(2) if self._held is None else moved - self._held[0]
+
+    def pulled_matrices(self, matrices: Array, forces: Array, state: State) -> Array:
+        """Tangents (elements, dofs, dofs) of the film as those of the unknowns' dofs.
+
+        `forces` (dofs,) are the film's at the state: those on the tip turn with its surface.
+        """
+        height, nodes = self._at(state), self.space.nodes
+        slopes = np.zeros((self.space.basis.N, 2))
+        slopes[self.nodes] = height.slope
+        blocks = matrices.reshape(*nodes.shape, 3, nodes.shape[1], 3)
+        touched = np.flatnonzero(self._rests[nodes].any(axis=1))
+        local, here = slopes[nodes[touched]], blocks[touched]
+        for axis in (0, 1):
+            here[:, :, axis] -= local[:, :, axis, None, None] * here[:, :, 2]
+        for axis in (0, 1):
+            here[..., axis] -= local[:, None, None, :, axis] * here[..., 2]
+        blocks[touched] = here
+        element, place = self._first_places
+        turning = forces[self.raised, None, None] * height.hessian
+        for i, j in np.ndindex(2, 2):
+            np.subtract.at(blocks, (element, place, i, place, j), turning[:, i, j])
+        return blocks.reshape(matrices.shape)
+
+    @cached_property
+    def _rests(self) -> Mask:
+        """Which scalar dofs rest on the tip."""
+        rests = np.zeros(self.space.basis.N, dtype=bool)
+        rests[self.nodes] = True
+        return rests
+
+    @cached_property
+    def _first_places(self) -> tuple[Indices, Indices]:
+        """An element of the patch that has each node, and the node's place in it."""
+        nodes = self.space.nodes[self.patch]
+        _, first = np.unique(nodes, return_index=True)
+        element, place = np.divmod(first, nodes.shape[1])
+        return self.patch[element], place
+
+    # --- what the tip feels
+
+    def traction(self, state: State, thickness: float) -> tuple[Array, Array]:
+        """Vertical traction and pressure on the deformed film in Pa, (patch elements, points).
+
+        The balance of a membrane across its surface: p = h S : F^T H F / sqrt(1 + slope^2) per
+        reference area, with the tip's Hessian H.
+        """
+        moved, _ = self._moved(state, self.patch)
+        height = self.tip.height(moved.reshape(-1, 2) - self._shift(state))
+        F = state.deformation_gradient[self.patch]
+        steep = 1.0 + (height.slope**2).sum(axis=-1).reshape(F.shape[:2])
+        normal = self._bent(F, state.stress[self.patch], height.hessian.reshape(*F.shape[:2], 2, 2))
+        area = np.linalg.norm(np.cross(F[..., 0], F[..., 1]), axis=-1)
+        normal = thickness * normal
+        return normal / steep, normal / np.sqrt(steep) / area
+
+    def overlap(self, state: State) -> float:
+        """How far the film reaches into the tip in m, at the worst of all quadrature points."""
+        moved, deflection = self._moved(state, ALL)
+        shifted = moved.reshape(-1, 2) - self._shift(state)
+        height = self.tip.height(shifted).value.reshape(deflection.shape)
+        return max(float((self.depth_of(state.dofs) - height - deflection).max()), 0.0)
+
+    def _moved(self, state: State, elements: Selection) -> tuple[Array, Array]:
+        """Displaced quadrature points (elements, points, 2), and their deflections, in m."""
+        places = np.asarray(self.space.basis.global_coordinates())[:, elements].transpose(1, 2, 0)
+        rows = state.dofs.reshape(-1, 3)[self.space.nodes[elements]]
+        displacement = np.matmul(self.space.values[elements], rows)
+        return places + displacement[..., :2], displacement[..., 2]
+
+    @staticmethod
+    def _bent(F: Array, stress: Array, hessian: Array) -> Array:
+        """S : F^T H F in Pa/m, (...)."""
+        curved = np.einsum("...ia,...ij,...jb->...ab", F[..., :2, :], hessian, F[..., :2, :])
+        s11, s22, s12 = (stress[..., i] for i in range(3))
+        return s11 * curved[..., 0, 0] + s22 * curved[..., 1, 1] + 2.0 * s12 * curved[..., 0, 1]
+
+    def edge(self, membrane: Membrane, state: State, forces: Array) -> Edge:
+        """The edge of the contact in a displacement, and where it should be."""
+        facets = self._facets
+        rows = state.dofs.reshape(-1, 3)[facets.nodes]
+        place, gradient = facets.values(rows), facets.gradient(rows)
+        place[:, :2] -= self._shift(state)
+        height = self.tip.height(facets.points + place[:, :2])
+        F = gradient + IDENTITY
+        leaving = np.einsum("nca,na->nc", F, facets.normals)
+        kinks = leaving[:, 2] + (height.slope * leaving[:, :2]).sum(axis=1)
+        stress = membrane.stress(strain_of(gradient))
+        (a, b), (s11, s22, s12) = facets.normals.T, stress.T
+        across = a * a * s11 + b * b * s22 + 2.0 * a * b * s12
+        jumps = self._bent(F, stress, height.hessian) / across
+        jumps = np.where(jumps > 0.0, jumps, 1.0 / self.tip.radius)  # on the flat face
+        widths = self.tip.distances(facets.points + place[:, :2]).value
+        tension = membrane.film.thickness * across
+        traction, _ = self.traction(state, membrane.film.thickness)
+        slope = self._height(state.dofs.reshape(-1, 3)).slope
+        across_tip = np.column_stack([slope, np.ones(len(slope))])
+        normal = (forces.reshape(-1, 3)[self.nodes] * across_tip).sum(axis=1)
+        normal /= (across_tip**2).sum(axis=1)
+        moves = self._smooth(traction, normal, facets, tension * jumps)
+        kinks = kinks if moves is None else -jumps * moves
+        return Edge(self.tip, facets, height, place, gradient, kinks, jumps, widths, tension)
+
+    def _smooth(
+        self, traction: Array, forces: Array, facets: EdgeFacets, stiffness: Array
+    ) -> Array | None:
+        """How far a round edge has to move, from the line force along it.
+
+        The nodes' normal `forces` have that and the traction lacks it. Its moments with harmonic
+        functions are far more accurate than kinks at points.
+        """
+        modes, along = self.tip.modes(self.places), self.tip.modes(facets.points)
+        if modes is None or along is None:
+            return None
+        weighted = (self.space.weights[self.patch] * traction)[..., None]
+        local = np.zeros((*self.space.nodes[self.patch].shape, 3))
+        local[..., 2] = np.matmul(self.space.values[self.patch].swapaxes(1, 2), weighted)[..., 0]
+        spread = self.space.sum(local, self.patch)
+        line = (forces - spread[self.raised]) @ modes
+        mass = (along.T * (facets.lengths * stiffness)) @ along
+        return along @ np.linalg.solve(mass, line)
+
+    @cached_property
+    def _facets(self) -> EdgeFacets:
+        return EdgeFacets.of(self.space, self.patch)
+
+
+def guessed_force(load: Load, film: Film) -> float:
+    """The force in N of a load, about that where it is the depth that is given."""
+    return load.force if load.depth is None else point_force(film, load.depth)
+
+
+def first_contacts(scene: Scene) -> dict[str, Outline]:
+    """Guessed contacts with a scene's tips, by patch name."""
+    tips = (touch for touch in scene.loaded_probes if touch.load.kind == "contact")
+    return {t.patch: t.tip.grown(guessed_width(t, scene.film)) for t in tips}
+
+
+def face_patch(touch: LoadedProbe) -> str:
+    """Name of the mesh's patch of a tip's flat face."""
+    return f"{touch.patch} face"
+
+
+def faces(scene: Scene) -> dict[str, Outline]:
+    """Outlines of the flat faces of a scene's tips, by patch name."""
+    tips = (touch for touch in scene.loaded_probes if touch.load.kind == "contact")
+    outlines = {face_patch(touch): touch.tip.face for touch in tips}
+    return {name: face for name, face in outlines.items() if face is not None}
+
+
+def guessed_width(touch: LoadedProbe, film: Film) -> float:
+    """The contact's distance from a tip's core in m, by the tension that a point load makes there.
+
+    The film pulls at the edge with N sin(slope), whose sum along the edge is the force.
+    """
+    tip, force = touch.tip, guessed_force(touch.load, film)
+    low, high = 0.0, STEEPEST * tip.radius
+    for _ in range(60):
+        d = 0.5 * (low + high)
+        length = tip.core_perimeter + 2.0 * np.pi * d
+        tension = tension_at(film, force, length / (2.0 * np.pi))
+        low, high = (low, d) if tension * length * d / tip.radius > force else (d, high)
+    d *= WIDER
+    while tip.grown(d).reach > 0.98 * film.radius and d > 0.0:
+        d *= 0.8
+    return d

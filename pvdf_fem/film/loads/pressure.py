@@ -1,0 +1,230 @@
+"""What a probe does to the film: one class for each `load.kind`.
+
+All press on the probe's patch Omega_p with the total force F, which ``dead`` and a stuck ``rigid``
+may have in any direction:
+
+- ``dead``: a traction along F per reference area, F/A_p or spread by a profile;
+- ``follower``: a pressure F/A_p normal to the deformed film, per deformed area (ANSYS's SFA);
+- ``rigid``: a flat punch that stays horizontal, so that the deflection is one unknown over the
+  patch, or tilts freely, so that it is a linear function with three. It slides or sticks. A
+  sticking punch is held by its guide, so u = v = 0 under it,
+  or it is pushed sideways too, and u and v are one unknown each.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+
+from pvdf_fem.arrays import Array, Indices, Selection
+from pvdf_fem.film.loads.profiles import profile_of
+from pvdf_fem.film.space import Space
+from pvdf_fem.film.term import State, Term
+from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
+from pvdf_fem.scene.scene import LoadedProbe
+
+UP: Array = np.array([0.0, 0.0, 1.0])
+
+
+class DeadPressure(Term):
+    """A traction in one direction on a probe's reference area, in the axes of a part of the film.
+
+    The `patch` (n,) has no elements where a mirror image of the probe, another probe, has them.
+    `components` (3,) are the total force in N. `rigid` says whether the film stays flat under the
+    probe; tractions are then singular along its edge.
+    """
+
+    rigid = False
+
+    def __init__(self, touch: LoadedProbe, space: Space, part: MirroredPart = WHOLE) -> None:
+        self.touch, self.space, self.part = touch, space, part
+        self.patch: Indices = space.mesh.subdomains[touch.patch]
+        self.components = np.array(touch.load.components)
+        self.components[:2] = part.frame @ self.components[:2]
+
+    def with_force(self, force: float) -> Self:
+        """The same load with another force in N, along z only."""
+        return self.with_components(force * UP)
+
+    def with_components(self, components: Array) -> Self:
+        """The same load with another force in N, (3,)."""
+        other = copy(self)
+        other.__dict__.pop("_dead_forces", None)
+        other.components = components
+        return other
+
+    @property
+    def force(self) -> float:
+        """Size of the total force in N."""
+        return float(np.linalg.norm(self.components))
+
+    @property
+    def rigid_patch(self) -> Indices:
+        """Elements that the load keeps flat."""
+        return self.patch if self.rigid else self.patch[:0]
+
+    def area(self, weights: Array) -> float:
+        """Integral over the whole patch, of which the part has these (patch elements, points).
+
+        The images of a patch are the patch itself or other probes' patches.
+        """
+        covered = float(self.space.weights[self.patch].sum()) * len(self.part.signs)
+        others = max(round(covered / self.touch.outline.area), 1) if self.part.mirrored else 1
+        return float(weights.sum()) * len(self.part.signs) / others
+
+    @property
+    def pressure(self) -> float:
+        """Mean size of the traction in Pa."""
+        return self.force / self.area(self.space.weights[self.patch]) if len(self.patch) else 0.0
+
+    def direction(self, deformation_gradient: Array) -> Array:
+        """Traction per reference area over the pressure, (..., 3)."""
+        size = self.force
+        unit = self.components / size if size else UP
+        return np.broadcast_to(unit, deformation_gradient.shape[:-1])
+
+    def forces(self, state: State) -> Array:
+        """External forces in N, (dofs,)."""
+        return self._dead_forces
+
+    @cached_property
+    def _dead_forces(self) -> Array:
+        if not len(self.patch):
+            return np.zeros(self.space.dof_count)
+        profile = profile_of(self.touch)
+        if profile.order is None:
+            values, weights = self.space.values[self.patch], self.space.weights[self.patch]
+        else:
+            places, values, weights = self.space.rule(self.patch, profile.order)
+            weights = weights * profile(places @ self.part.frame)
+        shares = np.matmul(values.swapaxes(1, 2), weights[..., None]) / self.area(weights)
+        return self.space.sum(shares * self.components, self.patch)
+
+    def energy(self, state: State) -> float:
+        """The potential of the load in J."""
+        return -float(self.forces(state) @ state.dofs)
+
+    def residual(self, state: State) -> Array:
+        """The forces in N, (dofs,), with a minus sign."""
+        return -self.forces(state)
+
+    def along(self, state: State, x: Array) -> Array:
+        """Coefficients (5,) of the load's potential along `x`, its forces held as they are."""
+        forces = self.forces(state)
+        return np.array([-forces @ state.dofs, -forces @ x, 0.0, 0.0, 0.0])
+
+
+class FollowerPressure(DeadPressure):
+    """A pressure that stays normal to the deformed film.
+
+    Attributes
+    ----------
+    following : float
+        Part of the traction that follows the film, from 0, a dead load, to 1. Arc-length
+        continuation raises it where Newton's method does not reach 1 directly.
+    """
+
+    following = 1.0
+
+    @property
+    def conservative(self) -> bool:  # type: ignore[override]
+        """Whether nothing of the traction follows the film."""
+        return self.following == 0.0
+
+    def turned(self, following: float) -> FollowerPressure:
+        """The same load of which another part follows the film."""
+        other = copy(self)
+        other.following = following
+        return other
+
+    def forces_of(self, direction: Array) -> Array:
+        """Forces in N, (dofs,), of tractions in the directions (patch elements, points, 3)."""
+        values, weights = self.space.values[self.patch], self.space.weights[self.patch]
+        traction = self.pressure * weights[..., None] * direction
+        return self.space.sum(np.matmul(values.swapaxes(1, 2), traction), self.patch)
+
+    def direction(self, deformation_gradient: Array) -> Array:
+        """Traction per reference area over the pressure, (..., 3)."""
+        normal = _normal(deformation_gradient)
+        return (1.0 - self.following) * UP + self.following * normal
+
+    def forces(self, state: State) -> Array:
+        """External forces in N, (dofs,)."""
+        if self.conservative:
+            return self._dead_forces
+        return self.forces_of(self.direction(state.deformation_gradient[self.patch]))
+
+    def turning_forces(self, state: State) -> Array:
+        """Derivative of `forces` by `following` in N, (dofs,)."""
+        return self.forces_of(_normal(state.deformation_gradient[self.patch]) - UP)
+
+    def element_tangent(self, state: State) -> tuple[Selection, Array] | None:
+        if self.conservative or not len(self.patch):
+            return None
+        return self.patch, -self._stiffness(state)
+
+    def _stiffness(self, state: State) -> Array:
+        """Derivative of `forces` in N/m, (patch elements, dofs, dofs of an element)."""
+        F = state.deformation_gradient[self.patch]
+        values, gradients = self.space.values[self.patch], self.space.gradients[self.patch]
+        # d(F1 x F2) = F1 x dF2 - F2 x dF1, with dFi = gradients_i du
+        turned = [np.cross(F[..., i][..., None, :], np.eye(3)).swapaxes(-1, -2) for i in (0, 1)]
+        normal = np.einsum("epij,epb->epibj", turned[0], gradients[..., 1]) - np.einsum(
+            "epij,epb->epibj", turned[1], gradients[..., 0]
+        )
+        weights = self.following * self.pressure * self.space.weights[self.patch]
+        stiffness = np.einsum("epa,epibj->eaibj", values * weights[..., None], normal)
+        dofs = 3 * values.shape[-1]
+        return stiffness.reshape(len(self.patch), dofs, dofs)
+
+
+@dataclass(frozen=True)
+class Leaning:
+    """A punch: angles, and the guide's moments on it, about axes x and y through its centroid."""
+
+    tilt_deg: tuple[float, float]
+    moments_N_mm: tuple[float, float]
+
+
+class Punch(DeadPressure):
+    """A rigid flat punch under a dead force; the film under it moves up by one common deflection.
+
+    Each motion is a constraint on the dofs, so that it adds no equation and the tangent stays
+    symmetric.
+    """
+
+    rigid = True
+
+    def __init__(self, touch: LoadedProbe, space: Space, part: MirroredPart = WHOLE) -> None:
+        super().__init__(touch, space, part)
+        dofs = 3 * np.unique(space.basis.element_dofs[:, self.patch])
+        self.shared_dofs = (dofs + 2,)
+        self._nodes: Indices = dofs // 3
+        self._lever = space.basis.doflocs.T[self._nodes] - part.frame @ touch.outline.centroid
+        if touch.load.tangential_N is not None:
+            self.shared_dofs = dofs, dofs + 1, dofs + 2
+        elif touch.load.contact == "stuck":
+            self.fixed_dofs = np.concatenate([dofs, dofs + 1])
+        if touch.load.tilt == "free":
+            scaled = self._lever / np.sqrt(touch.outline.area)
+            *others, raised = self.shared_dofs
+            self.shared_dofs = tuple(others)
+            self.modes = ((raised, np.column_stack([np.ones(len(dofs)), scaled])),)
+
+    def leaning(self, state: State, film_forces: Array) -> Leaning:
+        """How it leans, of the whole film's forces less those of loads, (dofs,)."""
+        raised = 3 * self._nodes + 2
+        columns = np.column_stack([np.ones(len(raised)), self._lever])
+        _, along_x, along_y = np.linalg.lstsq(columns, state.dofs[raised], rcond=None)[0]
+        turn_x, turn_y = np.degrees(np.arctan([along_y, -along_x])).tolist()
+        Mx, My = ((film_forces + self.forces(state))[raised] @ self._lever * 1e3).tolist()[::-1]
+        return Leaning((turn_x, turn_y), (Mx, -My))
+
+
+def _normal(deformation_gradient: Array) -> Array:
+    """The film's normal, as long as its area over that in the reference, (..., 3)."""
+    return np.cross(deformation_gradient[..., 0], deformation_gradient[..., 1])

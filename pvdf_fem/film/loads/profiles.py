@@ -1,0 +1,140 @@
+"""How a dead load is spread over its patch: one class for each ``load.profile``.
+
+Only the shape of a profile counts, since a load scales it to its force. A further profile is a
+class here and a line in `pvdf_fem.scene.registry`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from functools import lru_cache
+from pathlib import Path
+from pkgutil import resolve_name
+
+import numpy as np
+from scipy.interpolate import RegularGridInterpolator
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.files import FileError, read_text
+from pvdf_fem.scene.outlines.disc import ImageOfDisc
+from pvdf_fem.scene.outlines.outline import turn
+from pvdf_fem.scene.scene import LoadedProbe, Pressure, SceneError
+from pvdf_fem.scene.scene_file import problem
+
+#: Largest CSV file of a profile in bytes.
+MOST_BYTES = 20_000_000
+#: Polynomial degree that quadrature is exact for under a profile that is not uniform.
+RICH_ORDER = 16
+
+
+class Profile(ABC):
+    """A pressure over a patch, to a factor."""
+
+    #: Degree of the quadrature that it takes; None for that of the film.
+    order: int | None = RICH_ORDER
+
+    def __init__(self, touch: LoadedProbe) -> None:
+        self.touch = touch
+
+    @abstractmethod
+    def __call__(self, points: Array) -> Array:
+        """Values (...) at points (..., 2) in m on the film, none of them negative."""
+
+
+class Uniform(Profile):
+    """The same everywhere."""
+
+    order = None
+
+    def __call__(self, points: Array) -> Array:
+        return np.ones(points.shape[:-1])
+
+
+class Hertz(Profile):
+    """An ellipsoid over a disc or an ellipse, as under a sphere on a soft half-space."""
+
+    def __call__(self, points: Array) -> Array:
+        outline = self.touch.outline
+        assert isinstance(outline, ImageOfDisc)  # the scene refuses others
+        z = (points - outline.centre) @ np.linalg.inv(outline.axes).T
+        return np.sqrt(np.maximum(1.0 - (z**2).sum(axis=-1), 0.0))
+
+
+class Gaussian(Profile):
+    """exp(-2 r²/w²) about the centroid, cut off by the outline."""
+
+    def __call__(self, points: Array) -> Array:
+        outline, width_mm = self.touch.outline, self.touch.load.profile_width_mm
+        width = width_mm / 1e3 if width_mm else np.sqrt(outline.area / np.pi)
+        return np.exp(-2.0 * ((points - outline.centroid) ** 2).sum(axis=-1) / width**2)
+
+
+class Given(Profile):
+    """A function of x and y in mm in the probe's own axes."""
+
+    def __init__(self, touch: LoadedProbe, pressure: Pressure) -> None:
+        super().__init__(touch)
+        self.pressure = pressure
+
+    def __call__(self, points: Array) -> Array:
+        probe = self.touch.probe
+        x, y = np.moveaxis(
+            turn(1e3 * points - [probe.x_mm, probe.y_mm], -probe.rotation_deg), -1, 0
+        )
+        values = np.broadcast_to(np.asarray(self.pressure(x, y), dtype=float), x.shape)
+        if not (np.isfinite(values).all() and values.min(initial=0.0) >= 0.0 < values.max()):
+            reason = "is negative, not finite or nowhere positive under the probe; change it"
+            raise SceneError([problem("load.profile", self.touch.load.profile, reason)])
+        return values
+
+
+class Table(Given):
+    """Values on a grid in a file, interpolated bilinearly, and zero outside."""
+
+    def __init__(self, touch: LoadedProbe) -> None:
+        grid = _read(touch.load.profile)
+        super().__init__(touch, lambda x, y: grid(np.stack([x, y], axis=-1)))
+
+
+def profile_of(touch: LoadedProbe) -> Profile:
+    """The profile of a probe's load; SceneError for a file that cannot be read."""
+    if touch.pressure is not None:
+        return Given(touch, touch.pressure)
+    profile: Profile = resolve_name(touch.load.profile_entry.path)(touch)
+    return profile
+
+
+def _read(name: str) -> RegularGridInterpolator:
+    try:
+        return _grid(name, Path(name).stat().st_mtime_ns)
+    except (FileError, KeyError, OSError, ValueError) as error:
+        reason = f"cannot be used ({error}); give x_mm, y_mm and pressure on a grid that grows"
+        raise SceneError([problem("load.profile", name, reason)]) from None
+
+
+@lru_cache(maxsize=8)
+def _grid(name: str, changed: int) -> RegularGridInterpolator:
+    """What a file held when it was `changed`."""
+    x, y, values = _of_netcdf(name) if name.endswith(".nc") else _of_csv(name)
+    return RegularGridInterpolator((x, y), values, bounds_error=False, fill_value=0.0)
+
+
+def _of_netcdf(name: str) -> tuple[Array, Array, Array]:
+    import xarray  # slow to import
+
+    with xarray.open_dataset(name) as data:
+        table = data["pressure"].transpose("x_mm", "y_mm")
+        return data["x_mm"].values, data["y_mm"].values, table.values
+
+
+def _of_csv(name: str) -> tuple[Array, Array, Array]:
+    heading, *lines = read_text(Path(name), MOST_BYTES, "a pressure profile").splitlines()
+    columns = [column.strip() for column in heading.split(",")]
+    rows = np.array([line.split(",") for line in lines if line.strip()], dtype=float)
+    x, y, pressure = (rows[:, columns.index(key)] for key in ("x_mm", "y_mm", "pressure"))
+    (xs, i), (ys, j) = (np.unique(values, return_inverse=True) for values in (x, y))
+    table = np.full((len(xs), len(ys)), np.nan)
+    table[i, j] = pressure
+    if not np.isfinite(table).all() or table.size != len(rows):
+        raise ValueError("the places are no grid with one finite pressure each")
+    return xs, ys, table

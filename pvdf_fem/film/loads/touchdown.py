@@ -1,0 +1,89 @@
+"""What a tip and the film do to each other where they touch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.film.loads.contact import Contact, Edge
+from pvdf_fem.film.term import State
+
+
+@dataclass(frozen=True, eq=False)
+class Touchdown:
+    """A tip in contact with the film.
+
+    Attributes
+    ----------
+    depth_mm : float
+        Of the tip's lowest point.
+    force_N : float
+        Along z, on the film.
+    lateral_N, moments_N_mm : (2,)
+        What the tip's guide bears: the film's force on the tip along x and y, and its moments
+        about axes along x and y through the tip's lowest point.
+    area_mm2, deformed_area_mm2, projected_area_mm2 : float
+        Area of the film in contact: before it deforms, after, and the latter seen along z.
+    edge_mm : (n, 2)
+        Points of the film, before it deforms, along the edge of the contact.
+    mean_pressure_MPa, least_pressure_MPa, largest_pressure_MPa : float
+        On the deformed film.
+    overlap_mm : float
+        How far the film reaches into the tip, at the worst quadrature point.
+    """
+
+    depth_mm: float
+    force_N: float
+    lateral_N: Array
+    moments_N_mm: Array
+    area_mm2: float
+    deformed_area_mm2: float
+    projected_area_mm2: float
+    edge_mm: Array
+    mean_pressure_MPa: float
+    least_pressure_MPa: float
+    largest_pressure_MPa: float
+    overlap_mm: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Its values but for the points of its edge."""
+        table = {**vars(self)}
+        table.pop("edge_mm")
+        return {key: np.asarray(value).tolist() for key, value in table.items()}
+
+    @classmethod
+    def of(cls, equilibrium: Equilibrium, contact: Contact, edge: Edge, state: State) -> Self:
+        """The touchdown of one of the tips of an equilibrium."""
+        x = state.dofs.reshape(-1, 3)[contact.nodes]
+        depth, forces = contact.depth_of(state.dofs), equilibrium.film_forces(state)
+        fx, fy, fz = forces.reshape(-1, 3)[contact.nodes].T
+        arms = contact.places + x[:, :2] - contact.touch.outline.centroid
+        rise = x[:, 2] - depth
+        moments = [arms[:, 1] @ fz - rise @ fy, rise @ fx - arms[:, 0] @ fz]
+        weights, (_, pressure) = (
+            contact.space.weights[contact.patch],
+            contact.traction(state, equilibrium.film.thickness),
+        )
+        F = state.deformation_gradient[contact.patch]
+        deformed = weights * np.linalg.norm(np.cross(F[..., 0], F[..., 1]), axis=-1)
+        projected = weights * np.linalg.det(F[..., :2, :])
+        # the edge on the mesh is not quite where it should be
+        area = 1e6 * edge.fitted.area / float(weights.sum())
+        return cls(
+            1e3 * depth,
+            float(fz.sum()),
+            -np.array([fx.sum(), fy.sum()]),
+            -1e3 * np.array(moments),
+            1e6 * edge.fitted.area,
+            area * float(deformed.sum()),
+            area * float(projected.sum()),
+            1e3 * np.array(edge.fitted.shape.exterior.coords),
+            1e-6 * float((pressure * deformed).sum() / deformed.sum()),
+            1e-6 * float(pressure.min()),
+            1e-6 * float(pressure.max()),
+            1e3 * contact.overlap(state),
+        )

@@ -1,0 +1,60 @@
+"""The film about a point load, to a small factor: what guesses and estimates are made of.
+
+With N0 at rest, a force F makes at the distance r about the root N of
+
+    N^2 (N - N0) = (0.24)^3 E h F^2/r^2,
+
+which is Schwerin's point load without pretension and, to a small factor, the linear film under a
+large one.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from pvdf_fem.scene.film import Film
+
+#: N of Schwerin's point load without pretension over (E h F^2/r^2)^(1/3), for a Poisson's ratio of
+#: 1/3.
+SCHWERIN = 0.24
+
+
+def tension_at(film: Film, force: float, r: float) -> float:
+    """Tension in N/m that a force makes about the distance r in m."""
+    rest = film.thickness * float(film.stress_at_rest[:2].mean())
+    return _tension(rest, cube_at(film, force, r))
+
+
+def cube_at(film: Film, force: float, r: float) -> float:
+    C = film.stiffness[:2, :2]
+    modulus = float(np.linalg.det(C) / C.max())
+    return SCHWERIN**3 * modulus * film.thickness * (force / r) ** 2
+
+
+def _tension(rest: float, cube: float) -> float:
+    """The positive root N of N^2 (N - rest) = cube, or 0.
+
+    Newton's method from above, where the cubic is convex, comes down monotonically.
+    """
+    N = max(rest, 0.0) + math.cbrt(cube)
+    while N > 0.0:
+        lower = N - (N * N * (N - rest) - cube) / (N * (3.0 * N - 2.0 * rest))
+        if lower >= N * (1.0 - 1e-9):
+            break
+        N = lower
+    return N
+
+
+def point_force(film: Film, depth: float) -> float:
+    """About the force in N that deflects the film's centre by `depth` in m."""
+    a, low, high = film.radius, 1e-12, 1e12
+    r = np.geomspace(1e-2 * a, a, 40)
+    while high > 1.01 * low:
+        force = np.sqrt(low * high)
+        tension = np.array([tension_at(film, force, x) for x in r])
+        slopes = force / (2.0 * np.pi * r * tension)
+        reached = float(np.sum(0.5 * (slopes[1:] + slopes[:-1]) * np.diff(r)))
+        low, high = (force, high) if reached < depth else (low, force)
+    return float(force)

@@ -1,0 +1,30 @@
+"""Spheres: rigid tips whose area of contact the force decides."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from pvdf_fem.scene.outlines.circle import Circle
+from pvdf_fem.scene.outlines.shape import Shape
+from pvdf_fem.scene.quantity import Length
+
+
+class SphereShape(Shape):
+    """A sphere whose lowest point is over (x, y)."""
+
+    period_deg = 0.0
+    is_mirrored = True
+    size_key = "radius_mm"
+    shape: Literal["sphere"] = "sphere"
+    radius_mm: Length = 5.0
+
+    @property
+    def outline(self) -> Circle:
+        return Circle(np.array([self.x_mm, self.y_mm]) / 1e3, self.radius_mm / 1e3)
+
+    @property
+    def rounding_mm(self) -> float:
+        """The whole sphere is rounded: its flat face is a point."""
+        return self.radius_mm

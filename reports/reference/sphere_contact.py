@@ -1,0 +1,214 @@
+"""A rigid sphere pressed into the centre of a clamped film: sliding, against friction, or stuck.
+
+Green-Lagrange membrane, axisymmetric, by shooting; it shares nothing with the finite elements.
+Outside of the contact's edge b the forces balance: r N_r w' is constant and (r N_r (1 + u'))' =
+N_t (1 + u/r). At the edge the film leaves the sphere without a kink and without a jump of N_r.
+Film that slides obeys the same balance along the sphere, with a friction towards the centre. A
+stuck one keeps the displacement U that it had when the edge came by: dU/db = u'(b) outside.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from scipy.integrate import quad, solve_ivp
+from scipy.optimize import brentq
+
+from pvdf_fem.arrays import Array
+
+#: First edge of a stuck contact over the last one; inside of it nothing has moved yet.
+FIRST_EDGE = 0.01
+Fields = Callable[[float], Array]
+Rates = Callable[[float, Array], Sequence[float]]
+
+
+@dataclass(frozen=True)
+class SphereContact:
+    """A contact: its edge and depth in m, the force in N.
+
+    `sums` (r) are the integral of N_r + N_t in N m over the reference disc of radius r.
+    """
+
+    edge: float
+    depth: float
+    force: float
+    sums: Callable[[float], float]
+
+    def charge_pC(self, radius_mm: float, film: Film) -> float:
+        """Of a centred disc."""
+        return 1e12 * film.d31 * self.sums(radius_mm / 1e3) / film.thickness
+
+
+class Film(Protocol):
+    """What has to be known of a film, in SI units."""
+
+    @property
+    def radius(self) -> float: ...
+    @property
+    def thickness(self) -> float: ...
+    @property
+    def stiffness(self) -> Array: ...
+    @property
+    def stress_at_rest(self) -> Array: ...
+    @property
+    def d31(self) -> float: ...
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A sphere of a radius in m on the centre of an isotropic film."""
+
+    film: Film
+    radius: float
+    rtol: float = 1e-9
+
+    def sliding(self, edge: float, friction: float = 0.0) -> SphereContact:
+        """The contact with this edge in m where all film slides outwards."""
+
+        def leaving(strain: float) -> tuple[Fields, Fields]:
+            inside = self._inside(edge, strain, friction)
+            u, pull = inside(edge)
+            return inside, self._outside(edge, u, pull / (1.0 + self._sphere(edge + u)[1] ** 2))
+
+        strain = self._clamped(lambda e: leaving(e)[1], 0.25 * (edge / self.radius) ** 2)
+        inside, outside = leaving(strain)
+
+        def density(r: float) -> float:
+            u, pull = inside(r)
+            return self._sum(r, u, pull / math.sqrt(1.0 + self._sphere(r + u)[1] ** 2))
+
+        return self._contact(edge, outside, lambda r: _disc(density, 0.0, r))
+
+    def stuck(self, edge: float) -> SphereContact:
+        """The contact with this edge in m where nothing slides."""
+
+        k, _, tension = self._stiffness
+        share = 1.0  # of the guessed pull, found at the last edge
+
+        def held_outside(b: float, u: float) -> Fields:
+            nonlocal share
+            guess = share * b * (tension + 0.35 * k * (b / self.radius) ** 2)
+            pull = self._clamped(lambda pull: self._outside(b, u, pull), guess)
+            share *= pull / guess
+            return self._outside(b, u, pull)
+
+        def rates(logarithm: float, y: Array) -> list[float]:
+            b = math.exp(logarithm)
+            start = held_outside(b, y[0])(b)
+            pull = math.hypot(start[2], start[3])
+            return [b * self._outer(b, start)[0], 2.0 * np.pi * b**2 * self._sum(b, y[0], pull)]
+
+        first = FIRST_EDGE * edge
+        rest = np.pi * first**2 * tension * 2.0
+        sizes = 1e-3 * np.array([edge, rest / FIRST_EDGE**2])
+        span = np.log([first, edge])
+        held = solve_ivp(
+            rates, span, [0.0, rest], "DOP853",
+            dense_output=True, rtol=1e2 * self.rtol, atol=1e2 * self.rtol * sizes,
+        ).sol  # fmt: skip
+        outside = held_outside(edge, held(span[1])[0])
+        return self._contact(edge, outside, lambda r: float(held(np.log(r))[1]))
+
+    def _contact(
+        self, edge: float, outside: Fields, inside: Callable[[float], float]
+    ) -> SphereContact:
+        def density(r: float) -> float:
+            u, _, pull, force = outside(r)
+            return self._sum(r, u, math.hypot(pull, force))
+
+        def sums(r: float) -> float:
+            return inside(min(r, edge)) + (_disc(density, edge, r) if r > edge else 0.0)
+
+        u, _, _, force = outside(edge)
+        depth = self._sphere(edge + u)[0] - outside(self.film.radius)[1]
+        return SphereContact(edge, depth, 2.0 * np.pi * force, sums)
+
+    def _clamped(self, outside: Callable[[float], Fields], guess: float) -> float:
+        """The argument near a guess at which the rim does not move."""
+
+        def moved(x: float) -> float:
+            return float(outside(guess * x)(self.film.radius)[0]) / self.radius
+
+        low, high = 0.99, 1.01
+        while moved(low) > 0.0:
+            low, high = 1.0 - 3.0 * (1.0 - low), low
+        while moved(high) < 0.0:
+            low, high = high, 1.0 + 3.0 * (high - 1.0)
+        return guess * float(brentq(moved, low, high, xtol=1e-10))
+
+    # --- the film: N_r and N_t are `stiffness` times the strains, and the tension at rest
+
+    @cached_property
+    def _stiffness(self) -> tuple[float, float, float]:
+        """Stiffness in N/m, Poisson's ratio, and the tension at rest in N/m."""
+        film, C = self.film, self.film.stiffness
+        tension = float(film.stress_at_rest[0]) * film.thickness
+        return float(C[0, 0]) * film.thickness, float(C[0, 1] / C[0, 0]), tension
+
+    def _tensions(self, r: float, u: float, pull: float) -> tuple[float, float, float]:
+        """N_r, N_t and the radial stretch where r N_r times it is `pull`."""
+        k, nu, rest = self._stiffness
+        hoop = u / r + 0.5 * (u / r) ** 2
+        base, stretch = rest + k * (nu * hoop - 0.5), 1.0
+        for _ in range(20):
+            n_r = base + 0.5 * k * stretch**2
+            step = (stretch * n_r - pull / r) / (n_r + k * stretch**2)
+            stretch -= step
+            if abs(step) < 1e-14:
+                break
+        n_t = rest + k * (hoop + 0.5 * nu * (stretch**2 - 1.0))
+        return base + 0.5 * k * stretch**2, n_t, stretch
+
+    def _sum(self, r: float, u: float, pull: float) -> float:
+        return sum(self._tensions(r, u, pull)[:2])
+
+    def _sphere(self, place: float) -> tuple[float, float, float]:
+        """Height over the lowest point, and its first two derivatives."""
+        root_ = math.sqrt(self.radius**2 - place**2)
+        return self.radius - root_, place / root_, self.radius**2 / root_**3
+
+    def _outer(self, r: float, y: Array) -> list[float]:
+        """Rates of u, w, r N_r (1 + u') and the force/(2 pi) outside."""
+        u, _, pull, force = y.tolist()
+        n_r, n_t, _ = self._tensions(r, u, math.hypot(pull, force))
+        return [pull / (r * n_r) - 1.0, -force / (r * n_r), n_t * (1.0 + u / r), 0.0]
+
+    def _outside(self, edge: float, u: float, pull: float) -> Fields:
+        """The film that leaves the sphere without a kink."""
+        y = [u, 0.0, pull, self._sphere(edge + u)[1] * pull]
+        return _integrated(self._outer, (edge, self.film.radius), y, self.rtol)
+
+    def _inside(self, edge: float, strain: float, friction: float) -> Fields:
+        """u and r N_r (1 + u') (1 + z'^2), of the strain at the centre."""
+
+        def rates(r: float, y: Array) -> list[float]:
+            u, pull = y.tolist()
+            _, first, second = self._sphere(r + u)
+            steep = 1.0 + first**2
+            n_r, n_t, stretch = self._tensions(r, u, pull / math.sqrt(steep))
+            radial, around = stretch / math.sqrt(steep), 1.0 + u / r
+            pressed = n_r * radial**2 * second + n_t * around**2 * first / (r + u)
+            turned = r * n_r * radial**2 * first * second
+            return [radial - 1.0, n_t * around + turned + r * friction * pressed]
+
+        k, nu, rest = self._stiffness
+        start = 1e-4 * edge
+        tension = rest + k * (1.0 + nu) * strain
+        y = [strain * start, start * tension * (1.0 + strain)]
+        return _integrated(rates, (start, edge), y, self.rtol)
+
+
+def _integrated(rates: Rates, span: tuple[float, float], y: list[float], rtol: float) -> Fields:
+    found = solve_ivp(rates, span, y, "DOP853", dense_output=True, rtol=rtol, atol=1e-14)
+    return lambda r: found.sol(r)
+
+
+def _disc(density: Callable[[float], float], inner: float, outer: float) -> float:
+    start = max(inner, 1e-4 * outer)
+    value, _ = quad(lambda r: 2.0 * np.pi * r * density(r), start, outer, epsrel=1e-9)
+    return float(value)

@@ -1,0 +1,202 @@
+"""Meshes from files: those that the package wrote, and those that a user makes with gmsh."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import gmsh
+import meshio
+import numpy as np
+import pytest
+
+from pvdf_fem import Scene, solve
+from pvdf_fem.files import FileError
+from pvdf_fem.film.space import Space
+from pvdf_fem.mesh.gmsh_mesh import electrode_patch
+from pvdf_fem.mesh.mesh_file import READERS, MeshFileError, read_mesh
+from pvdf_fem.output.export import write_mesh
+from pvdf_fem.solution.history import Stop
+from tests.helpers.discs import graded_mesh
+
+# The probe presses on a third of electrode A.
+SCENE = Scene.parse('[probe]\nshape = "circle"\nradius_mm = 4.0\nx_mm = 5.5')
+CHARGES = np.array(list(solve(SCENE.with_(**{"numerics.tolerance": 1e-5})).charges_pC.values()))
+
+
+def charges(path: Path) -> np.ndarray:
+    return np.array(list(solve(SCENE, mesh=path).charges_pC.values()))
+
+
+def by_gmsh(
+    path: Path,
+    *,
+    unit: float = 1.0,
+    version: float = 4.1,
+    order: int = 1,
+    size: float = 3.0,
+    names: tuple[str, ...] = ("A", "B", "C", "D", "probe"),
+    moved: float = 0.0,
+) -> Path:
+    """What a user makes of `SCENE` in mm times `unit`, with groups of some of its patches."""
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        occ = gmsh.model.occ
+        film = (2, occ.addDisk(0, 0, 0, 45 * unit, 45 * unit))
+        tools = {"probe": (2, occ.addDisk(5.5 * unit, 0, 0, 4 * unit, 4 * unit))}
+        for name, (x, y) in dict(A=(10 + moved, 0), B=(0, 10), C=(-10, 0), D=(0, -10)).items():
+            side = 3 * unit
+            corner = x * unit - side / 2, y * unit - side / 2
+            tools[name] = (2, occ.addRectangle(*corner, 0, side, side))
+        _, pieces = occ.fragment([film], [*tools.values()])
+        occ.synchronize()
+        for name, parts in zip(["film", *tools], pieces, strict=True):
+            if name in ("film", *names):
+                patch = name if name in ("film", "probe") else electrode_patch(name)
+                gmsh.model.addPhysicalGroup(2, [tag for _, tag in parts], name=patch)
+        rim = gmsh.model.getBoundary(pieces[0], combined=True, oriented=False)
+        gmsh.model.addPhysicalGroup(1, [tag for _, tag in rim], name="rim")
+        gmsh.option.setNumber("Mesh.MeshSizeMax", size * unit)
+        gmsh.model.mesh.generate(2)
+        gmsh.model.mesh.setOrder(order)
+        gmsh.option.setNumber("Mesh.MshFileVersion", version)
+        gmsh.write(str(path))
+    finally:
+        gmsh.finalize()
+    return path
+
+
+@pytest.mark.parametrize("extension", READERS)
+def test_what_the_command_writes_is_read_as_it_was(tmp_path: Path, extension: str) -> None:
+    if extension == ".xdmf" and not importlib.util.find_spec("h5py"):
+        pytest.skip("meshio writes this format with h5py")
+    mesh, path = graded_mesh(SCENE, 1.5, 8.0), tmp_path / f"a{extension}"
+    write_mesh(mesh, path)
+    found = read_mesh(path, SCENE)
+    assert found.nelements == mesh.nelements
+    assert {name: len(e) for name, e in found.subdomains.items()} == {
+        name: len(e) for name, e in mesh.subdomains.items()
+    }
+    given = solve(SCENE, mesh=path)
+    assert given.stop is Stop.GIVEN_MESH
+    expected = solve(SCENE, mesh=mesh)
+    for name, charge in expected.charges_pC.items():
+        assert given.charges_pC[name] == pytest.approx(charge, rel=1e-8)
+        assert given.charge_errors_pC[name] == pytest.approx(
+            expected.charge_errors_pC[name], rel=1e-3
+        )
+
+
+@pytest.mark.parametrize(
+    ("unit", "version", "order", "names"),
+    [
+        (1.0, 4.1, 1, ("A", "B", "C", "D", "probe")),
+        (1e-3, 2.2, 1, ("A", "B", "C", "D", "probe")),
+        (1e-3, 4.1, 2, ("A", "C")),
+        (1.0, 2.2, 2, ()),
+    ],
+)
+def test_a_mesh_of_the_user(
+    tmp_path: Path, unit: float, version: float, order: int, names: tuple[str, ...]
+) -> None:
+    """In mm or m, straight or curved, with overlapping groups, with some or with none."""
+    path = by_gmsh(tmp_path / "a.msh", unit=unit, version=version, order=order, names=names)
+    mesh = read_mesh(path, SCENE)
+    assert set(mesh.subdomains) == {"film", "probe", *map(electrode_patch, "ABCD")}
+    np.testing.assert_allclose(charges(path), CHARGES, rtol=1e-3)
+
+
+def test_round_outlines_of_straight_triangles_have_their_areas(tmp_path: Path) -> None:
+    mesh = read_mesh(by_gmsh(tmp_path / "a.msh", size=6.0), SCENE)
+    weights = Space(mesh, 1).weights.sum(axis=1)
+    assert weights.sum() == pytest.approx(np.pi * 0.045**2, rel=1e-9)
+    assert weights[mesh.subdomains["probe"]].sum() == pytest.approx(np.pi * 0.004**2, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("scene", "options", "text"),
+    [
+        (SCENE, {"unit": 10.0}, "45 mm radius"),
+        (SCENE.with_(**{"film.radius_mm": 46.0}), {}, "nodes up to 45 from the origin"),
+        (SCENE, {"moved": 6.0}, r"electrode A: \d+ triangles of this name lie outside"),
+        (SCENE, {"moved": 6.0, "names": ()}, r"electrode A: the mesh does not follow its outline"),
+        (SCENE.with_(**{"probe.radius_mm": 4.1}), {}, "probe: the mesh does not follow"),
+        (SCENE.with_(**{"probe.radius_mm": 4.1}), {}, "groups are: .*probe"),
+    ],
+)
+def test_a_mesh_of_another_scene(
+    tmp_path: Path, scene: Scene, options: dict[str, object], text: str
+) -> None:
+    path = by_gmsh(tmp_path / "a.msh", **options)  # type: ignore[arg-type]
+    with pytest.raises(MeshFileError, match=text) as caught:
+        solve(scene, mesh=path)
+    assert isinstance(caught.value, ValueError)
+
+
+def grid(points: list[list[float]], **cells: list[list[int]]) -> meshio.Mesh:
+    return meshio.Mesh(np.array(points, dtype=float), [*cells.items()])
+
+
+SQUARE = [[45, 0, 0], [0, 45, 0], [-45, 0, 0], [0, -45, 0], [0, 0, 0]]
+FANS = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
+CRACK = [*SQUARE, [0, 0, 0], [45, 0, 0]]
+
+
+@pytest.mark.parametrize(
+    ("mesh", "text"),
+    [
+        (grid(SQUARE, quad=[[0, 1, 2, 3]]), "types quad"),
+        (grid(SQUARE, line=[[0, 1]]), "types line"),
+        (grid(CRACK, triangle=[*FANS[:3], [3, 6, 5]]), "sides within the film"),
+        (grid([[*p[:2], p[0]] for p in SQUARE], triangle=FANS), "off the plane"),
+        (grid([[np.nan, 0, 0], *SQUARE[1:]], triangle=FANS), "off the plane"),
+        (grid(SQUARE, triangle=[*FANS, [0, 4, 2]]), "without an area"),
+        (grid(SQUARE, triangle=FANS[:3]), "sides within the film"),
+    ],
+)
+def test_no_mesh_of_a_film(tmp_path: Path, mesh: meshio.Mesh, text: str) -> None:
+    mesh.write(tmp_path / "a.vtu")
+    with pytest.raises(MeshFileError, match=text):
+        read_mesh(tmp_path / "a.vtu", SCENE)
+
+
+def test_rim_that_is_named_in_part(tmp_path: Path) -> None:
+    write_mesh(graded_mesh(SCENE, 1.5, 8.0), tmp_path / "a.msh")
+    half = meshio.read(tmp_path / "a.msh")
+    lines = half.cells_dict["line3"][::2]
+    half.cells[1] = meshio.CellBlock("line3", lines)
+    for tags in half.cell_data.values():
+        tags[1] = tags[1][::2]
+    half.write(tmp_path / "a.msh", file_format="gmsh22", binary=False)
+    with pytest.raises(MeshFileError, match=f"{len(lines)} lines in the group rim"):
+        read_mesh(tmp_path / "a.msh", SCENE)
+
+
+def test_folded_triangles(tmp_path: Path) -> None:
+    mesh = graded_mesh(SCENE, 1.5, 8.0)
+    write_mesh(mesh, tmp_path / "a.vtu")
+    folded = meshio.read(tmp_path / "a.vtu")
+    corner, middle = folded.cells[0].data[0, [2, 3]]
+    folded.points[middle] = folded.points[corner]
+    folded.write(tmp_path / "a.vtu")
+    with pytest.raises(MeshFileError, match="triangles that fold"):
+        read_mesh(tmp_path / "a.vtu", SCENE)
+
+
+def test_midside_nodes_that_are_not_shared(tmp_path: Path) -> None:
+    write_mesh(graded_mesh(SCENE, 1.5, 8.0), tmp_path / "a.vtu")
+    damaged = meshio.read(tmp_path / "a.vtu")
+    damaged.cells[0].data[0, 3] = damaged.cells[0].data[5, 4]
+    damaged.write(tmp_path / "a.vtu")
+    with pytest.raises(MeshFileError, match="do not share the midside node"):
+        read_mesh(tmp_path / "a.vtu", SCENE)
+
+
+@pytest.mark.parametrize("name", ["a.msh", "a.inp", "a.vtu", "a.vtk", "a.stl"])
+def test_no_mesh_at_all(tmp_path: Path, name: str) -> None:
+    with pytest.raises(FileError, match="cannot be read"):
+        read_mesh(tmp_path / name, SCENE)
+    (tmp_path / name).write_text("$MeshFormat\n4.1 0 8\n$EndMeshFormat\nnonsense\n")
+    with pytest.raises(MeshFileError, match=f"{name}: (is no mesh|has no extension|.*types none)"):
+        read_mesh(tmp_path / name, SCENE)

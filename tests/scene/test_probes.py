@@ -1,0 +1,125 @@
+"""Lists of probes and the keys of their loads: read, written, changed, refused."""
+
+import pytest
+
+from pvdf_fem import Scene, SceneError
+from pvdf_fem.response.build import build_response
+from pvdf_fem.scene.scene import Load
+from pvdf_fem.sweeps.grid import Grid
+
+TWO = """
+[load]
+force_N = 3.0
+tangential_N = [0.5, 0.0]
+
+[[probe]]
+shape = "circle"
+x_mm = -8.0
+force_N = 0.5
+
+[[probe]]
+x_mm = 8.0
+load = { kind = "rigid", contact = "stuck", force_N = 0.25 }
+
+[[probe]]
+shape = "circle"
+y_mm = 9.0
+tangential_N = [0.0, -1.0]
+load = { profile = "hertz" }
+"""
+
+
+def problems(text):
+    with pytest.raises(SceneError) as caught:
+        Scene.parse(text)
+    return caught.value.problems
+
+
+def test_each_probe_has_its_load():
+    scene = Scene.parse(TWO)
+    assert [touch.patch for touch in scene.loaded_probes] == ["probe 1", "probe 2", "probe 3"]
+    loads = [touch.load for touch in scene.loaded_probes]
+    assert loads[0] == Load(force_N=0.5, tangential_N=(0.5, 0.0))
+    assert loads[1] == Load(kind="rigid", contact="stuck", force_N=0.25)
+    assert loads[2] == Load(profile="hertz", tangential_N=(0.0, -1.0))
+    alone = scene.with_(probe={"shape": "circle"})
+    assert [touch.load for touch in alone.loaded_probes] == [alone.load]
+
+
+def test_a_list_is_written_and_read_again():
+    scene = Scene.parse(TWO)
+    assert Scene.parse(scene.to_toml()) == scene
+    assert hash(Scene.parse(scene.to_toml())) == hash(scene)
+
+
+def test_entries_change_by_index():
+    scene = Scene.parse(TWO)
+    changed = scene.with_(**{"probe[1].x_mm": 9.0, "probe.0.force_N": 1.5, "probe[0].y_mm": 1.0})
+    assert (changed.probe[1].x_mm, changed.probe[0].y_mm) == (9.0, 1.0)
+    assert changed.loaded_probes[0].load.force_N == 1.5
+    kind = scene.with_(**{"probe[1].load.kind": "dead"})
+    assert kind.loaded_probes[1].load == Load(force_N=0.25)
+    grid = Grid.of(scene, [{"probe[1].x_mm": [8.0, 9.0], "probe[0].force_N": [1.0, 2.0]}])
+    assert [s.loaded_probes[0].load.force_N for s in grid.scenes()] == [1.0, 2.0]
+    with pytest.raises(SceneError, match="probes are addressed by index in a list"):
+        Scene().with_(**{"probe.shape": "circle"}).with_(**{"probe[0].x_mm": 1.0})
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "told"),
+    [
+        ("probe = []", "probe = []", "too few entries; give at least 1"),
+        ("[[probe]]\nx_m = 1.0", "probe[0].x_m", "did you mean x_mm?"),
+        ('[[probe]]\nshape = "disc"', 'probe[0].shape = "disc"', "choose from"),
+        ("[[probe]]\nx_mm = 50.0", "probe[0].x_mm = 50.0", "over the rim"),
+        ("[[probe]]\n[[probe]]\nx_mm = 1.0", "probe[1].x_mm = 1.0", "overlaps probe[0]"),
+        ("[[probe]]\nforce_N = -1.0", "probe[0].force_N = -1.0", "0 to 1e+06 N"),
+        ('[[probe]]\nload = { kind = "soft" }', "probe[0].load.kind", "choose from"),
+        ("[[probe]]\nload = { forse_N = 1.0 }", "probe[0].load.forse_N", "did you mean force_N?"),
+        (
+            "[[probe]]\nforce_N = 1.0\nload = { force_N = 2.0 }",
+            "probe[0].load = a table",
+            "has force_N, which stands beside it too",
+        ),
+        (
+            '[load]\nkind = "rigid"\n[[probe]]\ntangential_N = [1.0, 0.0]',
+            "probe[0].tangential_N = [1.0, 0.0]",
+            'contact = "stuck"',
+        ),
+        (
+            '[[probe]]\nload = { profile = "hertz" }',
+            'probe[0].load.profile = "hertz"',
+            'probe[0].shape = "circle"',
+        ),
+        ('[probe]\n[load]\nprofile = "hertz"', 'load.profile = "hertz"', "discs and ellipses"),
+        ('[load]\nprofile = "round"', 'load.profile = "round"', "choose from"),
+        ('[load]\nkind = "rigid"\nprofile = "hertz"', "load.profile", 'for kind = "dead" only'),
+        ("[load]\nprofile_width_mm = 1.0", "load.profile_width_mm", '"gaussian" only'),
+        ('[load]\nkind = "follower"\ntangential_N = [1.0, 0.0]', "load.tangential_N", "normal to"),
+        ('[load]\nkind = "rigid"\ntangential_N = [1.0, 0.0]', "load.tangential_N", "slides off"),
+        ("[load]\ntangential_N = [1.0]", "load.tangential_N", ""),
+        ("[load]\ntangential_N = 1.0", "load.tangential_N = 1.0", "must be a list"),
+        ("[load]\ntangential_N = [1.0, 2e7]", "load.tangential_N[1] = 20000000.0", "too large"),
+    ],
+)
+def test_refusals_name_the_key(text, key, told):
+    (line,) = problems(text)
+    assert line.startswith(key)
+    assert told in line
+
+
+def test_all_mistakes_of_a_list_are_told():
+    text = "[[probe]]\nx_mm = 60.0\n[[probe]]\nx_mm = 1.0\n[[probe]]\n[[probe]]\nx = 1.0"
+    keys = [line.split(" = ")[0] for line in problems(text)]
+    assert keys == ["probe[3].x", "probe[0].x_mm", "probe[2].x_mm"]
+
+
+def test_what_serves_one_probe_refuses_a_list():
+    with pytest.raises(ValueError, match=r"probe = .*one probe only; give a table \[probe\]"):
+        build_response(Scene.parse(TWO), 10.0)
+
+
+def test_responses_are_of_a_force_along_z():
+    scene = Scene().with_(**{"probe.shape": "circle", "load.tangential_N": [1.0, 0.0]})
+    with pytest.raises(ValueError, match=r"remove load.tangential_N"):
+        build_response(scene, 10.0)

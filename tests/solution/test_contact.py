@@ -1,0 +1,179 @@
+"""Rigid tips that the film touches where it must: one-dimensional solutions, balance, symmetry."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from pvdf_fem import Scene, SceneError, modes, solve
+from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.mesh.gmsh_mesh import mesh_scene
+from pvdf_fem.solution.attempt import contact_outlines
+from pvdf_fem.solution.first_sizes import first_sizes
+
+#: The film of physics' table of spheres: E 2 GPa, nu 0.34, d31 = d32 = 8 pC/N.
+FILM = {
+    "film.youngs_modulus_GPa": 2.0,
+    "film.poisson_ratio": 0.34,
+    "film.d31_pC_N": 8.0,
+    "film.d32_pC_N": 8.0,
+}
+#: By radius in mm and force in N: contact radius before and after deforming, depth in mm, charges
+#: of centred discs of 1.5 and 10 mm radius in pC; 1-D shooting to 1e-9 of the force.
+SPHERES = {
+    (2.0, 1.0): (0.50248, 0.50640, 3.21814, 3054.640, 39044.47),
+    (5.0, 0.1): (0.57189, 0.57271, 1.37935, 654.809, 8719.557),
+    (5.0, 1.0): (1.00736, 1.01223, 3.16383, 2919.264, 39014.18),
+    (20.0, 3.0): (3.75490, 3.77057, 4.31656, 3480.146, 79565.67),
+}
+
+
+def pressed(probe, load, **changes):
+    return Scene().with_(**{"film.bending": False}, probe=probe, load=load, **changes)
+
+
+def sphere(radius_mm, force_N, x_mm=0.0, y_mm=0.0, **changes):
+    probe = {"shape": "sphere", "radius_mm": radius_mm, "x_mm": x_mm, "y_mm": y_mm}
+    return pressed(probe, {"kind": "contact", "force_N": force_N}, **changes)
+
+
+@pytest.mark.parametrize("case", SPHERES)
+def test_spheres_of_one_dimensional_solutions(case):
+    before, after, depth, near, far = SPHERES[case]
+    for radius, charge in ((1.5, near), (10.0, far)):
+        disc = [{"name": "A", "shape": "circle", "x_mm": 0, "y_mm": 0, "radius_mm": radius}]
+        changes = {**FILM, "electrodes": disc, "numerics.tolerance": 1e-4}
+        solution = solve(sphere(*case, **changes))
+        contact = solution.contacts["probe"]
+        assert solution.charges_pC["A"] == pytest.approx(charge, rel=1e-4)
+        assert contact.depth_mm == pytest.approx(depth, rel=1e-4)
+        assert np.sqrt(contact.area_mm2 / np.pi) == pytest.approx(before, rel=1e-4)
+        assert np.sqrt(contact.projected_area_mm2 / np.pi) == pytest.approx(after, rel=2e-4)
+
+
+@pytest.fixture(scope="module")
+def aside():
+    return solve(sphere(5.0, 1.0, 14.0, 6.0))
+
+
+def test_the_film_leaves_the_tip_where_nothing_holds_it(aside):
+    contact = aside.contacts["probe"]
+    assert contact.overlap_mm < 3e-6 * contact.depth_mm
+    assert contact.least_pressure_MPa > 0.0
+    pressed_N = contact.mean_pressure_MPa * contact.projected_area_mm2
+    assert pressed_N == pytest.approx(1.0, rel=1e-3)
+
+
+def test_action_is_reaction(aside):
+    contact = aside.contacts["probe"]
+    assert contact.force_N == pytest.approx(1.0, rel=1e-9)
+    assert aside.force_balance < 1e-9
+    # a tip without friction is pushed along the line to the film's centre, towards the steeper side
+    along = contact.lateral_N @ [14.0, 6.0] / np.hypot(14.0, 6.0)
+    across = contact.lateral_N @ [-6.0, 14.0] / np.hypot(14.0, 6.0)
+    assert abs(across) < 1e-3 * abs(along)
+
+
+def test_the_depth_gives_the_force_back(aside):
+    depth = aside.contacts["probe"].depth_mm
+    by_depth = solve(aside.scene.with_(**{"load.depth_mm": depth}))
+    assert by_depth.contacts["probe"].force_N == pytest.approx(1.0, rel=1e-3)
+    assert by_depth.contacts["probe"].depth_mm == pytest.approx(depth, rel=1e-12)
+    for name, charge in aside.charges_pC.items():
+        assert by_depth.charges_pC[name] == pytest.approx(charge, rel=1e-3)
+
+
+def test_the_force_is_the_derivative_of_the_energy_by_the_depth():
+    """Under depth control the work of the tip is stored."""
+    energies, forces, depths = [], [], np.array([1.9, 2.0, 2.1])
+    for depth in depths:
+        load = {"kind": "contact", "depth_mm": float(depth)}
+        solution = solve(pressed({"shape": "sphere", "radius_mm": 5.0}, load))
+        fields = solution.fields
+        energies.append(fields.solved.membrane.energy(fields.solved_state))
+        forces.append(solution.contacts["probe"].force_N)
+    by_difference = (energies[2] - energies[0]) / (1e-3 * (depths[2] - depths[0]))
+    assert by_difference == pytest.approx(forces[1], rel=3e-3)
+
+
+def test_turning_sphere_and_electrodes_swaps_charges():
+    one, other = solve(sphere(3.0, 0.5, 6.0, 2.0)), solve(sphere(3.0, 0.5, -2.0, 6.0))
+    for a, b in pairwise("ABCDA"):
+        assert other.charges_pC[b] == pytest.approx(one.charges_pC[a], rel=1e-3)
+
+
+def test_a_small_edge_is_that_of_a_flat_punch():
+    circle = {"shape": "circle", "radius_mm": 3.0, "x_mm": 5.0}
+    punch = solve(pressed(circle, {"kind": "rigid"}))
+    apart = []
+    for edge in (1.0, 0.25):
+        tip = solve(pressed(circle | {"edge_radius_mm": edge}, {"kind": "contact"}))
+        apart.append(max(abs(tip.charges_pC[n] / q - 1.0) for n, q in punch.charges_pC.items()))
+    assert apart[1] < 0.6 * apart[0]
+    assert apart[1] < 0.03
+
+
+def test_two_tips_have_depths_of_their_own():
+    small = {"shape": "sphere", "radius_mm": 2.0, "x_mm": -8.0}
+    large = {"shape": "sphere", "radius_mm": 6.0, "x_mm": 8.0, "force_N": 0.4}
+    scene = pressed([small, large], {"kind": "contact", "force_N": 0.8})
+    solution = solve(scene)
+    forces = [contact.force_N for contact in solution.contacts.values()]
+    assert list(solution.contacts) == ["probe 1", "probe 2"]
+    assert forces == pytest.approx([0.8, 0.4], rel=1e-9)
+
+
+def test_the_tangent_is_the_residuals_derivative():
+    scene = sphere(5.0, 1.0, 4.0, 3.0)
+    mesh = mesh_scene(scene, first_sizes(scene, 2), contacts=contact_outlines(scene))
+    equilibrium = Equilibrium(scene, mesh, 2)
+    rng = np.random.default_rng(1)
+    q, step = 1e-5 * rng.standard_normal((2, equilibrium.unknowns.count))
+    q[-1] = 2e-3
+    tangent = equilibrium.tangent(equilibrium.state(q)) @ step
+    h = 1e-3
+    ends = [equilibrium.residual(equilibrium.state(q + s * step)) for s in (-h, h)]
+    assert np.abs((ends[1] - ends[0]) / (2 * h) - tangent).max() < 1e-6 * np.abs(tangent).max()
+    assert np.allclose(equilibrium.action(equilibrium.state(q), step), tangent, rtol=1e-9)
+
+
+def test_a_tip_at_the_rim_is_told():
+    assert solve(sphere(20.0, 5.0, 42.0)).status == "tip_meets_rim"
+
+
+@pytest.mark.parametrize(
+    ("probe", "load", "named"),
+    [
+        ({"shape": "sphere"}, {"kind": "dead"}, "probe.shape"),
+        ({"shape": "circle"}, {"kind": "contact"}, "probe.shape"),
+        ({"shape": "sphere", "radius_mm": 46.0}, {"kind": "contact"}, "probe.radius_mm"),
+        ({"shape": "sphere", "x_mm": 50.0}, {"kind": "contact"}, "probe.x_mm"),
+        ({"shape": "sphere"}, {"kind": "contact", "depth_mm": -1.0}, "load.depth_mm"),
+        ({"shape": "circle"}, {"kind": "dead", "depth_mm": 1.0}, "load.depth_mm"),
+        ({"shape": "sphere"}, {"kind": "contact", "depth_mm": 1.0, "force_N": 1.0}, "load.force_N"),
+        ({"shape": "triangle", "edge_radius_mm": 5.0}, {"kind": "contact"}, "probe.edge_radius_mm"),
+        ({"shape": "circle", "edge_radius_mm": 0.2}, {"kind": "rigid"}, "probe.edge_radius_mm"),
+    ],
+)
+def test_bad_tips_are_refused_by_key(probe, load, named):
+    with pytest.raises(SceneError, match=named.replace(".", r"\.")):
+        Scene().with_(probe=probe, load=load)
+
+
+def test_what_does_not_find_contacts_refuses_them():
+    scene = sphere(5.0, 1.0)
+    with pytest.raises(SceneError, match=r"film\.bending"):
+        scene.with_(**{"film.bending": True})
+    with pytest.raises(SceneError, match=r"load\.kind"):
+        modes(scene, loaded=True)
+    with pytest.raises(SceneError, match=r"load\.kind"):
+        solve(scene, mesh=mesh_scene(scene, first_sizes(scene, 3)))
+    electrode = {"name": "A", "shape": "square", "x_mm": 0, "y_mm": 0, "edge_radius_mm": 0.1}
+    with pytest.raises(SceneError, match=r"edge_radius_mm"):
+        Scene().with_(electrodes=[electrode])
+
+
+def test_a_scene_with_a_tip_is_written_and_read_again():
+    scene = sphere(5.0, 1.0).with_(**{"load.depth_mm": 2.0})
+    assert Scene.parse(scene.to_toml()) == scene
+    assert scene.with_(**{"load.kind": "dead"}, probe={"shape": "circle"}).load.force_N == 1.0

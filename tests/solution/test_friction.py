@@ -1,0 +1,101 @@
+"""Film that sticks to a tip: a 1-D reference, balance, symmetry, and what is refused."""
+
+import numpy as np
+import pytest
+
+from pvdf_fem import Scene, solve
+from pvdf_fem.scene.scene import SceneError
+from reports.reference.sphere_contact import Sphere
+
+SPHERE = {"shape": "sphere", "radius_mm": 5.0}
+STUCK = {"load.kind": "contact", "load.friction": "stuck"}
+QUICK = {"numerics.load_steps": 3, "numerics.tolerance": 0.01}
+CENTRED = [{"name": "A", "shape": "circle", "radius_mm": 1.5, "x_mm": 0.0, "y_mm": 0.0}]
+ONE = Scene().with_(probe=SPHERE, electrodes=CENTRED, **STUCK)
+
+
+def solved(scene):
+    solution = solve(scene)
+    assert solution.status == "converged", solution.reason
+    return solution
+
+
+def depth_mm(solution):
+    contact = solution.fields.solved.contacts[0]
+    return 1e3 * contact.depth_of(solution.fields.solved_dofs)
+
+
+@pytest.mark.parametrize(
+    ("radius", "edge", "force", "depth", "narrow", "wide"),
+    [
+        (5e-3, 1.00736e-3, 1.0, 3.16383, 2919.264, 39014.18),
+        (2e-3, 0.37577e-3, 0.3, 2.11073, 1375.28, 17692.01),
+    ],
+)
+def test_the_reference_has_known_digits_without_friction(radius, edge, force, depth, narrow, wide):
+    film = Scene().film
+    contact = Sphere(film, radius).sliding(edge)
+    assert contact.force == pytest.approx(force, rel=1e-4)
+    assert 1e3 * contact.depth == pytest.approx(depth, rel=2e-5)
+    assert contact.charge_pC(1.5, film) == pytest.approx(narrow, rel=5e-5)
+    assert contact.charge_pC(10.0, film) == pytest.approx(wide, rel=5e-5)
+
+
+def test_a_stuck_sphere_is_that_of_the_reference():
+    """The digits are those of `Sphere.stuck` at 1e-9, which takes a minute for them."""
+    film, force, depth, narrow = ONE.film, 1.0002778, 3.1429630, 2031.1154
+    loose = Sphere(film, 5e-3, rtol=1e-5).stuck(0.9070138e-3)
+    found = loose.force, 1e3 * loose.depth, loose.charge_pC(1.5, film)
+    assert found == pytest.approx([force, depth, narrow], rel=1e-3)
+    solution = solved(ONE.with_(**{"load.force_N": force}))
+    assert depth_mm(solution) == pytest.approx(depth, rel=1e-4)
+    assert abs(solution.charges_pC["A"] - narrow) < 1e-3 * narrow
+    assert solution.charge_errors_pC["A"] < 1e-3 * narrow
+
+
+def test_a_stuck_sphere_holds_the_film_and_the_rim_bears_it():
+    scene = Scene().with_(probe={**SPHERE, "x_mm": 4.0}, **STUCK, **QUICK)
+    solution = solved(scene.with_(**{"load.tangential_N": [0.3, 0.1]}))
+    equilibrium, state = solution.fields.solved, solution.fields.solved_state
+    assert equilibrium.applied_force(state) == pytest.approx([0.3, 0.1, 1.0], rel=1e-9)
+    assert equilibrium.rim_reaction(state) == pytest.approx([-0.3, -0.1, -1.0], rel=1e-7)
+    (contact,) = equilibrium.contacts
+    moved = state.dofs.reshape(-1, 3)[contact.nodes, :2] - contact.touch.held(
+        equilibrium.space.basis.doflocs.T[contact.nodes]
+    )
+    assert np.ptp(moved, axis=0) == pytest.approx([0.0, 0.0], abs=1e-15)
+    assert min(moved[0]) > 1e-6
+
+
+def test_a_touch_between_two_electrodes_charges_them_alike():
+    """At a given depth, on a mesh that is not symmetric."""
+    probe = {**SPHERE, "x_mm": 4.0}
+    scene = Scene().with_(**{"probe": probe, **STUCK, **QUICK, "load.depth_mm": 2.0})
+    charges = solved(scene).charges_pC
+    assert charges["B"] == pytest.approx(charges["D"], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"load.friction": 0.3}, "load.friction"),
+        ({"load.friction": "stuck"}, 'load.friction = .*kind = "contact" only'),
+        ({"load.kind": "contact", "load.tangential_N": [0.1, 0.0]}, 'friction = "stuck"'),
+        (
+            {
+                **STUCK,
+                "probe": {
+                    "shape": "rectangle",
+                    "width_mm": 6.0,
+                    "height_mm": 5.0,
+                    "edge_radius_mm": 1.0,
+                },
+            },
+            "round",
+        ),
+    ],
+)
+def test_what_is_refused(changes, words):
+    probe = SPHERE if "load.kind" in changes else {"shape": "circle", "radius_mm": 2.0}
+    with pytest.raises(SceneError, match=words):
+        Scene().with_(**{"probe": probe, **changes})

@@ -1,0 +1,64 @@
+"""Touches by full solves: shear and two touches from exact charges, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pvdf_fem import Scene, locate, solve
+from pvdf_fem.response.model import Domain
+from pvdf_fem.touch.by_solves import Search, SolveOptions
+from pvdf_fem.touch.descent import descend
+
+DISC = {"shape": "circle", "radius_mm": 2.0}
+EIGHT = Scene().with_(
+    electrodes={"layout": "ring", "count": 8, "shape": "square"}, probe={**DISC, "x_mm": 4.0}
+)
+PAIR = EIGHT.with_(
+    probe=[
+        {**DISC, "x_mm": -7.0, "y_mm": 3.0, "force_N": 0.4},
+        {**DISC, "x_mm": 5.0, "y_mm": -4.0, "force_N": 1.1},
+    ]
+)
+FEW = SolveOptions(pitch_mm=7.5, fine_mm=2.5, starts=3, followed=1, rounds=0, tolerance=1e-3)
+
+
+def test_shear_of_a_touch_is_found_with_its_place():
+    truth = {"probe.x_mm": 5.0, "probe.y_mm": 3.0, "load.tangential_N": [0.4, -0.2]}
+    charges = solve(EIGHT.with_(**truth)).charges_pC
+    unknown = ("x_mm", "y_mm", "force_N", "tangential_N")
+    best, *_ = locate(EIGHT, charges, 1e-3, unknown=unknown, options=FEW)
+    assert [*best.values.values()] == pytest.approx([5.0, 3.0, 1.0, 0.4, -0.2], abs=0.03)
+    assert best.deviations["probe[0].force_N"] < 0.01
+
+
+def test_two_touches_are_found_from_near_by_whatever_their_order():
+    solution = solve(PAIR)
+    keys = tuple(f"probe[{i}].{name}" for i in (0, 1) for name in ("x_mm", "y_mm", "force_N"))
+    charges = np.array(list(solution.charges_pC.values()))
+    search = Search(
+        PAIR, keys, Domain(15.0, (0.1, 10.0)), 1e-3, np.arange(8), charges, 1e-3 * charges
+    )
+    truth = np.array([-7.0, 3.0, np.log(0.4), 5.0, -4.0, np.log(1.1)])
+    start = np.roll(truth, 3) + np.array([0.5, -0.4, 0.1, 0.3, 0.5, -0.1])
+    ends = descend(search, start[None], options=search.how(FEW))
+    (best,) = search.fits(search.distinct(ends, FEW))
+    assert [*best.values.values()] == pytest.approx([-7.0, 3.0, 0.4, 5.0, -4.0, 1.1], abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("scene", "how", "told"),
+    [
+        (Scene().with_(probe=DISC), {"touches": 2}, "4 channels do not tell 6 unknown"),
+        (EIGHT, {"touches": 3}, "touches = 3: give 1 or 2"),
+        (EIGHT, {"unknown": ("z_mm",)}, "z_mm: no quantity"),
+        (PAIR, {}, "probe: the scene has 2; give 1"),
+        (EIGHT, {"touches": 2, "unknown": ("force_N",)}, "need x_mm and y_mm"),
+        (EIGHT.with_(**{"load.kind": "rigid"}), {}, "no derivative by probe"),
+        (EIGHT, {"known": {"x_mm": 1.0}}, "known: a scene has what is known"),
+    ],
+)
+def test_bad_requests_are_refused_before_any_solve(scene, how, told):
+    names = [electrode.name for electrode in scene.electrode_list]
+    with pytest.raises(ValueError, match=told.replace("[", r"\[")):
+        locate(scene, dict.fromkeys(names, 900.0), **how)
