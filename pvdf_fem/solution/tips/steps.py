@@ -33,8 +33,6 @@ FIRST = 0.25
 SETTLED = 1e-2
 #: Most solves of a step.
 MOST_SOLVES = 4
-#: Relative error of a step's charges over that of the last one.
-LOOSER = 3.0
 
 
 def takes_steps(scene: Scene) -> bool:
@@ -51,12 +49,11 @@ def stepped(scene: Scene, solve: Callable[[Scene], Solution]) -> Scene | Solutio
 
 def _slid(scene: Scene, solve: Callable[[Scene], Solution]) -> Scene | Solution:
     """With the displacement from which film slides in the last step."""
-    coarse = _coarse(scene)
     rubbed = [touch.patch for touch in scene.loaded_probes if touch.load.friction]
     last: Displacement | Untouched = Untouched()
     roots = np.linspace(FIRST, 1.0, scene.numerics.load_steps or SLIDING_STEPS)
     for root in roots[:-1]:
-        solution = solve(coarse.at(Step(float(root) ** 3, held=dict.fromkeys(rubbed, last))))
+        solution = solve(scene.at(Step(float(root) ** 3, held=dict.fromkeys(rubbed, last))))
         if solution.status is Status.CONVERGED:
             fields, others = solution.fields, 1.0 / (len(roots) - 1)
             last = Displacement(fields.solved.space, fields.solved_dofs, others)
@@ -65,12 +62,7 @@ def _slid(scene: Scene, solve: Callable[[Scene], Solution]) -> Scene | Solution:
     return scene.at(Step(held=dict.fromkeys(rubbed, last)))
 
 
-def _coarse(scene: Scene) -> Scene:
-    return scene.with_(**{"numerics.tolerance": min(LOOSER * scene.numerics.tolerance, 0.1)})
-
-
 def _stuck(scene: Scene, solve: Callable[[Scene], Solution]) -> Scene | Solution:
-    coarse = _coarse(scene)
     touches = [touch for touch in scene.loaded_probes if touch.load.friction == "stuck"]
     known: dict[str, list[Edge]] = {touch.patch: [] for touch in touches}
     tips = {touch.patch: touch.tip for touch in touches}
@@ -79,7 +71,7 @@ def _stuck(scene: Scene, solve: Callable[[Scene], Solution]) -> Scene | Solution
     for root in np.linspace(FIRST, 1.0, scene.numerics.load_steps or STEPS):
         for _ in range(MOST_SOLVES):
             still = {name: replace(sticking, less_exact=None) for name, sticking in held.items()}
-            solution = solve(coarse.at(Step(float(root) ** 3, 0.0, still)))
+            solution = solve(scene.at(Step(float(root) ** 3, 0.0, still)))
             if solution.status is not Status.CONVERGED:
                 break  # too light a touch, perhaps
             edges, last = _edges(solution, held), held
