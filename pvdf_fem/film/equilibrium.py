@@ -251,11 +251,11 @@ class Equilibrium:
         other.unknowns = other._unknowns()
         return other
 
-    def with_friction(self, part: float) -> Equilibrium:
-        """The same film with a part of the friction of its tips."""
+    def with_lagged_friction(self) -> Equilibrium:
+        """The same film, with a tangent in which friction keeps its direction."""
         other = copy(self)
         other.__dict__.pop("contacts", None)
-        other.terms = [t.rubbed(part) if isinstance(t, Contact) else t for t in self.terms]
+        other.terms = [t.lagged() if isinstance(t, Contact) else t for t in self.terms]
         return other
 
     def rim_reaction(self, state: State) -> Array:

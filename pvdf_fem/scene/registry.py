@@ -6,6 +6,7 @@ A further one is a class in a file of its own and its line here. Classes are giv
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeAlias
 
 from pydantic import (
@@ -89,7 +90,7 @@ class Load(Section):
     slides where it touches; `depth_mm` may take the place of `force_N`. `friction` is Coulomb's
     coefficient. With ``stuck`` the film never slides on a round tip: it keeps the place where it
     touched. With either the load grows from zero in `numerics.load_steps`. Then `tangential_N`
-    moves a tip that the film sticks to sideways.
+    pushes the tip sideways; without it the tip is guided.
 
     `profile` is ``uniform``, ``hertz``, ``gaussian`` or the path, from the working directory, of a
     CSV or NetCDF file with ``x_mm``, ``y_mm`` and ``pressure`` on a grid in the probe's own axes.
@@ -145,9 +146,12 @@ class Load(Section):
     def _is_borne(cls, value: Tangential | None, info: ValidationInfo) -> Tangential | None:
         if value is not None and info.data.get("kind") == "follower":
             raise refusal('is not of a pressure normal to the film; remove it or give kind "dead"')
-        slides = info.data.get("kind") == "contact" and info.data.get("friction") != "stuck"
-        if value is not None and slides:
-            raise refusal('is of film that sticks to its tip; remove it or give friction = "stuck"')
+        friction, force = info.data.get("friction"), info.data.get("force_N")
+        if value is not None and info.data.get("kind") == "contact" and isinstance(friction, float):
+            most = math.inf if info.data.get("depth_mm") and friction else friction * (force or 0.0)
+            if math.hypot(*value) >= most:
+                reason = f"slides off, as friction bears {most:.3g} N at most"
+                raise refusal(f'{reason}; raise load.friction, or give friction = "stuck"')
         if value is not None and info.data.get("contact") == "sliding":
             raise refusal('slides off without friction; remove it or give contact = "stuck"')
         return value

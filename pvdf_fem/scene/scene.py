@@ -107,12 +107,14 @@ Pressure: TypeAlias = Callable[[Any, Any], Any]
 class Step:
     """A step on the way to the loads, and what its friction with tips depends on, by patch.
 
-    All loads have a `part` of their forces, and `sideways` is that of the ones in the plane.
+    All loads have a `part` of their forces, and `sideways` is that of the ones in the plane. By
+    patch, a probe has `moved` in the plane, in m.
     """
 
     part: float = 1.0
     sideways: float = 1.0
     held: Mapping[str, Any] = field(default_factory=dict)
+    moved: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -205,7 +207,17 @@ class Scene(Section):
     def _loaded(self, patch: str, probe: Probe, load: Load) -> LoadedProbe:
         step = self._step
         load = load.times(step.part, step.sideways)
+        if moved := step.moved.get(patch):
+            x_mm, y_mm = (
+                1e3 * m + at for m, at in zip(moved, (probe.x_mm, probe.y_mm), strict=True)
+            )
+            probe = probe.model_copy(update={"x_mm": x_mm, "y_mm": y_mm})
         return LoadedProbe(patch, probe, load, self._pressure, step.held.get(patch))
+
+    @property
+    def step(self) -> Step:
+        """The step of its loads."""
+        return self._step
 
     def at(self, step: Step) -> Scene:
         """The same scene at a step of its loads; no file holds it."""

@@ -41,8 +41,10 @@ LAST_STEP = 1e-2
 FEW_STEPS = 2
 #: Size of a step on a tip after which the tangent serves on: forces turn with its surface.
 ON_TIP = 1e-2
-#: Steps from a film that slides without friction to one that slides against it.
-FRICTIONS = 3
+#: Most iterations against friction before that is smoothed.
+MOST_ON_TIP = 25
+#: Relative size of a step after which friction's direction does not lag any more.
+LAGGED_STEP = 1e-4
 #: A path of equilibria is followed only where the budget pays for this number of iterations.
 PATH_ITERATIONS = 50
 
@@ -143,29 +145,25 @@ class LineSearchNewton(Rung):
         start = seed(task.equilibrium) if task.start is None else task.start
         options = NewtonOptions(tolerance=task.tolerance)
         if task.equilibrium.contacts:
-            options = replace(options, defer_size=ON_TIP)
+            options = replace(options, defer_size=ON_TIP, max_following=MOST_ON_TIP)
         near = task.start is not None
         return newton(DeferredNewton(task.equilibrium, options, task.budget, near=near), start)
 
 
 class AgainstFriction(LineSearchNewton):
-    """Newton's method against friction, from the film that slides without."""
+    """Newton's method after steps whose tangent lags friction's direction behind (Picard)."""
 
-    name = "Newton from a film without friction"
+    name = "Newton after lagged friction"
 
     def applies(self, task: Task) -> bool:
         """Where film slides against friction."""
         return super().applies(task) and any(c.friction for c in task.equilibrium.contacts)
 
     def solve(self, task: Task) -> NewtonResult:
-        """With a part of the friction after the other."""
-        for part in np.arange(FRICTIONS) / FRICTIONS:
-            sliding = task.equilibrium.with_friction(part)
-            result = super().solve(replace(task, equilibrium=sliding))
-            if not result.converged:
-                return result
-            task.start = result.q
-        return super().solve(task)
+        """From the start."""
+        start = seed(task.equilibrium) if task.start is None else task.start
+        lagged = FullSteps(task.equilibrium.with_lagged_friction(), LAGGED_STEP)
+        return super().solve(replace(task, start=newton(lagged, start).q))
 
 
 class NearNewton(Rung):
@@ -257,8 +255,8 @@ class ArcLength(Rung):
 LADDER: tuple[Rung, ...] = (
     FlatFilm(),
     OnTip(),
-    LineSearchNewton(),
     AgainstFriction(),
+    LineSearchNewton(),
     NearNewton(),
     OtherStart(),
     InteriorPoints(),

@@ -107,6 +107,33 @@ def test_friction_bears_no_more_than_its_part_of_the_force():
     assert abs(across) < 1e-2 * along
 
 
+def test_friction_bears_what_pushes_a_tip_sideways():
+    """It changes charges as film that sticks to its tip does."""
+    pushed = {"probe": SPHERE, **QUICK, "load.tangential_N": [0.2, 0.0]}
+    solution, stuck = (solved(Scene().with_(**pushed, **load)) for load in (RUBBED, STUCK))
+    assert solution.contacts["probe"].lateral_N == pytest.approx([-0.2, 0.0], abs=0.01 * 0.5)
+    change, known = (s.charges_pC["C"] - s.charges_pC["A"] for s in (solution, stuck))
+    assert change == pytest.approx(known, rel=0.05)
+    assert solution.charges_pC["B"] == pytest.approx(solution.charges_pC["D"], rel=2e-3)
+
+
+def test_a_tip_slides_off_where_friction_bears_too_little():
+    probe, load = {**SPHERE, "x_mm": 8.0}, {"load.depth_mm": 2.0, "load.tangential_N": [0.4, 0.0]}
+    solution = solve(Scene().with_(probe=probe, **RUBBED, **QUICK, **load))
+    assert solution.status == "tip_slides_off"
+    assert "load.friction" in solution.reason
+
+
+def test_film_sticks_to_one_tip_and_slides_on_another():
+    probes = [{**SPHERE, "x_mm": x, "force_N": 0.3} for x in (-9.0, 9.0)]
+    probes[0]["load"] = {"kind": "contact", "friction": "stuck"}
+    numerics = {"numerics.load_steps": 3, "numerics.tolerance": 0.05}
+    solution = solved(Scene().with_(probe=probes, **RUBBED, **numerics))
+    stuck, slides = solution.contacts.values()
+    assert stuck.lateral_N[0] < 0.0 < slides.lateral_N[0]
+    assert slides.lateral_N[0] < abs(stuck.lateral_N[0])
+
+
 def test_the_tangent_against_friction_is_the_derivative_of_the_residual():
     solution = solved(Scene().with_(probe={**SPHERE, "x_mm": 4.0}, **RUBBED, **QUICK))
     equilibrium, q = solution.fields.solved, solution.fields.q
@@ -128,6 +155,7 @@ def test_the_tangent_against_friction_is_the_derivative_of_the_residual():
         ({"load.kind": "contact", "load.friction": True}, "load.friction = True|true"),
         ({"load.friction": "stuck"}, 'load.friction = .*kind = "contact" only'),
         ({"load.kind": "contact", "load.tangential_N": [0.1, 0.0]}, 'friction = "stuck"'),
+        ({**RUBBED, "load.tangential_N": [0.4, 0.3]}, "slides off, as friction bears 0.5 N"),
         (
             {
                 **STUCK,

@@ -12,7 +12,7 @@ curvature, which the contact pressure over the tension across the edge gives, so
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -295,11 +295,10 @@ class Contact(DeadPressure):
         """Whether it slides without friction, or not at all."""
         return self.friction == 0.0
 
-    def rubbed(self, part: float) -> Contact:
-        """The same tip with a part of its friction."""
+    def lagged(self) -> Contact:
+        """The same tip, with a tangent in which friction keeps its direction."""
         other = copy(self)
-        other.__dict__.pop("_coulomb", None)
-        other.friction = part * self.friction
+        other.__dict__["_coulomb"] = replace(self._coulomb, lags=True)
         return other
 
     def pulled(self, forces: Array, state: State) -> Array:

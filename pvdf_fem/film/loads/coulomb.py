@@ -12,7 +12,7 @@ from sticking. Without friction it is the balance of `pvdf_fem.film.loads.contac
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -37,27 +37,35 @@ class Untouched:
 
 @dataclass(frozen=True, eq=False)
 class Displacement:
-    """That of a film after a step of its load; `dofs` (dofs,) are those of a `space`.
+    """That of a film after a step of its load, seen from a tip that has `moved` since, (2,) in m.
 
-    The error of all steps is the `share` of what one step from the untouched film changes.
+    `dofs` (dofs,) are those of a `space`. The error of all steps is the `share` of what the
+    `less_exact` one changes.
     """
 
     space: Space
     dofs: Array
     share: float
-    less_exact: Untouched | None = None
+    less_exact: Untouched | None
+    moved: Array = field(default_factory=lambda: np.zeros(2))
 
     def __call__(self, points: Array) -> Array:
         """In the plane, (n, 2) in m, at points (n, 2)."""
-        return np.asarray(self.space.interpolation(points.T) @ self.dofs.reshape(-1, 3)[:, :2])
+        places = self.space.interpolation(points.T) @ self.dofs.reshape(-1, 3)[:, :2]
+        return np.asarray(places + self.moved)
 
 
 @dataclass(frozen=True)
 class Coulomb:
-    """Friction at nodes; `friction` is its coefficient, `shortest` the length e in m."""
+    """Friction at nodes; `friction` is its coefficient, `shortest` the length e in m.
+
+    Where it `lags`, derivatives are those with a fixed denominator of g. Newton's method overshoots
+    without that, as friction turns within the length e.
+    """
 
     friction: float
     shortest: float
+    lags: bool = False
 
     def balance(self, height: Height, way: Array) -> Array:
         """What of a node's force (3,) is out of balance along x and y: (n, 2, 3)."""
@@ -96,6 +104,8 @@ class Coulomb:
         length = self._length(along, way)[:, None, None]
         d_climb = np.einsum("nij,ni->nj", H, way)  # by the slope alone
         d_along = np.eye(2) + s[:, :, None] * (s + d_climb)[:, None] + climb[:, None, None] * H
+        if self.lags:
+            return d_along / length
         d_square = along + climb[:, None] * d_climb  # half the derivative of way . along
         return d_along / length - along[:, :, None] * d_square[:, None] / length**3
 

@@ -11,13 +11,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from pvdf_fem.arrays import Array
 from pvdf_fem.charges.forces import charges_of, goal_forces
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.contact import Edge
 from pvdf_fem.film.loads.coulomb import Displacement, Untouched
 from pvdf_fem.film.loads.sticking import Sticking
 from pvdf_fem.scene.outlines.tip import DiscTip
-from pvdf_fem.scene.scene import Scene, Step
+from pvdf_fem.scene.scene import LoadedProbe, Scene, Step
 from pvdf_fem.solution.attempt import Attempt, force_errors
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solvers.ladder import equilibrate
@@ -33,45 +34,98 @@ FIRST = 0.25
 SETTLED = 1e-2
 #: Most solves of a step.
 MOST_SOLVES = 4
+#: Most solves that seek where a tip has moved sideways.
+MOST_SOLVES_SIDEWAYS = 15
 
 
 def takes_steps(scene: Scene) -> bool:
     """Whether film sticks to a tip or slides against friction, and the way there is unknown."""
-    loads = (touch for touch in scene.loaded_probes if touch.load.friction)
-    return any(touch.held is None for touch in loads)
+    return any(touch.held is None for touch in _rubbed(scene))
 
 
 def stepped(scene: Scene, solve: Callable[[Scene], Solution]) -> Scene | Solution:
-    """The scene with what its steps left behind, or the last step if that has no solution."""
-    stuck = any(touch.load.friction == "stuck" for touch in scene.loaded_probes)
+    """The scene with what its steps left behind, or the step that has no solution."""
+    stuck = any(touch.load.friction == "stuck" for touch in _rubbed(scene))
     return (_stuck if stuck else _slid)(scene, solve)
+
+
+def _rubbed(scene: Scene) -> list[LoadedProbe]:
+    return [touch for touch in scene.loaded_probes if touch.load.friction]
 
 
 def _slid(scene: Scene, solve: Callable[[Scene], Solution]) -> Scene | Solution:
     """With the displacement from which film slides in the last step."""
-    rubbed = [touch.patch for touch in scene.loaded_probes if touch.load.friction]
-    last: Displacement | Untouched = Untouched()
+    patches = [touch.patch for touch in _rubbed(scene)]
+    last: Untouched | Displacement = Untouched()
     roots = np.linspace(FIRST, 1.0, scene.numerics.load_steps or SLIDING_STEPS)
-    for root in roots[:-1]:
-        solution = solve(scene.at(Step(float(root) ** 3, held=dict.fromkeys(rubbed, last))))
+    for width in roots[:-1]:
+        solution = solve(scene.at(Step(float(width) ** 3, 0.0, dict.fromkeys(patches, last))))
         if solution.status is Status.CONVERGED:
-            fields, others = solution.fields, 1.0 / (len(roots) - 1)
-            last = Displacement(fields.solved.space, fields.solved_dofs, others)
-    if isinstance(last, Displacement):
-        last = replace(last, less_exact=Untouched())
-    return scene.at(Step(held=dict.fromkeys(rubbed, last)))
+            last = _displacement(solution, 1.0 / (len(roots) - 1), Untouched())
+    guided = scene.at(Step(1.0, 0.0, dict.fromkeys(patches, last)))
+    pushed = [touch for touch in _rubbed(scene) if touch.load.tangential_N]
+    return _pushed(guided, pushed, solve) if pushed else guided
+
+
+def _displacement(
+    solution: Solution, share: float = 0.0, less_exact: Untouched | None = None
+) -> Displacement:
+    fields = solution.fields
+    return Displacement(fields.solved.space, fields.solved_dofs, share, less_exact)
+
+
+def _pushed(
+    scene: Scene, touches: list[LoadedProbe], solve: Callable[[Scene], Solution]
+) -> Scene | Solution:
+    """With tips that have moved from where they are guided, until friction bears what pushes."""
+    wanted: Array = np.array([touch.load.components[:2] for touch in touches])
+    film, solution = scene.film, solve(scene)
+    if solution.status is not Status.CONVERGED:
+        return solution
+    last = _displacement(solution)
+
+    def borne(solution: Solution) -> Array:
+        return np.array([-solution.contacts[touch.patch].lateral_N for touch in touches])
+
+    def moved(moves: Array) -> Scene:
+        places = dict(zip([touch.patch for touch in touches], moves, strict=True))
+        resting = {touch.patch: replace(last, moved=np.zeros(2)) for touch in _rubbed(scene)}
+        held = resting | {patch: replace(last, moved=move) for patch, move in places.items()}
+        return scene.at(Step(1.0, 0.0, held, {k: tuple(v.tolist()) for k, v in places.items()}))
+
+    contacts = [solution.contacts[touch.patch] for touch in touches]
+    least = min(float(t.load.friction) * c.force_N for t, c in zip(touches, contacts, strict=True))
+    narrowest = 1e-3 * min(np.sqrt(c.area_mm2 / np.pi) for c in contacts)
+    stiffness = np.eye(wanted.size) * film.stiffness.max() * film.thickness
+    lacking = (borne(solution) - wanted).ravel()
+    moves = np.zeros(wanted.shape)
+    for solves in range(MOST_SOLVES_SIDEWAYS):
+        step = -np.linalg.solve(stiffness, lacking)
+        moves = moves + step.reshape(moves.shape)
+        if np.hypot(*moves.T).max() > narrowest:
+            break
+        solution = solve(moved(moves))
+        if solution.status is not Status.CONVERGED:
+            return solution
+        lacking = (borne(solution) - wanted).ravel()
+        if np.linalg.norm(lacking) < scene.numerics.tolerance * least:
+            return moved(moves)
+        if solves:  # Broyden's update after a full step
+            stiffness += np.outer(lacking, step) / (step @ step)
+    return replace(solution, status=Status.SLIDES, reason=Status.SLIDES.advice)
 
 
 def _stuck(scene: Scene, solve: Callable[[Scene], Solution]) -> Scene | Solution:
-    touches = [touch for touch in scene.loaded_probes if touch.load.friction == "stuck"]
+    touches = [touch for touch in _rubbed(scene) if touch.load.friction == "stuck"]
+    others = {touch.patch: Untouched() for touch in _rubbed(scene) if touch not in touches}
     known: dict[str, list[Edge]] = {touch.patch: [] for touch in touches}
     tips = {touch.patch: touch.tip for touch in touches}
     # the scene refuses others
     held = {name: Sticking(tip) for name, tip in tips.items() if isinstance(tip, DiscTip)}
-    for root in np.linspace(FIRST, 1.0, scene.numerics.load_steps or STEPS):
+    for width in np.linspace(FIRST, 1.0, scene.numerics.load_steps or STEPS):
         for _ in range(MOST_SOLVES):
             still = {name: replace(sticking, less_exact=None) for name, sticking in held.items()}
-            solution = solve(scene.at(Step(float(root) ** 3, 0.0, still)))
+            solution = solve(scene.at(Step(float(width) ** 3, 0.0, others | still)))
             if solution.status is not Status.CONVERGED:
                 break  # too light a touch, perhaps
             edges, last = _edges(solution, held), held
@@ -82,7 +136,7 @@ def _stuck(scene: Scene, solve: Callable[[Scene], Solution]) -> Scene | Solution
             known = {name: [*known[name], edges[name]] for name in known}
     if solution.status is not Status.CONVERGED:
         return replace(solution, scene=scene)
-    return scene.at(Step(held=held))
+    return scene.at(Step(held=others | held))
 
 
 def _edges(solution: Solution, held: Mapping[str, Sticking]) -> dict[str, Edge]:
@@ -98,7 +152,7 @@ def with_errors(attempt: Attempt) -> Attempt:
     less = {patch: held.less_exact for patch, held in known.items()}
     if attempt.status is not Status.CONVERGED or not any(less.values()):
         return attempt
-    scene = problem.scene.at(Step(held=less))
+    scene = problem.scene.at(replace(problem.scene.step, held=less))
     other = Equilibrium(scene, old.space.mesh, old.space.order, old.part)
     result = equilibrate(other, attempt.result.q, budget=problem.budget)
     forces = attempt.fields.forces
