@@ -94,7 +94,7 @@ def _maps(
     results: Results, force_N: float, d31_pC_N: float, d32_pC_N: float
 ) -> dict[str, ChargeMap]:
     """Maps by direction. A disc of 1 mm, about as large as the contact, leads them."""
-    places, disc = sphere_places(force_N), calibration(Setting("circle1", 0.0, force_N), PITCH_MM)
+    places, disc = sphere_places(force_N), calibration(Setting("circle1", 0.0, 1.0), PITCH_MM)
     records = [results[scene] for scene in places.scenes]
     return places.maps(records, d31_pC_N, d32_pC_N, MATERIAL, results.field(disc.scene))
 
