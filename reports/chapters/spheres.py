@@ -272,7 +272,8 @@ def _linear(evidence: Evidence) -> Claim:
         "3.4.3, 6.2",
         "The charge is linear in the force up to 0.5 N: it doubles from 0.25 to 0.5 N.",
         f"grows {printed[0.5] / printed[0.25]:.2f} times (Table 3.4, A)",
-        f"grows {centred:.2f} times at the centre, {beside:.2f} times 4 mm from A",
+        f"grows {centred:.2f} times at the centre, as F^{math.log2(centred):.2f}, and {beside:.2f} "
+        f"times 4 mm from A, as F^{math.log2(beside):.2f}",
         _verdict(min(centred, beside) > 1.9),
     )
 
