@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pvdf_fem.arrays import ALL, Array, Selection, components_first, components_last, times
+from pvdf_fem.arrays import ALL, Array, Indices, Selection, components_first, components_last, times
 from pvdf_fem.film.laws import Law, StVenantKirchhoff, TensionField
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State, Term
@@ -59,6 +59,19 @@ class Membrane(Term):
     def stress(self, strain: Array) -> Array:
         """Second Piola-Kirchhoff stress in Pa of a Green-Lagrange strain, both (..., 3)."""
         return self.law.stress(self.elastic(strain))
+
+    def resultant(self, strain: Array, elements: Indices) -> Array:
+        """The stress with that of bonded layers, over the film's thickness, in one element each."""
+        return self.stress(strain)
+
+    @property
+    def even(self) -> bool:
+        """Whether the film is in balance while it is flat."""
+        return True
+
+    def stiffened(self, strain: Array) -> Array:
+        """C : e in Pa of the strain e at all quadrature points, without the stress at rest."""
+        return strain @ self.law.stiffness
 
     def elastic(self, strain: Array) -> Array:
         """The elastic strain: that of the displacement added to that of the film at rest."""
@@ -179,7 +192,7 @@ class Membrane(Term):
         def product(stress: Array, strain: Array) -> float:
             return float((stress * strain * volumes).sum())
 
-        stress_1, stress_2 = first @ self.law.stiffness, second @ self.law.stiffness
+        stress_1, stress_2 = self.stiffened(first), self.stiffened(second)
         return np.array(
             [
                 self.energy(state),
@@ -195,6 +208,52 @@ class Membrane(Term):
         s11, s22, s12 = (stress[..., i] * self.volumes for i in range(3))
         f1, f2 = components_first(deformation_gradient, 2).swapaxes(0, 1)
         return np.stack([s11 * f1 + s12 * f2, s12 * f1 + s22 * f2])
+
+
+class UnevenMembrane(Membrane):
+    """A membrane with layers bonded to patches of it. `stress` is the film's own; states have the
+    resultant of film and layers over the film's thickness."""
+
+    def __init__(self, space: Space, film: Film) -> None:
+        super().__init__(space, film)
+        count = space.mesh.nelements
+        #: C, (elements, 1, 3, 3), and the stress of the flat film, (elements, 1, 3), in Pa.
+        self._stiffness: Array = np.tile(film.stiffness, (count, 1, 1, 1))
+        self._at_rest: Array = np.tile(film.stress_at_rest, (count, 1, 1))
+        for name, patch in film.layers.items():
+            covered, ratio = space.mesh.subdomains[name], patch.thickness / film.thickness
+            self._stiffness[covered] += ratio * film.stiffness_of(patch)
+            self._at_rest[covered] += ratio * film.stress_of(patch)
+
+    @property
+    def even(self) -> bool:
+        spread = np.ptp(self._at_rest, axis=(0, 1))
+        return bool(spread.max() <= 1e-12 * np.abs(self._at_rest).max())
+
+    def stiffened(self, strain: Array) -> Array:
+        return times(self._stiffness, strain)
+
+    def resultant(self, strain: Array, elements: Indices) -> Array:
+        stress = times(self._stiffness[elements, 0], strain)
+        return stress + self._at_rest[elements].mean(axis=1)
+
+    def state(self, x: Array, elements: Selection = ALL) -> State:
+        gradient = self.space.gradient(x, elements)
+        strain = strain_of(gradient)
+        stress = times(self._stiffness[elements], strain) + self._at_rest[elements]
+        return State(gradient + IDENTITY, strain, stress, x)
+
+    def moduli(self, state: State) -> Array:
+        return self._stiffness
+
+    def energy(self, state: State) -> float:
+        """Stored energy in J less that of the flat film."""
+        density = (state.strain * (state.stress + self._at_rest)).sum(axis=-1)
+        return 0.5 * float((density * self.volumes).sum())
+
+    def residual(self, state: State) -> Array:
+        """Internal forces in N, (dofs,); those of the flat film need not balance."""
+        return self.internal_forces(state)
 
 
 @dataclass(frozen=True)
@@ -268,6 +327,28 @@ class WrinklingMembrane(Membrane):
         mean = 0.5 * state.stress[..., :2].sum(axis=-1)
         average = float((mean * self.volumes).sum() / self.volumes.sum())
         return self.film.thickness * max(average, self.LEAST_STRAIN * self.law.stiffness[0, 0])
+
+
+class UnevenWrinkling(WrinklingMembrane):
+    """A membrane that wrinkles but where a layer is bonded to it, which bears compression."""
+
+    def __init__(self, space: Space, film: Film) -> None:
+        super().__init__(space, film)
+        self._layered = UnevenMembrane(space, film)
+        covered = [space.mesh.subdomains[name] for name in film.layers]
+        self._bare = np.setdiff1d(np.arange(space.mesh.nelements), np.concatenate(covered))
+
+    def state(self, x: Array, elements: Selection = ALL) -> State:
+        state = self._layered.state(x)
+        state.stress[self._bare] = self.stress(state.strain[self._bare])
+        return state
+
+    def moduli(self, state: State) -> Array:
+        moduli = np.broadcast_to(self._layered.moduli(state), (*self.volumes.shape, 3, 3)).copy()
+        bare = self.elastic(state.strain[self._bare])
+        root = self.law.root(bare, state.stress[self._bare])
+        moduli[self._bare] = np.matmul(root.swapaxes(-1, -2), root)
+        return moduli
 
 
 def strain_of(gradient: Array) -> Array:

@@ -17,7 +17,7 @@ from pvdf_fem.film.bending_effect import BendingEffect, bending_effect
 from pvdf_fem.film.laws import Law, StVenantKirchhoff, TensionField
 from pvdf_fem.film.layers import Layers
 from pvdf_fem.film.loads.kinds import LOADS, presses_rigidly, rigid_elements
-from pvdf_fem.film.membrane import Membrane, WrinklingMembrane
+from pvdf_fem.film.membrane import Membrane, UnevenMembrane, UnevenWrinkling, WrinklingMembrane
 from pvdf_fem.film.plate import LOWEST_ORDER, Plate
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State, Term
@@ -72,7 +72,8 @@ class FilmModel:
 
     def membrane(self, space: Space) -> Membrane:
         """The membrane term."""
-        return Membrane(space, self.scene.film)
+        film = self.scene.film
+        return (UnevenMembrane if film.patches else Membrane)(space, film)
 
     def terms(self, space: Space, part: MirroredPart = WHOLE) -> list[Term]:
         """The terms of the film's energy on a space of a part of it: membrane and loads."""
@@ -229,7 +230,8 @@ class TensionFieldModel(FilmModel):
 
     def membrane(self, space: Space) -> Membrane:
         """The membrane term with the tension field's law."""
-        return WrinklingMembrane(space, self.scene.film)
+        film = self.scene.film
+        return (UnevenWrinkling if film.patches else WrinklingMembrane)(space, film)
 
     @property
     def law(self) -> Law:

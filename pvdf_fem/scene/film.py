@@ -8,8 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator
 
+from pvdf_fem.scene.outlines.circle import Circle
+from pvdf_fem.scene.outlines.outline import overlaps
 from pvdf_fem.scene.quantity import Finite, Length, Modulus, Number, Section, refusal, within
 from pvdf_fem.scene.scene_file import quote
+from pvdf_fem.scene.shapes import MOST_PATCHES, Patch
 
 Value = TypeVar("Value")
 
@@ -43,6 +46,9 @@ class Film(Section):
     The clamped film is stretched either by its cooling, `temperature_change_K` (-1 K where neither
     is given), or to `pretension_N_m`, its tension at rest: a number, or a pair along x and y. In
     compression, below zero, it is like a film that is heated.
+
+    `patches` are layers bonded to the film, as tape or ink, each with a shape and what
+    `pvdf_fem.scene.shapes.Bonded` has. They may overlap, and end on or beyond the rim.
     """
 
     radius_mm: Length = 45.0
@@ -61,6 +67,7 @@ class Film(Section):
     d32_pC_N: Number = 8.0
     permittivity: Annotated[Finite, within(1.0, 1e6)] = 11.0
     compression: Literal["refuse", "tension-field"] = "refuse"
+    patches: Annotated[tuple[Patch, ...], Field(max_length=MOST_PATCHES)] | None = None
 
     @field_validator("poisson_ratio")
     @classmethod
@@ -101,6 +108,28 @@ class Film(Section):
         if value == "tension-field" and info.data.get("bending"):
             raise refusal("is of a film without bending; give film.bending = false")
         return value
+
+    @field_validator("patches")
+    @classmethod
+    def _are_borne(
+        cls, value: tuple[Patch, ...] | None, info: ValidationInfo
+    ) -> tuple[Patch, ...] | None:
+        given = info.data
+        if value and given.get("compression") == "tension-field":
+            raise refusal('are of a film that does not wrinkle; give film.compression = "refuse"')
+        if value and given.get("bending"):
+            raise refusal("are of a film without bending; give film.bending = false")
+        rim = Circle(np.zeros(2), given.get("radius_mm", np.inf) / 1e3)
+        for i, patch in enumerate(value or ()):
+            if np.isfinite(rim.radius) and not overlaps(patch.outline, rim):
+                raise refusal(f"[{i}] lies outside of the rim; move it inwards or remove it")
+            if patch.thermal_expansion_per_K is not None and given.get("pretension_N_m"):
+                reason = f"[{i}].thermal_expansion_per_K is for a film that is cooled; remove it"
+                raise refusal(f"{reason} or give film.temperature_change_K in place of a pretension")
+            whole = patch.youngs_modulus_GPa is None or patch.poisson_ratio is not None
+            if not whole and not 0 <= given.get("poisson_ratio", 0.0) < 0.5:
+                raise refusal(f"[{i}] needs a poisson_ratio, as the film's is no isotropic one")
+        return value or None
 
     @property
     def radius(self) -> float:
@@ -148,6 +177,34 @@ class Film(Section):
         modulus = self.youngs_modulus_GPa
         E1, E2 = modulus if isinstance(modulus, tuple) else (modulus, modulus)
         return 1e9 * plane_stress(E1, E2, self.poisson_ratio, self.shear_modulus_GPa)
+
+    @property
+    def layers(self) -> dict[str, Patch]:
+        """The patches by their names in a mesh."""
+        return {f"film patch {i}": patch for i, patch in enumerate(self.patches or (), 1)}
+
+    @property
+    def moves_at_rest(self) -> bool:
+        """Whether the clamped film, untouched, moves in its plane, since its stress is uneven."""
+        return any(patch.bonded != "at rest" for patch in self.patches or ())
+
+    def stiffness_of(self, patch: Patch) -> NDArray[np.float64]:
+        """Plane-stress stiffness in Pa of a patch's layer, (3, 3)."""
+        if (modulus := patch.youngs_modulus_GPa) is None:
+            return self.stiffness
+        nu = self.poisson_ratio if patch.poisson_ratio is None else patch.poisson_ratio
+        return 1e9 * plane_stress(modulus, modulus, nu)
+
+    def stress_of(self, patch: Patch) -> NDArray[np.float64]:
+        """Stress in Pa, (3,), of a patch's layer on the flat clamped film."""
+        strain = self.strain_at_rest * (patch.bonded == "before stretching")
+        if patch.thermal_expansion_per_K is not None:
+            strain[:2] = -patch.thermal_expansion_per_K * (self.temperature_change_K or 0.0)
+        return self.stiffness_of(patch) @ strain
+
+    def density_of(self, patch: Patch) -> float:
+        """Density of a patch's layer in kg/m³."""
+        return self.density if patch.density_kg_m3 is None else patch.density_kg_m3
 
 
 def plane_stress(E1: Any, E2: Any, nu12: Any, G: Any = None) -> NDArray[Any]:

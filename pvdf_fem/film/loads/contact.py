@@ -49,8 +49,8 @@ class EdgeFacets:
         In m, and unit normals outwards.
     lengths : (n,)
         Of the facets, m.
-    nodes : (n, functions) int
-        Scalar dofs of the elements outside.
+    elements, nodes : (n,) int, (n, functions) int
+        The elements outside, and their scalar dofs.
     functions, slopes : (n, functions), (n, functions, 2)
         Values and gradients of the shape functions.
     """
@@ -58,6 +58,7 @@ class EdgeFacets:
     points: Array
     normals: Array
     lengths: Array
+    elements: Indices
     nodes: Indices
     functions: Array
     slopes: Array
@@ -79,8 +80,10 @@ class EdgeFacets:
         slopes = space.gradients_at(outer, along.points)[:, 0]
         x, y = (points - points.mean(axis=0)).T
         order = np.argsort(np.arctan2(y, x))
-        lengths, nodes = along.weights[order, 0], space.nodes[outer[order]]
-        return cls(points[order], normals[order], lengths, nodes, values[order], slopes[order])
+        lengths, outer = along.weights[order, 0], outer[order]
+        values, slopes = values[order], slopes[order]
+        nodes = space.nodes[outer]
+        return cls(points[order], normals[order], lengths, outer, nodes, values, slopes)
 
     def values(self, rows: Array) -> Array:
         """Of displacements (n, functions, 3): (n, 3)."""
@@ -365,7 +368,7 @@ class Contact(DeadPressure):
         F = gradient + IDENTITY
         leaving = np.einsum("nca,na->nc", F, facets.normals)
         kinks = leaving[:, 2] + (height.slope * leaving[:, :2]).sum(axis=1)
-        stress = membrane.stress(strain_of(gradient))
+        stress = membrane.resultant(strain_of(gradient), facets.elements)
         (a, b), (s11, s22, s12) = facets.normals.T, stress.T
         across = a * a * s11 + b * b * s22 + 2.0 * a * b * s12
         jumps = self._bent(F, stress, height.hessian) / across
