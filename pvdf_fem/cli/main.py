@@ -45,6 +45,9 @@ scene files are TOML. Their keys, each with a default:
                 d31_pC_N, d32_pC_N, permittivity, bending (true, false, "auto":
                 where it matters), compression (refuse, tension-field: the film
                 wrinkles)
+  [[film.patches]]  layers on the film: shape as of electrodes, thickness_um,
+                both_sides, youngs_modulus_GPa, poisson_ratio, density_kg_m3,
+                bonded ("at rest", "before stretching"), thermal_expansion_per_K
   [electrodes]  layout (four, three, ring), ring_radius_mm, side_mm; for a ring:
                 count, first_angle_deg, centre, shape and its sizes
   [probe]       shape and its sizes, x_mm, y_mm (centroid), rotation_deg,

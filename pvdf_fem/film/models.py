@@ -137,7 +137,8 @@ class FilmModel:
 
     @property
     def _remedy(self) -> str:
-        return 'film.bending = "auto" or true'
+        patched = "thinner film.patches, or both_sides = true"
+        return patched if self.scene.film.patches else 'film.bending = "auto" or true'
 
     def compression_remarks(self, smallest: Array, largest: Array) -> Iterator[tuple[str, Array]]:
         """Texts with a place for an area, and where that is, from the principal stresses."""

@@ -84,7 +84,7 @@ class MeshError(RuntimeError):
 
 
 def outlines(scene: Scene) -> dict[str, Outline]:
-    """The outlines that the mesh follows, by their names: electrodes, the film's patches, probes."""
+    """The outlines that the mesh follows, by name: of electrodes, the film's patches, probes."""
     shapes = {electrode_patch(e.name): e.outline for e in scene.electrode_list}
     shapes |= {name: patch.outline for name, patch in scene.film.layers.items()}
     return shapes | {touch.patch: touch.outline for touch in scene.loaded_probes}
@@ -108,10 +108,10 @@ def mesh_scene(
     touch, has 0.15 at any element size.
 
     Subdomains are ``film``, one ``electrode NAME`` each, ``film patch 1`` and so on, and ``probe``,
-    or ``probe 1``, ``probe 2`` and so on; boundaries are ``rim``, and those of `MIRRORS` that a part has. Outside of the part
-    an electrode or a probe has no elements. Raises `MeshError` when gmsh fails, a patch has got no
-    element, or elements fold although they are straight, and `GmshMissingError` when gmsh cannot be
-    loaded.
+    or ``probe 1``, ``probe 2`` and so on; boundaries are ``rim``, and those of `MIRRORS` that a
+    part has. Outside of the part an electrode or a probe has no elements. Raises `MeshError` when
+    gmsh fails, a patch has got no element, or elements fold although they are straight, and
+    `GmshMissingError` when gmsh cannot be loaded.
     """
     shapes = outlines(scene) | dict(contacts)
     smallest = min((shape.perimeter for shape in shapes.values()), default=0.0)

@@ -9,7 +9,7 @@ the axes; of any other film only the axes are taken for mirror lines.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from itertools import product
@@ -137,9 +137,9 @@ def _patch_swap(mirror: Array, scene: Scene, slack: float) -> dict[str, str] | N
                 swap[touch.patch] = other.patch
     for name, patch in layers.items():
         image, material = patch.outline.mapped(mirror), patch.model_dump(include=_MATERIAL)
-        for twin, other in layers.items():
-            alike = material == other.model_dump(include=_MATERIAL)
-            if alike and image.coincides(other.outline, slack):
+        for twin, layer in layers.items():
+            alike = material == layer.model_dump(include=_MATERIAL)
+            if alike and image.coincides(layer.outline, slack):
                 swap[name] = twin
     return swap if len(swap) == len(touches) + len(layers) else None
 

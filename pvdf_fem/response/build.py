@@ -253,6 +253,11 @@ def _refuse(scene: Scene, domain: Domain, options: ResponseOptions, tolerance: f
             "load.kind: 'rigid' makes the stress singular at the probe's edge, which a response"
             " cannot follow; take 'dead' or 'follower'"
         )
+    if scene.film.patches:
+        raise ValueError(
+            "film.patches: the stress about a probe would be another one at every place, which a"
+            " response does not have; remove them, or solve scene by scene"
+        )
     mechanics_of(scene)  # refuses a depth
     if scene.load.tangential_N is not None or scene.load.profile != "uniform":
         uniform = "remove load.tangential_N and load.profile"

@@ -125,7 +125,9 @@ class Film(Section):
                 raise refusal(f"[{i}] lies outside of the rim; move it inwards or remove it")
             if patch.thermal_expansion_per_K is not None and given.get("pretension_N_m"):
                 reason = f"[{i}].thermal_expansion_per_K is for a film that is cooled; remove it"
-                raise refusal(f"{reason} or give film.temperature_change_K in place of a pretension")
+                raise refusal(
+                    f"{reason} or give film.temperature_change_K in place of a pretension"
+                )
             whole = patch.youngs_modulus_GPa is None or patch.poisson_ratio is not None
             if not whole and not 0 <= given.get("poisson_ratio", 0.0) < 0.5:
                 raise refusal(f"[{i}] needs a poisson_ratio, as the film's is no isotropic one")

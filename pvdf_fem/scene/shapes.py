@@ -65,11 +65,13 @@ class _Named(_Flat):
 
 
 class Bonded(_Flat):
-    """A layer bonded to the film. Its material is the film's where it is not given; a modulus makes
-    it isotropic. ``bonded = "at rest"``: to the stretched film, without stress of its own;
-    ``"before stretching"``: it is stretched, or cooled and clamped, together with the film."""
+    """A layer bonded to the film, on one side or, half as thick, on both. Its material is the
+    film's where it is not given; a modulus makes it isotropic. ``bonded = "at rest"``: to the
+    stretched film, without stress of its own; ``"before stretching"``: it is stretched, or cooled
+    and clamped, together with the film."""
 
     thickness_um: Annotated[Finite, within(1e-3, 1e6, "µm")]
+    both_sides: Annotated[bool, Field(strict=True)] = False
     youngs_modulus_GPa: Modulus | None = None
     poisson_ratio: Annotated[Finite, within(0.0, 0.4999)] | None = None
     density_kg_m3: Annotated[Finite, within(0.0, 1e6, "kg/m³")] | None = None
@@ -173,8 +175,7 @@ def _flat(shape: type[Shape], base: type[_Flat], kind: str) -> Any:
         if name in required and not field.is_required()
     }
     name = shape.__name__.replace("Shape", kind)
-    doc = f"An {kind.lower()}: {(shape.__doc__ or '').strip()}".replace("An p", "A p")
-    return _made(name, (shape, base), doc, **fields)
+    return _made(name, (shape, base), f"{kind}: {(shape.__doc__ or '').strip()}", **fields)
 
 
 def _word(shape: type[Shape]) -> str:
@@ -184,10 +185,9 @@ def _word(shape: type[Shape]) -> str:
 #: The models of probes, of probes of a list and of electrodes by shape.
 PROBES = {_word(shape): shape for shape in _OF_PROBES_ONLY + _SHAPES}
 LISTED_PROBES = {word: _pressing(shape) for word, shape in PROBES.items()}
-ELECTRODES, PATCHES = (
-    {_word(shape): _flat(shape, base, kind) for shape in _OF_ELECTRODES_ONLY + _SHAPES}
-    for base, kind in ((_Named, "Electrode"), (Bonded, "Patch"))
-)
+_FLAT = _OF_ELECTRODES_ONLY + _SHAPES
+ELECTRODES = {_word(shape): _flat(shape, _Named, "Electrode") for shape in _FLAT}
+PATCHES = {_word(shape): _flat(shape, Bonded, "Patch") for shape in _FLAT}
 
 
 def _one_of(models: Mapping[str, type[Section]], default: str) -> Any:

@@ -56,11 +56,12 @@ def mechanics(scene: Scene) -> Mechanics:
     if scene.film.bending == "auto":  # the electrodes decide whether bending joins
         film = f"{film} {model.bends}"
     numerics = scene.numerics.model_dump(exclude={"observable"})
-    if scene.probe is None:
+    if scene.probe is None and not scene.film.patches:
         flat = f"{film} {thickness} {numerics}"
         return Mechanics(flat, flat, f"{film} {numerics}", np.eye(2))
     load, force = scene.load, scene.load.force_N
-    if isinstance(scene.probe, tuple) or load.tangential_N or load.profile != "uniform":
+    unlike = load.tangential_N or load.profile != "uniform" or scene.film.patches
+    if unlike or scene.probe is None or isinstance(scene.probe, tuple):
         given = f"{film} {thickness} {numerics} {scene.probe!r} {load!r}"
         return Mechanics(given, given, given, np.eye(2))
     place, frame = _canonical_place(scene.probe, scene.film.radius, isotropy(scene.film))
@@ -80,7 +81,9 @@ def mechanics(scene: Scene) -> Mechanics:
 @lru_cache(maxsize=1024)
 def _film_key(film: Film) -> str:
     """The film's keys that change its deformation but for the thickness, and its strain at rest."""
-    table = film.model_dump(exclude={*_READING_KEYS, *_STRETCHING_KEYS, "thickness_um"})
+    if film.patches:  # they stretch by themselves
+        return f"{film.model_dump(exclude=_READING_KEYS)}"
+    table = film.model_dump(exclude={*_READING_KEYS, *_STRETCHING_KEYS, "thickness_um", "patches"})
     along_x, along_y, _ = film.strain_at_rest
     return f"{table} {along_x:.{DIGITS}e} {along_y:.{DIGITS}e}"
 
