@@ -16,6 +16,7 @@ import numpy as np
 
 from pvdf_fem.arrays import ALL, Array, Indices, Selection, components_first, components_last, times
 from pvdf_fem.film.laws import Law, StVenantKirchhoff, TensionField
+from pvdf_fem.film.loads.heat import Warmth
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State, Term
 from pvdf_fem.scene.film import Film
@@ -63,6 +64,14 @@ class Membrane(Term):
     def resultant(self, strain: Array, elements: Indices) -> Array:
         """The stress with that of bonded layers, over the film's thickness, in one element each."""
         return self.stress(strain)
+
+    warmth: Warmth | None = None
+
+    def heat_stress(self, places: Array) -> Array | float:
+        """What heat adds to `stress` at places (..., 2) in m of the whole film."""
+        if self.warmth is None:
+            return 0.0
+        return self.warmth.temperature(places)[..., None] * self.film.thermal_stress
 
     @property
     def even(self) -> bool:
@@ -211,19 +220,30 @@ class Membrane(Term):
 
 
 class UnevenMembrane(Membrane):
-    """A membrane with layers bonded to patches of it. `stress` is the film's own; states have the
-    resultant of film and layers over the film's thickness."""
+    """A membrane that is warmer in places, and with layers bonded to patches of it. `stress` is the
+    film's own, cold; states have the resultant of film and layers over the film's thickness."""
 
-    def __init__(self, space: Space, film: Film) -> None:
+    def __init__(
+        self, space: Space, film: Film, warmth: Warmth | None = None, frame: Array | None = None
+    ) -> None:
         super().__init__(space, film)
-        count = space.mesh.nelements
-        #: C, (elements, 1, 3, 3), and the stress of the flat film, (elements, 1, 3), in Pa.
-        self._stiffness: Array = np.tile(film.stiffness, (count, 1, 1, 1))
-        self._at_rest: Array = np.tile(film.stress_at_rest, (count, 1, 1))
+        self.warmth = warmth
+        #: C, (elements, 1, 3, 3), and the stress of the flat film, (elements, points, 3), in Pa.
+        self._stiffness: Array = np.tile(film.stiffness, (space.mesh.nelements, 1, 1, 1))
+        places = np.moveaxis(np.asarray(space.basis.global_coordinates()), 0, -1)
+        #: Temperature at the quadrature points in K, (elements, points).
+        self.temperature: Array = np.zeros(self.volumes.shape)
+        if warmth is not None:
+            self.temperature = warmth.temperature(places @ frame)
+        kelvins = self.temperature[..., None]
+        self._at_rest: Array = film.stress_at_rest + film.thermal_stress * kelvins
         for name, patch in film.layers.items():
             covered, ratio = space.mesh.subdomains[name], patch.thickness / film.thickness
-            self._stiffness[covered] += ratio * film.stiffness_of(patch)
-            self._at_rest[covered] += ratio * film.stress_of(patch)
+            C, alpha = film.stiffness_of(patch), patch.thermal_expansion_per_K
+            alpha = film.thermal_expansion_per_K if alpha is None else alpha
+            self._stiffness[covered] += ratio * C
+            warm = alpha * C[:, :2].sum(axis=1) * kelvins[covered]
+            self._at_rest[covered] += ratio * (film.stress_of(patch) - warm)
 
     @property
     def even(self) -> bool:
@@ -332,21 +352,27 @@ class WrinklingMembrane(Membrane):
 class UnevenWrinkling(WrinklingMembrane):
     """A membrane that wrinkles but where a layer is bonded to it, which bears compression."""
 
-    def __init__(self, space: Space, film: Film) -> None:
+    def __init__(self, space: Space, film: Film, warmth: Warmth | None, frame: Array) -> None:
         super().__init__(space, film)
-        self._layered = UnevenMembrane(space, film)
-        covered = [space.mesh.subdomains[name] for name in film.layers]
-        self._bare = np.setdiff1d(np.arange(space.mesh.nelements), np.concatenate(covered))
+        self._layered = UnevenMembrane(space, film, warmth, frame)
+        bare = np.ones(space.mesh.nelements, dtype=bool)
+        for name in film.layers:
+            bare[space.mesh.subdomains[name]] = False
+        self._bare = np.flatnonzero(bare)
+
+    def _elastic(self, state: State) -> Array:
+        """Elastic strain of the film without a layer, (bare elements, points, 3)."""
+        added = self.film.thermal_expansion_per_K * self._layered.temperature[self._bare, :, None]
+        return self.elastic(state.strain[self._bare]) - added * [1.0, 1.0, 0.0]
 
     def state(self, x: Array, elements: Selection = ALL) -> State:
         state = self._layered.state(x)
-        state.stress[self._bare] = self.stress(state.strain[self._bare])
+        state.stress[self._bare] = self.law.stress(self._elastic(state))
         return state
 
     def moduli(self, state: State) -> Array:
         moduli = np.broadcast_to(self._layered.moduli(state), (*self.volumes.shape, 3, 3)).copy()
-        bare = self.elastic(state.strain[self._bare])
-        root = self.law.root(bare, state.stress[self._bare])
+        root = self.law.root(self._elastic(state), state.stress[self._bare])
         moduli[self._bare] = np.matmul(root.swapaxes(-1, -2), root)
         return moduli
 

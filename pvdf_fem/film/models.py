@@ -16,6 +16,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.film.bending_effect import BendingEffect, bending_effect
 from pvdf_fem.film.laws import Law, StVenantKirchhoff, TensionField
 from pvdf_fem.film.layers import Layers
+from pvdf_fem.film.loads.heat import Warmth
 from pvdf_fem.film.loads.kinds import LOADS, presses_rigidly, rigid_elements
 from pvdf_fem.film.membrane import Membrane, UnevenMembrane, UnevenWrinkling, WrinklingMembrane
 from pvdf_fem.film.plate import LOWEST_ORDER, Plate
@@ -70,16 +71,18 @@ class FilmModel:
         """What bending would change in the scene."""
         return bending_effect(self.scene)
 
-    def membrane(self, space: Space) -> Membrane:
+    def membrane(self, space: Space, part: MirroredPart) -> Membrane:
         """The membrane term."""
-        film = self.scene.film
-        return (UnevenMembrane if film.patches else Membrane)(space, film)
+        film, warmth = self.scene.film, Warmth.of(self.scene)
+        if film.patches or warmth:
+            return UnevenMembrane(space, film, warmth, part.frame)
+        return Membrane(space, film)
 
     def terms(self, space: Space, part: MirroredPart = WHOLE) -> list[Term]:
         """The terms of the film's energy on a space of a part of it: membrane and loads."""
         touches = self.scene.loaded_probes
         return [
-            self.membrane(space),
+            self.membrane(space, part),
             *(LOADS[touch.load.kind](touch, space, part) for touch in touches),
         ]
 
@@ -113,7 +116,12 @@ class FilmModel:
     @property
     def left_out(self) -> tuple[str, ...]:
         """What the model neglects in this scene."""
-        return (self._bending_remark,)
+        return (self._bending_remark, *self._heat_remarks)
+
+    @property
+    def _heat_remarks(self) -> tuple[str, ...]:
+        warmth = Warmth.of(self.scene)
+        return warmth.remarks if warmth else ()
 
     @property
     def included(self) -> tuple[str, ...]:
@@ -198,8 +206,8 @@ class PlateModel(FilmModel):
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """Nothing that the membrane leaves out."""
-        return ()
+        """Nothing that the membrane leaves out of bending."""
+        return self._heat_remarks
 
     @property
     def included(self) -> tuple[str, ...]:
@@ -229,10 +237,12 @@ class TensionFieldModel(FilmModel):
     size_factor = 1.7
     film_is_differentiable = False
 
-    def membrane(self, space: Space) -> Membrane:
+    def membrane(self, space: Space, part: MirroredPart) -> Membrane:
         """The membrane term with the tension field's law."""
-        film = self.scene.film
-        return (UnevenWrinkling if film.patches else WrinklingMembrane)(space, film)
+        film, warmth = self.scene.film, Warmth.of(self.scene)
+        if film.patches or warmth:
+            return UnevenWrinkling(space, film, warmth, part.frame)
+        return WrinklingMembrane(space, film)
 
     @property
     def law(self) -> Law:

@@ -21,6 +21,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import TOUCH, Outline, overlaps
 from pvdf_fem.scene.outlines.polygon import Polygon
+from pvdf_fem.scene.outlines.shape import HEAT
 from pvdf_fem.scene.registry import Load
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 from pvdf_fem.scene.shapes import Bonded
@@ -128,7 +129,8 @@ def _patch_swap(mirror: Array, scene: Scene, slack: float) -> dict[str, str] | N
         pushed = mirror @ touch.load.components[:2]
         for other in touches:
             apart = np.abs(pushed - other.load.components[:2]).max()
-            alike = apart <= TOUCH * max(map(abs, touch.load.components))
+            warm = [getattr(touch.probe, key) == getattr(other.probe, key) for key in HEAT]
+            alike = all(warm) and apart <= TOUCH * max(map(abs, touch.load.components))
             if (
                 alike
                 and _upright(touch) == _upright(other)

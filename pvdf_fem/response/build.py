@@ -253,6 +253,7 @@ def _refuse(scene: Scene, domain: Domain, options: ResponseOptions, tolerance: f
             "load.kind: 'rigid' makes the stress singular at the probe's edge, which a response"
             " cannot follow; take 'dead' or 'follower'"
         )
+    scene.require_cold("responses")
     if scene.film.patches:
         raise ValueError(
             "film.patches: the stress about a probe would be another one at every place, which a"

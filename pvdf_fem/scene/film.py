@@ -47,6 +47,10 @@ class Film(Section):
     is given), or to `pretension_N_m`, its tension at rest: a number, or a pair along x and y. In
     compression, below zero, it is like a film that is heated.
 
+    `pyroelectric_uC_m2K` is the charge per area and kelvin of a film that is free to expand; where
+    it is not, its stress makes charge by d31 and d32. `thermal_diffusivity_m2_s` says how the heat
+    of a probe with `temperature_K` spreads (`pvdf_fem.film.loads.heat`).
+
     `patches` are layers bonded to the film, as tape or ink, each with a shape and what
     `pvdf_fem.scene.shapes.Bonded` has. They may overlap, and end on or beyond the rim.
     """
@@ -67,6 +71,8 @@ class Film(Section):
     d32_pC_N: Number = 8.0
     permittivity: Annotated[Finite, within(1.0, 1e6)] = 11.0
     compression: Literal["refuse", "tension-field"] = "refuse"
+    pyroelectric_uC_m2K: Number | None = None
+    thermal_diffusivity_m2_s: Annotated[Finite, within(1e-12, 1.0, "m²/s")] = 6e-8
     patches: Annotated[tuple[Patch, ...], Field(max_length=MOST_PATCHES)] | None = None
 
     @field_validator("poisson_ratio")
@@ -147,6 +153,21 @@ class Film(Section):
     def density(self) -> float:
         """Density in kg/m³."""
         return self.density_kg_m3
+
+    @property
+    def diffusivity(self) -> float:
+        """Thermal diffusivity in m²/s."""
+        return self.thermal_diffusivity_m2_s
+
+    @property
+    def pyroelectric(self) -> float:
+        """Charge per area and kelvin in C/(m² K), 0 where it is not given."""
+        return (self.pyroelectric_uC_m2K or 0.0) / 1e6
+
+    @property
+    def thermal_stress(self) -> NDArray[np.float64]:
+        """Stress of the clamped film in Pa/K, (3,)."""
+        return -self.thermal_expansion_per_K * self.stiffness[:, :2].sum(axis=1)
 
     @property
     def d31(self) -> float:

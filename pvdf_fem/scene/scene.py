@@ -8,7 +8,7 @@ nothing else in the package converts lengths or moduli. Defaults are the thesis'
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, islice
 from pathlib import Path
@@ -27,6 +27,7 @@ from pvdf_fem.scene.change import change
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.mistakes import MOST_MISTAKES, mistakes
 from pvdf_fem.scene.outlines.outline import Outline
+from pvdf_fem.scene.outlines.shape import HEAT
 from pvdf_fem.scene.outlines.tip import Tip, tip_of
 from pvdf_fem.scene.placement import misplacements
 from pvdf_fem.scene.quantity import Finite, Section, Whole, within
@@ -176,6 +177,7 @@ class Scene(Section):
         if self.film.bending is True and any(t.load.kind == "contact" for t in self.loaded_probes):
             reason = 'is not for tips; give "auto" or false, and its effect is estimated'
             complaints = chain(complaints, [problem("film.bending", True, reason)])
+        complaints = chain(complaints, self._warm_probes())
         if self.readout is not None:
             names = [electrode.name for electrode in self.electrode_list]
             complaints = chain(complaints, self.readout.mistakes(names))
@@ -183,6 +185,30 @@ class Scene(Section):
             context = {"text": "\n".join(problems), "problems": problems}
             raise PydanticCustomError("misplaced", "{text}", context)
         return self
+
+    def _warm_probes(self) -> Iterator[str]:
+        """Complaints about warm probes where heat cannot be."""
+        for i, touch in enumerate(self.loaded_probes):
+            key = f"probe[{i}]" if isinstance(self.probe, tuple) else "probe"
+            given = {name: getattr(touch.probe, name) for name in HEAT}
+            if None in given.values() and any(given.values()):
+                name = next(name for name, value in given.items() if value is None)
+                yield problem(f"{key}.{name}", None, f"is missing; give both of {', '.join(HEAT)}")
+            for name, value, wrong in (
+                ("load.kind", touch.load.kind, "contact"),
+                ("film.compression", self.film.compression, "tension-field"),
+                ("numerics.observable", self.numerics.observable, "thesis-edge"),
+            ):
+                if given["temperature_K"] and value == wrong:
+                    reason = f"is not for {key}.temperature_K; give another or remove that"
+                    yield problem(name, value, reason)
+
+    def require_cold(self, what: str) -> None:
+        """SceneError for a scene with warm probes, whose heat `what` does not have."""
+        for touch in self.loaded_probes:
+            if value := touch.probe.temperature_K:
+                reason = f"is not for {what}, without heat; remove it"
+                raise SceneError([problem(f"{touch.patch}.temperature_K", value, reason)])
 
     @property
     def electrode_list(self) -> tuple[Electrode, ...]:

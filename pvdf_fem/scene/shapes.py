@@ -25,7 +25,7 @@ from pvdf_fem.scene.outlines.circle import CircleShape
 from pvdf_fem.scene.outlines.ellipse import EllipseShape
 from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.scene.outlines.polygon import PolygonShape, RectangleShape, SquareShape, TriangleShape
-from pvdf_fem.scene.outlines.shape import Shape
+from pvdf_fem.scene.outlines.shape import HEAT, Shape
 from pvdf_fem.scene.outlines.sphere import SphereShape
 from pvdf_fem.scene.quantity import Finite, Length, Modulus, Number, Section, Whole, refusal, within
 from pvdf_fem.scene.registry import Force, Load, Tangential
@@ -50,7 +50,7 @@ def _is_name(name: str) -> str:
 class _Flat(Section):
     """What is no probe."""
 
-    @field_validator("edge_radius_mm", check_fields=False)
+    @field_validator("edge_radius_mm", *HEAT, check_fields=False)
     @classmethod
     def _is_of_probes(cls, value: float | None) -> float | None:
         if value is not None:

@@ -119,6 +119,7 @@ def gradients(
         For a key that is not among `parameters_of` the scene, or a tolerance out of range.
     """
     scene = solution if isinstance(solution, Scene) else solution.scene
+    scene.require_cold("derivatives")
     known = parameters_of(scene)
     wanted = known if parameters is None else tuple(parameters)
     for key in wanted:
