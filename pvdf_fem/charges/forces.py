@@ -6,7 +6,7 @@ stress; see `pvdf_fem.charges.observables`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,6 @@ from pvdf_fem.charges.goals import Goal, areas_of, coefficients_of, goals_of, im
 from pvdf_fem.charges.observables import OBSERVABLES, Observable
 from pvdf_fem.charges.quadrature import area_quadrature
 from pvdf_fem.charges.sampling import Sampling
-from pvdf_fem.film.loads.heat import Warmth
 from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State
@@ -73,26 +72,27 @@ def goal_forces(
         for axis in sampling.axes:
             along = (integrals * directions[:, axis]).sum(axis=1)
             forces[:, axis] += np.bincount(sampling.goals, along, len(goals))
-    if membrane.warmth is not None:
-        heat = heat_of(goals, membrane.warmth, membrane.space.mesh, part)
-        forces += heat[:, None] * membrane.film.thermal_stress[:2]
+    if membrane.added is not None:
+        forces += area_integrals(goals, membrane.added.stress, membrane.space.mesh, part)[:, :2]
     return forces
 
 
-def heat_of(
+def area_integrals(
     goals: Sequence[Goal],
-    warmth: Warmth,
+    field: Callable[[Array], Array],
     mesh: MeshTri2,
     part: MirroredPart = WHOLE,
     degree: int = 19,
 ) -> Array:
-    """Integral of the film's temperature over each electrode in K m², (goals,), exact where it is a
-    polynomial of the degree in each element: a probe's heat ends within less than one."""
+    """Integrals over electrodes, (goals, n), of a field (..., n) at places (..., 2) in the scene's
+    axes; exact for polynomials of the degree in each element."""
     images, owners = images_of(goals, part)
     rule = area_quadrature(mesh, [image.placed for image in images], degree)
     places = np.moveaxis(mesh.mapping().F(rule.points, rule.elements), 0, -1) @ part.frame
-    by_row = (rule.weights * warmth.temperature(places)).sum(axis=1)
-    return np.asarray(np.bincount(owners[rule.owners], by_row, len(goals)), dtype=np.float64)
+    by_row = (rule.weights[..., None] * field(places)).sum(axis=1)
+    total = np.zeros((len(goals), by_row.shape[-1]))
+    np.add.at(total, owners[rule.owners], by_row)
+    return total
 
 
 def goal_gradients(

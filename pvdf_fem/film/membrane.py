@@ -16,7 +16,7 @@ import numpy as np
 
 from pvdf_fem.arrays import ALL, Array, Indices, Selection, components_first, components_last, times
 from pvdf_fem.film.laws import Law, StVenantKirchhoff, TensionField
-from pvdf_fem.film.loads.heat import Warmth
+from pvdf_fem.film.loads.heat import AddedStrain
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State, Term
 from pvdf_fem.scene.film import Film
@@ -24,6 +24,7 @@ from pvdf_fem.scene.film import Film
 #: Number of elements whose tangents are made together, so that they stay in the processor's cache.
 CHUNK = 128
 IDENTITY: Array = np.eye(3, 2)
+BIAXIAL: Array = np.array([1.0, 1.0, 0.0])
 #: Pairs of displacement components whose blocks the tangent has, up to symmetry.
 PAIRS = [(i, j) for i in range(3) for j in range(i + 1)]
 
@@ -65,13 +66,13 @@ class Membrane(Term):
         """The stress with that of bonded layers, over the film's thickness, in one element each."""
         return self.stress(strain)
 
-    warmth: Warmth | None = None
+    #: What `stress` lacks where the film is strained unevenly at rest.
+    added: AddedStrain | None = None
 
-    def heat_stress(self, places: Array) -> Array | float:
-        """What heat adds to `stress` at places (..., 2) in m of the whole film."""
-        if self.warmth is None:
-            return 0.0
-        return self.warmth.temperature(places)[..., None] * self.film.thermal_stress
+    def film_stress(self, strain: Array, places: Array) -> Array:
+        """`stress` with what is `added` at places (..., 2) in m of the whole film."""
+        stress = self.stress(strain)
+        return stress if self.added is None else stress + self.added.stress(places)
 
     @property
     def even(self) -> bool:
@@ -220,30 +221,32 @@ class Membrane(Term):
 
 
 class UnevenMembrane(Membrane):
-    """A membrane that is warmer in places, and with layers bonded to patches of it. `stress` is the
-    film's own, cold; states have the resultant of film and layers over the film's thickness."""
+    """A membrane that is strained unevenly at rest, and with layers bonded to patches of it.
+    `stress` lacks what is `added`; states have the resultant of film and layers over the film's
+    thickness. `frame` leads from the scene's axes to those of the space."""
 
     def __init__(
-        self, space: Space, film: Film, warmth: Warmth | None = None, frame: Array | None = None
+        self, space: Space, film: Film, added: AddedStrain | None, frame: Array = IDENTITY[:2]
     ) -> None:
         super().__init__(space, film)
-        self.warmth = warmth
+        self.added = added
+        places = np.moveaxis(np.asarray(space.basis.global_coordinates()), 0, -1) @ frame
+        stretched, kelvins = np.zeros((*self.volumes.shape, 3)), np.zeros((*self.volumes.shape, 1))
+        if added is not None:
+            stretched, kelvins = film.rim_strain(places), added.temperature(places)[..., None]
+        #: In the film beside its strain at rest, (elements, points, 3).
+        self.added_strain: Array = stretched - film.thermal_expansion_per_K * kelvins * BIAXIAL
         #: C, (elements, 1, 3, 3), and the stress of the flat film, (elements, points, 3), in Pa.
         self._stiffness: Array = np.tile(film.stiffness, (space.mesh.nelements, 1, 1, 1))
-        places = np.moveaxis(np.asarray(space.basis.global_coordinates()), 0, -1)
-        #: Temperature at the quadrature points in K, (elements, points).
-        self.temperature: Array = np.zeros(self.volumes.shape)
-        if warmth is not None:
-            self.temperature = warmth.temperature(places @ frame)
-        kelvins = self.temperature[..., None]
-        self._at_rest: Array = film.stress_at_rest + film.thermal_stress * kelvins
+        self._at_rest: Array = (self.added_strain + film.strain_at_rest) @ film.stiffness
         for name, patch in film.layers.items():
             covered, ratio = space.mesh.subdomains[name], patch.thickness / film.thickness
-            C, alpha = film.stiffness_of(patch), patch.thermal_expansion_per_K
-            alpha = film.thermal_expansion_per_K if alpha is None else alpha
+            C, alpha = film.stiffness_of(patch), film.expansion_of(patch)
+            strain = film.strain_of(patch) - alpha * kelvins[covered] * BIAXIAL
+            if patch.bonded != "at rest":
+                strain += stretched[covered]
             self._stiffness[covered] += ratio * C
-            warm = alpha * C[:, :2].sum(axis=1) * kelvins[covered]
-            self._at_rest[covered] += ratio * (film.stress_of(patch) - warm)
+            self._at_rest[covered] += ratio * strain @ C
 
     @property
     def even(self) -> bool:
@@ -352,18 +355,19 @@ class WrinklingMembrane(Membrane):
 class UnevenWrinkling(WrinklingMembrane):
     """A membrane that wrinkles but where a layer is bonded to it, which bears compression."""
 
-    def __init__(self, space: Space, film: Film, warmth: Warmth | None, frame: Array) -> None:
+    def __init__(
+        self, space: Space, film: Film, added: AddedStrain | None, frame: Array = IDENTITY[:2]
+    ) -> None:
         super().__init__(space, film)
-        self._layered = UnevenMembrane(space, film, warmth, frame)
-        bare = np.ones(space.mesh.nelements, dtype=bool)
-        for name in film.layers:
-            bare[space.mesh.subdomains[name]] = False
-        self._bare = np.flatnonzero(bare)
+        self.added, self._layered = added, UnevenMembrane(space, film, added, frame)
+        covered = [space.mesh.subdomains[name] for name in film.layers]
+        every = np.arange(space.mesh.nelements)
+        self._bare = np.setdiff1d(every, np.concatenate([every[:0], *covered]))
 
     def _elastic(self, state: State) -> Array:
         """Elastic strain of the film without a layer, (bare elements, points, 3)."""
-        added = self.film.thermal_expansion_per_K * self._layered.temperature[self._bare, :, None]
-        return self.elastic(state.strain[self._bare]) - added * [1.0, 1.0, 0.0]
+        bare = self._bare
+        return self.elastic(state.strain[bare]) + self._layered.added_strain[bare]
 
     def state(self, x: Array, elements: Selection = ALL) -> State:
         state = self._layered.state(x)

@@ -16,7 +16,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.film.bending_effect import BendingEffect, bending_effect
 from pvdf_fem.film.laws import Law, StVenantKirchhoff, TensionField
 from pvdf_fem.film.layers import Layers
-from pvdf_fem.film.loads.heat import Warmth
+from pvdf_fem.film.loads.heat import AddedStrain
 from pvdf_fem.film.loads.kinds import LOADS, presses_rigidly, rigid_elements
 from pvdf_fem.film.membrane import Membrane, UnevenMembrane, UnevenWrinkling, WrinklingMembrane
 from pvdf_fem.film.plate import LOWEST_ORDER, Plate
@@ -73,10 +73,9 @@ class FilmModel:
 
     def membrane(self, space: Space, part: MirroredPart) -> Membrane:
         """The membrane term."""
-        film, warmth = self.scene.film, Warmth.of(self.scene)
-        if film.patches or warmth:
-            return UnevenMembrane(space, film, warmth, part.frame)
-        return Membrane(space, film)
+        film, added = self.scene.film, AddedStrain.of(self.scene)
+        uneven = film.patches or added
+        return UnevenMembrane(space, film, added, part.frame) if uneven else Membrane(space, film)
 
     def terms(self, space: Space, part: MirroredPart = WHOLE) -> list[Term]:
         """The terms of the film's energy on a space of a part of it: membrane and loads."""
@@ -120,8 +119,8 @@ class FilmModel:
 
     @property
     def _heat_remarks(self) -> tuple[str, ...]:
-        warmth = Warmth.of(self.scene)
-        return warmth.remarks if warmth else ()
+        added = AddedStrain.of(self.scene)
+        return tuple(added.left_out) if added else ()
 
     @property
     def included(self) -> tuple[str, ...]:
@@ -239,9 +238,9 @@ class TensionFieldModel(FilmModel):
 
     def membrane(self, space: Space, part: MirroredPart) -> Membrane:
         """The membrane term with the tension field's law."""
-        film, warmth = self.scene.film, Warmth.of(self.scene)
-        if film.patches or warmth:
-            return UnevenWrinkling(space, film, warmth, part.frame)
+        film, added = self.scene.film, AddedStrain.of(self.scene)
+        if film.patches or added:
+            return UnevenWrinkling(space, film, added, part.frame)
         return WrinklingMembrane(space, film)
 
     @property

@@ -80,7 +80,8 @@ def part_of(scene: Scene, with_images_below: float = 1e-4) -> MirroredPart:
     and 0.61 at 1e-5."""
     touches, slack = scene.loaded_probes, TOUCH * scene.film.radius
     pressed = any(any(touch.load.components) for touch in touches)
-    if not pressed or not all(touch.is_symmetric for touch in touches):
+    symmetric = not scene.film.rim_displacement_um
+    if not (pressed and symmetric and all(touch.is_symmetric for touch in touches)):
         return WHOLE
     with_images = []
     for mirror in _mirrors(scene, slack):

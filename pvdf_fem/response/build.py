@@ -254,10 +254,10 @@ def _refuse(scene: Scene, domain: Domain, options: ResponseOptions, tolerance: f
             " cannot follow; take 'dead' or 'follower'"
         )
     scene.require_cold("responses")
-    if scene.film.patches:
+    if scene.film.is_uneven:
         raise ValueError(
-            "film.patches: the stress about a probe would be another one at every place, which a"
-            " response does not have; remove them, or solve scene by scene"
+            "film: patches and rim_displacement_um make a stress about a probe that is another one"
+            " everywhere, which a response does not have; remove them"
         )
     mechanics_of(scene)  # refuses a depth
     if scene.load.tangential_N is not None or scene.load.profile != "uniform":

@@ -27,6 +27,8 @@ NumberOrPair = Annotated[
     Discriminator(_number_or_pair),
 ]
 
+Displacement = Annotated[Finite, within(-1e6, 1e6, "µm")]
+
 
 class Film(Section):
     """The film: a flat disc clamped on its rim, centred on the origin.
@@ -46,6 +48,9 @@ class Film(Section):
     The clamped film is stretched either by its cooling, `temperature_change_K` (-1 K where neither
     is given), or to `pretension_N_m`, its tension at rest: a number, or a pair along x and y. In
     compression, below zero, it is like a film that is heated.
+
+    `rim_displacement_um` then moves the rim outwards, and the film with it: coefficients of 1,
+    cos θ, sin θ, cos 2θ, sin 2θ and so on.
 
     `pyroelectric_uC_m2K` is the charge per area and kelvin of a film that is free to expand; where
     it is not, its stress makes charge by d31 and d32. `thermal_diffusivity_m2_s` says how the heat
@@ -71,6 +76,7 @@ class Film(Section):
     d32_pC_N: Number = 8.0
     permittivity: Annotated[Finite, within(1.0, 1e6)] = 11.0
     compression: Literal["refuse", "tension-field"] = "refuse"
+    rim_displacement_um: tuple[Displacement, ...] | None = None
     pyroelectric_uC_m2K: Number | None = None
     thermal_diffusivity_m2_s: Annotated[Finite, within(1e-12, 1.0, "m²/s")] = 6e-8
     patches: Annotated[tuple[Patch, ...], Field(max_length=MOST_PATCHES)] | None = None
@@ -100,6 +106,13 @@ class Film(Section):
             other = f"film.pretension_N_m = {quote(pretension)}"
             raise refusal(f"stands beside {other}; remove one of the two")
         return None
+
+    @field_validator("rim_displacement_um")
+    @classmethod
+    def _has_pairs(cls, value: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        if value is not None and len(value) % 2 == 0:
+            raise refusal("has a cosine without its sine; give an odd number of coefficients")
+        return value
 
     @field_validator("bending", mode="before")
     @classmethod
@@ -155,21 +168,6 @@ class Film(Section):
         return self.density_kg_m3
 
     @property
-    def diffusivity(self) -> float:
-        """Thermal diffusivity in m²/s."""
-        return self.thermal_diffusivity_m2_s
-
-    @property
-    def pyroelectric(self) -> float:
-        """Charge per area and kelvin in C/(m² K), 0 where it is not given."""
-        return (self.pyroelectric_uC_m2K or 0.0) / 1e6
-
-    @property
-    def thermal_stress(self) -> NDArray[np.float64]:
-        """Stress of the clamped film in Pa/K, (3,)."""
-        return -self.thermal_expansion_per_K * self.stiffness[:, :2].sum(axis=1)
-
-    @property
     def d31(self) -> float:
         """Piezoelectric coefficient along x in C/N."""
         return self.d31_pC_N / 1e12
@@ -209,7 +207,8 @@ class Film(Section):
     @property
     def moves_at_rest(self) -> bool:
         """Whether the clamped film, untouched, moves in its plane, since its stress is uneven."""
-        return any(patch.bonded != "at rest" for patch in self.patches or ())
+        early = any(patch.bonded != "at rest" for patch in self.patches or ())
+        return early or self.rim_displacement_um is not None
 
     def stiffness_of(self, patch: Patch) -> NDArray[np.float64]:
         """Plane-stress stiffness in Pa of a patch's layer, (3, 3)."""
@@ -218,12 +217,35 @@ class Film(Section):
         nu = self.poisson_ratio if patch.poisson_ratio is None else patch.poisson_ratio
         return 1e9 * plane_stress(modulus, modulus, nu)
 
-    def stress_of(self, patch: Patch) -> NDArray[np.float64]:
-        """Stress in Pa, (3,), of a patch's layer on the flat clamped film."""
-        strain = self.strain_at_rest * (patch.bonded == "before stretching")
-        if patch.thermal_expansion_per_K is not None:
-            strain[:2] = -patch.thermal_expansion_per_K * (self.temperature_change_K or 0.0)
-        return self.stiffness_of(patch) @ strain
+    def expansion_of(self, patch: Patch) -> float:
+        """Thermal expansion of a patch's layer in 1/K."""
+        own = patch.thermal_expansion_per_K
+        return self.thermal_expansion_per_K if own is None else own
+
+    def strain_of(self, patch: Patch) -> NDArray[np.float64]:
+        """Elastic strain, (3,), of a patch's layer on the flat clamped film."""
+        if patch.thermal_expansion_per_K is None:
+            return self.strain_at_rest * (patch.bonded != "at rest")
+        cooling = -(self.temperature_change_K or 0.0)
+        return self.expansion_of(patch) * cooling * np.array([1.0, 1.0, 0.0])
+
+    def rim_strain(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Strain (..., 3) of a displacement g (x, y) that is the rim's there, in units of a: g is
+        Re Σ C z^n with C = c - i s of the coefficients of cos nθ and sin nθ."""
+        x, y = np.moveaxis(places / self.radius, -1, 0)
+        strain = np.zeros((*places.shape[:-1], 3))
+        c0, *others = self.rim_displacement_um or (0.0,)
+        pairs = [c0, *(c - 1j * s for c, s in zip(others[::2], others[1::2], strict=True))]
+        for n, C in enumerate(np.array(pairs) / 1e6 / self.radius):
+            g, slope = (C * (x + 1j * y) ** n).real, n * C * (x + 1j * y) ** max(n - 1, 0)
+            gx, gy = slope.real, -slope.imag
+            strain += np.stack([g + x * gx, g + y * gy, x * gy + y * gx], axis=-1)
+        return strain
+
+    @property
+    def is_uneven(self) -> bool:
+        """Whether it is not the same in all places before any touch."""
+        return bool(self.patches or self.rim_displacement_um)
 
     def density_of(self, patch: Patch) -> float:
         """Density of a patch's layer in kg/m³."""

@@ -205,12 +205,12 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
     ``film.pretension_N_m`` has that, or its ``.0`` and ``.1``, in place of
     ``film.temperature_change_K``, and the others at this pretension. A rigid probe has no
     derivative by its place, as the tractions along its edge are singular. Of a film that bends or
-    wrinkles, sticks to a tip or has patches, there is none by what its stiffness depends on.
+    wrinkles, sticks to a tip or is uneven, there is none by what its stiffness depends on.
     """
     probes = tuple(key for key in _touched(scene) if not _hindrance(scene, key))
     sticks = any(touch.load.friction for touch in scene.loaded_probes)
     differentiable = film_model(scene).film_is_differentiable
-    differentiable = differentiable and not (sticks or scene.film.patches)
+    differentiable = differentiable and not (sticks or scene.film.is_uneven)
     film = _film_keys(scene.film) if differentiable else ()
     return (*probes, *film, *COEFFICIENTS)
 

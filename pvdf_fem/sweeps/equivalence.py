@@ -31,6 +31,8 @@ DIGITS = 9
 _READING_KEYS = {"d31_pC_N", "d32_pC_N", "density_kg_m3", "permittivity"}
 # Film keys that count through the strain at rest only.
 _STRETCHING_KEYS = {"thermal_expansion_per_K", "temperature_change_K", "pretension_N_m"}
+# Film keys of what is not the same everywhere.
+_UNEVEN = {"patches", "rim_displacement_um", "pyroelectric_uC_m2K", "thermal_diffusivity_m2_s"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,11 +59,11 @@ def mechanics(scene: Scene) -> Mechanics:
     if scene.film.bending == "auto":  # the electrodes decide whether bending joins
         film = f"{film} {model.bends}"
     numerics = scene.numerics.model_dump(exclude={"observable"})
-    if scene.probe is None and not scene.film.patches:
+    if scene.probe is None and not scene.film.is_uneven:
         flat = f"{film} {thickness} {numerics}"
         return Mechanics(flat, flat, f"{film} {numerics}", np.eye(2))
     load, force = scene.load, scene.load.force_N
-    unlike = load.tangential_N or load.profile != "uniform" or scene.film.patches
+    unlike = load.tangential_N or load.profile != "uniform" or scene.film.is_uneven
     if unlike or scene.probe is None or isinstance(scene.probe, tuple):
         given = f"{film} {thickness} {numerics} {scene.probe!r} {load!r}"
         return Mechanics(given, given, given, np.eye(2))
@@ -82,9 +84,9 @@ def mechanics(scene: Scene) -> Mechanics:
 @lru_cache(maxsize=1024)
 def _film_key(film: Film) -> str:
     """The film's keys that change its deformation but for the thickness, and its strain at rest."""
-    if film.patches:  # they stretch by themselves
+    if film.is_uneven:
         return f"{film.model_dump(exclude=_READING_KEYS)}"
-    table = film.model_dump(exclude={*_READING_KEYS, *_STRETCHING_KEYS, "thickness_um", "patches"})
+    table = film.model_dump(exclude={*_READING_KEYS, *_STRETCHING_KEYS, "thickness_um", *_UNEVEN})
     along_x, along_y, _ = film.strain_at_rest
     return f"{table} {along_x:.{DIGITS}e} {along_y:.{DIGITS}e}"
 

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 from scipy.sparse.linalg import splu
 
 from pvdf_fem import Scene, SceneError, build_response, gradients, solve
-from pvdf_fem.film.loads.heat import Warmth, warmed
+from pvdf_fem.film.loads.heat import AddedStrain, warmed
 from pvdf_fem.mesh.symmetry import WHOLE, part_of
 from pvdf_fem.solution import solve as solving
 from pvdf_fem.solvers.status import Status
@@ -59,7 +59,7 @@ def test_heat_spreads_beside_a_disc_as_the_equation_of_heat_says():
     slope = sp.diags_array(0.5 / r / step) @ slope
     expected = spread(line(len(r)) / step**2 + slope, r == r[0], np.where(r == r[0], 1.0, 0.0))
     disc = Scene().with_(probe={"shape": "circle", "radius_mm": 2.0, **WARM})
-    found = Warmth.of(disc).temperature(np.column_stack([r, 0.0 * r])) / 10.0
+    found = AddedStrain.of(disc).temperature(np.column_stack([r, 0.0 * r])) / 10.0
     assert found == pytest.approx(expected, abs=2e-3)
 
 
@@ -70,9 +70,9 @@ def test_heat_spreads_at_corners_as_well_as_is_stated():
     laplace = sp.kronsum(line(len(x)), line(len(x))) / step**2
     expected = spread(laplace, held, np.where(held, 1.0, 0.0), steps=60).sum()
     probe = {"shape": "rectangle", "width_mm": 4.0, "height_mm": 4.0, **WARM}
-    warmth = Warmth.of(Scene().with_(probe=probe))
+    warmth = AddedStrain.of(Scene().with_(probe=probe))
     found = warmth.temperature(places).sum() / 10.0
-    assert "about 3.6e-02 of it" in warmth.remarks[0]
+    assert "about 3.6e-02 of it" in next(warmth.left_out)
     assert found / expected - 1.0 == pytest.approx(0.036, rel=0.3)
 
 

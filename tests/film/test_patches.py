@@ -160,7 +160,7 @@ def test_what_a_patch_changes_is_not_taken_for_symmetric():
     assert mechanics(scene).scaled != mechanics(mirrored).scaled
     bare, other = (s.with_(**{"film.patches": None}) for s in (scene, mirrored))
     assert mechanics(bare).turned == mechanics(other).turned
-    with pytest.raises(ValueError, match=r"film\.patches"):
+    with pytest.raises(ValueError, match="film: patches"):
         build_response(scene)
 
 

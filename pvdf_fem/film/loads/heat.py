@@ -1,4 +1,4 @@
-"""Heat of probes that are warmer than the film: what it warms while they touch it.
+"""What strains the film unevenly: heat of probes that are warmer than it, and its rim's place.
 
 A probe holds the face that it touches at its temperature; the other face and the film beside the
 probe lose no heat. Under the probe the mean temperature through the film is that of a plate heated
@@ -8,6 +8,7 @@ about a round probe as √(R/(R + d)) besides.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,9 @@ from scipy.special import erfc
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.scene import LoadedProbe, Scene
+
+HEAT_CAPACITY = 1300.0  #: Of PVDF, J/(kg K).
+HEAT_TRANSFER = 10.0  #: Of each face to still air, W/(m² K).
 
 
 def warmed(fourier: float, terms: int = 12) -> float:
@@ -28,27 +32,29 @@ def warmed(fourier: float, terms: int = 12) -> float:
 
 
 @dataclass(frozen=True)
-class Warmth:
-    """Temperatures of the film about warm probes, less that of the untouched film."""
+class AddedStrain:
+    """What heat and the rim's displacement add to the film's strain at rest. Places (..., 2) are in
+    m in the scene's axes."""
 
     film: Film
-    probes: tuple[LoadedProbe, ...]
+    warm: tuple[LoadedProbe, ...]
 
     @classmethod
-    def of(cls, scene: Scene) -> Warmth | None:
-        """That of a scene; None of one without warm probes."""
-        probes = tuple(touch for touch in scene.loaded_probes if touch.probe.temperature_K)
-        return cls(scene.film, probes) if probes else None
+    def of(cls, scene: Scene) -> AddedStrain | None:
+        """That of a scene; None of one without."""
+        warm = tuple(touch for touch in scene.loaded_probes if touch.probe.temperature_K)
+        return cls(scene.film, warm) if warm or scene.film.rim_displacement_um else None
 
     def spread(self, touch: LoadedProbe) -> float:
         """√(4 κ t) in m."""
-        return float(np.sqrt(4.0 * self.film.diffusivity * (touch.probe.contact_time_s or 0.0)))
+        diffusivity = self.film.thermal_diffusivity_m2_s
+        return float(np.sqrt(4.0 * diffusivity * (touch.probe.contact_time_s or 0.0)))
 
     def temperature(self, places: Array) -> Array:
-        """Mean through the film in K, (...), at places (..., 2) in m in the scene's axes."""
+        """Mean through the film in K over that of the untouched film, (...)."""
         points = places.reshape(-1, 2)
         total = np.zeros(len(points))
-        for touch in self.probes:
+        for touch in self.warm:
             outline, spread = touch.outline, self.spread(touch)
             d = np.maximum(outline.signed_distance(points), 0.0)
             fall = erfc(d / spread)
@@ -59,29 +65,35 @@ class Warmth:
             total += (touch.probe.temperature_K or 0.0) * mean * fall
         return total.reshape(places.shape[:-1])
 
+    def pyroelectric_charge(self, places: Array) -> Array:
+        """Charge per area in C/m², (..., 1)."""
+        coefficient = (self.film.pyroelectric_uC_m2K or 0.0) / 1e6
+        return coefficient * self.temperature(places)[..., None]
+
+    def strain(self, places: Array) -> Array:
+        """Elastic strain of the film, (..., 3)."""
+        thermal = self.film.thermal_expansion_per_K * self.temperature(places)
+        return self.film.rim_strain(places) - thermal[..., None] * [1.0, 1.0, 0.0]
+
+    def stress(self, places: Array) -> Array:
+        """Stress of the film in Pa, (..., 3)."""
+        return self.strain(places) @ self.film.stiffness
+
     @property
-    def remarks(self) -> tuple[str, ...]:
-        """What is left out of heat."""
+    def left_out(self) -> Iterator[str]:
+        """What is not known of heat, with its size."""
         film = self.film
-        shares = (self.spread(t) ** 2 / t.outline.area for t in self.probes)
-        corners = (len(t.outline.corners) for t in self.probes)
-        # a square corner gives 2.5 κ t less heat
-        excess = max(0.6 * n * share for n, share in zip(corners, shares, strict=True))
         slowest = film.thickness * film.density * HEAT_CAPACITY / (2.0 * HEAT_TRANSFER)
-        largest = max(abs(touch.probe.temperature_K or 0.0) for touch in self.probes)
-        remarks = [
-            f"heat: how it spreads at corners, about {excess:.1e} of it; what the air takes beside"
-            f" the probe, within about {slowest:.2g} s"
-        ]
-        if film.pyroelectric_uC_m2K is None:
-            remarks.append(
-                "pyroelectric charge (film.pyroelectric_uC_m2K is not given): at 25 uC/(m2 K)"
-                f" {25.0 * largest:.3g} pC on each mm2 below the probe"
+        for touch in self.warm:
+            # a square corner gives 2.5 κ t less heat
+            excess = 0.6 * len(touch.outline.corners) * self.spread(touch) ** 2 / touch.outline.area
+            yield (
+                f"heat of the {touch.patch}: how it spreads at corners, about {excess:.1e} of it;"
+                f" what the air takes beside it, within about {slowest:.2g} s"
             )
-        return tuple(remarks)
-
-
-#: Of PVDF, J/(kg K).
-HEAT_CAPACITY = 1300.0
-#: Of each face to still air, W/(m² K).
-HEAT_TRANSFER = 10.0
+            if film.pyroelectric_uC_m2K is None:
+                kelvins = touch.probe.temperature_K
+                yield (
+                    "pyroelectric charge (film.pyroelectric_uC_m2K is not given): at 25 uC/(m2 K)"
+                    f" {25.0 * (kelvins or 0.0):.3g} pC on each mm2 under the {touch.patch}"
+                )
