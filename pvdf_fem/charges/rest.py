@@ -24,5 +24,5 @@ def rest_charges(scene: Scene) -> Array:
 def _solved(untouched: Scene) -> Array:
     from pvdf_fem.solution.solve import solve  # above
 
-    forces = solve(untouched).fields.forces
-    return forces.charges((untouched.film.d31, untouched.film.d32))
+    film = untouched.film
+    return solve(untouched).fields.forces.charges((film.d31, film.d32))

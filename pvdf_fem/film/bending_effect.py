@@ -17,16 +17,14 @@ is at least a third of every change, and more than twice the change in half of t
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pvdf_fem.film.loads.contact import first_contacts, guessed_force
 from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.film.point_load import cube_at, tension_at
-from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.film import Film, Layer
 from pvdf_fem.scene.outlines.outline import TOUCH, Outline, overlaps
 from pvdf_fem.scene.scene import LoadedProbe, Scene
-from pvdf_fem.scene.shapes import Patch
 
 #: A layer is resolved where leaving it out would change a charge by more tolerances than this.
 UNRESOLVED = 6.0
@@ -67,8 +65,7 @@ class BendingEffect:
     #: rim, probe: Relative changes of the worst charge by what happens at the rim and at the probe.
     rim: float
     probe: float
-    #: The same by layers on one side of the film, which pull off its middle.
-    patches: float = 0.0
+    patches: float = 0.0  #: The same by layers on one side, which pull the film off its plane.
 
     @property
     def change(self) -> float:
@@ -91,9 +88,7 @@ class BendingEffect:
             f"could change a charge by up to {self.change:.1e} of it; it acts within"
             f" {', '.join(lengths) or 'any length'} (radii: film {film}, probe {probe}, smallest"
             f" electrode {electrode} mm)"
-            + f"; patches on one side: {self.patches:.1e}"
-            * (self.patches > 0.0)
-        )
+        ) + (f"; patches on one side: {self.patches:.1e}" if self.patches else "")
 
 
 def bending_effect(scene: Scene) -> BendingEffect:
@@ -105,14 +100,19 @@ def bending_effect(scene: Scene) -> BendingEffect:
 
 def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
     film = scene.film
-    h, a = film.thickness, film.radius
-    at_rim = [patch for patch in film.patches or () if patch.outline.reach > a * (1.0 - TOUCH)]
+    C, h, a = film.stiffness[:2, :2], film.thickness, film.radius
+    stiffness = float(C.max())
+    D = h**3 / 12.0 * stiffness
     rest = h * float(film.stress_at_rest[:2].mean())
     force, probe = 0.0, None
     if touch is not None:
         force = math.hypot(*touch.load.components[:2], guessed_force(touch.load, film))
         probe = first_contacts(scene).get(touch.patch, touch.outline)
     b = _radius(probe) if probe else a
+    for layer in film.layers.values():
+        outline = layer.patch.outline
+        if outline.reach >= a * (1.0 - TOUCH) or (probe and overlaps(outline, probe)):
+            D = max(D, _laminate(film, layer)[0])
 
     def cube(r: float) -> float:
         return cube_at(film, force, r)
@@ -120,11 +120,9 @@ def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
     def tension(r: float) -> float:
         return tension_at(film, force, r)
 
-    at_probe = [p for p in film.patches or () if probe and overlaps(p.outline, probe)]
     tensions = (max(rest, 0.0), tension(a), tension(b))
     rest_length, rim_length, probe_length = (
-        math.sqrt(_plate_stiffness(film, patches) / N) if N > 0.0 else math.inf
-        for N, patches in zip(tensions, ([], at_rim, at_probe), strict=True)
+        math.sqrt(D / N) if N > 0.0 else math.inf for N in tensions
     )
     electrodes = [electrode.outline for electrode in scene.electrode_list]
     changes = [(0.0, 0.0)]
@@ -138,12 +136,12 @@ def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
         ]
         for r in distances or (b, 0.5 * a):  # without electrodes, for any there may be
             by_rim = FIT.rim_at_centre + FIT.rim_outside * (r / a) ** 2
-            of_rim = by_rim * rim_length / a / math.sqrt(gap)
-            of_probe = FIT.probe * (probe_length / b) ** power * math.sqrt(b / r)
+            at_rim = by_rim * rim_length / a / math.sqrt(gap)
+            at_probe = FIT.probe * (probe_length / b) ** power * math.sqrt(b / r)
             # (N - N0)/N without cancellation
-            made = min(cube(r) / tension(r) ** 3, 1.0) / (1.0 + of_rim + of_probe)
-            changes.append((made * of_rim, made * of_probe))
-    rim, by_probe = max(changes, key=sum)
+            made = min(cube(r) / tension(r) ** 3, 1.0) / (1.0 + at_rim + at_probe)
+            changes.append((made * at_rim, made * at_probe))
+    rim, at_probe = max(changes, key=sum)
     return BendingEffect(
         *tensions[1:],
         rest_length,
@@ -153,55 +151,46 @@ def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
         b,
         min((_radius(outline) for outline in electrodes), default=a),
         rim,
-        by_probe,
-        _by_patches(scene, force, probe),
+        at_probe,
+        max((_by_patch(scene, layer, force, probe) for layer in film.layers.values()), default=0.0),
     )
 
 
-def _plate_stiffness(film: Film, patches: Sequence[Patch]) -> float:
-    """Of the film, or of the stiffest laminate of it and a patch, N m."""
-    alone = film.thickness**3 / 12.0 * float(film.stiffness[:2, :2].max())
-    return max((_laminate(film, patch)[0] for patch in patches), default=alone)
-
-
-def _laminate(film: Film, patch: Patch) -> tuple[float, float, float]:
-    """Of film and patch: plate stiffness in N m and stiffness in N/m of both together, and how far
-    the film's middle is from where a tension does not bend them, in m."""
-    h, h_p = film.thickness, patch.thickness
-    A, A_p = (
-        t * float(C[:2, :2].max())
-        for t, C in ((h, film.stiffness), (h_p, film.stiffness_of(patch)))
-    )
-    if patch.both_sides:
-        D = (A * h**2 + A_p * (0.5 * h_p) ** 2) / 12.0 + A_p * (0.5 * h + 0.25 * h_p) ** 2
-        return D, A + A_p, 0.0
+def _laminate(film: Film, layer: Layer) -> tuple[float, float, float]:
+    """Of film and layer: plate stiffness in N m, stiffness in N/m, and how far the film's middle is
+    from where a tension does not bend them, in m."""
+    h, h_p = film.thickness, layer.patch.thickness
+    A, A_p = (t * float(C[:2, :2].max()) for t, C in ((h, film.stiffness), (h_p, layer.stiffness)))
+    if layer.patch.both_sides:
+        bent = A_p * (h_p**2 / 48.0 + (0.5 * h + 0.25 * h_p) ** 2)
+        return A * h**2 / 12.0 + bent, A + A_p, 0.0
     apart = 0.5 * (h + h_p)
     D = (A * h**2 + A_p * h_p**2) / 12.0 + A * A_p / (A + A_p) * apart**2
     return D, A + A_p, A_p / (A + A_p) * apart
 
 
-def _by_patches(scene: Scene, force: float, probe: Outline | None) -> float:
-    """Relative change of the worst charge by patches on one side of the film.
+def _by_patch(scene: Scene, layer: Layer, force: float, probe: Outline | None) -> float:
+    """Relative change of the worst charge by a layer.
 
     The tension N off the laminate's neutral axis by e bends a strip of half width b by
     κ = N e/D cosh(x/l)/cosh(b/l), which adds κ e to the film's strain N/A. Electrodes beside a
     patch have of that what falls with the square of the distance.
     """
-    film, changes = scene.film, [0.0]
-    for patch in film.patches or ():
-        outline, (D, A, e) = patch.outline, _laminate(film, patch)
-        b, centre = outline.area / outline.perimeter * 2.0, outline.centroid
-        r = max(math.dist(centre, probe.centroid), _radius(probe)) if probe else film.radius
-        N = tension_at(film, force, r)
-        width = b * math.sqrt(N / D)
-        bent = e * e * A / D * (math.tanh(width) / width if width > 0.0 else 1.0)
-        if patch.bonded == "at rest":
-            bent *= min(cube_at(film, force, r) / N**3, 1.0) if force > 0.0 else 0.0
-        for electrode in scene.electrode_list:
-            far = math.dist(electrode.outline.centroid, centre)
-            covers = overlaps(electrode.outline, outline)
-            changes.append(bent if covers else bent * min(_radius(outline) / far, 1.0) ** 2)
-    return max(changes)
+    film, outline, (D, A, e) = scene.film, layer.patch.outline, _laminate(scene.film, layer)
+    r = film.radius
+    if probe:
+        r = max(math.dist(outline.centroid, probe.centroid), _radius(probe))
+    N = tension_at(film, force, r)
+    width = 2.0 * outline.area / outline.perimeter * math.sqrt(N / D)
+    bent = e * e * A / D * (math.tanh(width) / width if width > 0.0 else 1.0)
+    if layer.patch.bonded == "at rest":
+        bent *= min(cube_at(film, force, r) / N**3, 1.0) if force > 0.0 else 0.0
+    shares = [0.0]
+    for electrode in (electrode.outline for electrode in scene.electrode_list):
+        far = math.dist(electrode.centroid, outline.centroid)
+        covers = overlaps(electrode, outline)
+        shares.append(1.0 if covers else min(_radius(outline) / far, 1.0) ** 2)
+    return bent * max(shares)
 
 
 def layer_size(length: float, change: float, tolerance: float) -> float:

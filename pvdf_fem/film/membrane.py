@@ -239,14 +239,12 @@ class UnevenMembrane(Membrane):
         #: C, (elements, 1, 3, 3), and the stress of the flat film, (elements, points, 3), in Pa.
         self._stiffness: Array = np.tile(film.stiffness, (space.mesh.nelements, 1, 1, 1))
         self._at_rest: Array = (self.added_strain + film.strain_at_rest) @ film.stiffness
-        for name, patch in film.layers.items():
-            covered, ratio = space.mesh.subdomains[name], patch.thickness / film.thickness
-            C, alpha = film.stiffness_of(patch), film.expansion_of(patch)
-            strain = film.strain_of(patch) - alpha * kelvins[covered] * BIAXIAL
-            if patch.bonded != "at rest":
-                strain += stretched[covered]
-            self._stiffness[covered] += ratio * C
-            self._at_rest[covered] += ratio * strain @ C
+        for name, layer in film.layers.items():
+            covered, ratio = space.mesh.subdomains[name], layer.patch.thickness / film.thickness
+            strain = stretched[covered] - layer.expansion * kelvins[covered] * BIAXIAL
+            strain += layer.strain_at_rest
+            self._stiffness[covered] += ratio * layer.stiffness
+            self._at_rest[covered] += ratio * strain @ layer.stiffness
 
     @property
     def even(self) -> bool:

@@ -16,6 +16,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.film.bending_effect import BendingEffect, bending_effect
 from pvdf_fem.film.laws import Law, StVenantKirchhoff, TensionField
 from pvdf_fem.film.layers import Layers
+from pvdf_fem.film.loads import heat
 from pvdf_fem.film.loads.heat import AddedStrain
 from pvdf_fem.film.loads.kinds import LOADS, presses_rigidly, rigid_elements
 from pvdf_fem.film.membrane import Membrane, UnevenMembrane, UnevenWrinkling, WrinklingMembrane
@@ -115,12 +116,7 @@ class FilmModel:
     @property
     def left_out(self) -> tuple[str, ...]:
         """What the model neglects in this scene."""
-        return (self._bending_remark, *self._heat_remarks)
-
-    @property
-    def _heat_remarks(self) -> tuple[str, ...]:
-        added = AddedStrain.of(self.scene)
-        return tuple(added.left_out) if added else ()
+        return (self._bending_remark, *heat.left_out(self.scene))
 
     @property
     def included(self) -> tuple[str, ...]:
@@ -206,7 +202,7 @@ class PlateModel(FilmModel):
     @property
     def left_out(self) -> tuple[str, ...]:
         """Nothing that the membrane leaves out of bending."""
-        return self._heat_remarks
+        return tuple(heat.left_out(self.scene))
 
     @property
     def included(self) -> tuple[str, ...]:

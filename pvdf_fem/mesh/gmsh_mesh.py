@@ -86,7 +86,7 @@ class MeshError(RuntimeError):
 def outlines(scene: Scene) -> dict[str, Outline]:
     """The outlines that the mesh follows, by name: of electrodes, the film's patches, probes."""
     shapes = {electrode_patch(e.name): e.outline for e in scene.electrode_list}
-    shapes |= {name: patch.outline for name, patch in scene.film.layers.items()}
+    shapes |= {name: layer.patch.outline for name, layer in scene.film.layers.items()}
     return shapes | {touch.patch: touch.outline for touch in scene.loaded_probes}
 
 

@@ -124,27 +124,20 @@ def _part(frame: Array, mirrored: tuple[int, ...], scene: Scene, slack: float) -
 def _patch_swap(mirror: Array, scene: Scene, slack: float) -> dict[str, str] | None:
     """What a map brings each probe with its load, and each patch of the film, onto, by names in the
     mesh; None where one has no image."""
-    swap, touches, layers = {}, scene.loaded_probes, scene.film.layers
-    for touch in touches:
-        image = touch.outline.mapped(mirror)
-        pushed = mirror @ touch.load.components[:2]
-        for other in touches:
-            apart = np.abs(pushed - other.load.components[:2]).max()
-            warm = [getattr(touch.probe, key) == getattr(other.probe, key) for key in HEAT]
-            alike = all(warm) and apart <= TOUCH * max(map(abs, touch.load.components))
-            if (
-                alike
-                and _upright(touch) == _upright(other)
-                and image.coincides(other.outline, slack)
-            ):
-                swap[touch.patch] = other.patch
-    for name, patch in layers.items():
-        image, material = patch.outline.mapped(mirror), patch.model_dump(include=_MATERIAL)
-        for twin, layer in layers.items():
-            alike = material == layer.model_dump(include=_MATERIAL)
-            if alike and image.coincides(layer.outline, slack):
+    swap, things = {}, {}
+    for touch in scene.loaded_probes:
+        what = _upright(touch), *(getattr(touch.probe, key) for key in HEAT)
+        things[touch.patch] = touch.outline, what, np.array(touch.load.components)
+    for name, (patch, *_) in scene.film.layers.items():
+        things[name] = patch.outline, (patch.model_dump(include=_MATERIAL),), np.zeros(3)
+    for name, (outline, what, force) in things.items():
+        image, pushed = outline.mapped(mirror), mirror @ force[:2]
+        for twin, (other, as_well, other_force) in things.items():
+            apart = np.abs(pushed - other_force[:2]).max()
+            alike = apart <= TOUCH * np.abs(force).max() and what == as_well
+            if alike and image.coincides(other, slack):
                 swap[name] = twin
-    return swap if len(swap) == len(touches) + len(layers) else None
+    return swap if len(swap) == len(things) else None
 
 
 #: What a patch's layer is made of.

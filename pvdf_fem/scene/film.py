@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,16 @@ NumberOrPair = Annotated[
 Displacement = Annotated[Finite, within(-1e6, 1e6, "µm")]
 
 
+class Layer(NamedTuple):
+    """What a patch bonds to the film."""
+
+    patch: Patch
+    stiffness: NDArray[np.float64]  #: Of plane stress in Pa, (3, 3).
+    strain_at_rest: NDArray[np.float64]  #: Elastic strain on the flat film, (3,).
+    expansion: float  #: In 1/K.
+    density: float  #: In kg/m³.
+
+
 class Film(Section):
     """The film: a flat disc clamped on its rim, centred on the origin.
 
@@ -49,8 +59,8 @@ class Film(Section):
     is given), or to `pretension_N_m`, its tension at rest: a number, or a pair along x and y. In
     compression, below zero, it is like a film that is heated.
 
-    `rim_displacement_um` then moves the rim outwards, and the film with it: coefficients of 1,
-    cos θ, sin θ, cos 2θ, sin 2θ and so on.
+    `rim_displacement_um` then moves the rim outwards, and the film with all patches: coefficients
+    of 1, cos θ, sin θ, cos 2θ, sin 2θ and so on.
 
     `pyroelectric_uC_m2K` is the charge per area and kelvin of a film that is free to expand; where
     it is not, its stress makes charge by d31 and d32. `thermal_diffusivity_m2_s` says how the heat
@@ -130,26 +140,14 @@ class Film(Section):
 
     @field_validator("patches")
     @classmethod
-    def _are_borne(
-        cls, value: tuple[Patch, ...] | None, info: ValidationInfo
-    ) -> tuple[Patch, ...] | None:
-        given = info.data
-        if value and given.get("compression") == "tension-field":
-            raise refusal('are of a film that does not wrinkle; give film.compression = "refuse"')
-        if value and given.get("bending"):
-            raise refusal("are of a film without bending; give film.bending = false")
-        rim = Circle(np.zeros(2), given.get("radius_mm", np.inf) / 1e3)
+    def _are_on_the_film(cls, value: Any, info: ValidationInfo) -> Any:
+        rim = Circle(np.zeros(2), info.data.get("radius_mm", np.nan) / 1e3)
         for i, patch in enumerate(value or ()):
-            if np.isfinite(rim.radius) and not overlaps(patch.outline, rim):
+            if rim.radius > 0.0 and not overlaps(patch.outline, rim):
                 raise refusal(f"[{i}] lies outside of the rim; move it inwards or remove it")
-            if patch.thermal_expansion_per_K is not None and given.get("pretension_N_m"):
-                reason = f"[{i}].thermal_expansion_per_K is for a film that is cooled; remove it"
-                raise refusal(
-                    f"{reason} or give film.temperature_change_K in place of a pretension"
-                )
-            whole = patch.youngs_modulus_GPa is None or patch.poisson_ratio is not None
-            if not whole and not 0 <= given.get("poisson_ratio", 0.0) < 0.5:
-                raise refusal(f"[{i}] needs a poisson_ratio, as the film's is no isotropic one")
+            if patch.thermal_expansion_per_K is not None and info.data.get("pretension_N_m"):
+                reason = f"[{i}].thermal_expansion_per_K is for a film that is cooled"
+                raise refusal(f"{reason}; remove it or film.pretension_N_m")
         return value or None
 
     @property
@@ -200,34 +198,32 @@ class Film(Section):
         return 1e9 * plane_stress(E1, E2, self.poisson_ratio, self.shear_modulus_GPa)
 
     @property
-    def layers(self) -> dict[str, Patch]:
-        """The patches by their names in a mesh."""
-        return {f"film patch {i}": patch for i, patch in enumerate(self.patches or (), 1)}
+    def layers(self) -> dict[str, Layer]:
+        """The layers of the patches, by their names in a mesh."""
+        return {f"film patch {i}": self._layer(p) for i, p in enumerate(self.patches or (), 1)}
+
+    def _layer(self, patch: Patch) -> Layer:
+        C, E, nu, alpha = (
+            self.stiffness,
+            patch.youngs_modulus_GPa,
+            patch.poisson_ratio,
+            patch.thermal_expansion_per_K,
+        )
+        if E is not None:
+            nu = float(C[0, 1] / np.sqrt(C[0, 0] * C[1, 1])) if nu is None else nu
+            C = 1e9 * plane_stress(E, E, nu)
+        strain = self.strain_at_rest * (patch.bonded != "at rest")
+        if alpha is not None:
+            strain[:2] = -alpha * (self.temperature_change_K or 0.0)
+        alpha = self.thermal_expansion_per_K if alpha is None else alpha
+        density = self.density if patch.density_kg_m3 is None else patch.density_kg_m3
+        return Layer(patch, C, strain, alpha, density)
 
     @property
     def moves_at_rest(self) -> bool:
         """Whether the clamped film, untouched, moves in its plane, since its stress is uneven."""
-        early = any(patch.bonded != "at rest" for patch in self.patches or ())
-        return early or self.rim_displacement_um is not None
-
-    def stiffness_of(self, patch: Patch) -> NDArray[np.float64]:
-        """Plane-stress stiffness in Pa of a patch's layer, (3, 3)."""
-        if (modulus := patch.youngs_modulus_GPa) is None:
-            return self.stiffness
-        nu = self.poisson_ratio if patch.poisson_ratio is None else patch.poisson_ratio
-        return 1e9 * plane_stress(modulus, modulus, nu)
-
-    def expansion_of(self, patch: Patch) -> float:
-        """Thermal expansion of a patch's layer in 1/K."""
-        own = patch.thermal_expansion_per_K
-        return self.thermal_expansion_per_K if own is None else own
-
-    def strain_of(self, patch: Patch) -> NDArray[np.float64]:
-        """Elastic strain, (3,), of a patch's layer on the flat clamped film."""
-        if patch.thermal_expansion_per_K is None:
-            return self.strain_at_rest * (patch.bonded != "at rest")
-        cooling = -(self.temperature_change_K or 0.0)
-        return self.expansion_of(patch) * cooling * np.array([1.0, 1.0, 0.0])
+        stretched = any(layer.strain_at_rest.any() for layer in self.layers.values())
+        return stretched or self.rim_displacement_um is not None
 
     def rim_strain(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
         """Strain (..., 3) of a displacement g (x, y) that is the rim's there, in units of a: g is
@@ -246,10 +242,6 @@ class Film(Section):
     def is_uneven(self) -> bool:
         """Whether it is not the same in all places before any touch."""
         return bool(self.patches or self.rim_displacement_um)
-
-    def density_of(self, patch: Patch) -> float:
-        """Density of a patch's layer in kg/m³."""
-        return self.density if patch.density_kg_m3 is None else patch.density_kg_m3
 
 
 def plane_stress(E1: Any, E2: Any, nu12: Any, G: Any = None) -> NDArray[Any]:

@@ -27,7 +27,6 @@ from pvdf_fem.scene.change import change
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.mistakes import MOST_MISTAKES, mistakes
 from pvdf_fem.scene.outlines.outline import Outline
-from pvdf_fem.scene.outlines.shape import HEAT
 from pvdf_fem.scene.outlines.tip import Tip, tip_of
 from pvdf_fem.scene.placement import misplacements
 from pvdf_fem.scene.quantity import Finite, Section, Whole, within
@@ -177,7 +176,7 @@ class Scene(Section):
         if self.film.bending is True and any(t.load.kind == "contact" for t in self.loaded_probes):
             reason = 'is not for tips; give "auto" or false, and its effect is estimated'
             complaints = chain(complaints, [problem("film.bending", True, reason)])
-        complaints = chain(complaints, self._warm_probes())
+        complaints = chain(complaints, self._clashes())
         if self.readout is not None:
             names = [electrode.name for electrode in self.electrode_list]
             complaints = chain(complaints, self.readout.mistakes(names))
@@ -186,22 +185,24 @@ class Scene(Section):
             raise PydanticCustomError("misplaced", "{text}", context)
         return self
 
-    def _warm_probes(self) -> Iterator[str]:
-        """Complaints about warm probes where heat cannot be."""
-        for i, touch in enumerate(self.loaded_probes):
-            key = f"probe[{i}]" if isinstance(self.probe, tuple) else "probe"
-            given = {name: getattr(touch.probe, name) for name in HEAT}
-            if None in given.values() and any(given.values()):
-                name = next(name for name, value in given.items() if value is None)
-                yield problem(f"{key}.{name}", None, f"is missing; give both of {', '.join(HEAT)}")
-            for name, value, wrong in (
-                ("load.kind", touch.load.kind, "contact"),
-                ("film.compression", self.film.compression, "tension-field"),
-                ("numerics.observable", self.numerics.observable, "thesis-edge"),
-            ):
-                if given["temperature_K"] and value == wrong:
-                    reason = f"is not for {key}.temperature_K; give another or remove that"
-                    yield problem(name, value, reason)
+    def _clashes(self) -> Iterator[str]:
+        """Complaints about what is uneven beside what wants the film even."""
+        film, observable = self.film, self.numerics.observable
+        wrinkles = [("film.compression", film.compression)] * (film.compression != "refuse")
+        bends = [("film.bending", film.bending)] * bool(film.bending)
+        edges = [("numerics.observable", observable)] * (observable != "material")
+        uneven: dict[str, list[tuple[str, Any]]] = {}
+        if film.patches:
+            uneven["film.patches"] = wrinkles + bends
+        if film.rim_displacement_um:
+            uneven["film.rim_displacement_um"] = wrinkles + edges
+        for touch in self.loaded_probes:
+            if touch.probe.temperature_K:
+                rests = [("load.kind", touch.load.kind)] * (touch.load.kind == "contact")
+                uneven[f"{touch.patch}.temperature_K"] = wrinkles + edges + rests
+        for key, clashing in uneven.items():
+            for name, value in clashing:
+                yield problem(name, value, f"is not for {key}; change it or remove that")
 
     def require_cold(self, what: str) -> None:
         """SceneError for a scene with warm probes, whose heat `what` does not have."""

@@ -29,6 +29,7 @@ from pvdf_fem.scene.outlines.shape import HEAT, Shape
 from pvdf_fem.scene.outlines.sphere import SphereShape
 from pvdf_fem.scene.quantity import Finite, Length, Modulus, Number, Section, Whole, refusal, within
 from pvdf_fem.scene.registry import Force, Load, Tangential
+from pvdf_fem.scene.scene_file import quote
 
 MOST_ELECTRODES = 100  #: Sensors with more electrodes are refused.
 MOST_PROBES = 20  #: Scenes with more probes are refused.
@@ -81,11 +82,10 @@ class Bonded(_Flat):
     @field_validator("poisson_ratio", "thermal_expansion_per_K")
     @classmethod
     def _has_what_it_needs(cls, value: float | None, info: ValidationInfo) -> float | None:
-        if value is not None and info.field_name == "poisson_ratio":
-            if info.data.get("youngs_modulus_GPa", 0.0) is None:
-                raise refusal("is of a given modulus; give youngs_modulus_GPa or remove it")
-        elif value is not None and info.data.get("bonded") == "at rest":
-            raise refusal('is of cooling; give bonded = "before stretching" or remove it')
+        needs = {"poisson_ratio": "youngs_modulus_GPa", "thermal_expansion_per_K": "bonded"}
+        key = needs[str(info.field_name)]
+        if value is not None and key in info.data and info.data[key] in (None, "at rest"):
+            raise refusal(f"needs another {key} than {quote(info.data[key])}; change one of them")
         return value
 
     @property

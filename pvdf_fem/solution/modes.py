@@ -316,9 +316,9 @@ def _pencil(equilibrium: Equilibrium, q: Array) -> tuple[sp.csc_matrix, sp.csc_m
     film, space = equilibrium.film, equilibrium.space
     by_area = space.mass()
     mass = film.density * film.thickness * by_area
-    for name, patch in film.layers.items():
+    for name, layer in film.layers.items():
         covered = space.mesh.subdomains[name]
-        mass[covered] += film.density_of(patch) * patch.thickness * by_area[covered]
+        mass[covered] += layer.density * layer.patch.thickness * by_area[covered]
     return equilibrium.tangent(equilibrium.state(q)), equilibrium.assembly.matrix(mass)
 
 

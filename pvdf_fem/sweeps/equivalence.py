@@ -28,11 +28,9 @@ from pvdf_fem.scene.shapes import Probe
 # thickness if they agree to this many digits.
 DIGITS = 9
 # Film keys that do not change the deformation if electrodes only read the stress.
-_READING_KEYS = {"d31_pC_N", "d32_pC_N", "density_kg_m3", "permittivity"}
+_READING_KEYS = {"d31_pC_N", "d32_pC_N", "density_kg_m3", "permittivity", "pyroelectric_uC_m2K"}
 # Film keys that count through the strain at rest only.
 _STRETCHING_KEYS = {"thermal_expansion_per_K", "temperature_change_K", "pretension_N_m"}
-# Film keys of what is not the same everywhere.
-_UNEVEN = {"patches", "rim_displacement_um", "pyroelectric_uC_m2K", "thermal_diffusivity_m2_s"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +84,7 @@ def _film_key(film: Film) -> str:
     """The film's keys that change its deformation but for the thickness, and its strain at rest."""
     if film.is_uneven:
         return f"{film.model_dump(exclude=_READING_KEYS)}"
-    table = film.model_dump(exclude={*_READING_KEYS, *_STRETCHING_KEYS, "thickness_um", *_UNEVEN})
+    table = film.model_dump(exclude={*_READING_KEYS, *_STRETCHING_KEYS, "thickness_um"})
     along_x, along_y, _ = film.strain_at_rest
     return f"{table} {along_x:.{DIGITS}e} {along_y:.{DIGITS}e}"
 

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 from scipy.sparse.linalg import splu
 
 from pvdf_fem import Scene, SceneError, build_response, gradients, solve
-from pvdf_fem.film.loads.heat import AddedStrain, warmed
+from pvdf_fem.film.loads.heat import AddedStrain, left_out, warmed
 from pvdf_fem.mesh.symmetry import WHOLE, part_of
 from pvdf_fem.solution import solve as solving
 from pvdf_fem.solvers.status import Status
@@ -70,9 +70,9 @@ def test_heat_spreads_at_corners_as_well_as_is_stated():
     laplace = sp.kronsum(line(len(x)), line(len(x))) / step**2
     expected = spread(laplace, held, np.where(held, 1.0, 0.0), steps=60).sum()
     probe = {"shape": "rectangle", "width_mm": 4.0, "height_mm": 4.0, **WARM}
-    warmth = AddedStrain.of(Scene().with_(probe=probe))
-    found = warmth.temperature(places).sum() / 10.0
-    assert "about 3.6e-02 of it" in next(warmth.left_out)
+    scene = Scene().with_(probe=probe)
+    found = AddedStrain.of(scene).temperature(places).sum() / 10.0
+    assert "about 3.6e-02 of it" in next(left_out(scene))
     assert found / expected - 1.0 == pytest.approx(0.036, rel=0.3)
 
 
@@ -124,8 +124,7 @@ def test_what_has_no_heat_refuses_it():
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        ({"probe.temperature_K": 10.0}, "probe.contact_time_s"),
-        ({"probe.contact_time_s": 1.0}, "probe.temperature_K"),
+        ({"probe.contact_time_s": 0.0}, "probe.contact_time_s"),
         ({"probe": {**TRIANGLE, **WARM}, "film.compression": "tension-field"}, "film.compression"),
         ({"probe": {**TRIANGLE, **WARM}, "numerics.observable": "thesis-edge"}, "numerics.observ"),
         ({"electrodes[0].temperature_K": 1.0}, "electrodes"),

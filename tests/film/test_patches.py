@@ -172,9 +172,12 @@ def test_what_a_patch_changes_is_not_taken_for_symmetric():
         ({"film.patches": [{**TAPES[0], "youngs_modulus_GPa": None}]}, r"\[0\].poisson_ratio"),
         ({"film.patches": [{**TAPES[0], "side_m": 3.0}]}, r"\[0\].side_m = 3.0: is no key"),
         ({"film.patches": [{**TAPES[0], "edge_radius_mm": 1.0}]}, r"\[0\].edge_radius_mm"),
-        ({"film.patches": [{**TAPES[0], "thermal_expansion_per_K": 1e-5}]}, "is of cooling"),
-        ({"film.patches": TAPES, "film.bending": "auto"}, "film.patches"),
-        ({"film.patches": TAPES, "film.compression": "tension-field"}, "film.patches"),
+        (
+            {"film.patches": [{**TAPES[0], "thermal_expansion_per_K": 1e-5}]},
+            "thermal_expansion_per_K",
+        ),
+        ({"film.patches": TAPES, "film.bending": "auto"}, "film.bending"),
+        ({"film.patches": TAPES, "film.compression": "tension-field"}, "film.compression"),
     ],
 )
 def test_what_a_film_with_patches_cannot_be_is_refused(change, told):

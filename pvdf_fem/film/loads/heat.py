@@ -31,6 +31,27 @@ def warmed(fourier: float, terms: int = 12) -> float:
     return 1.0 - 2.0 * float((np.exp(-(n**2) * fourier) / n**2).sum())
 
 
+def spread(film: Film, touch: LoadedProbe) -> float:
+    """√(4 κ t) of a warm probe in m."""
+    return float(np.sqrt(4.0 * film.thermal_diffusivity_m2_s * (touch.probe.contact_time_s or 1.0)))
+
+
+def left_out(scene: Scene) -> Iterator[str]:
+    """What is not known of heat, with its size."""
+    film = scene.film
+    seconds = film.thickness * film.density * HEAT_CAPACITY / (2.0 * HEAT_TRANSFER)
+    for touch in scene.loaded_probes:
+        if kelvins := touch.probe.temperature_K:
+            # a square corner gives 2.5 κ t less heat
+            excess = 0.6 * len(touch.outline.corners) * spread(film, touch) ** 2
+            part = f"{excess / touch.outline.area:.1e}"
+            yield f"heat of the {touch.patch}: how it spreads at corners, about {part} of it"
+            yield f"heat that the air takes beside the {touch.patch}, within some {seconds:.2g} s"
+            if film.pyroelectric_uC_m2K is None:
+                charge = f"{25.0 * kelvins:.3g} pC on each mm2 under it"
+                yield f"film.pyroelectric_uC_m2K is not given; 25 uC/(m2 K) would make {charge}"
+
+
 @dataclass(frozen=True)
 class AddedStrain:
     """What heat and the rim's displacement add to the film's strain at rest. Places (..., 2) are in
@@ -45,23 +66,18 @@ class AddedStrain:
         warm = tuple(touch for touch in scene.loaded_probes if touch.probe.temperature_K)
         return cls(scene.film, warm) if warm or scene.film.rim_displacement_um else None
 
-    def spread(self, touch: LoadedProbe) -> float:
-        """√(4 κ t) in m."""
-        diffusivity = self.film.thermal_diffusivity_m2_s
-        return float(np.sqrt(4.0 * diffusivity * (touch.probe.contact_time_s or 0.0)))
-
     def temperature(self, places: Array) -> Array:
         """Mean through the film in K over that of the untouched film, (...)."""
         points = places.reshape(-1, 2)
         total = np.zeros(len(points))
         for touch in self.warm:
-            outline, spread = touch.outline, self.spread(touch)
+            outline, reach = touch.outline, spread(self.film, touch)
             d = np.maximum(outline.signed_distance(points), 0.0)
-            fall = erfc(d / spread)
+            fall = erfc(d / reach)
             if not len(outline.corners):
                 radius = np.sqrt(outline.area / np.pi)
                 fall *= np.sqrt(radius / (radius + d))
-            mean = warmed(0.25 * (spread / self.film.thickness) ** 2)
+            mean = warmed(0.25 * (reach / self.film.thickness) ** 2)
             total += (touch.probe.temperature_K or 0.0) * mean * fall
         return total.reshape(places.shape[:-1])
 
@@ -78,22 +94,3 @@ class AddedStrain:
     def stress(self, places: Array) -> Array:
         """Stress of the film in Pa, (..., 3)."""
         return self.strain(places) @ self.film.stiffness
-
-    @property
-    def left_out(self) -> Iterator[str]:
-        """What is not known of heat, with its size."""
-        film = self.film
-        slowest = film.thickness * film.density * HEAT_CAPACITY / (2.0 * HEAT_TRANSFER)
-        for touch in self.warm:
-            # a square corner gives 2.5 κ t less heat
-            excess = 0.6 * len(touch.outline.corners) * self.spread(touch) ** 2 / touch.outline.area
-            yield (
-                f"heat of the {touch.patch}: how it spreads at corners, about {excess:.1e} of it;"
-                f" what the air takes beside it, within about {slowest:.2g} s"
-            )
-            if film.pyroelectric_uC_m2K is None:
-                kelvins = touch.probe.temperature_K
-                yield (
-                    "pyroelectric charge (film.pyroelectric_uC_m2K is not given): at 25 uC/(m2 K)"
-                    f" {25.0 * (kelvins or 0.0):.3g} pC on each mm2 under the {touch.patch}"
-                )
