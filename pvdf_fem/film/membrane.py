@@ -30,26 +30,14 @@ PAIRS = [(i, j) for i in range(3) for j in range(i + 1)]
 
 
 class Membrane(Term):
-    """The membrane's energy, residual and tangent on a space.
-
-    Parameters
-    ----------
-    space : Space
-    film : Film
-        Thickness, stiffness and elastic strain at rest.
-    law : Law, optional
-        By default that of St. Venant and Kirchhoff.
-
-    Attributes
-    ----------
-    volumes : (elements, points)
-        Quadrature weights times area times thickness, m^3.
-    """
+    """The membrane's energy, residual and tangent on a space, by default with the law of St. Venant
+    and Kirchhoff."""
 
     def __init__(self, space: Space, film: Film, law: Law | None = None) -> None:
         self.space, self.film = space, film
         self.strain_at_rest: Array = film.strain_at_rest
         self.law: Law = StVenantKirchhoff(film.stiffness) if law is None else law
+        #: Quadrature weights times area times thickness in m^3, (elements, points).
         self.volumes: Array = film.thickness * space.weights
 
     def state(self, x: Array, elements: Selection = ALL) -> State:
@@ -246,7 +234,7 @@ class UnevenMembrane(Membrane):
             self._stiffness[covered] += ratio * layer.stiffness
             self._at_rest[covered] += ratio * strain @ layer.stiffness
 
-    @property
+    @cached_property
     def even(self) -> bool:
         spread = np.ptp(self._at_rest, axis=(0, 1))
         return bool(spread.max() <= 1e-12 * np.abs(self._at_rest).max())
