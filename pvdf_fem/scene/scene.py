@@ -196,10 +196,13 @@ class Scene(Section):
             uneven["film.patches"] = wrinkles + bends
         if film.rim_displacement_um:
             uneven["film.rim_displacement_um"] = wrinkles + edges
-        for touch in self.loaded_probes:
-            if touch.probe.temperature_K:
-                rests = [("load.kind", touch.load.kind)] * (touch.load.kind == "contact")
-                uneven[f"{touch.patch}.temperature_K"] = wrinkles + edges + rests
+        listed = isinstance(self.probe, tuple)
+        for i, probe in enumerate(self.probe if isinstance(self.probe, tuple) else (self.probe,)):
+            if probe and probe.temperature_K:
+                kind = (getattr(probe, "load", None) or self.load).kind
+                rests = [("load.kind", kind)] * (kind == "contact")
+                key = f"probe[{i}]" if listed else "probe"
+                uneven[f"{key}.temperature_K"] = wrinkles + edges + rests
         for key, clashing in uneven.items():
             for name, value in clashing:
                 yield problem(name, value, f"is not for {key}; change it or remove that")

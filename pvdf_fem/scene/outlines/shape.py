@@ -20,8 +20,7 @@ class Shape(Section):
     rotation_deg: Number = 0.0
     shape: str
     edge_radius_mm: Length | None = None
-    #: Of a probe, over that of the film.
-    temperature_K: Annotated[Finite, within(-500.0, 500.0, "K")] | None = None
+    temperature_K: Annotated[Finite, within(-500.0, 500.0, "K")] | None = None  #: Over the film's.
     contact_time_s: Annotated[Finite, within(1e-9, 1e6, "s")] | None = None  #: 1 by default.
 
     #: The least rotation that brings the shape onto itself; 0 if any does.
