@@ -70,7 +70,8 @@ def _values(equilibrium: Equilibrium, dofs: Array, points: Array) -> Array:
     displacement = np.einsum("nf,nfc->nc", shape_values(space.basis.elem, local), nodal)
     gradients = space.gradients_at(elements, local[:, :, None])[:, 0]
     strain = strain_of(np.matmul(nodal.swapaxes(1, 2), gradients))
-    return np.stack([1e3 * displacement, strain, 1e-6 * membrane.stress(strain)])
+    stress = membrane.film_stress(strain, points.T)
+    return np.stack([1e3 * displacement, strain, 1e-6 * stress])
 
 
 def values_along(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 from pvdf_fem.arrays import Array
 from pvdf_fem.charges.goals import areas_of, coefficients_of, goals_of
 from pvdf_fem.film.models import film_model
@@ -9,8 +11,18 @@ from pvdf_fem.scene.scene import Scene
 
 
 def rest_charges(scene: Scene) -> Array:
-    """Charge in C of each electrode of the flat, untouched film, (electrodes,). It needs no solve,
-    since the stress of the flat clamped film is the same everywhere. Any observable makes area
-    times stress of it."""
+    """Charge in C of each electrode of the flat, untouched film, (electrodes,). It needs no solve
+    where the stress of the flat clamped film is the same everywhere: any observable makes area
+    times stress of it. A film that moves in its plane while it is untouched is solved."""
+    if scene.film.moves_at_rest:
+        return _solved(scene.model_copy(update={"probe": None}))
     goals, stress = goals_of(scene), film_model(scene).stress_at_rest
     return areas_of(goals) * (coefficients_of(goals) @ stress[:2])
+
+
+@lru_cache(maxsize=64)
+def _solved(untouched: Scene) -> Array:
+    from pvdf_fem.solution.solve import solve  # above
+
+    film = untouched.film
+    return solve(untouched).fields.forces.charges((film.d31, film.d32))

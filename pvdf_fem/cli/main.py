@@ -44,11 +44,15 @@ scene files are TOML. Their keys, each with a default:
                 stretches the film) or pretension_N_m (a number, or [Nx, Ny]),
                 d31_pC_N, d32_pC_N, permittivity, bending (true, false, "auto":
                 where it matters), compression (refuse, tension-field: the film
-                wrinkles)
+                wrinkles), pyroelectric_uC_m2K, thermal_diffusivity_m2_s,
+                rim_displacement_um ([mean, cos, sin, cos 2, sin 2, ...])
+  [[film.patches]]  layers on the film: shape as of electrodes, thickness_um,
+                both_sides, youngs_modulus_GPa, poisson_ratio, density_kg_m3,
+                bonded ("at rest", "before stretching"), thermal_expansion_per_K
   [electrodes]  layout (four, three, ring), ring_radius_mm, side_mm; for a ring:
                 count, first_angle_deg, centre, shape and its sizes
   [probe]       shape and its sizes, x_mm, y_mm (centroid), rotation_deg,
-                edge_radius_mm (for contact)
+                edge_radius_mm (for contact), temperature_K, contact_time_s
   [load]        force_N, kind (dead, follower, rigid, contact), tangential_N
                 ([Fx, Fy]; dead or stuck); for rigid: contact (sliding, stuck);
                 tilt (held, free); for contact: depth_mm, instead of

@@ -22,7 +22,8 @@ from dataclasses import dataclass
 from pvdf_fem.film.loads.contact import first_contacts, guessed_force
 from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.film.point_load import cube_at, tension_at
-from pvdf_fem.scene.outlines.outline import Outline
+from pvdf_fem.scene.film import Film, Layer
+from pvdf_fem.scene.outlines.outline import TOUCH, Outline, overlaps
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 #: A layer is resolved where leaving it out would change a charge by more tolerances than this.
@@ -64,11 +65,12 @@ class BendingEffect:
     #: rim, probe: Relative changes of the worst charge by what happens at the rim and at the probe.
     rim: float
     probe: float
+    patches: float = 0.0  #: The same by layers on one side, which pull the film off its plane.
 
     @property
     def change(self) -> float:
-        """Relative change of the worst charge by bending, from 0 to 1."""
-        return self.rim + self.probe
+        """Relative change of the worst charge by bending; from 0 to 1 without patches."""
+        return self.rim + self.probe + self.patches
 
     def __str__(self) -> str:
         lengths = [
@@ -86,7 +88,7 @@ class BendingEffect:
             f"could change a charge by up to {self.change:.1e} of it; it acts within"
             f" {', '.join(lengths) or 'any length'} (radii: film {film}, probe {probe}, smallest"
             f" electrode {electrode} mm)"
-        )
+        ) + (f"; patches on one side: {self.patches:.1e}" if self.patches else "")
 
 
 def bending_effect(scene: Scene) -> BendingEffect:
@@ -107,6 +109,10 @@ def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
         force = math.hypot(*touch.load.components[:2], guessed_force(touch.load, film))
         probe = first_contacts(scene).get(touch.patch, touch.outline)
     b = _radius(probe) if probe else a
+    for layer in film.layers.values():
+        outline = layer.patch.outline
+        if outline.reach >= a * (1.0 - TOUCH) or (probe and overlaps(outline, probe)):
+            D = max(D, _laminate(film, layer)[0])
 
     def cube(r: float) -> float:
         return cube_at(film, force, r)
@@ -146,7 +152,45 @@ def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
         min((_radius(outline) for outline in electrodes), default=a),
         rim,
         at_probe,
+        max((_by_patch(scene, layer, force, probe) for layer in film.layers.values()), default=0.0),
     )
+
+
+def _laminate(film: Film, layer: Layer) -> tuple[float, float, float]:
+    """Of film and layer: plate stiffness in N m, stiffness in N/m, and how far the film's middle is
+    from where a tension does not bend them, in m."""
+    h, h_p = film.thickness, layer.patch.thickness
+    A, A_p = (t * float(C[:2, :2].max()) for t, C in ((h, film.stiffness), (h_p, layer.stiffness)))
+    if layer.patch.both_sides:
+        bent = A_p * (h_p**2 / 48.0 + (0.5 * h + 0.25 * h_p) ** 2)
+        return A * h**2 / 12.0 + bent, A + A_p, 0.0
+    apart = 0.5 * (h + h_p)
+    D = (A * h**2 + A_p * h_p**2) / 12.0 + A * A_p / (A + A_p) * apart**2
+    return D, A + A_p, A_p / (A + A_p) * apart
+
+
+def _by_patch(scene: Scene, layer: Layer, force: float, probe: Outline | None) -> float:
+    """Relative change of the worst charge by a layer.
+
+    The tension N off the laminate's neutral axis by e bends a strip of half width b by
+    κ = N e/D cosh(x/l)/cosh(b/l), which adds κ e to the film's strain N/A. Electrodes beside a
+    patch have of that what falls with the square of the distance.
+    """
+    film, outline, (D, A, e) = scene.film, layer.patch.outline, _laminate(scene.film, layer)
+    r = film.radius
+    if probe:
+        r = max(math.dist(outline.centroid, probe.centroid), _radius(probe))
+    N = tension_at(film, force, r)
+    width = 2.0 * outline.area / outline.perimeter * math.sqrt(N / D)
+    bent = e * e * A / D * (math.tanh(width) / width if width > 0.0 else 1.0)
+    if layer.patch.bonded == "at rest":
+        bent *= min(cube_at(film, force, r) / N**3, 1.0) if force > 0.0 else 0.0
+    shares = [0.0]
+    for electrode in (electrode.outline for electrode in scene.electrode_list):
+        far = math.dist(electrode.centroid, outline.centroid)
+        covers = overlaps(electrode, outline)
+        shares.append(1.0 if covers else min(_radius(outline) / far, 1.0) ** 2)
+    return bent * max(shares)
 
 
 def layer_size(length: float, change: float, tolerance: float) -> float:

@@ -225,9 +225,18 @@ class Equilibrium:
         """External forces on the unknowns, N."""
         return self.on_unknowns(state, self.load_forces(state)) + self._tip_forces
 
+    @cached_property
+    def flat_forces(self) -> Array:
+        """What moves the flat film without loads, (unknowns,), in N; nothing where it is even."""
+        flat = self.membrane.state(np.zeros(self.space.dof_count))
+        return -self.on_unknowns(flat, self.membrane.residual(flat))
+
     def work(self, state: State, q: Array) -> float:
-        """Work in J of the external forces, held as they are at `state`, along `q`."""
+        """Work in J of the external forces, held as they are at `state`, along `q`; and of those
+        that move the flat film."""
         work = float(self.external_forces(state) @ q)
+        if not self.membrane.even:
+            work += float(self.flat_forces @ q)
         given = [contact for contact in self.contacts if contact.depth is not None]
         forces = self.film_forces(state) if given else np.empty(0)
         return work + sum((c.depth or 0.0) * float(forces[c.raised].sum()) for c in given)
@@ -245,7 +254,7 @@ class Equilibrium:
     def pressed(self) -> Equilibrium:
         """The same film under pressures in place of the tips."""
         other = copy(self)
-        for worked_out in ("contacts", "assembly", "_tip_forces"):
+        for worked_out in ("contacts", "assembly", "_tip_forces", "flat_forces"):
             other.__dict__.pop(worked_out, None)
         other.terms = [t.as_pressure(self.film) if t in self.contacts else t for t in self.terms]
         other.unknowns = other._unknowns()

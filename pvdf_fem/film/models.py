@@ -16,8 +16,10 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.film.bending_effect import BendingEffect, bending_effect
 from pvdf_fem.film.laws import Law, StVenantKirchhoff, TensionField
 from pvdf_fem.film.layers import Layers
+from pvdf_fem.film.loads import heat
+from pvdf_fem.film.loads.heat import AddedStrain
 from pvdf_fem.film.loads.kinds import LOADS, presses_rigidly, rigid_elements
-from pvdf_fem.film.membrane import Membrane, WrinklingMembrane
+from pvdf_fem.film.membrane import Membrane, UnevenMembrane, UnevenWrinkling, WrinklingMembrane
 from pvdf_fem.film.plate import LOWEST_ORDER, Plate
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State, Term
@@ -70,15 +72,17 @@ class FilmModel:
         """What bending would change in the scene."""
         return bending_effect(self.scene)
 
-    def membrane(self, space: Space) -> Membrane:
+    def membrane(self, space: Space, part: MirroredPart) -> Membrane:
         """The membrane term."""
-        return Membrane(space, self.scene.film)
+        film, added = self.scene.film, AddedStrain.of(self.scene)
+        uneven = film.patches or added
+        return UnevenMembrane(space, film, added, part.frame) if uneven else Membrane(space, film)
 
     def terms(self, space: Space, part: MirroredPart = WHOLE) -> list[Term]:
         """The terms of the film's energy on a space of a part of it: membrane and loads."""
         touches = self.scene.loaded_probes
         return [
-            self.membrane(space),
+            self.membrane(space, part),
             *(LOADS[touch.load.kind](touch, space, part) for touch in touches),
         ]
 
@@ -112,7 +116,7 @@ class FilmModel:
     @property
     def left_out(self) -> tuple[str, ...]:
         """What the model neglects in this scene."""
-        return (self._bending_remark,)
+        return (self._bending_remark, *heat.left_out(self.scene))
 
     @property
     def included(self) -> tuple[str, ...]:
@@ -136,7 +140,8 @@ class FilmModel:
 
     @property
     def _remedy(self) -> str:
-        return 'film.bending = "auto" or true'
+        patched = "thinner film.patches, or both_sides = true"
+        return patched if self.scene.film.patches else 'film.bending = "auto" or true'
 
     def compression_remarks(self, smallest: Array, largest: Array) -> Iterator[tuple[str, Array]]:
         """Texts with a place for an area, and where that is, from the principal stresses."""
@@ -196,8 +201,8 @@ class PlateModel(FilmModel):
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """Nothing that the membrane leaves out."""
-        return ()
+        """Nothing that the membrane leaves out of bending."""
+        return tuple(heat.left_out(self.scene))
 
     @property
     def included(self) -> tuple[str, ...]:
@@ -227,9 +232,12 @@ class TensionFieldModel(FilmModel):
     size_factor = 1.7
     film_is_differentiable = False
 
-    def membrane(self, space: Space) -> Membrane:
+    def membrane(self, space: Space, part: MirroredPart) -> Membrane:
         """The membrane term with the tension field's law."""
-        return WrinklingMembrane(space, self.scene.film)
+        film, added = self.scene.film, AddedStrain.of(self.scene)
+        if film.patches or added:
+            return UnevenWrinkling(space, film, added, part.frame)
+        return WrinklingMembrane(space, film)
 
     @property
     def law(self) -> Law:

@@ -59,7 +59,8 @@ def _at_nodes(solution: Solution) -> tuple[Array, Array]:
     points = np.repeat(local_nodes[:, None], mesh.nelements, axis=1)
     gradients = space.gradients_at(np.arange(mesh.nelements), points)
     dofs = solution.displacement[space.nodes]
-    stress = membrane.stress(strain_of(np.matmul(dofs[:, None].swapaxes(2, 3), gradients)))
+    strain = strain_of(np.matmul(dofs[:, None].swapaxes(2, 3), gradients))
+    stress = membrane.film_stress(strain, mesh.doflocs.T[mesh.dofs.element_dofs.T])
 
     nodes = mesh.dofs.element_dofs.T
     displacement = np.zeros((mesh.doflocs.shape[1], 3))

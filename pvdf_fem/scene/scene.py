@@ -8,7 +8,7 @@ nothing else in the package converts lengths or moduli. Defaults are the thesis'
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, islice
 from pathlib import Path
@@ -177,6 +177,7 @@ class Scene(Section):
         if self.film.bending is True and any(t.load.kind == "contact" for t in self.loaded_probes):
             reason = 'is not for tips; give "auto" or false, and its effect is estimated'
             complaints = chain(complaints, [problem("film.bending", True, reason)])
+        complaints = chain(complaints, self._clashes())
         if self.readout is not None:
             names = [electrode.name for electrode in self.electrode_list]
             complaints = chain(complaints, self.readout.mistakes(names))
@@ -184,6 +185,35 @@ class Scene(Section):
             context = {"text": "\n".join(problems), "problems": problems}
             raise PydanticCustomError("misplaced", "{text}", context)
         return self
+
+    def _clashes(self) -> Iterator[str]:
+        """Complaints about what is uneven beside what wants the film even."""
+        film, observable = self.film, self.numerics.observable
+        wrinkles = [("film.compression", film.compression)] * (film.compression != "refuse")
+        bends = [("film.bending", film.bending)] * bool(film.bending)
+        edges = [("numerics.observable", observable)] * (observable != "material")
+        uneven: dict[str, list[tuple[str, Any]]] = {}
+        if film.patches:
+            uneven["film.patches"] = wrinkles + bends
+        if film.rim_displacement_um:
+            uneven["film.rim_displacement_um"] = wrinkles + edges
+        listed = isinstance(self.probe, tuple)
+        for i, probe in enumerate(self.probe if isinstance(self.probe, tuple) else (self.probe,)):
+            if probe and probe.temperature_K:
+                kind = (getattr(probe, "load", None) or self.load).kind
+                rests = [("load.kind", kind)] * (kind == "contact")
+                key = f"probe[{i}]" if listed else "probe"
+                uneven[f"{key}.temperature_K"] = wrinkles + edges + rests
+        for key, clashing in uneven.items():
+            for name, value in clashing:
+                yield problem(name, value, f"is not for {key}; change it or remove that")
+
+    def require_cold(self, what: str) -> None:
+        """SceneError for a scene with warm probes, whose heat `what` does not have."""
+        for touch in self.loaded_probes:
+            if value := touch.probe.temperature_K:
+                reason = f"is not for {what}, without heat; remove it"
+                raise SceneError([problem(f"{touch.patch}.temperature_K", value, reason)])
 
     @property
     def electrode_list(self) -> tuple[Electrode, ...]:

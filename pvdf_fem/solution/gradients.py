@@ -119,6 +119,7 @@ def gradients(
         For a key that is not among `parameters_of` the scene, or a tolerance out of range.
     """
     scene = solution if isinstance(solution, Scene) else solution.scene
+    scene.require_cold("derivatives")
     known = parameters_of(scene)
     wanted = known if parameters is None else tuple(parameters)
     for key in wanted:
@@ -204,11 +205,13 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
     ``film.pretension_N_m`` has that, or its ``.0`` and ``.1``, in place of
     ``film.temperature_change_K``, and the others at this pretension. A rigid probe has no
     derivative by its place, as the tractions along its edge are singular. Of a film that bends or
-    wrinkles, or touches a tip with friction, there is none by what its stiffness depends on.
+    wrinkles, is uneven, or touches a tip with friction, there is none by what its stiffness depends
+    on.
     """
     probes = tuple(key for key in _touched(scene) if not _hindrance(scene, key))
     rubs = any(touch.load.friction for touch in scene.loaded_probes)
-    differentiable = film_model(scene).film_is_differentiable and not rubs
+    hindered = rubs or scene.film.is_uneven
+    differentiable = film_model(scene).film_is_differentiable and not hindered
     film = _film_keys(scene.film) if differentiable else ()
     return (*probes, *film, *COEFFICIENTS)
 

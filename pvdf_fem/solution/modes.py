@@ -278,7 +278,7 @@ class _ModalProblem:
         q, q_rich = np.zeros(coarse.unknowns.count), np.zeros(rich.unknowns.count)
         least, iterations = self.scene.film.stress_at_rest[:2].min(), 0
         tried: tuple[Tried, ...] = ()
-        if self.loaded and coarse.force > 0.0:
+        if (self.loaded and coarse.force > 0.0) or not coarse.membrane.even:
             with self.clock("solve"):
                 result = equilibrate(coarse, budget=self.budget)
                 iterations, tried = len(result.iterations), result.tried
@@ -313,8 +313,12 @@ class _ModalProblem:
 
 def _pencil(equilibrium: Equilibrium, q: Array) -> tuple[sp.csc_matrix, sp.csc_matrix]:
     """Tangent stiffness in N/m at `q` and mass in kg of the unknowns."""
-    film = equilibrium.film
-    mass = film.density * film.thickness * equilibrium.space.mass()
+    film, space = equilibrium.film, equilibrium.space
+    by_area = space.mass()
+    mass = film.density * film.thickness * by_area
+    for name, layer in film.layers.items():
+        covered = space.mesh.subdomains[name]
+        mass[covered] += layer.density * layer.patch.thickness * by_area[covered]
     return equilibrium.tangent(equilibrium.state(q)), equilibrium.assembly.matrix(mass)
 
 

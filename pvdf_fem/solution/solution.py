@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 from skfem import Basis, MeshTri2
 
 from pvdf_fem.arrays import Array, finite
+from pvdf_fem.charges.forces import area_integrals
+from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.charges.point_values import PointValues, values_along, values_at
 from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.film.loads.pressure import Leaning, Punch
@@ -128,7 +130,12 @@ class Solution:
 
     def charges(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
         """Charges in pC of a film with other piezoelectric coefficients."""
-        return self._by_electrode(self.fields.forces.charges((d31_pC_N, d32_pC_N)))
+        charges, fields = self.fields.forces.charges((d31_pC_N, d32_pC_N)), self.fields
+        if (added := fields.solved.membrane.added) is not None:
+            goals, solved = goals_of(self.scene), fields.solved
+            heat = area_integrals(goals, added.pyroelectric_charge, solved.space.mesh, solved.part)
+            charges = charges + 1e12 * heat[:, 0]
+        return self._by_electrode(charges)
 
     def charge_errors(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
         """Estimated errors in pC of `charges`."""

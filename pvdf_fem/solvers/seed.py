@@ -21,11 +21,14 @@ def seed(equilibrium: Equilibrium) -> Array:
     deflection; the result is scaled to the least energy."""
     film, membrane = equilibrium.film, equilibrium.membrane
     q = np.zeros(equilibrium.unknowns.count)
-    if equilibrium.force == 0.0:
+    if equilibrium.force == 0.0 and membrane.even:
         return q
     deflections = np.flatnonzero(equilibrium.unknowns.deflections())
     in_plane = np.flatnonzero(~equilibrium.unknowns.deflections())
     flat = membrane.state(np.zeros(equilibrium.space.dof_count))
+    if equilibrium.force == 0.0:
+        q[in_plane] = _solve_block(equilibrium.tangent(flat), equilibrium.flat_forces, in_plane)
+        return q
     forces = equilibrium.external_forces(flat)
 
     stiffness = film.thickness * film.stiffness[:2, :2].mean()
