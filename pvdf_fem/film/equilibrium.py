@@ -18,6 +18,7 @@ import scipy.sparse as sp
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array, Indices, Mask
+from pvdf_fem.film.electric.raised import Raised
 from pvdf_fem.film.loads.contact import Contact, Edge
 from pvdf_fem.film.loads.pressure import DeadPressure
 from pvdf_fem.film.membrane import Membrane
@@ -167,8 +168,16 @@ class Equilibrium:
                     forces[self.unknowns.of_dof[3 * contact.nodes[0] + axis]] = force
         return forces
 
-    def tangent(self, state: State) -> sp.csc_matrix:
+    def tangent(self, state: State) -> sp.csc_matrix | Raised:
         """Derivative of `residual` in N/m."""
+        columns = [c for term in self.terms if (c := term.tangent_column(state)) is not None]
+        sparse = self.sparse_tangent(state)
+        if not columns:
+            return sparse
+        return Raised(sparse, self.on_unknowns(state, np.stack(columns, axis=-1)))
+
+    def sparse_tangent(self, state: State) -> sp.csc_matrix:
+        """The tangent without the columns of terms that couple many elements."""
         by_element = (term.element_tangent(state) for term in self.terms)
         # the membrane, which has all elements, is the first term
         (_, matrices), *others = [local for local in by_element if local is not None]

@@ -7,13 +7,15 @@ that decides.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy.sparse as sp
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.bending_effect import BendingEffect, bending_effect
+from pvdf_fem.film.electric.coupling import Coupling, Floating, coupled, coupling_remark
+from pvdf_fem.film.electric.remark import Remark
 from pvdf_fem.film.laws import Law, StVenantKirchhoff, TensionField
 from pvdf_fem.film.layers import Layers
 from pvdf_fem.film.loads.kinds import LOADS, presses_rigidly, rigid_elements
@@ -29,6 +31,8 @@ from pvdf_fem.scene.scene_file import quote
 CONSIDERABLE = 1e-2
 #: What rounding and Newton's last step may leave of balance, relative to the load.
 IMBALANCE = 1e-6
+#: What each effect on the charges but bending says of itself in a scene, or None.
+REMARKS = (coupling_remark,)
 
 
 class FilmModel:
@@ -55,8 +59,6 @@ class FilmModel:
     iteration_cost = 1.0
     #: Factor on the element sizes of the first mesh.
     size_factor = 1.0
-    #: Whether electrodes, d31 and d32 only read the stress and do not change the deformation.
-    electrodes_only_read = True
     #: Whether the deformation depends on force and thickness by their ratio only.
     force_over_thickness = True
     #: Whether charges can be differentiated by thickness, pretension or cooling, and moduli.
@@ -70,6 +72,16 @@ class FilmModel:
         """What bending would change in the scene."""
         return bending_effect(self.scene)
 
+    @cached_property
+    def floating(self) -> tuple[Floating, ...]:
+        """Electrodes whose voltages act on the film."""
+        return coupled(self.scene)
+
+    @property
+    def electrodes_only_read(self) -> bool:
+        """Whether electrodes, d31 and d32 only read the stress, and do not change it."""
+        return not self.floating
+
     def membrane(self, space: Space) -> Membrane:
         """The membrane term."""
         return Membrane(space, self.scene.film)
@@ -80,6 +92,7 @@ class FilmModel:
         return [
             self.membrane(space),
             *(LOADS[touch.load.kind](touch, space, part) for touch in touches),
+            *(Coupling(electrode, space) for electrode in self.floating),
         ]
 
     @property
@@ -112,12 +125,17 @@ class FilmModel:
     @property
     def left_out(self) -> tuple[str, ...]:
         """What the model neglects in this scene."""
-        return (self._bending_remark,)
+        return tuple(remark.text for remark in self._remarks if not remark.included)
 
     @property
     def included(self) -> tuple[str, ...]:
         """What the model has beyond the membrane."""
-        return ()
+        return tuple(remark.text for remark in self._remarks if remark.included)
+
+    @property
+    def _remarks(self) -> Iterator[Remark]:
+        yield Remark(self.bends, self._bending_remark)
+        yield from filter(None, (remark(self.scene) for remark in REMARKS))
 
     @property
     def _bending_remark(self) -> str:
@@ -193,16 +211,6 @@ class PlateModel(FilmModel):
         """Bending layers that the elements do not resolve."""
         plate = next(term for term in terms if isinstance(term, Plate))
         return Layers.of(plate, expansion, state)
-
-    @property
-    def left_out(self) -> tuple[str, ...]:
-        """Nothing that the membrane leaves out."""
-        return ()
-
-    @property
-    def included(self) -> tuple[str, ...]:
-        """Bending, with the estimate of its effect."""
-        return (self._bending_remark,)
 
     @property
     def warnings(self) -> tuple[str, ...]:

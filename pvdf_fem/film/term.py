@@ -68,6 +68,10 @@ class Term(ABC):
         """The constant part of the tangent that couples elements, of the unknowns in N/m."""
         return None
 
+    def tangent_column(self, state: State) -> Array | None:
+        """c of a part c cᵀ of the tangent that couples many elements, (dofs,) in √(N/m)."""
+        return None
+
     def element_action(self, state: State, x: Array) -> Array | None:
         """The film's tangent times the dofs `x`, (elements, dofs of an element), in N.
 

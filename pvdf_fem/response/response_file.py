@@ -46,10 +46,11 @@ class ResponseError(FileError):
 def mechanics_of(scene: Scene) -> str:
     """What the stress about a scene's probe depends on, wherever it is and whatever its force.
 
-    Raises `ValueError` for a depth in place of a force.
+    Raises `ValueError` for a depth in place of a force, and for charges that are not plain.
     """
     if (depth_mm := scene.load.depth_mm) is not None:
         raise ValueError(f"load.depth_mm = {depth_mm:g}: a response is of forces; remove it")
+    scene.require_plain_charges("a response")
     observable = {"observable": scene.numerics.observable}
     alone = scene.with_(
         **dict.fromkeys(PLACE, 0.0), **{"load.force_N": 1.0, "numerics": observable}

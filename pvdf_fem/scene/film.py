@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator
+from scipy.constants import epsilon_0
 
 from pvdf_fem.scene.quantity import Finite, Length, Modulus, Number, Section, refusal, within
 from pvdf_fem.scene.scene_file import quote
@@ -35,6 +36,9 @@ class Film(Section):
     change a charge by more than ``numerics.tolerance``.
 
     `permittivity` is that of the film across its thickness, relative to that of the vacuum.
+    `coupling` lets the voltages of electrodes stiffen the film that no charge amplifier keeps at
+    zero voltage (``readout.kind = "voltage"``): always, never, or where that could change a charge
+    by more than ``numerics.tolerance``.
 
     `compression` says what the model does with compressive stress: ``refuse`` warns of it, counts
     what wrinkles would change as an error, and takes no membrane for a result of which they would
@@ -61,6 +65,7 @@ class Film(Section):
     d32_pC_N: Number = 8.0
     permittivity: Annotated[Finite, within(1.0, 1e6)] = 11.0
     compression: Literal["refuse", "tension-field"] = "refuse"
+    coupling: bool | Literal["auto"] = False
 
     @field_validator("poisson_ratio")
     @classmethod
@@ -88,7 +93,7 @@ class Film(Section):
             raise refusal(f"stands beside {other}; remove one of the two")
         return None
 
-    @field_validator("bending", mode="before")
+    @field_validator("bending", "coupling", mode="before")
     @classmethod
     def _is_a_choice(cls, value: Any) -> Any:
         if isinstance(value, bool) or value == "auto":
@@ -100,6 +105,13 @@ class Film(Section):
     def _wrinkles_have_no_bending(cls, value: str, info: ValidationInfo) -> str:
         if value == "tension-field" and info.data.get("bending"):
             raise refusal("is of a film without bending; give film.bending = false")
+        return value
+
+    @field_validator("coupling")
+    @classmethod
+    def _wrinkles_have_no_voltage(cls, value: Any, info: ValidationInfo) -> Any:
+        if value and info.data.get("compression") == "tension-field":
+            raise refusal('is of a film that bears compression; give film.compression = "refuse"')
         return value
 
     @property
@@ -126,6 +138,12 @@ class Film(Section):
     def d32(self) -> float:
         """Piezoelectric coefficient along y in C/N."""
         return self.d32_pC_N / 1e12
+
+    @property
+    def clamped_permittivity(self) -> float:
+        """Permittivity across the film at constant strain in F/m."""
+        d = np.array([self.d31, self.d32, 0.0])
+        return float(epsilon_0 * self.permittivity - d @ self.stiffness @ d)
 
     @property
     def strain_at_rest(self) -> NDArray[np.float64]:

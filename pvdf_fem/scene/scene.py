@@ -176,6 +176,10 @@ class Scene(Section):
         if self.film.bending is True and any(t.load.kind == "contact" for t in self.loaded_probes):
             reason = 'is not for tips; give "auto" or false, and its effect is estimated'
             complaints = chain(complaints, [problem("film.bending", True, reason)])
+        if self.film.coupling and self.film.clamped_permittivity <= 0.0:
+            reason = "is too small for d31, d32 and the moduli; give a larger one, or no coupling"
+            complaint = problem("film.permittivity", self.film.permittivity, reason)
+            complaints = chain(complaints, [complaint])
         if self.readout is not None:
             names = [electrode.name for electrode in self.electrode_list]
             complaints = chain(complaints, self.readout.mistakes(names))
@@ -217,6 +221,14 @@ class Scene(Section):
         if any(touch.load.kind == "contact" for touch in self.loaded_probes):
             reason = f"is not for {what}, which does not find where a tip touches; give another"
             raise SceneError([problem("load.kind", "contact", reason)])
+
+    def require_plain_charges(self, what: str) -> None:
+        """SceneError for a film whose charges are more than d31, d32 times the short film's stress,
+        which `what` takes them for."""
+        given = {key: getattr(self.film, key) for key in ("coupling",)}
+        reason = f"is not for {what}; remove it"
+        if problems := [problem(f"film.{k}", v, reason) for k, v in given.items() if v]:
+            raise SceneError(problems)
 
     @property
     def single_probe(self) -> Probe | None:

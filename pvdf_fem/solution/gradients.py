@@ -138,9 +138,10 @@ def _finer(found: Gradients, tolerance: float, least: float = 2e-8) -> Solution:
     scene, reason = found.solution.scene, "rounding allows no better mesh"
     aim = 0.5 * tolerance / worst * scene.numerics.tolerance
     if aim > least:
-        # the tolerance must not choose anew whether the film bends
-        bends = film_model(scene).bends
-        finer = solve(scene.with_(**{"numerics.tolerance": aim, "film.bending": bends}))
+        # the tolerance must not choose anew whether the film bends or feels voltages
+        model, changes = film_model(scene), {"numerics.tolerance": aim}
+        choices = {"film.bending": model.bends, "film.coupling": not model.electrodes_only_read}
+        finer = solve(scene.with_(**changes, **choices))
         if finer.status is Status.CONVERGED:
             return finer
         reason = f"with charges to {aim:.1e}: {finer.reason}"
@@ -204,13 +205,15 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
     ``film.pretension_N_m`` has that, or its ``.0`` and ``.1``, in place of
     ``film.temperature_change_K``, and the others at this pretension. A rigid probe has no
     derivative by its place, as the tractions along its edge are singular. Of a film that bends or
-    wrinkles, or sticks to a tip, there is none by what its stiffness depends on.
+    wrinkles, or sticks to a tip, there is none by what its stiffness depends on; of one that feels
+    the voltages of electrodes none by d31 and d32 either.
     """
     probes = tuple(key for key in _touched(scene) if not _hindrance(scene, key))
     sticks = any(touch.load.friction for touch in scene.loaded_probes)
-    differentiable = film_model(scene).film_is_differentiable and not sticks
+    model = film_model(scene)
+    differentiable = model.film_is_differentiable and model.electrodes_only_read and not sticks
     film = _film_keys(scene.film) if differentiable else ()
-    return (*probes, *film, *COEFFICIENTS)
+    return (*probes, *film, *(COEFFICIENTS if model.electrodes_only_read else ()))
 
 
 def _touched(scene: Scene) -> dict[str, list[tuple[LoadedProbe, int, str]]]:
@@ -251,8 +254,8 @@ def _film_keys(film: Film) -> tuple[str, ...]:
 def _refusal(scene: Scene, key: str) -> str:
     if key in _touched(scene):
         return _hindrance(scene, key)
-    if key in _film_keys(scene.film):
-        return "of a film that bends, wrinkles or sticks to a tip has no derivative here"
+    if key in (*_film_keys(scene.film), *COEFFICIENTS):
+        return "of a film that bends, wrinkles, sticks or feels voltages has no derivative here"
     return "is not a parameter of this scene that charges are differentiated by"
 
 

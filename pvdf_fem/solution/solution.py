@@ -13,8 +13,10 @@ from skfem import Basis, MeshTri2
 from pvdf_fem.arrays import Array, finite
 from pvdf_fem.charges.point_values import PointValues, values_along, values_at
 from pvdf_fem.charges.rest import rest_charges
+from pvdf_fem.film.electric.coupling import floating
 from pvdf_fem.film.loads.pressure import Leaning, Punch
 from pvdf_fem.film.loads.touchdown import Touchdown
+from pvdf_fem.film.models import film_model
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.fields import Fields, largest
@@ -126,8 +128,26 @@ class Solution:
             for channel in channels(self.scene)
         }
 
+    @property
+    def voltages_V(self) -> dict[str, float]:
+        """What each electrode's voltage comes to by a touch, at once, with the charge's sign: zero
+        under a charge amplifier, else the charge over the capacitance of electrode and cable."""
+        changes = self.charge_changes_pC
+        voltages = dict.fromkeys(changes, 0.0)
+        for name in (electrode.name for electrode in floating(self.scene)):
+            (channel,) = (channel for channel in channels(self.scene) if channel.name == name)
+            voltages[name] = changes[name] / 1e12 / channel.capacitance
+        return voltages
+
     def charges(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
-        """Charges in pC of a film with other piezoelectric coefficients."""
+        """Charges in pC of a film with other piezoelectric coefficients.
+
+        Raises ValueError where the film's own ones decide how it deforms, by `film.coupling`.
+        """
+        film = self.scene.film
+        own = (d31_pC_N, d32_pC_N) == (film.d31_pC_N, film.d32_pC_N)
+        if not (own or film_model(self.scene).electrodes_only_read):
+            raise ValueError("film.coupling: other d31 and d32 have other voltages; solve again")
         return self._by_electrode(self.fields.forces.charges((d31_pC_N, d32_pC_N)))
 
     def charge_errors(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
@@ -203,6 +223,8 @@ class Solution:
                 results["contacts"] = {name: c.to_json() for name, c in self.contacts.items()}
             if punches := self.punches:
                 results["punches"] = {name: asdict(punch) for name, punch in punches.items()}
+            if floating(self.scene):
+                results["voltages_V"] = self.voltages_V
             if self.scene.readout is not None:
                 results["readings_V"] = self.readings_V
                 results["time_constants_s"] = {

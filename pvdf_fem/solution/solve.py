@@ -155,7 +155,8 @@ def _on_part(problem: Problem) -> Solution | None:
     scene = problem.scene
     loads = [touch.load for touch in scene.loaded_probes]
     leaning = any(load.kind == "contact" or load.tilt == "free" for load in loads)
-    whole = leaning or not film_model(scene).solved_on_parts
+    model = film_model(scene)
+    whole = leaning or not (model.solved_on_parts and model.electrodes_only_read)
     part = WHOLE if whole else part_of(scene)
     if not part.mirrored:
         return None

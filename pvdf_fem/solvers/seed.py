@@ -35,7 +35,7 @@ def seed(equilibrium: Equilibrium) -> Array:
     stretched = assembly.matrix(equilibrium.space.laplace() * tension)
     if equilibrium.plate is not None:
         stretched = stretched + equilibrium.plate.coupled_tangent(assembly)
-    tangent = equilibrium.tangent(flat)
+    tangent = equilibrium.sparse_tangent(flat)
     q[deflections] = _solve_block(stretched, forces, deflections)
     residual = equilibrium.residual(equilibrium.state(q)) + forces
     factors = factorise(tangent[in_plane][:, in_plane].tocsc())
