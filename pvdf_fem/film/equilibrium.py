@@ -138,7 +138,12 @@ class Equilibrium:
 
     def state(self, q: Array) -> State:
         """Fields of the unknowns `q`."""
-        return self.membrane.state(self.dofs(q))
+        state = self.membrane.state(self.dofs(q))
+        # wrinkles have no voltage: their residual is of the state's whole stress
+        terms = () if self.model.wrinkles else self.terms
+        for elements, stress in filter(None, (term.added_stress(state) for term in terms)):
+            state.stress[elements] += stress
+        return state
 
     def step(self, state: State, step: Array) -> Array:
         """Change of the dofs by a small step of the unknowns from a state."""

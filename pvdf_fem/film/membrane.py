@@ -70,8 +70,12 @@ class Membrane(Term):
 
     def energy(self, state: State) -> float:
         """Stored energy in J; S : e/2 is its density for either law."""
-        density = (self.elastic(state.strain) * state.stress).sum(axis=-1)
+        density = (self.elastic(state.strain) * self.own_stress(state)).sum(axis=-1)
         return 0.5 * float((density * self.volumes).sum())
+
+    def own_stress(self, state: State) -> Array:
+        """The stress of the strain alone."""
+        return self.stress(state.strain)
 
     def residual(self, state: State) -> Array:
         """Internal forces in N without those of the flat film's pretension, (dofs,).
@@ -179,12 +183,13 @@ class Membrane(Term):
         def product(stress: Array, strain: Array) -> float:
             return float((stress * strain * volumes).sum())
 
+        stress = self.own_stress(state)
         stress_1, stress_2 = first @ self.law.stiffness, second @ self.law.stiffness
         return np.array(
             [
                 self.energy(state),
-                product(state.stress, first),
-                product(state.stress, second) + 0.5 * product(stress_1, first),
+                product(stress, first),
+                product(stress, second) + 0.5 * product(stress_1, first),
                 product(stress_1, second),
                 0.5 * product(stress_2, second),
             ]
@@ -233,6 +238,9 @@ class WrinklingMembrane(Membrane):
                 root = self.law.root(self.elastic(state.strain), state.stress)
             self._last_moduli = state, np.matmul(root.swapaxes(-1, -2), root)
         return self._last_moduli[1]
+
+    def own_stress(self, state: State) -> Array:
+        return state.stress
 
     def residual(self, state: State) -> Array:
         """Internal forces in N, (dofs,); a slack flat film has no pretension to leave out."""

@@ -21,7 +21,7 @@ class State:
     deformation_gradient: Array
     #: Green-Lagrange strain, Voigt with engineering shear, (elements, points, 3).
     strain: Array
-    #: Second Piola-Kirchhoff stress in Pa, Voigt, (elements, points, 3).
+    #: Second Piola-Kirchhoff stress in Pa, Voigt, (elements, points, 3), all that terms add to it.
     stress: Array
     #: The displacement in m, (dofs,).
     dofs: Array
@@ -66,6 +66,11 @@ class Term(ABC):
 
     def coupled_tangent(self, assembly: Assembly) -> sp.csc_matrix | None:
         """The constant part of the tangent that couples elements, of the unknowns in N/m."""
+        return None
+
+    def added_stress(self, state: State) -> tuple[Indices, Array] | None:
+        """Elements, and the stress (3,) in Pa that it adds to that of the strain there. Its
+        geometric stiffness is then the membrane's business."""
         return None
 
     def tangent_column(self, state: State) -> Array | None:

@@ -19,7 +19,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pvdf_fem.arrays import Array, Indices, Selection
+from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.film.electric.remark import Remark
 from pvdf_fem.film.loads.contact import guessed_force, guessed_width
 from pvdf_fem.film.membrane import IDENTITY, strain_of, strain_rate
@@ -96,35 +96,28 @@ class Coupling(Term):
     def residual(self, state: State) -> Array:
         return self.voltage(state) * self._slope(state)
 
+    def added_stress(self, state: State) -> tuple[Indices, Array]:
+        stress = self.voltage(state) / self.electrode.film.thickness
+        return self.elements, stress * self.electrode.stress_coefficients
+
     def _slope(self, state: State) -> Array:
         """Derivative of q by the dofs in C/m, (dofs,)."""
-        forces = self._element_slope(state.deformation_gradient[self.elements])
-        return self.space.sum(forces, self.elements)
+        return self.space.sum(self._element_slope(state.deformation_gradient), self.elements)
 
-    def _element_slope(self, gradient: Array) -> Array:
-        """Integrals of e : sym(gradientᵀ grad v), (elements of the electrode, dofs of one)."""
-        flux = gradient * self._moduli[:, :, None, :2]
+    def _element_slope(self, F: Array) -> Array:
+        """Integrals of e : sym(Fᵀ grad v), (elements of the electrode, dofs of one)."""
+        flux = F[self.elements] * self._moduli[:, :, None, :2]
         parts = np.matmul(self.space.gradients[self.elements], flux.swapaxes(2, 3))
         return parts.sum(axis=1).reshape(len(self.elements), -1)
-
-    def element_tangent(self, state: State) -> tuple[Selection, Array]:
-        """Without the column below: only stress that the voltage makes, as it turns."""
-        gradients = self.space.gradients[self.elements]
-        stress = self.voltage(state) * self._moduli[:, :, None, :2]
-        scalar = np.matmul(gradients * stress, gradients.swapaxes(2, 3)).sum(axis=1)
-        blocks = np.einsum("eab,ij->eaibj", scalar, np.eye(3))
-        dofs = self.space.element_dofs.shape[1]
-        return self.elements, blocks.reshape(len(self.elements), dofs, dofs)
 
     def tangent_column(self, state: State) -> Array:
         return self._slope(state) / np.sqrt(self.electrode.capacitance)
 
     def element_action(self, state: State, x: Array) -> Array:
         forces = np.zeros(self.space.element_dofs.shape)
-        step, F = self.space.gradient(x, self.elements), state.deformation_gradient[self.elements]
-        change = float((self._element_slope(F) * x[self.space.element_dofs[self.elements]]).sum())
-        rate = change / self.electrode.capacitance
-        forces[self.elements] = self._element_slope(self.voltage(state) * step + rate * F)
+        slope = self._element_slope(state.deformation_gradient)
+        change = float((slope * x[self.space.element_dofs[self.elements]]).sum())
+        forces[self.elements] = change / self.electrode.capacitance * slope
         return forces
 
     def along(self, state: State, x: Array) -> Array:
