@@ -14,8 +14,7 @@ import scipy.sparse as sp
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.bending_effect import BendingEffect, bending_effect
-from pvdf_fem.film.electric.coupling import Coupling, Floating, coupled, coupling_remark
-from pvdf_fem.film.electric.remark import Remark
+from pvdf_fem.film.electric.coupling import Coupling, Floating, coupled
 from pvdf_fem.film.laws import Law, StVenantKirchhoff, TensionField
 from pvdf_fem.film.layers import Layers
 from pvdf_fem.film.loads.kinds import LOADS, presses_rigidly, rigid_elements
@@ -31,8 +30,6 @@ from pvdf_fem.scene.scene_file import quote
 CONSIDERABLE = 1e-2
 #: What rounding and Newton's last step may leave of balance, relative to the load.
 IMBALANCE = 1e-6
-#: What each effect on the charges but bending says of itself in a scene, or None.
-REMARKS = (coupling_remark,)
 
 
 class FilmModel:
@@ -125,17 +122,12 @@ class FilmModel:
     @property
     def left_out(self) -> tuple[str, ...]:
         """What the model neglects in this scene."""
-        return tuple(remark.text for remark in self._remarks if not remark.included)
+        return (self._bending_remark,)
 
     @property
     def included(self) -> tuple[str, ...]:
         """What the model has beyond the membrane."""
-        return tuple(remark.text for remark in self._remarks if remark.included)
-
-    @property
-    def _remarks(self) -> Iterator[Remark]:
-        yield Remark(self.bends, self._bending_remark)
-        yield from filter(None, (remark(self.scene) for remark in REMARKS))
+        return ()
 
     @property
     def _bending_remark(self) -> str:
@@ -211,6 +203,16 @@ class PlateModel(FilmModel):
         """Bending layers that the elements do not resolve."""
         plate = next(term for term in terms if isinstance(term, Plate))
         return Layers.of(plate, expansion, state)
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Nothing that the membrane leaves out."""
+        return ()
+
+    @property
+    def included(self) -> tuple[str, ...]:
+        """Bending, with the estimate of its effect."""
+        return (self._bending_remark,)
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -40,6 +40,11 @@ class Film(Section):
     zero voltage (``readout.kind = "voltage"``): always, never, or where that could change a charge
     by more than ``numerics.tolerance``.
 
+    `d33_pC_N`, of PVDF negative, is for the charge that a probe's pressure makes on an electrode
+    under it. `warming_K` is a change of the whole film's temperature since the film at rest was
+    zeroed: it loosens the film, and with `pyroelectric_uC_m2K` makes a charge. Without a value such
+    charges are left out.
+
     `compression` says what the model does with compressive stress: ``refuse`` warns of it, counts
     what wrinkles would change as an error, and takes no membrane for a result of which they would
     change a charge by more than a tenth; ``tension-field`` lets the film wrinkle.
@@ -66,6 +71,9 @@ class Film(Section):
     permittivity: Annotated[Finite, within(1.0, 1e6)] = 11.0
     compression: Literal["refuse", "tension-field"] = "refuse"
     coupling: bool | Literal["auto"] = False
+    d33_pC_N: Number | None = None
+    pyroelectric_uC_m2K: Number | None = None
+    warming_K: Annotated[Finite, within(-1e4, 1e4, "K")] | None = None
 
     @field_validator("poisson_ratio")
     @classmethod
@@ -146,10 +154,16 @@ class Film(Section):
         return float(epsilon_0 * self.permittivity - d @ self.stiffness @ d)
 
     @property
+    def zeroed(self) -> Film:
+        """The film at rest before it warmed, whose charges are those at rest."""
+        return self.model_copy(update={"warming_K": None})
+
+    @property
     def strain_at_rest(self) -> NDArray[np.float64]:
         """Elastic strain of the flat clamped film, (3,), with engineering shear."""
         if self.temperature_change_K is not None:
-            strain = -self.thermal_expansion_per_K * self.temperature_change_K
+            change = self.temperature_change_K + (self.warming_K or 0.0)
+            strain = -self.thermal_expansion_per_K * change
             return strain * np.array([1.0, 1.0, 0.0]) + 0.0  # no negative zeros
         return np.asarray(np.linalg.solve(self.stiffness, self.stress_at_rest) + 0.0)
 
@@ -158,7 +172,9 @@ class Film(Section):
         """Stress in Pa, (3,), of the flat clamped film if it carries compression; without shear."""
         if self.pretension_N_m is None:
             return self.stiffness @ self.strain_at_rest
-        return np.append(np.broadcast_to(self.pretension_N_m, 2), 0.0) / self.thickness
+        given = np.append(np.broadcast_to(self.pretension_N_m, 2), 0.0) / self.thickness
+        loosened = self.thermal_expansion_per_K * (self.warming_K or 0.0)
+        return np.asarray(given - self.stiffness @ [loosened, loosened, 0.0])
 
     @property
     def stiffness(self) -> NDArray[np.float64]:

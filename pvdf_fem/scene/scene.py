@@ -180,6 +180,9 @@ class Scene(Section):
             reason = "is too small for d31, d32 and the moduli; give a larger one, or no coupling"
             complaint = problem("film.permittivity", self.film.permittivity, reason)
             complaints = chain(complaints, [complaint])
+        if self.film.coupling and self.film.warming_K:
+            reason = "makes voltages that film.coupling does not know; remove one of the two"
+            complaints = chain(complaints, [problem("film.warming_K", self.film.warming_K, reason)])
         if self.readout is not None:
             names = [electrode.name for electrode in self.electrode_list]
             complaints = chain(complaints, self.readout.mistakes(names))
@@ -222,13 +225,14 @@ class Scene(Section):
             reason = f"is not for {what}, which does not find where a tip touches; give another"
             raise SceneError([problem("load.kind", "contact", reason)])
 
-    def require_plain_charges(self, what: str) -> None:
-        """SceneError for a film whose charges are more than d31, d32 times the short film's stress,
-        which `what` takes them for."""
-        given = {key: getattr(self.film, key) for key in ("coupling",)}
-        reason = f"is not for {what}; remove it"
-        if problems := [problem(f"film.{k}", v, reason) for k, v in given.items() if v]:
-            raise SceneError(problems)
+    def require_plain_charges(self, what: str, *keys: str) -> None:
+        """SceneError for a film with one of the keys, by default any by which its charges are more
+        than d31 and d32 times the stress of the film at zero voltage, and `what` does not know."""
+        keys = keys or ("coupling", "d33_pC_N", "warming_K")
+        given = {key: value for key in keys if (value := getattr(self.film, key))}
+        if given:
+            reason = f"is not for {what}; remove it"
+            raise SceneError([problem(f"film.{k}", v, reason) for k, v in given.items()])
 
     @property
     def single_probe(self) -> Probe | None:

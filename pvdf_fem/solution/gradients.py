@@ -208,6 +208,7 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
     wrinkles, or sticks to a tip, there is none by what its stiffness depends on; of one that feels
     the voltages of electrodes none by d31 and d32 either.
     """
+    scene.require_plain_charges("derivatives", "d33_pC_N")
     probes = tuple(key for key in _touched(scene) if not _hindrance(scene, key))
     sticks = any(touch.load.friction for touch in scene.loaded_probes)
     model = film_model(scene)
@@ -352,16 +353,16 @@ def _rate(adjoint: _Adjoint, key: str) -> Array:
 def _stress_rate(film: Film, key: str) -> StVenantKirchhoff:
     """Derivative of the law by a key, in Pa per unit of it; a pretension that is given stays."""
     name, _, index = key.removeprefix("film.").partition(".")
-    given, added = film.pretension_N_m is not None, np.zeros(3)
+    given, added, zeroed = film.pretension_N_m is not None, np.zeros(3), film.zeroed
     if name == "temperature_change_K":
         added[:] = -film.stiffness[:, :2].sum(axis=1) * film.thermal_expansion_per_K
     elif name == "pretension_N_m":
         added[int(index or 0) : int(index or 1) + 1] = 1.0 / film.thickness
     elif name == "thickness_um":
-        added[:] = -given * film.stress_at_rest / film.thickness_um
+        added[:] = -given * zeroed.stress_at_rest / film.thickness_um
     else:
         stiffness = _stiffness_rate(film, key)
-        return StVenantKirchhoff(stiffness, -given * stiffness @ film.strain_at_rest)
+        return StVenantKirchhoff(stiffness, -given * stiffness @ zeroed.strain_at_rest)
     return StVenantKirchhoff(np.zeros((3, 3)), added)
 
 

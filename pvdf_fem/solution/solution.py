@@ -12,7 +12,8 @@ from skfem import Basis, MeshTri2
 
 from pvdf_fem.arrays import Array, finite
 from pvdf_fem.charges.point_values import PointValues, values_along, values_at
-from pvdf_fem.charges.rest import rest_charges
+from pvdf_fem.charges.rest import rest_charges, warming_charges
+from pvdf_fem.charges.thickness import thickness_charges
 from pvdf_fem.film.electric.coupling import floating
 from pvdf_fem.film.loads.pressure import Leaning, Punch
 from pvdf_fem.film.loads.touchdown import Touchdown
@@ -89,8 +90,15 @@ class Solution:
 
     @property
     def charges_pC(self) -> dict[str, float]:
-        """Total charge of each electrode: what the pretension put there, and the touch."""
-        return self.charges(self.scene.film.d31_pC_N, self.scene.film.d32_pC_N)
+        """Total charge of each electrode: what the pretension put there, the touch, and, where the
+        film has values for them, the probe's pressure and the film's warming."""
+        film, fields, added = self.scene.film, self.fields, warming_charges(self.scene)
+        if film.d33_pC_N is not None:
+            added = added + thickness_charges(fields.equilibrium, fields.state)
+        charges = self.charges(film.d31_pC_N, film.d32_pC_N)
+        return {
+            name: charges[name] + 1e12 * more for name, more in self._by_electrode(added).items()
+        }
 
     @property
     def charge_errors_pC(self) -> dict[str, float]:
@@ -140,7 +148,7 @@ class Solution:
         return voltages
 
     def charges(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
-        """Charges in pC of a film with other piezoelectric coefficients.
+        """Charges in pC, by the stress in the plane, of a film with other piezoelectric coefficients.
 
         Raises ValueError where the film's own ones decide how it deforms, by `film.coupling`.
         """

@@ -20,6 +20,9 @@ from skfem import MeshTri2
 
 from pvdf_fem.charges.forces import charges_of
 from pvdf_fem.charges.goals import Goal, goals_of
+from pvdf_fem.charges.rest import warming_remark
+from pvdf_fem.charges.thickness import thickness_remark
+from pvdf_fem.film.electric.coupling import coupling_remark
 from pvdf_fem.film.loads.profiles import profile_of
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError
@@ -47,6 +50,8 @@ from pvdf_fem.solvers.wrinkling import barely_loaded
 
 #: Relative error of a charge above which a film that is barely loaded is called slack.
 UNKNOWN_CHARGE = 0.1
+#: What effects but bending say of themselves: whether they are included, and a text with their size.
+REMARKS = (coupling_remark, thickness_remark, warming_remark)
 
 
 def solve(
@@ -179,6 +184,7 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
         errors = larger(fields.forces.errors, changes, problem.goals)
         fields = replace(fields, forces=replace(fields.forces, errors=errors))
     model, status = film_model(problem.scene), _status(attempt, stop, change)
+    remarks = [found for remark in REMARKS if (found := remark(problem.scene))]
     reason = status.advice
     if status is Status.TOLERANCE:
         reason = (
@@ -193,8 +199,8 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
         stop,
         tuple(history),
         attempt.result.iterations,
-        model.left_out,
-        model.included,
+        (*model.left_out, *(text for included, text in remarks if not included)),
+        (*model.included, *(text for included, text in remarks if included)),
         (*model.warnings, *admissible.warnings(fields.solved, fields.solved_state, change)),
         problem.clock.seconds(),
         fields,

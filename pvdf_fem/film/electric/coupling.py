@@ -20,7 +20,6 @@ from functools import cached_property
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.film.electric.remark import Remark
 from pvdf_fem.film.loads.contact import guessed_force, guessed_width
 from pvdf_fem.film.membrane import IDENTITY, strain_of, strain_rate
 from pvdf_fem.film.point_load import cube_at, tension_at
@@ -171,12 +170,11 @@ def _part_by_load(electrode: Floating, touch: LoadedProbe) -> float:
     return min(cube_at(film, force, r) / tension_at(film, force, r) ** 3, 1.0) if force else 0.0
 
 
-def coupling_remark(scene: Scene) -> Remark | None:
-    """What coupling changes; None where all electrodes are at zero voltage."""
+def coupling_remark(scene: Scene) -> tuple[bool, str] | None:
+    """Whether coupling is included, and a text with its size; None without floating electrodes."""
     if not (names := ", ".join(electrode.name for electrode in floating(scene))):
         return None
-    text = (
+    return bool(coupled(scene)), (
         f"coupling (film.coupling = {quote(scene.film.coupling)}): could change a charge by up to"
         f" {coupling_effect(scene):.1e} of it; no charge amplifier keeps {names} at zero voltage"
     )
-    return Remark(bool(coupled(scene)), text)

@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from pvdf_fem.arrays import ALL, Array, Indices, Mask, Selection
-from pvdf_fem.film.loads.pressure import DeadPressure
+from pvdf_fem.film.loads.pressure import DeadPressure, shared
 from pvdf_fem.film.membrane import IDENTITY, Membrane, strain_of
 from pvdf_fem.film.point_load import point_force, tension_at
 from pvdf_fem.film.space import Space, shape_values
@@ -177,6 +177,8 @@ class Contact(DeadPressure):
         Scalar dofs that rest on the tip.
     """
 
+    edge_share = 0.5
+
     def __init__(self, touch: LoadedProbe, space: Space, part: MirroredPart = WHOLE) -> None:
         super().__init__(touch, space, part)
         self.tip: Tip = touch.tip
@@ -206,6 +208,9 @@ class Contact(DeadPressure):
     def forces(self, state: State) -> Array:
         """None on the dofs: the force is on the depth."""
         return np.zeros(self.space.dof_count)
+
+    def pressed(self, film_forces: Array) -> Array:
+        return shared(self.space, self.patch, film_forces)
 
     # --- the map from the unknowns' dofs, whose deflections here are the depth, to the film's
 
