@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from pvdf_fem.arrays import Array
 from pvdf_fem.charges.goals import areas_of, coefficients_of, goals_of
 from pvdf_fem.film.models import film_model
 from pvdf_fem.scene.scene import Scene
-
 
 #: Pyroelectric coefficient of PVDF in µC/(m² K), by which charges that are left out are estimated.
 TYPICAL_UC_M2K = 25.0
@@ -24,10 +21,9 @@ def rest_charges(scene: Scene) -> Array:
     return areas_of(goals) * (coefficients_of(goals) @ stress[:2])
 
 
-def warming_charges(scene: Scene, typical_uC_m2K: float = 0.0) -> Array:
+def warming_charges(scene: Scene) -> Array:
     """Pyroelectric charge in C of each electrode of the film that warms, (electrodes,)."""
-    given, warming = scene.film.pyroelectric_uC_m2K, scene.film.warming_K or 0.0
-    coefficient = typical_uC_m2K if given is None else given
+    coefficient, warming = scene.film.pyroelectric_uC_m2K or 0.0, scene.film.warming_K or 0.0
     return 1e-6 * coefficient * warming * areas_of(goals_of(scene))
 
 
@@ -36,8 +32,7 @@ def warming_remark(scene: Scene) -> tuple[bool, str] | None:
     warming, given = scene.film.warming_K, scene.film.pyroelectric_uC_m2K
     if not warming:
         return None
-    charge = 1e12 * np.abs(warming_charges(scene, TYPICAL_UC_M2K)).max(initial=0.0)
-    typical = "" if given is not None else f" with {TYPICAL_UC_M2K:g}, as film.pyroelectric_uC_m2K"
-    typical += " is not given" * (given is None)
-    text = f"pyroelectric charge (film.warming_K = {warming:g}): up to {charge:.3g} pC{typical}"
+    said = f"{given:g}" if given is not None else f"not given; it would be about {TYPICAL_UC_M2K:g}"
+    density = warming * (TYPICAL_UC_M2K if given is None else given)
+    text = f"pyroelectricity (film.pyroelectric_uC_m2K = {said}): {density:.3g} pC/mm2"
     return given is not None, text

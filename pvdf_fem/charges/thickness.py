@@ -10,7 +10,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.contact import first_contacts, guessed_force
+from pvdf_fem.film.loads.contact import guessed_force, guessed_press
 from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.gmsh_mesh import electrode_patch
@@ -23,35 +23,31 @@ TYPICAL_PC_N = -15.0
 
 def thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
     """Charge in C by d33 of each electrode of the whole film, (electrodes,)."""
-    d33, patches = equilibrium.film.d33_pC_N or 0.0, equilibrium.space.mesh.subdomains
-    forces = equilibrium.film_forces(state)
-    pressed = np.zeros(equilibrium.space.mesh.nelements)
+    d33, mesh = equilibrium.film.d33_pC_N or 0.0, equilibrium.space.mesh
+    forces, pressed = equilibrium.film_forces(state), np.zeros(mesh.nelements)
     for load in equilibrium.loads:
         pressed[load.patch] += load.pressed(forces)
-    names = [electrode.name for electrode in equilibrium.scene.electrode_list]
-    on = [pressed[patches[electrode_patch(name)]].sum() for name in names]
+    patches = (electrode_patch(electrode.name) for electrode in equilibrium.scene.electrode_list)
+    on = [pressed[mesh.subdomains[patch]].sum() for patch in patches]
     return -0.5e-12 * d33 * np.array(on)
 
 
 def thickness_remark(scene: Scene) -> tuple[bool, str] | None:
-    """Whether the charge by d33 is included, and its size; None where none is pressed."""
-    d33 = TYPICAL_PC_N if scene.film.d33_pC_N is None else scene.film.d33_pC_N
-    on = {
-        e.name: sum(_about(scene, touch, e.outline) for touch in scene.loaded_probes)
-        for e in scene.electrode_list
-    }
-    name, force = max(on.items(), key=lambda item: item[1], default=("", 0.0))
-    if not force:
+    """Whether the charge by d33 is included, and its size; None where no electrode is pressed."""
+    given, touches, electrodes = scene.film.d33_pC_N, scene.loaded_probes, scene.electrode_list
+    on = [sum(_about(scene, touch, e.outline) for touch in touches) for e in electrodes]
+    if not any(on):
         return None
-    said = f"{d33:g}" if scene.film.d33_pC_N is not None else f"not given; it would be {d33:g}"
-    text = f"thickness direction (film.d33_pC_N = {said}): about {-0.5 * d33 * force:.2g} pC on"
-    return scene.film.d33_pC_N is not None, f"{text} {name}, on which a probe presses"
+    d33, most = TYPICAL_PC_N if given is None else given, int(np.argmax(on))
+    said = f"{given:g}" if given is not None else f"not given; it would be about {d33:g}"
+    size = f"about {-0.5 * d33 * on[most]:.2g} pC on {electrodes[most].name}, which a probe presses"
+    return given is not None, f"thickness direction (film.d33_pC_N = {said}): {size}"
 
 
 def _about(scene: Scene, touch: LoadedProbe, electrode: Outline) -> float:
     """About the force in N of a touch that presses on an electrode."""
-    probe = first_contacts(scene).get(touch.patch, touch.outline).polygon
+    (outline, _), force = guessed_press(scene, touch), guessed_force(touch.load, scene.film)
+    probe, at_edge = outline.polygon, LOADS[touch.load.kind].edge_share
     inside, edge = (electrode.polygon.intersection(x) for x in (probe, probe.exterior))
-    at_edge = LOADS[touch.load.kind].edge_share
-    share = at_edge * edge.length / probe.length + (1.0 - at_edge) * inside.area / probe.area
-    return float(share) * guessed_force(touch.load, scene.film)
+    along, over = edge.length / probe.length, inside.area / probe.area
+    return float(at_edge * along + (1.0 - at_edge) * over) * force

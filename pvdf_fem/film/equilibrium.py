@@ -37,28 +37,7 @@ ROUNDING = 1e-13
 
 
 class Equilibrium:
-    """The nonlinear equations of a scene on a mesh: the derivative of its energy vanishes.
-
-    Parameters
-    ----------
-    scene : Scene
-    mesh : MeshTri2
-        From `mesh_scene`.
-    order : int
-        Polynomial order of the displacement.
-    part : MirroredPart, optional
-        The part of the film that the mesh is of, where that is not all of it.
-
-    Attributes
-    ----------
-    model : FilmModel
-        Membrane, plate or tension field.
-    space : Space
-    terms : list of Term
-        The membrane, first, the loads and, where the film bends, the plate.
-    unknowns : Unknowns
-        The map from dofs to unknowns.
-    """
+    """The nonlinear equations of a scene on a mesh of it, or of a part: stationary energy."""
 
     def __init__(
         self, scene: Scene, mesh: MeshTri2, order: int = 2, part: MirroredPart = WHOLE
@@ -66,6 +45,7 @@ class Equilibrium:
         self.scene, self.film, self.part = scene, scene.film, part
         self.model = film_model(scene)
         self.space = Space(mesh, order)
+        #: The membrane, first, the loads, coupling and, where the film bends, the plate.
         self.terms: list[Term] = self.model.terms(self.space, part)
         rim = self.space.basis.get_dofs(RIM).all()
         self.rim_dofs = (3 * rim[:, None] + np.arange(3)).ravel()
@@ -177,9 +157,8 @@ class Equilibrium:
         """Derivative of `residual` in N/m."""
         columns = [c for term in self.terms if (c := term.tangent_column(state)) is not None]
         sparse = self.sparse_tangent(state)
-        if not columns:
-            return sparse
-        return Raised(sparse, self.on_unknowns(state, np.stack(columns, axis=-1)))
+        places = self.on_unknowns(state, np.transpose(columns)) if columns else None
+        return sparse if places is None else Raised(sparse, places)
 
     def sparse_tangent(self, state: State) -> sp.csc_matrix:
         """The tangent without the columns of terms that couple many elements."""

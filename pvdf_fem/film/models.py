@@ -120,18 +120,12 @@ class FilmModel:
         return None
 
     @property
-    def left_out(self) -> tuple[str, ...]:
-        """What the model neglects in this scene."""
-        return (self._bending_remark,)
-
-    @property
-    def included(self) -> tuple[str, ...]:
-        """What the model has beyond the membrane."""
-        return ()
-
-    @property
-    def _bending_remark(self) -> str:
-        return f"bending (film.bending = {quote(self.scene.film.bending)}): {self.effect}"
+    def remark(self) -> tuple[bool, str]:
+        """Whether bending is included, and a text with the estimate of its effect."""
+        return (
+            self.bends,
+            f"bending (film.bending = {quote(self.scene.film.bending)}): {self.effect}",
+        )
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -203,16 +197,6 @@ class PlateModel(FilmModel):
         """Bending layers that the elements do not resolve."""
         plate = next(term for term in terms if isinstance(term, Plate))
         return Layers.of(plate, expansion, state)
-
-    @property
-    def left_out(self) -> tuple[str, ...]:
-        """Nothing that the membrane leaves out."""
-        return ()
-
-    @property
-    def included(self) -> tuple[str, ...]:
-        """Bending, with the estimate of its effect."""
-        return (self._bending_remark,)
 
     @property
     def warnings(self) -> tuple[str, ...]:

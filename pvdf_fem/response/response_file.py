@@ -46,7 +46,7 @@ class ResponseError(FileError):
 def mechanics_of(scene: Scene) -> str:
     """What the stress about a scene's probe depends on, wherever it is and whatever its force.
 
-    Raises `ValueError` for a depth in place of a force, and for charges that are not plain.
+    Raises `ValueError` for a depth in place of a force.
     """
     if (depth_mm := scene.load.depth_mm) is not None:
         raise ValueError(f"load.depth_mm = {depth_mm:g}: a response is of forces; remove it")

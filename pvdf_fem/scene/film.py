@@ -69,8 +69,8 @@ class Film(Section):
     d31_pC_N: Number = 8.0
     d32_pC_N: Number = 8.0
     permittivity: Annotated[Finite, within(1.0, 1e6)] = 11.0
-    compression: Literal["refuse", "tension-field"] = "refuse"
     coupling: bool | Literal["auto"] = False
+    compression: Literal["refuse", "tension-field"] = "refuse"
     d33_pC_N: Number | None = None
     pyroelectric_uC_m2K: Number | None = None
     warming_K: Annotated[Finite, within(-1e4, 1e4, "K")] | None = None
@@ -110,16 +110,10 @@ class Film(Section):
 
     @field_validator("compression")
     @classmethod
-    def _wrinkles_have_no_bending(cls, value: str, info: ValidationInfo) -> str:
-        if value == "tension-field" and info.data.get("bending"):
-            raise refusal("is of a film without bending; give film.bending = false")
-        return value
-
-    @field_validator("coupling")
-    @classmethod
-    def _wrinkles_have_no_voltage(cls, value: Any, info: ValidationInfo) -> Any:
-        if value and info.data.get("compression") == "tension-field":
-            raise refusal('is of a film that bears compression; give film.compression = "refuse"')
+    def _wrinkles_are_alone(cls, value: str, info: ValidationInfo) -> str:
+        for key in ("bending", "coupling"):
+            if value == "tension-field" and info.data.get(key):
+                raise refusal(f"is of a film without {key}; give film.{key} = false")
         return value
 
     @property

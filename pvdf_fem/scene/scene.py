@@ -176,13 +176,12 @@ class Scene(Section):
         if self.film.bending is True and any(t.load.kind == "contact" for t in self.loaded_probes):
             reason = 'is not for tips; give "auto" or false, and its effect is estimated'
             complaints = chain(complaints, [problem("film.bending", True, reason)])
-        if self.film.coupling and self.film.clamped_permittivity <= 0.0:
-            reason = "is too small for d31, d32 and the moduli; give a larger one, or no coupling"
-            complaint = problem("film.permittivity", self.film.permittivity, reason)
-            complaints = chain(complaints, [complaint])
-        if self.film.coupling and self.film.warming_K:
-            reason = "makes voltages that film.coupling does not know; remove one of the two"
-            complaints = chain(complaints, [problem("film.warming_K", self.film.warming_K, reason)])
+        film = self.film
+        if film.coupling and (film.warming_K or film.clamped_permittivity <= 0.0):
+            reason = (
+                "is not for film.warming_K, nor for so large d31, d32 at this film.permittivity"
+            )
+            complaints = chain(complaints, [problem("film.coupling", film.coupling, reason)])
         if self.readout is not None:
             names = [electrode.name for electrode in self.electrode_list]
             complaints = chain(complaints, self.readout.mistakes(names))
@@ -228,11 +227,10 @@ class Scene(Section):
     def require_plain_charges(self, what: str, *keys: str) -> None:
         """SceneError for a film with one of the keys, by default any by which its charges are more
         than d31 and d32 times the stress of the film at zero voltage, and `what` does not know."""
-        keys = keys or ("coupling", "d33_pC_N", "warming_K")
-        given = {key: value for key in keys if (value := getattr(self.film, key))}
-        if given:
-            reason = f"is not for {what}; remove it"
-            raise SceneError([problem(f"film.{k}", v, reason) for k, v in given.items()])
+        given = {k: getattr(self.film, k) for k in keys or ("coupling", "d33_pC_N", "warming_K")}
+        reason = f"is not for {what}; remove it"
+        if wrong := [problem(f"film.{k}", v, reason) for k, v in given.items() if v]:
+            raise SceneError(wrong)
 
     @property
     def single_probe(self) -> Probe | None:

@@ -139,9 +139,9 @@ def _finer(found: Gradients, tolerance: float, least: float = 2e-8) -> Solution:
     aim = 0.5 * tolerance / worst * scene.numerics.tolerance
     if aim > least:
         # the tolerance must not choose anew whether the film bends or feels voltages
-        model, changes = film_model(scene), {"numerics.tolerance": aim}
-        choices = {"film.bending": model.bends, "film.coupling": not model.electrodes_only_read}
-        finer = solve(scene.with_(**changes, **choices))
+        model = film_model(scene)
+        chosen = {"film.bending": model.bends, "film.coupling": bool(model.floating)}
+        finer = solve(scene.with_(**chosen, **{"numerics.tolerance": aim}))
         if finer.status is Status.CONVERGED:
             return finer
         reason = f"with charges to {aim:.1e}: {finer.reason}"

@@ -17,7 +17,6 @@ from pvdf_fem.charges.thickness import thickness_charges
 from pvdf_fem.film.electric.coupling import floating
 from pvdf_fem.film.loads.pressure import Leaning, Punch
 from pvdf_fem.film.loads.touchdown import Touchdown
-from pvdf_fem.film.models import film_model
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.fields import Fields, largest
@@ -33,36 +32,20 @@ class NotConvergedError(RuntimeError):
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """How a solve ended and, if it converged, its fields and charges.
-
-    Attributes
-    ----------
-    scene : Scene
-    status : Status
-        `Status.CONVERGED`, or why there is no result.
-    reason : str
-        The status in words, with what to change.
-    stop : Stop
-        Why no further mesh was made.
-    history : tuple of MeshRecord
-        Every mesh with its unknowns, iterations, worst error and seconds.
-    iterations : tuple of Iteration
-        Newton's table on the last mesh.
-    left_out, included, warnings : tuple of str
-        What the model neglects in this scene; what it has beyond the membrane; what to look at.
-    seconds : dict
-        ``mesh``, ``solve``, ``estimate``, ``refine`` and ``total``.
-    """
+    """How a solve ended and, if it converged, its fields and charges."""
 
     scene: Scene
-    status: Status
-    reason: str
-    stop: Stop = Stop.NO_EQUILIBRIUM
+    status: Status  #: `Status.CONVERGED`, or why there is no result.
+    reason: str  #: The status in words, with what to change.
+    stop: Stop = Stop.NO_EQUILIBRIUM  #: Why no further mesh was made.
+    #: Every mesh with its unknowns, iterations, worst error and seconds.
     history: tuple[MeshRecord, ...] = ()
-    iterations: tuple[Iteration, ...] = ()
+    iterations: tuple[Iteration, ...] = ()  #: Newton's table on the last mesh.
+    #: What the model neglects in this scene; what it has beyond the membrane; what to look at.
     left_out: tuple[str, ...] = ()
     included: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    #: ``mesh``, ``solve``, ``estimate``, ``refine`` and ``total``.
     seconds: dict[str, float] = field(default_factory=dict)
     _fields: Fields | None = None
 
@@ -92,13 +75,12 @@ class Solution:
     def charges_pC(self) -> dict[str, float]:
         """Total charge of each electrode: what the pretension put there, the touch, and, where the
         film has values for them, the probe's pressure and the film's warming."""
-        film, fields, added = self.scene.film, self.fields, warming_charges(self.scene)
+        film, fields = self.scene.film, self.fields
+        charges = fields.forces.charges((film.d31_pC_N, film.d32_pC_N))
+        charges += 1e12 * warming_charges(self.scene)
         if film.d33_pC_N is not None:
-            added = added + thickness_charges(fields.equilibrium, fields.state)
-        charges = self.charges(film.d31_pC_N, film.d32_pC_N)
-        return {
-            name: charges[name] + 1e12 * more for name, more in self._by_electrode(added).items()
-        }
+            charges += 1e12 * thickness_charges(fields.equilibrium, fields.state)
+        return self._by_electrode(charges)
 
     @property
     def charge_errors_pC(self) -> dict[str, float]:
@@ -140,22 +122,13 @@ class Solution:
     def voltages_V(self) -> dict[str, float]:
         """What each electrode's voltage comes to by a touch, at once, with the charge's sign: zero
         under a charge amplifier, else the charge over the capacitance of electrode and cable."""
-        changes = self.charge_changes_pC
-        voltages = dict.fromkeys(changes, 0.0)
-        for name in (electrode.name for electrode in floating(self.scene)):
-            (channel,) = (channel for channel in channels(self.scene) if channel.name == name)
-            voltages[name] = changes[name] / 1e12 / channel.capacitance
-        return voltages
+        capacitances = {channel.name: channel.capacitance for channel in channels(self.scene)}
+        wired = {electrode.name for electrode in floating(self.scene)}
+        changes = self.charge_changes_pC.items()
+        return {n: 1e-12 * q / capacitances[n] if n in wired else 0.0 for n, q in changes}
 
     def charges(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
-        """Charges in pC, by the stress in the plane, of a film with other piezoelectric coefficients.
-
-        Raises ValueError where the film's own ones decide how it deforms, by `film.coupling`.
-        """
-        film = self.scene.film
-        own = (d31_pC_N, d32_pC_N) == (film.d31_pC_N, film.d32_pC_N)
-        if not (own or film_model(self.scene).electrodes_only_read):
-            raise ValueError("film.coupling: other d31 and d32 have other voltages; solve again")
+        """Charges in pC of as stressed a film with other piezoelectric coefficients."""
         return self._by_electrode(self.fields.forces.charges((d31_pC_N, d32_pC_N)))
 
     def charge_errors(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:

@@ -50,7 +50,7 @@ from pvdf_fem.solvers.wrinkling import barely_loaded
 
 #: Relative error of a charge above which a film that is barely loaded is called slack.
 UNKNOWN_CHARGE = 0.1
-#: What effects but bending say of themselves: whether they are included, and a text with their size.
+#: Whether effects but bending are included, and texts with their sizes.
 REMARKS = (coupling_remark, thickness_remark, warming_remark)
 
 
@@ -184,7 +184,8 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
         errors = larger(fields.forces.errors, changes, problem.goals)
         fields = replace(fields, forces=replace(fields.forces, errors=errors))
     model, status = film_model(problem.scene), _status(attempt, stop, change)
-    remarks = [found for remark in REMARKS if (found := remark(problem.scene))]
+    others = (remark(problem.scene) for remark in REMARKS)
+    remarks = [model.remark, *filter(None, others)]
     reason = status.advice
     if status is Status.TOLERANCE:
         reason = (
@@ -199,8 +200,8 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
         stop,
         tuple(history),
         attempt.result.iterations,
-        (*model.left_out, *(text for included, text in remarks if not included)),
-        (*model.included, *(text for included, text in remarks if included)),
+        tuple(text for included, text in remarks if not included),
+        tuple(text for included, text in remarks if included),
         (*model.warnings, *admissible.warnings(fields.solved, fields.solved_state, change)),
         problem.clock.seconds(),
         fields,

@@ -93,7 +93,8 @@ def factorise(matrix: sp.csc_matrix | Raised) -> SuperLU:
 def negative_pivots(factors: SuperLU) -> int:
     """Number of negative eigenvalues of a symmetric matrix, by Sylvester's law of inertia."""
     if isinstance(factors, RaisedFactors):
-        return negative_pivots(factors.factors) - factors.lifted
+        raised = int((np.linalg.eigvalsh(factors.small) < 0.0).sum())
+        return negative_pivots(factors.factors) - raised
     return int((factors.U.diagonal() < 0).sum())
 
 

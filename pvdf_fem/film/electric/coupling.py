@@ -4,11 +4,11 @@ A charge amplifier keeps its electrode at no voltage. Any other electrode shares
 what it is wired to: on a capacitance C_L, zero where it is open, the strain E since the film at
 rest makes::
 
-    q = ∫ e : E dA,    e = d : C,    V = -q/(C + C_L),    C = ε_S A/h,    ε_S = ε_T - d : C : d
+    q = ∫ e : E dA,    e = d : C,    V = q/(C + C_L),    C = ε_S A/h,    ε_S = ε_T - d : C : d
 
-with the permittivity ε_T at constant stress, ``film.permittivity``. Under it the stress is
-S = C : (E + E0) - e V/h, so that the film's energy gains q²/(2 (C + C_L)). The charge ∫ d : S dA of
-that stress is what a channel reads, as it is without coupling: -V times (ε_T A/h + C_L).
+with the permittivity ε_T at constant stress, ``film.permittivity``. It adds e V/h to the stress S
+and q²/(2 (C + C_L)) to the film's energy. The charge ∫ d : S dA of all stress is what a channel
+reads, as it is without coupling: V times (ε_T A/h + C_L).
 """
 
 from __future__ import annotations
@@ -20,34 +20,34 @@ from functools import cached_property
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.film.loads.contact import guessed_force, guessed_width
+from pvdf_fem.film.loads.contact import guessed_press
 from pvdf_fem.film.membrane import IDENTITY, strain_of, strain_rate
-from pvdf_fem.film.point_load import cube_at, tension_at
+from pvdf_fem.film.point_load import part_by_force
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State, Term
 from pvdf_fem.mesh.gmsh_mesh import electrode_patch
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import Outline
+from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 from pvdf_fem.scene.scene_file import quote
 
-#: What is left of a stress of its own in a small part of a film that holds it: (1 - ν)/2 and, for a
-#: shear, (1 + ν)/4 in a disc (Eshelby).
-RELAXED = 0.4
+#: Stress of its own that a small part of a film keeps: (1 - ν)/2, of a shear (1 + ν)/4 (Eshelby).
+KEPT = 0.4
 
 
 @dataclass(frozen=True, eq=False)
 class Floating:
-    """An electrode of a film that no amplifier keeps at zero voltage, wired to `load` in F."""
+    """An electrode that no amplifier keeps at zero voltage, wired to `load` in F."""
 
-    film: Film
     name: str
     outline: Outline
+    film: Film
     load: float
 
-    @property
-    def stress_coefficients(self) -> Array:
-        """e in C/m², (3,): components 11, 22, 12."""
+    @cached_property
+    def e(self) -> Array:
+        """Stress over field in C/m², (3,)."""
         return self.film.stiffness @ [self.film.d31, self.film.d32, 0.0]
 
     @cached_property
@@ -58,19 +58,24 @@ class Floating:
 
     @cached_property
     def share(self) -> Array:
-        """Forces X, Y in N that the voltage adds over those since the film at rest, (2, 2)."""
-        d, e = (self.film.d31, self.film.d32), self.stress_coefficients[:2]
-        return np.outer(e, d) * self.outline.area / self.film.thickness / self.capacitance
-
-    @property
-    def gain(self) -> float:
-        """What the voltage adds to a charge that strain makes, over that charge."""
-        return float(np.trace(self.share))
+        """Forces X, Y that the voltage adds over those since the film at rest, (2, 2)."""
+        over = self.outline.area / self.film.thickness / self.capacitance
+        return over * np.outer(self.e[:2], [self.film.d31, self.film.d32])
 
     def with_voltage(self, forces: Array) -> Array:
-        """Forces X, Y of the whole stress, (2,), of those of the strain."""
+        """Forces X, Y in N, (2,), of all stress, from those of the strain's."""
         rest = self.film.stress_at_rest[:2] * self.outline.area
         return np.asarray(forces + self.share @ (forces - rest))
+
+    def effect(self, scene: Scene, touch: LoadedProbe) -> float:
+        """About the part of its charge by which coupling changes what a touch makes of it."""
+        film, area = self.film, self.outline.area
+        probe, force = guessed_press(scene, touch)
+        own, pressed = np.sqrt([area / np.pi, probe.area / np.pi])
+        # an electrode under the probe has its mean tension at about half its radius
+        r = max(math.dist(self.outline.centroid, probe.centroid) - own, pressed, 0.5 * own)
+        kept = KEPT + (1.0 - KEPT) * area / (np.pi * film.radius**2)
+        return float(np.trace(self.share)) * kept * part_by_force(film, force, r)
 
 
 class Coupling(Term):
@@ -79,45 +84,38 @@ class Coupling(Term):
     def __init__(self, electrode: Floating, space: Space) -> None:
         self.electrode, self.space = electrode, space
         self.elements: Indices = space.mesh.subdomains[electrode_patch(electrode.name)]
-        self._moduli = space.weights[self.elements, :, None] * electrode.stress_coefficients
+        self._moduli = space.weights[self.elements, :, None] * electrode.e
 
     def charge(self, strain: Array) -> float:
-        """q in C of the strain (elements, points, 3) of the whole film."""
+        """q in C of the whole film's strain."""
         return float((strain[self.elements] * self._moduli).sum())
 
     def voltage(self, state: State) -> float:
-        """-V in V, which has the sign of the charge."""
+        """V in V."""
         return self.charge(state.strain) / self.electrode.capacitance
 
     def energy(self, state: State) -> float:
         return 0.5 * self.voltage(state) * self.charge(state.strain)
 
+    def slope(self, state: State) -> Array:
+        """Derivative of q by the dofs in C/m, (dofs,): integrals of e : sym(Fᵀ grad v)."""
+        flux = state.deformation_gradient[self.elements] * self._moduli[:, :, None, :2]
+        parts = np.matmul(self.space.gradients[self.elements], flux.swapaxes(2, 3))
+        return self.space.sum(parts.sum(axis=1), self.elements)
+
     def residual(self, state: State) -> Array:
-        return self.voltage(state) * self._slope(state)
+        return self.voltage(state) * self.slope(state)
 
     def added_stress(self, state: State) -> tuple[Indices, Array]:
-        stress = self.voltage(state) / self.electrode.film.thickness
-        return self.elements, stress * self.electrode.stress_coefficients
-
-    def _slope(self, state: State) -> Array:
-        """Derivative of q by the dofs in C/m, (dofs,)."""
-        return self.space.sum(self._element_slope(state.deformation_gradient), self.elements)
-
-    def _element_slope(self, F: Array) -> Array:
-        """Integrals of e : sym(Fᵀ grad v), (elements of the electrode, dofs of one)."""
-        flux = F[self.elements] * self._moduli[:, :, None, :2]
-        parts = np.matmul(self.space.gradients[self.elements], flux.swapaxes(2, 3))
-        return parts.sum(axis=1).reshape(len(self.elements), -1)
+        film = self.electrode.film
+        return self.elements, self.voltage(state) / film.thickness * self.electrode.e
 
     def tangent_column(self, state: State) -> Array:
-        return self._slope(state) / np.sqrt(self.electrode.capacitance)
+        return self.slope(state) / np.sqrt(self.electrode.capacitance)
 
-    def element_action(self, state: State, x: Array) -> Array:
-        forces = np.zeros(self.space.element_dofs.shape)
-        slope = self._element_slope(state.deformation_gradient)
-        change = float((slope * x[self.space.element_dofs[self.elements]]).sum())
-        forces[self.elements] = change / self.electrode.capacitance * slope
-        return forces
+    def action(self, state: State, x: Array) -> Array:
+        column = self.tangent_column(state)
+        return column * (column @ x)
 
     def along(self, state: State, x: Array) -> Array:
         step = self.space.gradient(x)
@@ -129,11 +127,9 @@ class Coupling(Term):
 
 def floating(scene: Scene) -> tuple[Floating, ...]:
     """The electrodes of a scene that no charge amplifier keeps at zero voltage."""
-    readout, film = scene.readout, scene.film
-    if readout is None:
-        return ()
+    readout, film = scene.readout or Readout(), scene.film
     return tuple(
-        Floating(film, e.name, e.outline, readout.of("cable_capacitance_pF", e.name) / 1e12)
+        Floating(e.name, e.outline, film, readout.of("cable_capacitance_pF", e.name) / 1e12)
         for e in scene.electrode_list
         if readout.of("kind", e.name) == "voltage"
     )
@@ -147,27 +143,9 @@ def coupled(scene: Scene) -> tuple[Floating, ...]:
 
 
 def coupling_effect(scene: Scene) -> float:
-    """About the largest part of a charge that coupling changes: of that which the load makes it is
-    the electrode's gain, of which the film about a small electrode takes two thirds away."""
-    film = np.pi * scene.film.radius**2
-    changes = (
-        e.gain * (RELAXED + (1.0 - RELAXED) * e.outline.area / film) * _part_by_load(e, touch)
-        for e in floating(scene)
-        for touch in scene.loaded_probes
-    )
-    return max(changes, default=0.0)
-
-
-def _part_by_load(electrode: Floating, touch: LoadedProbe) -> float:
-    """Part of an electrode's tension that a touch makes, (N - N0)/N, as for bending."""
-    film, outline = electrode.film, electrode.outline
-    tip = touch.load.kind == "contact"
-    probe = touch.tip.grown(guessed_width(touch, film)) if tip else touch.outline
-    force = math.hypot(*touch.load.components[:2], guessed_force(touch.load, film))
-    own, pressed = (math.sqrt(x.area / math.pi) for x in (outline, probe))
-    # half its radius is about where an electrode that the probe presses has its mean
-    r = max(math.dist(outline.centroid, probe.centroid) - own, pressed, 0.5 * own)
-    return min(cube_at(film, force, r) / tension_at(film, force, r) ** 3, 1.0) if force else 0.0
+    """About the largest relative change of a charge by coupling."""
+    touches = scene.loaded_probes
+    return max((e.effect(scene, t) for e in floating(scene) for t in touches), default=0.0)
 
 
 def coupling_remark(scene: Scene) -> tuple[bool, str] | None:

@@ -25,18 +25,11 @@ class RaisedFactors:
 
     def __init__(self, matrix: Raised, factors: SuperLU) -> None:
         self.factors, self.columns = factors, matrix.columns
-        self._raising = factors.solve(self.columns)
-        self._small = np.eye(self.columns.shape[1]) + self.columns.T @ self._raising
+        self._spread = {trans: factors.solve(self.columns, trans) for trans in "NT"}
+        #: I + Bᵀ A⁻¹ B: A has as many more negative eigenvalues as this has.
+        self.small = np.eye(self.columns.shape[1]) + self.columns.T @ self._spread["N"]
 
     def solve(self, right: Array, trans: str = "N") -> Array:
         """The solution for right-hand sides (n,) or (n, m), like SuperLU's."""
-        turned = trans == "T"
-        raising = self.factors.solve(self.columns, "T") if turned else self._raising
-        x = self.factors.solve(right, trans)
-        shares = np.linalg.solve(self._small.T if turned else self._small, self.columns.T @ x)
-        return np.asarray(x - raising @ shares)
-
-    @property
-    def lifted(self) -> int:
-        """How many negative eigenvalues a symmetric A has beyond those of A + B Bᵀ."""
-        return int((np.linalg.eigvalsh(self._small) < 0.0).sum())
+        x, small = self.factors.solve(right, trans), self.small if trans == "N" else self.small.T
+        return np.asarray(x - self._spread[trans] @ np.linalg.solve(small, self.columns.T @ x))

@@ -133,15 +133,10 @@ class DeadPressure(Term):
 
 
 class FollowerPressure(DeadPressure):
-    """A pressure that stays normal to the deformed film.
+    """A pressure that stays normal to the deformed film."""
 
-    Attributes
-    ----------
-    following : float
-        Part of the traction that follows the film, from 0, a dead load, to 1. Arc-length
-        continuation raises it where Newton's method does not reach 1 directly.
-    """
-
+    #: Part of the traction that follows the film, from 0, a dead load, to 1. Arc-length
+    #: continuation raises it where Newton's method does not reach 1 directly.
     following = 1.0
 
     @property
