@@ -7,7 +7,6 @@ from typing import Annotated, Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator
-from scipy.constants import epsilon_0
 
 from pvdf_fem.scene.quantity import Finite, Length, Modulus, Number, Section, refusal, within
 from pvdf_fem.scene.scene_file import quote
@@ -144,6 +143,8 @@ class Film(Section):
     @property
     def clamped_permittivity(self) -> float:
         """Permittivity across the film at constant strain in F/m."""
+        from scipy.constants import epsilon_0  # scenes are read without scipy
+
         d = np.array([self.d31, self.d32, 0.0])
         return float(epsilon_0 * self.permittivity - d @ self.stiffness @ d)
 
