@@ -219,7 +219,7 @@ _NO_AXES = {
     "film.d31_pC_N = 8": "axes[{}].film.d31_pC_N = 8: ",
     "film.d31_pC_N = [8, 9]\nfilm.d32_pC_N = [8]": "axes[{}]: ",
     "film.d31_pC_N = [8, nan]": "film.d31_pC_N = nan: ",
-    "film.d33_pC_N = [8]": "film.d33_pC_N = 8: ",
+    "film.d34_pC_N = [8]": "film.d34_pC_N = 8: ",
     "d31_pC_N = [8]": "d31_pC_N",
     "film.d31_pC_N = { start = 1, stop = 2 }": "axes[{}].film.d31_pC_N.count = (nothing): ",
     "film.d31_pC_N = { start = 1, stop = 2, count = 1 }": "axes[{}].film.d31_pC_N.count = 1: ",
