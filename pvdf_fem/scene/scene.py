@@ -176,11 +176,10 @@ class Scene(Section):
         if self.film.bending is True and any(t.load.kind == "contact" for t in self.loaded_probes):
             reason = 'is not for tips; give "auto" or false, and its effect is estimated'
             complaints = chain(complaints, [problem("film.bending", True, reason)])
-        film = self.film
-        if film.coupling and (film.warming_K or film.clamped_permittivity <= 0.0):
-            reason = (
-                "is not for film.warming_K, nor for so large d31, d32 at this film.permittivity"
-            )
+        film, by_edges = self.film, self.numerics.observable != "material"
+        if film.coupling and (film.warming_K or by_edges or film.clamped_permittivity <= 0.0):
+            reason = "is not for film.warming_K, not for charges along edges (numerics.observable),"
+            reason += " nor for d31, d32 so large at film.permittivity; change those or remove it"
             complaints = chain(complaints, [problem("film.coupling", film.coupling, reason)])
         if self.readout is not None:
             names = [electrode.name for electrode in self.electrode_list]

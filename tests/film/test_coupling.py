@@ -155,7 +155,8 @@ def test_estimate_is_between_a_third_and_thirty_times_the_effect(seed):
     random = np.random.default_rng(seed)
     d = random.uniform(3.0, 30.0, 2)
     changes = {"film.d31_pC_N": d[0], "film.d32_pC_N": d[1], "readout.kind": "voltage"}
-    scene = random_scene(random, **changes, **{"numerics.tolerance": 2e-3})
+    changes |= {"numerics.tolerance": 2e-3, "numerics.observable": "material"}
+    scene = random_scene(random, **changes)
     coupled = solve(scene.with_(**{"film.coupling": True}))
     without = solve(scene, mesh=coupled.mesh)
     pairs = zip(coupled.charges_pC.values(), without.charges_pC.values(), strict=True)
@@ -189,6 +190,7 @@ def test_modes_are_stiffened():
 def test_sweeps_solve_alone_and_responses_refuse(solution):
     assert mechanics(WIRED).scaled != mechanics(WIRED.with_(**{"readout": None})).scaled
     (record,) = records_of([WIRED], np.eye(2)[None])
+    assert record.forces.keys() == {"material"}
     assert record.force_errors == record_of(solution).force_errors
     assert record.charges_pC(60.0, -20.0) == pytest.approx(solution.charges_pC, rel=1e-9)
     with pytest.raises(ValueError, match=r"film\.coupling"):
@@ -201,7 +203,8 @@ def test_sweeps_solve_alone_and_responses_refuse(solution):
         ({"film.compression": "tension-field"}, "film.compression"),
         ({"film.coupling": "yes"}, "film.coupling"),
         ({"film.d31_pC_N": 200.0, "film.permittivity": 1.0}, "film.permittivity"),
-        ({"film.warming_K": 1.0}, "film.warming_K"),
+        ({"film.warming_K": 1.0}, "film.coupling"),
+        ({"numerics.observable": "thesis-edge"}, "film.coupling"),
     ],
 )
 def test_impossible_films_are_refused(changes, key):
