@@ -58,7 +58,7 @@ class Observable(ABC):
         """Raise ValueError for an electrode that the observable is not defined for."""
         if not all(self.defined_for(goal) for goal in goals):
             reason = (
-                "needs electrodes that are rectangles along x and y, at no voltage; use material"
+                "needs electrodes that are rectangles along x and y at no voltage; use material"
             )
             raise ValueError(f"observable {self.name!r}: {reason}")
 
