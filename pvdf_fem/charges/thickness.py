@@ -7,6 +7,8 @@ an electrode gains -d33/2 times the force that presses on it, which is not fed b
 from __future__ import annotations
 
 import numpy as np
+import shapely
+from numpy.typing import NDArray
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
@@ -14,7 +16,6 @@ from pvdf_fem.film.loads.contact import guessed_force, guessed_press
 from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.gmsh_mesh import electrode_patch
-from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 #: d33 of PVDF in pC/N, by which charges that are left out are estimated.
@@ -34,20 +35,21 @@ def thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
 
 def thickness_remark(scene: Scene) -> tuple[bool, str] | None:
     """Whether the charge by d33 is included, and its size; None where no electrode is pressed."""
-    given, touches, electrodes = scene.film.d33_pC_N, scene.loaded_probes, scene.electrode_list
-    on = [sum(_about(scene, touch, e.outline) for touch in touches) for e in electrodes]
-    if not any(on):
+    given, electrodes = scene.film.d33_pC_N, scene.electrode_list
+    polygons = np.array([electrode.outline.polygon for electrode in electrodes])
+    on = sum((_about(scene, touch, polygons) for touch in scene.loaded_probes), np.zeros(1))
+    if not on.any():
         return None
-    d33, most = TYPICAL_PC_N if given is None else given, int(np.argmax(on))
+    d33, most = TYPICAL_PC_N if given is None else given, int(on.argmax())
     said = f"{given:g}" if given is not None else f"not given; it would be about {d33:g}"
     size = f"about {-0.5 * d33 * on[most]:.2g} pC on {electrodes[most].name}, which a probe presses"
     return given is not None, f"thickness direction (film.d33_pC_N = {said}): {size}"
 
 
-def _about(scene: Scene, touch: LoadedProbe, electrode: Outline) -> float:
-    """About the force in N of a touch that presses on an electrode."""
+def _about(scene: Scene, touch: LoadedProbe, polygons: NDArray[np.object_]) -> Array:
+    """About the force in N of a touch that presses on each electrode."""
     (outline, _), force = guessed_press(scene, touch), guessed_force(touch.load, scene.film)
     probe, at_edge = outline.polygon, LOADS[touch.load.kind].edge_share
-    inside, edge = (electrode.polygon.intersection(x) for x in (probe, probe.exterior))
-    along, over = edge.length / probe.length, inside.area / probe.area
-    return float(at_edge * along + (1.0 - at_edge) * over) * force
+    inside, edge = (shapely.intersection(polygons, x) for x in (probe, probe.exterior))
+    along, over = shapely.length(edge) / probe.length, shapely.area(inside) / probe.area
+    return np.asarray(force * (at_edge * along + (1.0 - at_edge) * over))

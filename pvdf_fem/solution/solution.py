@@ -77,7 +77,8 @@ class Solution:
         film has values for them, the probe's pressure and the film's warming."""
         film, fields = self.scene.film, self.fields
         charges = fields.forces.charges((film.d31_pC_N, film.d32_pC_N))
-        charges += 1e12 * warming_charges(self.scene)
+        if film.warming_K is not None:
+            charges += 1e12 * warming_charges(self.scene)
         if film.d33_pC_N is not None:
             charges += 1e12 * thickness_charges(fields.equilibrium, fields.state)
         return self._by_electrode(charges)
