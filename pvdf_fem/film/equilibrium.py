@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import replace
 from functools import cached_property, reduce
 from operator import add
 
@@ -119,11 +120,12 @@ class Equilibrium:
     def state(self, q: Array) -> State:
         """Fields of the unknowns `q`."""
         state = self.membrane.state(self.dofs(q))
-        # wrinkles have no voltage: their residual is of the state's whole stress
-        terms = () if self.model.wrinkles else self.terms
-        for elements, stress in filter(None, (term.added_stress(state) for term in terms)):
-            state.stress[elements] += stress
-        return state
+        if not self.model.floating or self.model.wrinkles:
+            return state  # the residual of wrinkles is of the whole stress, which has no voltage
+        added = np.zeros_like(state.stress)
+        for elements, stress in filter(None, (term.added_stress(state) for term in self.terms)):
+            added[elements] += stress
+        return replace(state, stress=state.stress + added, added=added)
 
     def step(self, state: State, step: Array) -> Array:
         """Change of the dofs by a small step of the unknowns from a state."""

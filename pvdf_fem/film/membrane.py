@@ -75,7 +75,7 @@ class Membrane(Term):
 
     def own_stress(self, state: State) -> Array:
         """The stress of the strain alone."""
-        return self.stress(state.strain)
+        return state.stress if state.added is None else state.stress - state.added
 
     def residual(self, state: State) -> Array:
         """Internal forces in N without those of the flat film's pretension, (dofs,).
@@ -238,9 +238,6 @@ class WrinklingMembrane(Membrane):
                 root = self.law.root(self.elastic(state.strain), state.stress)
             self._last_moduli = state, np.matmul(root.swapaxes(-1, -2), root)
         return self._last_moduli[1]
-
-    def own_stress(self, state: State) -> Array:
-        return state.stress
 
     def residual(self, state: State) -> Array:
         """Internal forces in N, (dofs,); a slack flat film has no pretension to leave out."""

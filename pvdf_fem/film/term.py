@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -25,6 +25,8 @@ class State:
     stress: Array
     #: The displacement in m, (dofs,).
     dofs: Array
+    #: What terms add to the stress of the strain, if they do.
+    added: Array | None = field(default=None, kw_only=True)
 
 
 class Assembly(Protocol):
