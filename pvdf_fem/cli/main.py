@@ -53,14 +53,14 @@ scene files are TOML. Their keys, each with a default:
   [load]        force_N, kind (dead, follower, rigid, contact), tangential_N
                 ([Fx, Fy]; dead or stuck); for rigid: contact (sliding, stuck);
                 tilt (held, free); for contact: depth_mm, instead of
-                force_N, friction (0, "stuck"); for dead:
+                force_N, friction (0 to 10, "stuck"); for dead:
                 profile (uniform, hertz, gaussian, or a CSV or NetCDF file),
                 profile_width_mm (of gaussian)
   [numerics]    tolerance (of every charge), observable (material, thesis-edge),
                 max_unknowns (of a mesh; default 60000, more for tolerances
                 below 1e-3), max_seconds (work of one core, counted by unknowns
                 and iterations; default 20, more for tolerances below 1e-3),
-                load_steps (in which film comes to stick to a tip; default 6)
+                load_steps (to friction; default 4, stuck 6)
   [readout]     kind (charge, voltage), feedback_capacitance_pF,
                 feedback_resistance_MOhm, input_resistance_MOhm,
                 cable_capacitance_pF, gain, offset_V, noise_V: each for all

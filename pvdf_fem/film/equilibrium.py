@@ -143,7 +143,11 @@ class Equilibrium:
 
     def residual(self, state: State) -> Array:
         """Internal minus external forces of the unknowns, N."""
-        return self.on_unknowns(state, self.film_forces(state)) - self._tip_forces
+        return self._balanced(state, self.film_forces(state)) - self._tip_forces
+
+    def _balanced(self, state: State, forces: Array) -> Array:
+        """Forces (dofs,) on the unknowns, less what friction of tips bears of them."""
+        return self.unknowns.fold(reduce(lambda f, c: c.balanced(f, state), self.contacts, forces))
 
     @cached_property
     def _tip_forces(self) -> Array:
@@ -188,9 +192,10 @@ class Equilibrium:
         x = self.step(state, step)
         actions = (term.action(state, x) for term in self.terms)
         forces = reduce(add, (force for force in actions if force is not None))
+        turned = np.zeros_like(x)
         for contact in self.contacts:
-            forces += contact.turned(self.film_forces(state), state, x)
-        return self.on_unknowns(state, forces)
+            turned = turned + contact.turned(self.film_forces(state), state, x)
+        return self._balanced(state, forces) + self.unknowns.fold(turned)
 
     def diagonal(self, state: State) -> Array:
         """Diagonal of the tangent without the coupling of shared dofs, (unknowns,)."""
@@ -239,6 +244,13 @@ class Equilibrium:
             other.__dict__.pop(worked_out, None)
         other.terms = [t.as_pressure(self.film) if t in self.contacts else t for t in self.terms]
         other.unknowns = other._unknowns()
+        return other
+
+    def with_friction(self, part: float) -> Equilibrium:
+        """The same film with a part of the friction of its tips."""
+        other = copy(self)
+        other.__dict__.pop("contacts", None)
+        other.terms = [t.rubbed(part) if isinstance(t, Contact) else t for t in self.terms]
         return other
 
     def rim_reaction(self, state: State) -> Array:

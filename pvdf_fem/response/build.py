@@ -254,6 +254,9 @@ def _refuse(scene: Scene, domain: Domain, options: ResponseOptions, tolerance: f
             " cannot follow; take 'dead' or 'follower'"
         )
     mechanics_of(scene)  # refuses a depth
+    if scene.load.friction:
+        friction = f"load.friction: {scene.load.friction!r}"
+        raise ValueError(f"{friction}: a response is of film that slides freely; give 0")
     if scene.load.tangential_N is not None or scene.load.profile != "uniform":
         uniform = "remove load.tangential_N and load.profile"
         raise ValueError(f"load: a response is of a uniform pressure along z; {uniform}")

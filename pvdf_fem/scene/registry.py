@@ -86,9 +86,10 @@ class Load(Section):
     about x and y; otherwise its guide holds it with moments.
 
     ``contact``: a rigid tip, a sphere or a flat probe with `edge_radius_mm`, on which the film
-    slides without friction where it touches; `depth_mm` may take the place of `force_N`. With
-    `friction` ``stuck`` it never slides on a round tip: it keeps the place where it touched, as the
-    load grows from zero in `numerics.load_steps`. Then `tangential_N` moves the tip sideways.
+    slides where it touches; `depth_mm` may take the place of `force_N`. `friction` is Coulomb's
+    coefficient. With ``stuck`` the film never slides on a round tip: it keeps the place where it
+    touched. With either the load grows from zero in `numerics.load_steps`. Then `tangential_N`
+    moves a tip that the film sticks to sideways.
 
     `profile` is ``uniform``, ``hertz``, ``gaussian`` or the path, from the working directory, of a
     CSV or NetCDF file with ``x_mm``, ``y_mm`` and ``pressure`` on a grid in the probe's own axes.
@@ -120,12 +121,16 @@ class Load(Section):
 
     @field_validator("friction")
     @classmethod
-    def _is_none_or_all(cls, value: Any) -> str | float:
+    def _is_a_coefficient_or_all(cls, value: Any) -> str | float:
         if value == "stuck":
             return "stuck"
-        if not isinstance(value, int | float) or isinstance(value, bool) or value != 0.0:
-            raise refusal('is no friction that can be solved; give 0, or "stuck" for no sliding')
-        return 0.0
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not 0.0 <= value <= 10.0
+        ):
+            raise refusal('is no coefficient from 0 to 10; give one, or "stuck" for no sliding')
+        return float(value)
 
     @field_validator("profile")
     @classmethod
@@ -142,7 +147,7 @@ class Load(Section):
             raise refusal('is not of a pressure normal to the film; remove it or give kind "dead"')
         slides = info.data.get("kind") == "contact" and info.data.get("friction") != "stuck"
         if value is not None and slides:
-            raise refusal('slides off without friction; remove it or give friction = "stuck"')
+            raise refusal('is of film that sticks to its tip; remove it or give friction = "stuck"')
         if value is not None and info.data.get("contact") == "sliding":
             raise refusal('slides off without friction; remove it or give contact = "stuck"')
         return value

@@ -67,7 +67,8 @@ class Numerics(Section):
 
     `tolerance` is relative to each charge. Where its parts, d31 S11 and d32 S22, cancel to less
     than 5 % of them, it is relative to 5 % of them, and a warning names charge, parts and error.
-    `load_steps` is the number of steps in which film comes to stick to a tip, 6 by default.
+    `load_steps` is the number of steps in which film comes to stick to a tip, 6 by default, or
+    slides against friction, 4 by default.
     `max_unknowns` is the largest number of unknowns of a mesh. `max_seconds` is the work allowed
     for a solve in seconds of one core, counted by unknowns and iterations, so that a result does
     not depend on the machine's load. A limit that is None is the solver's, which grows where the
@@ -104,7 +105,7 @@ Pressure: TypeAlias = Callable[[Any, Any], Any]
 
 @dataclass(frozen=True)
 class Step:
-    """A step on the way to the loads, and what sticks to tips by patch.
+    """A step on the way to the loads, and what its friction with tips depends on, by patch.
 
     All loads have a `part` of their forces, and `sideways` is that of the ones in the plane.
     """
@@ -122,7 +123,7 @@ class LoadedProbe:
     probe: Probe
     load: Load
     pressure: Pressure | None = None  #: In place of the load's profile, in the probe's own axes.
-    held: Any = None  #: What sticks to a tip, a `pvdf_fem.film.loads.sticking.Sticking`.
+    held: Any = None  #: A `Sticking` or `Displacement` of `pvdf_fem.film.loads`.
 
     @property
     def outline(self) -> Outline:

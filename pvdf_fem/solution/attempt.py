@@ -200,7 +200,7 @@ def _with_errors(attempt: Attempt) -> Attempt:
         # the next order sees a part of the layers only: both errors may have one sign
         by_layers = np.abs(_forces(problem, equilibrium, changed) - forces)
         errors += np.where(errors < 0.0, -by_layers, by_layers)
-    least = _force_errors(_least_errors(attempt, correction), forces, problem.goals)
+    least = force_errors(_least_errors(attempt, correction), forces, problem.goals)
     errors = larger(errors, least, problem.goals)
     # both orders share the elements, and the area that these lack of a round electrode
     defects = area_defects(problem.goals, equilibrium.space, part)[:, None] * np.abs(forces)
@@ -220,7 +220,7 @@ def _errors_by_edges(attempt: Attempt) -> Array:
     duals = factors.solve(equilibrium.on_unknowns(state, gradients), "T")
     by_dof = np.stack([equilibrium.step(state, dual) for dual in duals.T], axis=-1)
     errors = np.sum([edge.errors(by_dof) for edge in attempt.edges], axis=0)
-    return _force_errors(errors, forces, problem.goals)
+    return force_errors(errors, forces, problem.goals)
 
 
 def contact_outlines(scene: Scene, attempt: Attempt | None = None) -> dict[str, Outline]:
@@ -252,7 +252,7 @@ def larger(errors: Array, others: Array, goals: Sequence[Goal]) -> Array:
     return np.where((first >= second)[:, None], errors, others)
 
 
-def _force_errors(errors: Array, forces: Array, goals: Sequence[Goal]) -> Array:
+def force_errors(errors: Array, forces: Array, goals: Sequence[Goal]) -> Array:
     """Errors of forces (goals, 2) that add up to those of the charges, in C, (goals,)."""
     d = coefficients_of(goals)
     parts = np.abs(d * forces)

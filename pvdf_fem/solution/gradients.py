@@ -205,14 +205,14 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
     ``film.pretension_N_m`` has that, or its ``.0`` and ``.1``, in place of
     ``film.temperature_change_K``, and the others at this pretension. A rigid probe has no
     derivative by its place, as the tractions along its edge are singular. Of a film that bends or
-    wrinkles, or sticks to a tip, there is none by what its stiffness depends on; of one that feels
-    the voltages of electrodes none by d31 and d32 either.
+    wrinkles, or touches a tip with friction, there is none by what its stiffness depends on; of one
+    that feels the voltages of electrodes none by d31 and d32 either.
     """
     scene.require_plain_charges("derivatives", "d33_pC_N")
     probes = tuple(key for key in _touched(scene) if not _hindrance(scene, key))
-    sticks = any(touch.load.friction for touch in scene.loaded_probes)
+    rubs = any(touch.load.friction for touch in scene.loaded_probes)
     model = film_model(scene)
-    differentiable = model.film_is_differentiable and model.electrodes_only_read and not sticks
+    differentiable = model.film_is_differentiable and model.electrodes_only_read and not rubs
     film = _film_keys(scene.film) if differentiable else ()
     return (*probes, *film, *(COEFFICIENTS if model.electrodes_only_read else ()))
 
@@ -237,7 +237,7 @@ def _hindrance(scene: Scene, key: str) -> str:
     """Why the charges have no derivative by a key of `_touched`; empty if they have."""
     for touch, _, name in _touched(scene)[key]:
         if touch.load.friction:
-            return "of a tip that film sticks to has no derivative here; give load.friction = 0"
+            return "of a tip with friction has no derivative here; give load.friction = 0"
         if name in _PLACE and (touch.load.profile != "uniform" or touch.pressure):
             return 'of a pressure profile has no derivative here; give load.profile = "uniform"'
         if name in _PLACE and LOADS[touch.load.kind].rigid:

@@ -114,11 +114,11 @@ def solve_goals(
     for touch in scene.loaded_probes:
         profile_of(touch)  # refuses files before any mesh
     budget = Budget.of(scene) if budget is None else budget
-    if steps.sticks(scene):
-        stuck = steps.stuck(scene, lambda s: solve_goals(s, goals, order=order, budget=budget))
-        if isinstance(stuck, Solution):
-            return stuck
-        scene = stuck
+    if steps.takes_steps(scene):
+        stepped = steps.stepped(scene, lambda s: solve_goals(s, goals, order=order, budget=budget))
+        if isinstance(stepped, Solution):
+            return stepped
+        scene = stepped
     problem = Problem(scene, goals, order, budget, Clock())
     loop = _mesh_loop(problem, WHOLE)
     if mesh is not None:

@@ -15,6 +15,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.film.loads.pressure import FollowerPressure
 from pvdf_fem.solvers.arc_length import follow, turned
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.newton import (
@@ -40,6 +41,8 @@ LAST_STEP = 1e-2
 FEW_STEPS = 2
 #: Size of a step on a tip after which the tangent serves on: forces turn with its surface.
 ON_TIP = 1e-2
+#: Steps from a film that slides without friction to one that slides against it.
+FRICTIONS = 3
 #: A path of equilibria is followed only where the budget pays for this number of iterations.
 PATH_ITERATIONS = 50
 
@@ -145,6 +148,26 @@ class LineSearchNewton(Rung):
         return newton(DeferredNewton(task.equilibrium, options, task.budget, near=near), start)
 
 
+class AgainstFriction(LineSearchNewton):
+    """Newton's method against friction, from the film that slides without."""
+
+    name = "Newton from a film without friction"
+
+    def applies(self, task: Task) -> bool:
+        """Where film slides against friction."""
+        return super().applies(task) and any(c.friction for c in task.equilibrium.contacts)
+
+    def solve(self, task: Task) -> NewtonResult:
+        """With a part of the friction after the other."""
+        for part in np.arange(FRICTIONS) / FRICTIONS:
+            sliding = task.equilibrium.with_friction(part)
+            result = super().solve(replace(task, equilibrium=sliding))
+            if not result.converged:
+                return result
+            task.start = result.q
+        return super().solve(task)
+
+
 class NearNewton(Rung):
     """Newton's method for a film that wrinkles, from a near start."""
 
@@ -208,7 +231,8 @@ class ArcLength(Rung):
     def applies(self, task: Task) -> bool:
         """Under a pressure that follows, where the budget pays for it."""
         return (
-            not task.equilibrium.conservative
+            any(isinstance(load, FollowerPressure) for load in task.equilibrium.loads)
+            and not task.equilibrium.conservative
             and task.follow_path
             and (task.other_start is None or task.iterations >= PATH_ITERATIONS)
         )
@@ -234,6 +258,7 @@ LADDER: tuple[Rung, ...] = (
     FlatFilm(),
     OnTip(),
     LineSearchNewton(),
+    AgainstFriction(),
     NearNewton(),
     OtherStart(),
     InteriorPoints(),

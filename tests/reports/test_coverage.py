@@ -12,6 +12,7 @@ from pvdf_fem import Scene
 from pvdf_fem.sweeps import sweep
 from pvdf_fem.sweeps.store import Record
 from reports import thesis
+from reports.chapters import shear
 from reports.chapters.film_placement import chapter as film_placement
 from reports.common.thesis_data import Thesis
 from tests.reports.test_page import Links, assert_links_work
@@ -38,6 +39,8 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Links]:
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(sweep, "records_of", lambda scenes, frames: list(map(made_up, scenes)))
         patched.setattr(film_placement, "DRAWS", 5)
+        patched.setattr(shear, "deviations_N", lambda *of: (np.full(2, 0.1), np.full(2, 0.2)))
+        patched.setattr(shear, "telling_noise", lambda *of: 0.02)
         thesis.main(["--out", str(out), "--processes", "1", "--quiet"])
     return out, assert_links_work(out / "index.html")
 

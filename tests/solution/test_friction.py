@@ -9,6 +9,7 @@ from reports.reference.sphere_contact import Sphere
 
 SPHERE = {"shape": "sphere", "radius_mm": 5.0}
 STUCK = {"load.kind": "contact", "load.friction": "stuck"}
+RUBBED = {"load.kind": "contact", "load.friction": 0.5}
 QUICK = {"numerics.load_steps": 3, "numerics.tolerance": 0.01}
 CENTRED = [{"name": "A", "shape": "circle", "radius_mm": 1.5, "x_mm": 0.0, "y_mm": 0.0}]
 ONE = Scene().with_(probe=SPHERE, electrodes=CENTRED, **STUCK)
@@ -76,9 +77,55 @@ def test_a_touch_between_two_electrodes_charges_them_alike():
 
 
 @pytest.mark.parametrize(
+    ("radius_mm", "edge", "friction"), [(5.0, 1.0e-3, 0.3), (20.0, 2.8e-3, 1.0)]
+)
+def test_a_sphere_slides_against_friction_as_that_of_the_reference(radius_mm, edge, friction):
+    film = ONE.film
+    known = Sphere(film, radius_mm / 1e3).sliding(edge, friction)
+    probe = {"shape": "sphere", "radius_mm": radius_mm}
+    load = {"load.friction": friction, "load.force_N": known.force}
+    solution = solved(ONE.with_(probe=probe, **load))
+    contact = solution.contacts["probe"]
+    narrow, smooth = (
+        Sphere(film, radius_mm / 1e3).sliding(edge, mu).charge_pC(1.5, film) for mu in (friction, 0)
+    )
+    assert contact.depth_mm == pytest.approx(1e3 * known.depth, rel=1e-4)
+    assert np.hypot(*contact.edge_mm.T) == pytest.approx(1e3 * edge, rel=1e-3)
+    assert solution.charges_pC["A"] == pytest.approx(narrow, rel=3e-4)
+    assert abs(narrow - smooth) > 3e-3 * narrow
+
+
+def test_friction_bears_no_more_than_its_part_of_the_force():
+    sphere = {"shape": "sphere", "radius_mm": 20.0, "x_mm": 25.0}
+    scene = Scene().with_(**{"probe": sphere, "load.kind": "contact", "load.friction": 0.4})
+    solution = solved(scene.with_(**QUICK))
+    equilibrium, state = solution.fields.solved, solution.fields.solved_state
+    assert equilibrium.rim_reaction(state) == pytest.approx(-equilibrium.applied_force(state))
+    contact = solution.contacts["probe"]
+    along, across = contact.lateral_N
+    assert 0.2 < along < 0.4 + 0.1  # the tip's slope adds what it bears without friction
+    assert abs(across) < 1e-2 * along
+
+
+def test_the_tangent_against_friction_is_the_derivative_of_the_residual():
+    solution = solved(Scene().with_(probe={**SPHERE, "x_mm": 4.0}, **RUBBED, **QUICK))
+    equilibrium, q = solution.fields.solved, solution.fields.q
+    rng = np.random.default_rng(7)
+    step = 1e-9 * rng.standard_normal(len(q))
+    tangent, state = equilibrium.tangent(equilibrium.state(q)), equilibrium.state(q)
+    ahead, behind = (equilibrium.residual(equilibrium.state(q + s * step)) for s in (1, -1))
+    change = 0.5 * (ahead - behind)
+    assert tangent @ step == pytest.approx(change, abs=1e-5 * abs(change).max())
+    action = equilibrium.action(state, step)
+    assert action == pytest.approx(tangent @ step, abs=1e-12 * abs(change).max())
+
+
+@pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"load.friction": 0.3}, "load.friction"),
+        ({"load.friction": 0.3}, 'load.friction = .*kind = "contact" only'),
+        ({"load.kind": "contact", "load.friction": -0.1}, "load.friction = -0.1: .*from 0 to 10"),
+        ({"load.kind": "contact", "load.friction": True}, "load.friction = True|true"),
         ({"load.friction": "stuck"}, 'load.friction = .*kind = "contact" only'),
         ({"load.kind": "contact", "load.tangential_N": [0.1, 0.0]}, 'friction = "stuck"'),
         (

@@ -12,6 +12,7 @@ curvature, which the contact pressure over the tension across the edge gives, so
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,6 +20,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from pvdf_fem.arrays import ALL, Array, Indices, Mask, Selection
+from pvdf_fem.film.loads.coulomb import LIKE_STICKING, Coulomb
 from pvdf_fem.film.loads.pressure import DeadPressure, shared
 from pvdf_fem.film.membrane import IDENTITY, Membrane, strain_of
 from pvdf_fem.film.point_load import point_force, tension_at
@@ -155,7 +157,11 @@ class Contact(DeadPressure):
         self.touched: Indices = (3 * self.nodes[:, None] + np.arange(3)).ravel()
         self.places: Array = space.basis.doflocs.T[self.nodes]
         moving = self.depth is None, touch.load.tangential_N is not None
-        self._held: Array | None = touch.held and touch.held(self.places)
+        known = touch.held and touch.held(self.places)
+        sticks = touch.load.friction == "stuck"
+        self.friction = 0.0 if sticks else float(touch.load.friction)
+        self._held: Array | None = known if sticks else None
+        self._before = known if self.friction and known is not None else np.zeros(2)
         sideways = () if self._held is None else (self.raised - 2, self.raised - 1)
         self.shared_dofs = sideways * moving[1] + (self.raised,) * moving[0]
         fixed = sideways * (not moving[1]) + (self.raised,) * (not moving[0])
@@ -222,13 +228,48 @@ class Contact(DeadPressure):
         count = self.space.dof_count
         return sp.identity(count, format="csr") + sp.csr_matrix(entries, (count, count))
 
+    def balanced(self, forces: Array, state: State) -> Array:
+        """The forces (dofs,) of the film on the unknowns' dofs, less what friction bears of them.
+
+        Without friction that is `pulled`.
+        """
+        total = forces.reshape(-1, 3).copy()
+        rows = self._coulomb.balance(self._at(state), self._way(state))
+        total[self.nodes, :2] = np.einsum("nij,nj->ni", rows, total[self.nodes])
+        return total.ravel()
+
     def turned(self, forces: Array, state: State, x: Array) -> Array:
-        """Change of the forces (dofs,) pulled to the unknowns' dofs as the tip's slope changes."""
-        result, rows = np.zeros_like(x), x.reshape(-1, 3)[self.nodes, :2]
-        turning = forces[self.raised, None, None] * self._at(state).hessian
-        for axis in (0, 1):
-            result[3 * self.nodes + axis] = -(turning[:, axis] * rows).sum(axis=1)
-        return result
+        """Change of the forces (dofs,) as the way that they are balanced changes."""
+        result, rows = np.zeros((len(x) // 3, 3)), x.reshape(-1, 3)[self.nodes, :2]
+        result[self.nodes, :2] = np.einsum("nij,nj->ni", self._turning(forces, state), rows)
+        return result.ravel()
+
+    def _turning(self, forces: Array, state: State) -> Array:
+        at, way = self._at(state), self._way(state)
+        return self._coulomb.turned(at, way, forces.reshape(-1, 3)[self.nodes])
+
+    def _way(self, state: State) -> Array:
+        """How far the nodes have come since the step before, (n, 2) in m."""
+        return state.dofs.reshape(-1, 3)[self.nodes, :2] - self._before
+
+    @cached_property
+    def _coulomb(self) -> Coulomb:
+        """The friction; the film is stretched about as much as a sphere raises it."""
+        width = 0.5 * float(np.ptp(self.places, axis=0).max())
+        longest = 0.25 * width * (width / self.tip.radius) ** 2
+        return Coulomb(self.friction, LIKE_STICKING * longest)
+
+    @property
+    def conservative(self) -> bool:  # type: ignore[override]
+        """Whether it slides without friction, or not at all."""
+        return self.friction == 0.0
+
+    def rubbed(self, part: float) -> Contact:
+        """The same tip with a part of its friction."""
+        other = copy(self)
+        other.__dict__.pop("_coulomb", None)
+        other.friction = part * self.friction
+        return other
 
     def pulled(self, forces: Array, state: State) -> Array:
         """The forces (dofs, ...) of the film on the unknowns' dofs: the transpose of `pushed`."""
@@ -257,20 +298,20 @@ class Contact(DeadPressure):
         `forces` (dofs,) are the film's at the state: those on the tip turn with its surface.
         """
         height, nodes = self._at(state), self.space.nodes
-        slopes = np.zeros((self.space.basis.N, 2))
-        slopes[self.nodes] = height.slope
+        slopes, rows = np.zeros((self.space.basis.N, 2)), np.zeros((self.space.basis.N, 2, 3))
+        slopes[self.nodes], rows[:, (0, 1), (0, 1)] = height.slope, 1.0
+        rows[self.nodes] = self._coulomb.balance(height, self._way(state))
         blocks = matrices.reshape(*nodes.shape, 3, nodes.shape[1], 3)
         touched = np.flatnonzero(self._rests[nodes].any(axis=1))
         local, here = slopes[nodes[touched]], blocks[touched]
-        for axis in (0, 1):
-            here[:, :, axis] -= local[:, :, axis, None, None] * here[:, :, 2]
+        here[:, :, :2] = np.einsum("enij,enjmk->enimk", rows[nodes[touched]], here)
         for axis in (0, 1):
             here[..., axis] -= local[:, None, None, :, axis] * here[..., 2]
         blocks[touched] = here
         element, place = self._first_places
-        turning = forces[self.raised, None, None] * height.hessian
+        turning = self._turning(forces, state)
         for i, j in np.ndindex(2, 2):
-            np.subtract.at(blocks, (element, place, i, place, j), turning[:, i, j])
+            np.add.at(blocks, (element, place, i, place, j), turning[:, i, j])
         return blocks.reshape(matrices.shape)
 
     @cached_property

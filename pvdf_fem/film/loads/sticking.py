@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,13 +32,15 @@ class Sticking:
     """The displacement u + i v in m of film that sticks, a polynomial about the tip.
 
     `coefficients` (powers, modes) are of (d/`scale`)^i e^(i m angle), d the distance from the core.
-    `lower` is the polynomial of one degree less.
+    `less_exact` is the polynomial of one degree less, and `share` the factor of what that changes
+    which is the error: it covers the errors of the steps' meshes.
     """
 
     tip: DiscTip
     coefficients: NDArray[np.complex128] = field(default_factory=lambda: _NONE)
     scale: float = 1.0
-    lower: Sticking | None = None
+    less_exact: Sticking | None = None
+    share: ClassVar[float] = 3.0
 
     def fitted(self, edges: Sequence[Edge]) -> Sticking:
         """The least squares of what the film is stretched by outside of the edges of steps.
@@ -53,7 +56,7 @@ class Sticking:
         held = np.concatenate([edge.place for edge in edges])[:, :2] @ [1.0, 1j]
         stretch, powers = rate + held / np.abs(z), min(len(edges), MOST_POWERS)
         lower = self._least_squares(z, stretch, powers - 1) if powers > 1 else Sticking(self.tip)
-        return replace(self._least_squares(z, stretch, powers), lower=lower)
+        return replace(self._least_squares(z, stretch, powers), less_exact=lower)
 
     def _least_squares(self, z: Array, stretch: Array, count: int) -> Sticking:
         r, powers = np.abs(z), LOWEST + np.arange(count)
