@@ -74,6 +74,9 @@ def goal_forces(
             forces[:, axis] += np.bincount(sampling.goals, along, len(goals))
     if membrane.added is not None:
         forces += area_integrals(goals, membrane.added.stress, membrane.space.mesh, part)[:, :2]
+    for i, goal in enumerate(goals):
+        if goal.floating is not None:
+            forces[i] = goal.floating.with_voltage(forces[i])
     return forces
 
 
@@ -100,7 +103,7 @@ def goal_gradients(
 ) -> Array:
     """Derivative of each electrode's charge by the dofs in C/m, (dofs, goals). The parameters are
     those of `goal_forces`."""
-    space, d = membrane.space, coefficients_of(goals)
+    space, d = membrane.space, np.reshape([goal.sensitivity for goal in goals], (-1, 2))
     result = np.zeros((space.dof_count, len(goals)))
     for observable, sampling, directions in _samplings(goals, space, part):
         axes = list(sampling.axes)

@@ -42,9 +42,10 @@ scene files are TOML. Their keys, each with a default:
                 poisson_ratio, shear_modulus_GPa, density_kg_m3,
                 thermal_expansion_per_K, temperature_change_K (below zero
                 stretches the film) or pretension_N_m (a number, or [Nx, Ny]),
-                d31_pC_N, d32_pC_N, permittivity, bending (true, false, "auto":
-                where it matters), compression (refuse, tension-field: the film
-                wrinkles), pyroelectric_uC_m2K, thermal_diffusivity_m2_s,
+                d31_pC_N, d32_pC_N, d33_pC_N, permittivity, bending and coupling
+                (true, false, "auto": where it matters), compression (refuse,
+                tension-field: the film wrinkles), warming_K (since it was
+                zeroed), pyroelectric_uC_m2K, thermal_diffusivity_m2_s,
                 rim_displacement_um ([mean, cos, sin, cos 2, sin 2, ...])
   [[film.patches]]  layers on the film: shape as of electrodes, thickness_um,
                 both_sides, youngs_modulus_GPa, poisson_ratio, density_kg_m3,

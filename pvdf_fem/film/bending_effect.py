@@ -19,9 +19,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from pvdf_fem.film.loads.contact import first_contacts, guessed_force
+from pvdf_fem.film.loads.contact import guessed_press
 from pvdf_fem.film.loads.kinds import LOADS
-from pvdf_fem.film.point_load import cube_at, tension_at
+from pvdf_fem.film.point_load import cube_at, part_by_force, tension_at
 from pvdf_fem.scene.film import Film, Layer
 from pvdf_fem.scene.outlines.outline import TOUCH, Outline, overlaps
 from pvdf_fem.scene.scene import LoadedProbe, Scene
@@ -106,21 +106,13 @@ def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
     rest = h * float(film.stress_at_rest[:2].mean())
     force, probe = 0.0, None
     if touch is not None:
-        force = math.hypot(*touch.load.components[:2], guessed_force(touch.load, film))
-        probe = first_contacts(scene).get(touch.patch, touch.outline)
+        probe, force = guessed_press(scene, touch)
     b = _radius(probe) if probe else a
     for layer in film.layers.values():
         outline = layer.patch.outline
         if outline.reach >= a * (1.0 - TOUCH) or (probe and overlaps(outline, probe)):
             D = max(D, _laminate(film, layer)[0])
-
-    def cube(r: float) -> float:
-        return cube_at(film, force, r)
-
-    def tension(r: float) -> float:
-        return tension_at(film, force, r)
-
-    tensions = (max(rest, 0.0), tension(a), tension(b))
+    tensions = (max(rest, 0.0), tension_at(film, force, a), tension_at(film, force, b))
     rest_length, rim_length, probe_length = (
         math.sqrt(D / N) if N > 0.0 else math.inf for N in tensions
     )
@@ -138,8 +130,7 @@ def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
             by_rim = FIT.rim_at_centre + FIT.rim_outside * (r / a) ** 2
             at_rim = by_rim * rim_length / a / math.sqrt(gap)
             at_probe = FIT.probe * (probe_length / b) ** power * math.sqrt(b / r)
-            # (N - N0)/N without cancellation
-            made = min(cube(r) / tension(r) ** 3, 1.0) / (1.0 + at_rim + at_probe)
+            made = part_by_force(film, force, r) / (1.0 + at_rim + at_probe)
             changes.append((made * at_rim, made * at_probe))
     rim, at_probe = max(changes, key=sum)
     return BendingEffect(

@@ -81,8 +81,12 @@ class Membrane(Term):
 
     def energy(self, state: State) -> float:
         """Stored energy in J; S : e/2 is its density for either law."""
-        density = (self.elastic(state.strain) * state.stress).sum(axis=-1)
+        density = (self.elastic(state.strain) * self.own_stress(state)).sum(axis=-1)
         return 0.5 * float((density * self.volumes).sum())
+
+    def own_stress(self, state: State) -> Array:
+        """The stress of the strain alone."""
+        return state.stress if state.added is None else state.stress - state.added
 
     def residual(self, state: State) -> Array:
         """Internal forces in N without those of the flat film's pretension, (dofs,).
@@ -96,8 +100,8 @@ class Membrane(Term):
         return self.space.sum(self.space.forces(stretched + turned))
 
     def internal_forces(self, state: State) -> Array:
-        """All internal forces in N, (dofs,)."""
-        flux = self._first_piola(state.deformation_gradient, state.stress)
+        """All internal forces in N, (dofs,), of the strain's stress."""
+        flux = self._first_piola(state.deformation_gradient, self.own_stress(state))
         return self.space.sum(self.space.forces(flux))
 
     def element_action(self, state: State, x: Array) -> Array:
@@ -190,12 +194,13 @@ class Membrane(Term):
         def product(stress: Array, strain: Array) -> float:
             return float((stress * strain * volumes).sum())
 
+        stress = self.own_stress(state)
         stress_1, stress_2 = self.stiffened(first), self.stiffened(second)
         return np.array(
             [
                 self.energy(state),
-                product(state.stress, first),
-                product(state.stress, second) + 0.5 * product(stress_1, first),
+                product(stress, first),
+                product(stress, second) + 0.5 * product(stress_1, first),
                 product(stress_1, second),
                 0.5 * product(stress_2, second),
             ]
@@ -257,7 +262,7 @@ class UnevenMembrane(Membrane):
 
     def energy(self, state: State) -> float:
         """Stored energy in J less that of the flat film."""
-        density = (state.strain * (state.stress + self._at_rest)).sum(axis=-1)
+        density = (state.strain * (self.own_stress(state) + self._at_rest)).sum(axis=-1)
         return 0.5 * float((density * self.volumes).sum())
 
     def residual(self, state: State) -> Array:

@@ -7,16 +7,16 @@ that decides.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy.sparse as sp
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.bending_effect import BendingEffect, bending_effect
+from pvdf_fem.film.electric.coupling import Coupling, Floating, coupled
 from pvdf_fem.film.laws import Law, StVenantKirchhoff, TensionField
 from pvdf_fem.film.layers import Layers
-from pvdf_fem.film.loads import heat
 from pvdf_fem.film.loads.heat import AddedStrain
 from pvdf_fem.film.loads.kinds import LOADS, presses_rigidly, rigid_elements
 from pvdf_fem.film.membrane import Membrane, UnevenMembrane, UnevenWrinkling, WrinklingMembrane
@@ -57,8 +57,6 @@ class FilmModel:
     iteration_cost = 1.0
     #: Factor on the element sizes of the first mesh.
     size_factor = 1.0
-    #: Whether electrodes, d31 and d32 only read the stress and do not change the deformation.
-    electrodes_only_read = True
     #: Whether the deformation depends on force and thickness by their ratio only.
     force_over_thickness = True
     #: Whether charges can be differentiated by thickness, pretension or cooling, and moduli.
@@ -72,6 +70,16 @@ class FilmModel:
         """What bending would change in the scene."""
         return bending_effect(self.scene)
 
+    @cached_property
+    def floating(self) -> tuple[Floating, ...]:
+        """Electrodes whose voltages act on the film."""
+        return coupled(self.scene)
+
+    @property
+    def electrodes_only_read(self) -> bool:
+        """Whether electrodes, d31 and d32 only read the stress, and do not change it."""
+        return not self.floating
+
     def membrane(self, space: Space, part: MirroredPart) -> Membrane:
         """The membrane term."""
         film, added = self.scene.film, AddedStrain.of(self.scene)
@@ -84,6 +92,7 @@ class FilmModel:
         return [
             self.membrane(space, part),
             *(LOADS[touch.load.kind](touch, space, part) for touch in touches),
+            *(Coupling(electrode, space) for electrode in self.floating),
         ]
 
     @property
@@ -114,18 +123,12 @@ class FilmModel:
         return None
 
     @property
-    def left_out(self) -> tuple[str, ...]:
-        """What the model neglects in this scene."""
-        return (self._bending_remark, *heat.left_out(self.scene))
-
-    @property
-    def included(self) -> tuple[str, ...]:
-        """What the model has beyond the membrane."""
-        return ()
-
-    @property
-    def _bending_remark(self) -> str:
-        return f"bending (film.bending = {quote(self.scene.film.bending)}): {self.effect}"
+    def remark(self) -> tuple[bool, str]:
+        """Whether bending is included, and a text with the estimate of its effect."""
+        return (
+            self.bends,
+            f"bending (film.bending = {quote(self.scene.film.bending)}): {self.effect}",
+        )
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -198,16 +201,6 @@ class PlateModel(FilmModel):
         """Bending layers that the elements do not resolve."""
         plate = next(term for term in terms if isinstance(term, Plate))
         return Layers.of(plate, expansion, state)
-
-    @property
-    def left_out(self) -> tuple[str, ...]:
-        """Nothing that the membrane leaves out of bending."""
-        return tuple(heat.left_out(self.scene))
-
-    @property
-    def included(self) -> tuple[str, ...]:
-        """Bending, with the estimate of its effect."""
-        return (self._bending_remark,)
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -253,7 +253,6 @@ def _refuse(scene: Scene, domain: Domain, options: ResponseOptions, tolerance: f
             "load.kind: 'rigid' makes the stress singular at the probe's edge, which a response"
             " cannot follow; take 'dead' or 'follower'"
         )
-    scene.require_cold("responses")
     if scene.film.is_uneven:
         raise ValueError(
             "film: patches and rim_displacement_um make a stress about a probe that is another one"

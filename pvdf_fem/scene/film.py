@@ -50,6 +50,13 @@ class Film(Section):
     change a charge by more than ``numerics.tolerance``.
 
     `permittivity` is that of the film across its thickness, relative to that of the vacuum.
+    `coupling` lets the voltages of electrodes stiffen the film that no charge amplifier keeps at
+    zero voltage (``readout.kind = "voltage"``): always, never, or where that could change a charge
+    by more than ``numerics.tolerance``.
+
+    `d33_pC_N`, of PVDF negative, is for the charge that a probe's pressure makes on an electrode
+    under it; without a value it is left out. `warming_K` is a change of the film's temperature
+    since it was zeroed at rest: it loosens the film.
 
     `compression` says what the model does with compressive stress: ``refuse`` warns of it, counts
     what wrinkles would change as an error, and takes no membrane for a result of which they would
@@ -63,8 +70,9 @@ class Film(Section):
     of 1, cos θ, sin θ, cos 2θ, sin 2θ and so on.
 
     `pyroelectric_uC_m2K` is the charge per area and kelvin of a film that is free to expand; where
-    it is not, its stress makes charge by d31 and d32. `thermal_diffusivity_m2_s` says how the heat
-    of a probe with `temperature_K` spreads (`pvdf_fem.film.loads.heat`).
+    it is not, its stress makes charge by d31 and d32. Without a value it is left out.
+    `thermal_diffusivity_m2_s` says how the heat of a probe with `temperature_K` spreads
+    (`pvdf_fem.film.loads.heat`).
 
     `patches` are layers bonded to the film, as tape or ink, each with a shape and what
     `pvdf_fem.scene.shapes.Bonded` has. They may overlap, and end on or beyond the rim.
@@ -85,7 +93,10 @@ class Film(Section):
     d31_pC_N: Number = 8.0
     d32_pC_N: Number = 8.0
     permittivity: Annotated[Finite, within(1.0, 1e6)] = 11.0
+    coupling: bool | Literal["auto"] = False
     compression: Literal["refuse", "tension-field"] = "refuse"
+    d33_pC_N: Number | None = None
+    warming_K: Annotated[Finite, within(-1e4, 1e4, "K")] | None = None
     rim_displacement_um: tuple[Displacement, ...] | None = None
     pyroelectric_uC_m2K: Number | None = None
     thermal_diffusivity_m2_s: Annotated[Finite, within(1e-12, 1.0, "m²/s")] = 6e-8
@@ -124,7 +135,7 @@ class Film(Section):
             raise refusal("has a cosine without its sine; give an odd number of coefficients")
         return value
 
-    @field_validator("bending", mode="before")
+    @field_validator("bending", "coupling", mode="before")
     @classmethod
     def _is_a_choice(cls, value: Any) -> Any:
         if isinstance(value, bool) or value == "auto":
@@ -133,9 +144,10 @@ class Film(Section):
 
     @field_validator("compression")
     @classmethod
-    def _wrinkles_have_no_bending(cls, value: str, info: ValidationInfo) -> str:
-        if value == "tension-field" and info.data.get("bending"):
-            raise refusal("is of a film without bending; give film.bending = false")
+    def _wrinkles_are_alone(cls, value: str, info: ValidationInfo) -> str:
+        for key in ("bending", "coupling"):
+            if value == "tension-field" and info.data.get(key):
+                raise refusal(f"is of a film without {key}; give film.{key} = false")
         return value
 
     @field_validator("patches")
@@ -176,10 +188,24 @@ class Film(Section):
         return self.d32_pC_N / 1e12
 
     @property
+    def clamped_permittivity(self) -> float:
+        """Permittivity across the film at constant strain in F/m."""
+        from scipy.constants import epsilon_0  # scenes are read without scipy
+
+        d = np.array([self.d31, self.d32, 0.0])
+        return float(epsilon_0 * self.permittivity - d @ self.stiffness @ d)
+
+    @property
+    def zeroed(self) -> Film:
+        """The film at rest before it warmed, whose charges are those at rest."""
+        return self.model_copy(update={"warming_K": None})
+
+    @property
     def strain_at_rest(self) -> NDArray[np.float64]:
         """Elastic strain of the flat clamped film, (3,), with engineering shear."""
         if self.temperature_change_K is not None:
-            strain = -self.thermal_expansion_per_K * self.temperature_change_K
+            change = self.temperature_change_K + (self.warming_K or 0.0)
+            strain = -self.thermal_expansion_per_K * change
             return strain * np.array([1.0, 1.0, 0.0]) + 0.0  # no negative zeros
         return np.asarray(np.linalg.solve(self.stiffness, self.stress_at_rest) + 0.0)
 
@@ -188,7 +214,9 @@ class Film(Section):
         """Stress in Pa, (3,), of the flat clamped film if it carries compression; without shear."""
         if self.pretension_N_m is None:
             return self.stiffness @ self.strain_at_rest
-        return np.append(np.broadcast_to(self.pretension_N_m, 2), 0.0) / self.thickness
+        given = np.append(np.broadcast_to(self.pretension_N_m, 2), 0.0) / self.thickness
+        loosened = self.thermal_expansion_per_K * (self.warming_K or 0.0)
+        return np.asarray(given - self.stiffness @ [loosened, loosened, 0.0])
 
     @property
     def stiffness(self) -> NDArray[np.float64]:
@@ -212,10 +240,11 @@ class Film(Section):
         if E is not None:
             nu = float(C[0, 1] / np.sqrt(C[0, 0] * C[1, 1])) if nu is None else nu
             C = 1e9 * plane_stress(E, E, nu)
-        strain = self.strain_at_rest * (patch.bonded != "at rest")
+        strain = self.zeroed.strain_at_rest * (patch.bonded != "at rest")
         if alpha is not None:
             strain[:2] = -alpha * (self.temperature_change_K or 0.0)
         alpha = self.thermal_expansion_per_K if alpha is None else alpha
+        strain[:2] -= alpha * (self.warming_K or 0.0)
         density = self.density if patch.density_kg_m3 is None else patch.density_kg_m3
         return Layer(patch, C, strain, alpha, density)
 

@@ -26,7 +26,7 @@ from pydantic_core import PydanticCustomError
 from pvdf_fem.scene.change import change
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.mistakes import MOST_MISTAKES, mistakes
-from pvdf_fem.scene.outlines.outline import Outline
+from pvdf_fem.scene.outlines.outline import Outline, overlaps
 from pvdf_fem.scene.outlines.tip import Tip, tip_of
 from pvdf_fem.scene.placement import misplacements
 from pvdf_fem.scene.quantity import Finite, Section, Whole, within
@@ -177,6 +177,10 @@ class Scene(Section):
         if self.film.bending is True and any(t.load.kind == "contact" for t in self.loaded_probes):
             reason = 'is not for tips; give "auto" or false, and its effect is estimated'
             complaints = chain(complaints, [problem("film.bending", True, reason)])
+        film = self.film
+        if film.coupling and film.clamped_permittivity <= 0.0:
+            reason = "is not for d31, d32 so large at film.permittivity; change those or remove it"
+            complaints = chain(complaints, [problem("film.coupling", film.coupling, reason)])
         complaints = chain(complaints, self._clashes())
         if self.readout is not None:
             names = [electrode.name for electrode in self.electrode_list]
@@ -187,33 +191,38 @@ class Scene(Section):
         return self
 
     def _clashes(self) -> Iterator[str]:
-        """Complaints about what is uneven beside what wants the film even."""
+        """Complaints about what is uneven, warm or at a voltage beside what does not allow it."""
         film, observable = self.film, self.numerics.observable
         wrinkles = [("film.compression", film.compression)] * (film.compression != "refuse")
         bends = [("film.bending", film.bending)] * bool(film.bending)
         edges = [("numerics.observable", observable)] * (observable != "material")
-        uneven: dict[str, list[tuple[str, Any]]] = {}
+        coupled = [("film.coupling", film.coupling)] * bool(film.coupling)
+        across = [("film.d33_pC_N", film.d33_pC_N)] * bool(film.d33_pC_N)
+        found: dict[str, list[tuple[str, Any]]] = {}
         if film.patches:
-            uneven["film.patches"] = wrinkles + bends
+            found["film.patches"] = wrinkles + bends + coupled * film.moves_at_rest
+            outlines = [patch.outline for patch in film.patches]
+            if any(overlaps(o, touch.outline) for o in outlines for touch in self.loaded_probes):
+                found["film.patches under a probe"] = across
         if film.rim_displacement_um:
-            uneven["film.rim_displacement_um"] = wrinkles + edges
-        listed = isinstance(self.probe, tuple)
-        for i, probe in enumerate(self.probe if isinstance(self.probe, tuple) else (self.probe,)):
-            if probe and probe.temperature_K:
-                kind = (getattr(probe, "load", None) or self.load).kind
-                rests = [("load.kind", kind)] * (kind == "contact")
-                key = f"probe[{i}]" if listed else "probe"
-                uneven[f"{key}.temperature_K"] = wrinkles + edges + rests
-        for key, clashing in uneven.items():
+            found["film.rim_displacement_um"] = wrinkles + edges + coupled
+        if film.warming_K:
+            found["film.warming_K"] = coupled
+        if film.coupling:
+            found["film.coupling"] = edges
+        for key, touch in self._warm.items():
+            kind = touch.load.kind
+            found[key] = wrinkles + edges + coupled + [("load.kind", kind)] * (kind == "contact")
+        for key, clashing in found.items():
             for name, value in clashing:
                 yield problem(name, value, f"is not for {key}; change it or remove that")
 
-    def require_cold(self, what: str) -> None:
-        """SceneError for a scene with warm probes, whose heat `what` does not have."""
-        for touch in self.loaded_probes:
-            if value := touch.probe.temperature_K:
-                reason = f"is not for {what}, without heat; remove it"
-                raise SceneError([problem(f"{touch.patch}.temperature_K", value, reason)])
+    @property
+    def _warm(self) -> dict[str, LoadedProbe]:
+        """The warm probes by the keys of their temperatures."""
+        listed, touches = isinstance(self.probe, tuple), enumerate(self.loaded_probes)
+        by_key = {f"probe{[i] if listed else ''}.temperature_K": touch for i, touch in touches}
+        return {key: touch for key, touch in by_key.items() if touch.probe.temperature_K}
 
     @property
     def electrode_list(self) -> tuple[Electrode, ...]:
@@ -248,6 +257,16 @@ class Scene(Section):
         if any(touch.load.kind == "contact" for touch in self.loaded_probes):
             reason = f"is not for {what}, which does not find where a tip touches; give another"
             raise SceneError([problem("load.kind", "contact", reason)])
+
+    def require_plain_charges(self, what: str, *keys: str) -> None:
+        """SceneError for warm probes, or a film with one of the keys, by default any by which its
+        charges are more than d31 and d32 times the stress of the film at zero voltage, and `what`
+        does not know."""
+        keys = keys or ("coupling", "d33_pC_N", "warming_K")
+        given = {f"film.{key}": getattr(self.film, key) for key in keys}
+        given |= {key: touch.probe.temperature_K for key, touch in self._warm.items()}
+        if wrong := [problem(k, v, f"is not for {what}; remove it") for k, v in given.items() if v]:
+            raise SceneError(wrong)
 
     @property
     def single_probe(self) -> Probe | None:

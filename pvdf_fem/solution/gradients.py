@@ -119,7 +119,6 @@ def gradients(
         For a key that is not among `parameters_of` the scene, or a tolerance out of range.
     """
     scene = solution if isinstance(solution, Scene) else solution.scene
-    scene.require_cold("derivatives")
     known = parameters_of(scene)
     wanted = known if parameters is None else tuple(parameters)
     for key in wanted:
@@ -139,9 +138,10 @@ def _finer(found: Gradients, tolerance: float, least: float = 2e-8) -> Solution:
     scene, reason = found.solution.scene, "rounding allows no better mesh"
     aim = 0.5 * tolerance / worst * scene.numerics.tolerance
     if aim > least:
-        # the tolerance must not choose anew whether the film bends
-        bends = film_model(scene).bends
-        finer = solve(scene.with_(**{"numerics.tolerance": aim, "film.bending": bends}))
+        # the tolerance must not choose anew whether the film bends or feels voltages
+        model = film_model(scene)
+        chosen = {"film.bending": model.bends, "film.coupling": bool(model.floating)}
+        finer = solve(scene.with_(**chosen, **{"numerics.tolerance": aim}))
         if finer.status is Status.CONVERGED:
             return finer
         reason = f"with charges to {aim:.1e}: {finer.reason}"
@@ -206,14 +206,16 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
     ``film.temperature_change_K``, and the others at this pretension. A rigid probe has no
     derivative by its place, as the tractions along its edge are singular. Of a film that bends or
     wrinkles, is uneven, or touches a tip with friction, there is none by what its stiffness depends
-    on.
+    on; of one that feels the voltages of electrodes none by d31 and d32 either.
     """
+    scene.require_plain_charges("derivatives", "d33_pC_N")
     probes = tuple(key for key in _touched(scene) if not _hindrance(scene, key))
     rubs = any(touch.load.friction for touch in scene.loaded_probes)
-    hindered = rubs or scene.film.is_uneven
-    differentiable = film_model(scene).film_is_differentiable and not hindered
+    model, uneven = film_model(scene), scene.film.is_uneven
+    differentiable = model.film_is_differentiable and model.electrodes_only_read
+    differentiable = differentiable and not (rubs or uneven)
     film = _film_keys(scene.film) if differentiable else ()
-    return (*probes, *film, *COEFFICIENTS)
+    return (*probes, *film, *(COEFFICIENTS if model.electrodes_only_read else ()))
 
 
 def _touched(scene: Scene) -> dict[str, list[tuple[LoadedProbe, int, str]]]:
@@ -254,8 +256,8 @@ def _film_keys(film: Film) -> tuple[str, ...]:
 def _refusal(scene: Scene, key: str) -> str:
     if key in _touched(scene):
         return _hindrance(scene, key)
-    if key in _film_keys(scene.film):
-        return "of a film that bends, wrinkles or sticks to a tip has no derivative here"
+    if key in (*_film_keys(scene.film), *COEFFICIENTS):
+        return "of a film that bends, wrinkles, sticks or feels voltages has no derivative here"
     return "is not a parameter of this scene that charges are differentiated by"
 
 
@@ -352,16 +354,16 @@ def _rate(adjoint: _Adjoint, key: str) -> Array:
 def _stress_rate(film: Film, key: str) -> StVenantKirchhoff:
     """Derivative of the law by a key, in Pa per unit of it; a pretension that is given stays."""
     name, _, index = key.removeprefix("film.").partition(".")
-    given, added = film.pretension_N_m is not None, np.zeros(3)
+    given, added, zeroed = film.pretension_N_m is not None, np.zeros(3), film.zeroed
     if name == "temperature_change_K":
         added[:] = -film.stiffness[:, :2].sum(axis=1) * film.thermal_expansion_per_K
     elif name == "pretension_N_m":
         added[int(index or 0) : int(index or 1) + 1] = 1.0 / film.thickness
     elif name == "thickness_um":
-        added[:] = -given * film.stress_at_rest / film.thickness_um
+        added[:] = -given * zeroed.stress_at_rest / film.thickness_um
     else:
         stiffness = _stiffness_rate(film, key)
-        return StVenantKirchhoff(stiffness, -given * stiffness @ film.strain_at_rest)
+        return StVenantKirchhoff(stiffness, -given * stiffness @ zeroed.strain_at_rest)
     return StVenantKirchhoff(np.zeros((3, 3)), added)
 
 

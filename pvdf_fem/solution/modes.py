@@ -25,6 +25,7 @@ from skfem import Basis, MeshTri2
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.bending_effect import bending_effect, layer_size
+from pvdf_fem.film.electric.coupling import coupling_remarks
 from pvdf_fem.film.equilibrium import Equilibrium, prolongation
 from pvdf_fem.film.loads.kinds import presses_rigidly
 from pvdf_fem.film.models import film_model
@@ -199,6 +200,7 @@ def modes(scene: Scene, count: int = 6, loaded: bool = False) -> Modes:
         return Modes(scene, loaded, status, f"{status.advice} ({error})")
     except TooManyUnknownsError as error:
         return Modes(scene, loaded, Status.TOLERANCE, str(error))
+    voltages = coupling_remarks(bare) if loaded else ()
     status, reason = attempt.status, attempt.status.advice
     if status is Status.CONVERGED and attempt.worst > scene.numerics.tolerance:
         status = Status.TOLERANCE
@@ -208,7 +210,7 @@ def modes(scene: Scene, count: int = 6, loaded: bool = False) -> Modes:
         loaded,
         status,
         reason,
-        _left_out(scene, share, bends),
+        (*_left_out(scene, share, bends), *(text for included, text in voltages if not included)),
         loop.clock.seconds(),
         attempt.spectrum,
     )

@@ -27,7 +27,9 @@ def seed(equilibrium: Equilibrium) -> Array:
     in_plane = np.flatnonzero(~equilibrium.unknowns.deflections())
     flat = membrane.state(np.zeros(equilibrium.space.dof_count))
     if equilibrium.force == 0.0:
-        q[in_plane] = _solve_block(equilibrium.tangent(flat), equilibrium.flat_forces, in_plane)
+        q[in_plane] = _solve_block(
+            equilibrium.sparse_tangent(flat), equilibrium.flat_forces, in_plane
+        )
         return q
     forces = equilibrium.external_forces(flat)
 
@@ -38,7 +40,7 @@ def seed(equilibrium: Equilibrium) -> Array:
     stretched = assembly.matrix(equilibrium.space.laplace() * tension)
     if equilibrium.plate is not None:
         stretched = stretched + equilibrium.plate.coupled_tangent(assembly)
-    tangent = equilibrium.tangent(flat)
+    tangent = equilibrium.sparse_tangent(flat)
     q[deflections] = _solve_block(stretched, forces, deflections)
     residual = equilibrium.residual(equilibrium.state(q)) + forces
     factors = factorise(tangent[in_plane][:, in_plane].tocsc())

@@ -48,7 +48,7 @@ class Mechanics:
 
 def mechanics(scene: Scene) -> Mechanics:
     """The mechanics of a scene, in which its tolerance and its limits count as well."""
-    scene.require_cold("sweeps")
+    scene.require_plain_charges("a sweep", "d33_pC_N", "warming_K")
     model = film_model(scene)
     if not model.electrodes_only_read:
         alone = repr(scene)

@@ -11,6 +11,7 @@ curvature, which the contact pressure over the tension across the edge gives, so
 
 from __future__ import annotations
 
+import math
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,7 +21,7 @@ import scipy.sparse as sp
 
 from pvdf_fem.arrays import ALL, Array, Indices, Mask, Selection
 from pvdf_fem.film.loads.coulomb import LIKE_STICKING, Coulomb
-from pvdf_fem.film.loads.pressure import DeadPressure
+from pvdf_fem.film.loads.pressure import DeadPressure, shared
 from pvdf_fem.film.membrane import IDENTITY, Membrane, strain_of
 from pvdf_fem.film.point_load import point_force, tension_at
 from pvdf_fem.film.space import Space, shape_values
@@ -145,6 +146,8 @@ class Edge:
 class Contact(DeadPressure):
     """A rigid tip on which the film rests inside the mesh's patch of the probe."""
 
+    edge_share = 0.5
+
     def __init__(self, touch: LoadedProbe, space: Space, part: MirroredPart = WHOLE) -> None:
         super().__init__(touch, space, part)
         self.tip: Tip = touch.tip
@@ -180,6 +183,9 @@ class Contact(DeadPressure):
     def forces(self, state: State) -> Array:
         """None on the dofs: the force is on the depth."""
         return np.zeros(self.space.dof_count)
+
+    def pressed(self, film_forces: Array) -> Array:
+        return shared(self.space, self.patch, film_forces)
 
     # --- the map from the unknowns' dofs, whose deflections here are the depth, to the film's
 
@@ -375,6 +381,8 @@ class Contact(DeadPressure):
         leaving = np.einsum("nca,na->nc", F, facets.normals)
         kinks = leaving[:, 2] + (height.slope * leaving[:, :2]).sum(axis=1)
         stress = membrane.resultant(strain_of(gradient), facets.elements)
+        if state.added is not None:
+            stress += state.added[facets.elements, 0]
         (a, b), (s11, s22, s12) = facets.normals.T, stress.T
         across = a * a * s11 + b * b * s22 + 2.0 * a * b * s12
         jumps = self._bent(F, stress, height.hessian) / across
@@ -423,6 +431,12 @@ def first_contacts(scene: Scene) -> dict[str, Outline]:
     """Guessed contacts with a scene's tips, by patch name."""
     tips = (touch for touch in scene.loaded_probes if touch.load.kind == "contact")
     return {t.patch: t.tip.grown(guessed_width(t, scene.film)) for t in tips}
+
+
+def guessed_press(scene: Scene, touch: LoadedProbe) -> tuple[Outline, float]:
+    """About where a touch presses, and the size of its force in N."""
+    force = math.hypot(*touch.load.components[:2], guessed_force(touch.load, scene.film))
+    return first_contacts(scene).get(touch.patch, touch.outline), force
 
 
 def face_patch(touch: LoadedProbe) -> str:

@@ -19,6 +19,8 @@ from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 HEAT_CAPACITY = 1300.0  #: Of PVDF, J/(kg K).
+#: Pyroelectric coefficient of PVDF in µC/(m² K), by which charges that are left out are estimated.
+TYPICAL_UC_M2K = 25.0
 HEAT_TRANSFER = 10.0  #: Of each face to still air, W/(m² K).
 
 
@@ -36,20 +38,25 @@ def spread(film: Film, touch: LoadedProbe) -> float:
     return float(np.sqrt(4.0 * film.thermal_diffusivity_m2_s * (touch.probe.contact_time_s or 1.0)))
 
 
-def left_out(scene: Scene) -> Iterator[str]:
-    """What is not known of heat, with its size."""
-    film = scene.film
+def heat_remarks(scene: Scene) -> Iterator[tuple[bool, str]]:
+    """Whether what heat does is included, and its size."""
+    film, warmest = scene.film, scene.film.warming_K or 0.0
     seconds = film.thickness * film.density * HEAT_CAPACITY / (2.0 * HEAT_TRANSFER)
     for touch in scene.loaded_probes:
         if kelvins := touch.probe.temperature_K:
             # a square corner gives 2.5 κ t less heat
             excess = 0.6 * len(touch.outline.corners) * spread(film, touch) ** 2
             part = f"{excess / touch.outline.area:.1e}"
-            yield f"heat of the {touch.patch}: how it spreads at corners, about {part} of it"
-            yield f"heat that the air takes beside the {touch.patch}, within some {seconds:.2g} s"
-            if film.pyroelectric_uC_m2K is None:
-                charge = f"{25.0 * kelvins:.3g} pC on each mm2 under it"
-                yield f"film.pyroelectric_uC_m2K is not given; 25 uC/(m2 K) would make {charge}"
+            yield False, f"heat of the {touch.patch}: how it spreads at corners, about {part} of it"
+            lost = f"heat that the air takes beside the {touch.patch}, within some {seconds:.2g} s"
+            yield False, lost
+            warmest = max(warmest, (film.warming_K or 0.0) + kelvins, key=abs)
+    if warmest:
+        given, typical = film.pyroelectric_uC_m2K, TYPICAL_UC_M2K
+        said = f"{given:g}" if given is not None else f"not given; it would be about {typical:g}"
+        density = warmest * (typical if given is None else given)
+        text = f"pyroelectricity (film.pyroelectric_uC_m2K = {said}): {density:.3g} pC/mm2"
+        yield given is not None, text
 
 
 @dataclass(frozen=True)
@@ -80,11 +87,6 @@ class AddedStrain:
             mean = warmed(0.25 * (reach / self.film.thickness) ** 2)
             total += (touch.probe.temperature_K or 0.0) * mean * fall
         return total.reshape(places.shape[:-1])
-
-    def pyroelectric_charge(self, places: Array) -> Array:
-        """Charge per area in C/m², (..., 1)."""
-        coefficient = (self.film.pyroelectric_uC_m2K or 0.0) / 1e6
-        return coefficient * self.temperature(places)[..., None]
 
     def strain(self, places: Array) -> Array:
         """Elastic strain of the film, (..., 3)."""

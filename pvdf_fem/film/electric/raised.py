@@ -1,0 +1,35 @@
+"""A sparse matrix that few dense columns raise: A + B Bᵀ, and its factors by those of A."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import LinearOperator, SuperLU
+
+from pvdf_fem.arrays import Array
+
+
+class Raised(LinearOperator):  # type: ignore[misc]
+    """A + B Bᵀ of a sparse A (n, n) and columns B (n, m)."""
+
+    def __init__(self, sparse: sp.csc_matrix, columns: Array) -> None:
+        super().__init__(sparse.dtype, sparse.shape)
+        self.sparse, self.columns = sparse, columns
+
+    def _matmat(self, x: Array) -> Array:
+        return np.asarray(self.sparse @ x + self.columns @ (self.columns.T @ x))
+
+
+class RaisedFactors:
+    """Solves with A + B Bᵀ by the factors of A and Woodbury's identity."""
+
+    def __init__(self, matrix: Raised, factors: SuperLU) -> None:
+        self.factors, self.columns = factors, matrix.columns
+        self._spread = {trans: factors.solve(self.columns, trans) for trans in "NT"}
+        #: I + Bᵀ A⁻¹ B: A has as many more negative eigenvalues as this has.
+        self.small = np.eye(self.columns.shape[1]) + self.columns.T @ self._spread["N"]
+
+    def solve(self, right: Array, trans: str = "N") -> Array:
+        """The solution for right-hand sides (n,) or (n, m), like SuperLU's."""
+        x, small = self.factors.solve(right, trans), self.small if trans == "N" else self.small.T
+        return np.asarray(x - self._spread[trans] @ np.linalg.solve(small, self.columns.T @ x))
