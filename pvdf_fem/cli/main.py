@@ -211,8 +211,8 @@ def _mesh(options: argparse.Namespace) -> int:
 
 
 def _modes(options: argparse.Namespace) -> int:
+    from pvdf_fem.dynamics.modes import MOST_MODES, modes
     from pvdf_fem.output.text import modes_text
-    from pvdf_fem.solution.modes import MOST_MODES, modes
     from pvdf_fem.solvers.status import Status
 
     count, mistakes = options.count, []

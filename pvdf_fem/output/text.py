@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from pvdf_fem.solution.summary import rounded
 
 if TYPE_CHECKING:
-    from pvdf_fem.solution.modes import Modes
+    from pvdf_fem.dynamics.modes import Modes
 
 
 def modes_text(modes: Modes) -> str:

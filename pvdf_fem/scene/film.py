@@ -1,4 +1,4 @@
-"""The film and its material."""
+"""The film and its material, and the air about it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator
+from pydantic import Discriminator, Field, StrictBool, Tag, ValidationInfo, field_validator
 
 from pvdf_fem.scene.quantity import Finite, Length, Modulus, Number, Section, refusal, within
 from pvdf_fem.scene.scene_file import quote
@@ -35,6 +35,7 @@ class Film(Section):
     change a charge by more than ``numerics.tolerance``.
 
     `permittivity` is that of the film across its thickness, relative to that of the vacuum.
+    `loss_tangent` is that of its stiffness, for oscillations; None is a film without damping.
 
     `compression` says what the model does with compressive stress: ``refuse`` warns of it, counts
     what wrinkles would change as an error, and takes no membrane for a result of which they would
@@ -60,6 +61,7 @@ class Film(Section):
     d31_pC_N: Number = 8.0
     d32_pC_N: Number = 8.0
     permittivity: Annotated[Finite, within(1.0, 1e6)] = 11.0
+    loss_tangent: Annotated[Finite, within(0.0, 1.0)] | None = None
     compression: Literal["refuse", "tension-field"] = "refuse"
 
     @field_validator("poisson_ratio")
@@ -148,6 +150,16 @@ class Film(Section):
         modulus = self.youngs_modulus_GPa
         E1, E2 = modulus if isinstance(modulus, tuple) else (modulus, modulus)
         return 1e9 * plane_stress(E1, E2, self.poisson_ratio, self.shear_modulus_GPa)
+
+
+class Air(Section):
+    """The air on both sides of the film, which moves with it; without this table a vacuum.
+
+    With `baffle` the rim is in a rigid baffle; otherwise air flows around it from side to side.
+    """
+
+    density_kg_m3: Annotated[Finite, within(0.0, 1e6, "kg/m³")] = 1.204
+    baffle: StrictBool = True
 
 
 def plane_stress(E1: Any, E2: Any, nu12: Any, G: Any = None) -> NDArray[Any]:

@@ -1,4 +1,4 @@
-"""What is simulated: film, electrodes, probe, load and numerics, validated and frozen.
+"""What is simulated: film, air, electrodes, probe, load and numerics, validated and frozen.
 
 A scene comes from a TOML file or is built from the models of its parts. Keys carry the units in
 which people give them (mm, µm, GPa, pC/N); properties without a unit in their name are SI, and
@@ -24,7 +24,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from pvdf_fem.scene.change import change
-from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.film import Air, Film
 from pvdf_fem.scene.mistakes import MOST_MISTAKES, mistakes
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.outlines.tip import Tip, tip_of
@@ -43,6 +43,7 @@ from pvdf_fem.scene.shapes import Electrode, Electrodes, Layout, Probe, Probes
 from pvdf_fem.scene.stage import Stage
 
 __all__ = [
+    "Air",
     "Electrode",
     "Film",
     "Layout",
@@ -160,6 +161,7 @@ class Scene(Section):
     numerics: Numerics = Numerics()
     readout: Readout | None = None
     stage: Stage | None = None
+    air: Air | None = None
     _pressure: Pressure | None = PrivateAttr(None)
     _step: Step = PrivateAttr(Step())
 

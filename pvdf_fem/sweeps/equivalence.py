@@ -28,7 +28,7 @@ from pvdf_fem.scene.shapes import Probe
 # thickness if they agree to this many digits.
 DIGITS = 9
 # Film keys that do not change the deformation if electrodes only read the stress.
-_READING_KEYS = {"d31_pC_N", "d32_pC_N", "density_kg_m3", "permittivity"}
+_READING_KEYS = {"d31_pC_N", "d32_pC_N", "density_kg_m3", "permittivity", "loss_tangent"}
 # Film keys that count through the strain at rest only.
 _STRETCHING_KEYS = {"thermal_expansion_per_K", "temperature_change_K", "pretension_N_m"}
 

@@ -18,11 +18,11 @@ from pydantic import BaseModel
 
 from pvdf_fem import Scene, __version__, solve
 from pvdf_fem.cli import main as cli
+from pvdf_fem.dynamics.modes import modes
 from pvdf_fem.files import printable
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.scene import Load, Numerics, Readout, Stage
 from pvdf_fem.scene.shapes import ELECTRODES, PROBES, RINGS, Layout
-from pvdf_fem.solution.modes import modes
 from pvdf_fem.solvers.newton import NewtonOptions
 
 SCENE = '[probe]\nshape = "rectangle"\nx_mm = 3.0\n'
@@ -73,7 +73,7 @@ def no_solve(monkeypatch: pytest.MonkeyPatch) -> None:
         "solution.solve.solve",
         "solution.refinement.mesh_scene",
         "mesh.gmsh_mesh.mesh_scene",
-        "solution.modes.modes",
+        "dynamics.modes.modes",
     ):
         monkeypatch.setattr(f"pvdf_fem.{place}", fail)
 

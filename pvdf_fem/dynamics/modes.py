@@ -15,6 +15,7 @@ of the sum of their sizes: the first can have either sign, so that they may canc
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -24,6 +25,7 @@ from scipy.sparse.linalg import LinearOperator, SuperLU, eigs, eigsh
 from skfem import Basis, MeshTri2
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.dynamics.air import AirLoad
 from pvdf_fem.film.bending_effect import bending_effect, layer_size
 from pvdf_fem.film.equilibrium import Equilibrium, prolongation
 from pvdf_fem.film.loads.kinds import presses_rigidly
@@ -51,17 +53,27 @@ EIGEN_ITERATIONS = 3  #: Newton iterations that an eigenvalue problem costs as m
 #: splits a pair of modes into complex ones by the square root of the machine's precision.
 COMPLEX = 1e-6
 AIR_DENSITY = 1.2  #: Density of air at room temperature, kg/m^3.
+#: Stiffness and mass of unknowns; the mass of air is in a `LinearOperator`.
+Pencil = tuple[sp.csc_matrix, Any]
 
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Frequencies, their errors, eigenvectors; the equations and the unknowns that they are of."""
+    """Frequencies, their errors, eigenvectors; the equations and the unknowns that they are of;
+    and those in air, where the scene has air."""
 
     equilibrium: Equilibrium
     q: Array
     frequencies: Array
     errors: Array
     vectors: Array
+    in_air: Spectrum | None = None
+
+    @property
+    def worst(self) -> float:
+        """Largest relative error of a frequency."""
+        worst = float(np.max(self.errors / self.frequencies))
+        return worst if self.in_air is None else max(worst, self.in_air.worst)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +121,11 @@ class Modes:
         return self.spectrum.errors
 
     @property
+    def frequencies_in_air_Hz(self) -> Array | None:
+        """Lowest frequencies with the scene's air, ascending, (n,); None without ``[air]``."""
+        return None if self.spectrum.in_air is None else self.spectrum.in_air.frequencies
+
+    @property
     def mesh(self) -> MeshTri2:
         """Mesh in metres; without the probe where it makes no difference."""
         return self.spectrum.equilibrium.space.mesh
@@ -139,6 +156,9 @@ class Modes:
                 "frequency_errors_Hz": self.frequency_errors_Hz.tolist(),
                 "unknowns": self.spectrum.equilibrium.unknowns.count,
             }
+            if (in_air := self.spectrum.in_air) is not None:
+                results["frequencies_in_air_Hz"] = in_air.frequencies.tolist()
+                results["frequency_errors_in_air_Hz"] = in_air.errors.tolist()
         return {
             "status": str(self.status),
             **results,
@@ -227,8 +247,7 @@ class _Attempt:
     @property
     def worst(self) -> float:
         """Largest relative error of a frequency."""
-        spectrum = self.spectrum
-        return 0.0 if spectrum is None else float(np.max(spectrum.errors / spectrum.frequencies))
+        return 0.0 if self.spectrum is None else self.spectrum.worst
 
     @property
     def unknowns(self) -> int:
@@ -292,26 +311,50 @@ class _ModalProblem:
         elif not coarse.model.bends and (least == 0.0 or (coarse.model.wrinkles and least < 0.0)):
             return _Attempt(coarse, Status.SINGULAR)  # slack in a direction: no mode is the lowest
         with self.clock("modes"):
-            pencils = [_pencil(coarse, q), _pencil(rich, q_rich)]
-            symmetric = coarse.conservative or not q.any()
-            modes, reference = (_eigen(*pencil, symmetric, self.count) for pencil in pencils)
+            pencils = pencil_of(coarse, q), pencil_of(rich, q_rich)
+            spectrum = self._spectrum(coarse, rich, q, pencils)
+            loads = [AirLoad.of(e, _wavenumber(self.count)) for e in (coarse, rich)]
+            if isinstance(spectrum, Spectrum) and loads[0] is not None:
+                spectrum = self._in_air(spectrum, rich, pencils, loads)
         for equilibrium in (coarse, rich):
             self.budget.spend(equilibrium, EIGEN_ITERATIONS)
-        if isinstance(modes, Status) or isinstance(reference, Status):
-            status = modes if isinstance(modes, Status) else reference
-            assert isinstance(status, Status)
-            return _Attempt(coarse, status, None, iterations, tried)
+        if isinstance(spectrum, Status):
+            return _Attempt(coarse, spectrum, None, iterations, tried)
+        return _Attempt(coarse, Status.CONVERGED, spectrum, iterations, tried)
+
+    def _spectrum(
+        self, coarse: Equilibrium, rich: Equilibrium, q: Array, pencils: Sequence[Pencil]
+    ) -> Spectrum | Status:
+        """The modes of the first pencil, whose errors the second one, of `rich`, tells."""
+        symmetric = coarse.conservative or not q.any()
+        modes, reference = (_eigen(*pencil, symmetric, self.count) for pencil in pencils)
+        if isinstance(modes, Status):
+            return modes
+        if isinstance(reference, Status):
+            return reference
         shapes = prolongation(coarse, rich) @ modes[1]
         energy, inertia = ((shapes * (matrix @ shapes)).sum(axis=0) for matrix in pencils[1])
         same_shape = np.sqrt(energy / inertia) / (2.0 * np.pi)
         by_stress, by_shape = modes[0] - same_shape, same_shape - reference[0]
         least = UNCANCELLED * (np.abs(by_stress) + np.abs(by_shape))
         errors = np.maximum(np.abs(by_stress + by_shape), least)
-        spectrum = Spectrum(coarse, q, modes[0], errors, modes[1])
-        return _Attempt(coarse, Status.CONVERGED, spectrum, iterations, tried)
+        return Spectrum(coarse, q, modes[0], errors, modes[1])
+
+    def _in_air(
+        self, vacuum: Spectrum, rich: Equilibrium, pencils: Sequence[Pencil], loads: Sequence[Any]
+    ) -> Spectrum | Status:
+        """The spectrum in vacuum with that in air beside it."""
+        pairs = zip(pencils, loads, strict=True)
+        loaded = [(stiffness, air.with_mass(mass)) for (stiffness, mass), air in pairs]
+        spectrum = self._spectrum(vacuum.equilibrium, rich, vacuum.q, loaded)
+        if isinstance(spectrum, Status):
+            return spectrum
+        share = 0.5 * loads[0].lacking(spectrum.vectors)  # eigenvectors have a mass of 1
+        errors = spectrum.errors + share * spectrum.frequencies
+        return replace(vacuum, in_air=replace(spectrum, errors=errors))
 
 
-def _pencil(equilibrium: Equilibrium, q: Array) -> tuple[sp.csc_matrix, sp.csc_matrix]:
+def pencil_of(equilibrium: Equilibrium, q: Array) -> Pencil:
     """Tangent stiffness in N/m at `q` and mass in kg of the unknowns."""
     film = equilibrium.film
     mass = film.density * film.thickness * equilibrium.space.mass()
@@ -319,7 +362,7 @@ def _pencil(equilibrium: Equilibrium, q: Array) -> tuple[sp.csc_matrix, sp.csc_m
 
 
 def _eigen(
-    stiffness: sp.csc_matrix, mass: sp.csc_matrix, symmetric: bool, count: int
+    stiffness: sp.csc_matrix, mass: Any, symmetric: bool, count: int
 ) -> tuple[Array, Array] | Status:
     """Lowest frequencies in Hz (n,) and eigenvectors (unknowns, n), or why there are none."""
     try:
@@ -333,9 +376,7 @@ def _eigen(
     return np.sqrt(values.real[order]) / (2.0 * np.pi), vectors.real[:, order]
 
 
-def _lowest(
-    solver: Any, stiffness: sp.csc_matrix, mass: sp.csc_matrix, factors: SuperLU, count: int
-) -> Any:
+def _lowest(solver: Any, stiffness: sp.csc_matrix, mass: Any, factors: SuperLU, count: int) -> Any:
     """Eigenvalues nearest to zero and their vectors by shift-invert Lanczos or Arnoldi."""
     inverse = LinearOperator(stiffness.shape, matvec=factors.solve, dtype=float)
     # a fixed start, so that results repeat; random, so that it is orthogonal to no mode
@@ -372,6 +413,8 @@ def _left_out(scene: Scene, share: float, joins: bool) -> tuple[str, ...]:
     bending = f"bending: raises the highest of these frequencies by about {share:.1%}"
     if share > 0.3:
         bending = 'bending: the film vibrates as a plate; give film.bending = "auto" or true'
+    if scene.air is not None:
+        return () if joins else (bending,)
     weight = AIR_DENSITY * film.radius / (film.density * film.thickness)
     air = (
         f"air: lowers the lowest frequencies; what moves along weighs about {weight:.2g} times as"

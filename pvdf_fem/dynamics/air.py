@@ -1,0 +1,110 @@
+"""Air that moves with the film: its added mass, and the sound that a film in a baffle radiates.
+
+The air is incompressible, at rest far away, and that of a flat disc: slopes count in the second
+order. Where a plane in air moves by w, the pressures on both its sides resist with 2 rho w''/|k|,
+|k| the wavenumber. In a rigid baffle (Rayleigh's integral) w vanishes outside of the disc, and the
+kinetic energy is rho <w', w'/|k|>. Without a baffle the pressures are equal out there, and it is
+rho <w', D^-1 w'>, D the operator |k| on functions that vanish outside. On the unit disc, with
+s = -1/2 and s = 1/2 (Dyda, Kuznetsov and Kwasnicki 2017),
+
+    |k|^2s (1 - r^2)^s phi_mn = lambda_mn phi_mn,   phi_mn = r^m cos(m t) P_n^(s, m)(2 r^2 - 1),
+    lambda_mn = 2^2s Gamma(1 + s + n) Gamma(1 + s + m + n)/(n! (m + n)!),
+
+and so for sin(m t). The phi_mn are orthogonal with the weight (1 - r^2)^s. Both energies are sums
+of squares in them, so the added mass is a product R R^T with a column for each function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import LinearOperator
+from scipy.special import eval_jacobi, gammaln
+
+from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.scene.film import Air
+
+SOUND_SPEED = 343.2  #: Of air at 20 degrees Celsius, m/s.
+
+
+@dataclass(frozen=True, eq=False)
+class AirLoad:
+    """The air on both sides of a film's unknowns."""
+
+    air: Air
+    root: Array  #: R of the added mass R R^T, (unknowns, functions), in kg^(1/2).
+    degrees: Array  #: Polynomial degrees of the functions, (functions,).
+    volume: Array  #: Volume that a unit of each unknown displaces, m^2, (unknowns,).
+
+    @classmethod
+    def of(cls, equilibrium: Equilibrium, wavenumber: float, rule: int = 12) -> AirLoad | None:
+        """The air of the scene; None in a vacuum.
+
+        `wavenumber` is the largest one of waves on the unit disc that polynomials have to follow,
+        `rule` the order of the quadrature in each element.
+        """
+        air, a = equilibrium.scene.air, equilibrium.film.radius
+        if air is None:
+            return None
+        degree, s = int(1.2 * wavenumber) + 10, -0.5 if air.baffle else 0.5
+        elements = np.arange(equilibrium.space.mesh.nelements)
+        places, values, weights = equilibrium.space.rule(elements, rule)
+        points = np.repeat(np.arange(weights.size), values.shape[2])
+        nodes = np.repeat(equilibrium.space.nodes, weights.shape[1], axis=0).ravel()
+        entries = (values * weights[..., None]).ravel(), (nodes, points)
+        integrals = sp.csr_matrix(entries, (equilibrium.space.basis.N, weights.size))
+        onto = equilibrium.unknowns.expansion[2::3].T @ integrals
+        unit = places.reshape(-1, 2) / a
+        weight = np.maximum(1.0 - (unit**2).sum(axis=1), 0.0) ** max(s, 0.0)
+        blocks = [(d, onto @ (weight[:, None] * f)) for d, f in _functions(unit, degree, s)]
+        root = np.sqrt(2.0 * air.density_kg_m3 / a) * np.hstack([block for _, block in blocks])
+        degrees = np.concatenate([of for of, _ in blocks])
+        return cls(air, root, degrees, onto @ np.ones(weights.size))
+
+    def with_mass(self, mass: sp.csc_matrix) -> LinearOperator:
+        """The added mass and a mass of the unknowns, kg."""
+
+        def times(q: Array) -> Array:
+            return np.asarray(mass @ q + self.root @ (self.root.T @ q))
+
+        return LinearOperator(mass.shape, times, matmat=times, dtype=float)
+
+    def lacking(self, shapes: Array) -> Array:
+        """About what the polynomials leave of phi^T R R^T phi, of each of the shapes (unknowns, n):
+        what the last two degrees, an even and an odd one, add."""
+        last = self.degrees > self.degrees.max() - 2
+        return np.asarray(np.square(self.root[:, last].T @ shapes).sum(axis=0))
+
+    @cached_property
+    def radiation(self) -> float:
+        """r of the resistance r omega^2 v v^T, v the displaced volumes, in kg s/m^4.
+
+        It is that of a point source on both sides of the baffle, to leading order in the radius
+        over the wavelength. Without a baffle both cancel in this order.
+        """
+        return self.air.density_kg_m3 / (np.pi * SOUND_SPEED) if self.air.baffle else 0.0
+
+
+def _functions(unit: Array, degree: int, s: float) -> Iterator[tuple[Array, Array]]:
+    """Degrees (k,) and values (points, k) of phi_mn up to a degree at points of the unit disc, by
+    m, scaled so that the sums of squares are the energies."""
+    r, angle = np.hypot(*unit.T), np.arctan2(*unit.T[::-1])
+    for m in range(degree + 1):
+        n = np.arange((degree - m) // 2 + 1)
+        ratio = _gamma_ratio(n, s) * _gamma_ratio(m + n, s)
+        norm = _gamma_ratio(n, s) / _gamma_ratio(m + n, s) / (2 * n + s + m + 1)
+        square = (0.25**s / ratio if s > 0.0 else 4.0**s * ratio) / norm
+        radial = eval_jacobi(n, s, m, (2.0 * r**2 - 1.0)[:, None]) * (r**m)[:, None]
+        radial *= np.sqrt(square / (np.pi if m == 0 else 0.5 * np.pi))
+        turns = [np.cos(m * angle), np.sin(m * angle)][: 1 + (m > 0)]
+        yield np.tile(m + 2 * n, len(turns)), np.hstack([radial * t[:, None] for t in turns])
+
+
+def _gamma_ratio(n: Indices, s: float) -> Array:
+    """Gamma(1 + s + n)/n!."""
+    return np.asarray(np.exp(gammaln(1.0 + s + n) - gammaln(1.0 + n)))
