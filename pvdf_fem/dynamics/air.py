@@ -29,6 +29,7 @@ from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.scene.film import Air
 
+FINEST_RULE = 19  #: Highest order of a quadrature on triangles that scikit-fem has.
 SOUND_SPEED = 343.2  #: Of air at 20 degrees Celsius, m/s.
 
 
@@ -42,16 +43,18 @@ class AirLoad:
     volume: Array  #: Volume that a unit of each unknown displaces, m^2, (unknowns,).
 
     @classmethod
-    def of(cls, equilibrium: Equilibrium, wavenumber: float, rule: int = 12) -> AirLoad | None:
+    def of(cls, equilibrium: Equilibrium, wavenumber: float) -> AirLoad | None:
         """The air of the scene; None in a vacuum.
 
-        `wavenumber` is the largest one of waves on the unit disc that polynomials have to follow,
-        `rule` the order of the quadrature in each element.
+        `wavenumber` is the largest one of waves on the unit disc that polynomials have to follow.
+        The quadrature follows their highest degree over the largest element.
         """
         air, a = equilibrium.scene.air, equilibrium.film.radius
         if air is None:
             return None
         degree, s = int(1.2 * wavenumber) + 10, -0.5 if air.baffle else 0.5
+        largest = np.sqrt(2.0 * equilibrium.space.weights.sum(axis=1).max()) / a
+        rule = int(min(8.0 + degree * largest, FINEST_RULE))
         elements = np.arange(equilibrium.space.mesh.nelements)
         places, values, weights = equilibrium.space.rule(elements, rule)
         points = np.repeat(np.arange(weights.size), values.shape[2])
@@ -70,6 +73,8 @@ class AirLoad:
         """The added mass and a mass of the unknowns, kg."""
 
         def times(q: Array) -> Array:
+            if np.iscomplexobj(q):  # or a complex copy of R would be made
+                return times(q.real) + 1j * times(q.imag)
             return np.asarray(mass @ q + self.root @ (self.root.T @ q))
 
         return LinearOperator(mass.shape, times, matmat=times, dtype=float)

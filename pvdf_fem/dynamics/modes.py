@@ -407,17 +407,20 @@ def _wavenumber(count: int) -> float:
 
 
 def _left_out(scene: Scene, share: float, joins: bool) -> tuple[str, ...]:
-    """Bending, unless it is part of the model, and air, with their sizes. The air that moves along
-    weighs about its density times the radius per area."""
-    film = scene.film
+    """Bending, unless it is part of the model, and air, where the scene has none."""
     bending = f"bending: raises the highest of these frequencies by about {share:.1%}"
     if share > 0.3:
         bending = 'bending: the film vibrates as a plate; give film.bending = "auto" or true'
-    if scene.air is not None:
-        return () if joins else (bending,)
+    air = () if scene.air else (air_remark(scene),)
+    return air if joins else (bending, *air)
+
+
+def air_remark(scene: Scene) -> str:
+    """What a vacuum leaves out; the air that moves along weighs about its density times the radius
+    per area."""
+    film = scene.film
     weight = AIR_DENSITY * film.radius / (film.density * film.thickness)
-    air = (
+    return (
         f"air: lowers the lowest frequencies; what moves along weighs about {weight:.2g} times as"
         " much as the film"
     )
-    return (air,) if joins else (bending, air)

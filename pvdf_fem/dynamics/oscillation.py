@@ -1,0 +1,176 @@
+"""Small oscillations about a loaded film, and the few vectors that follow them in a band.
+
+With the tangent K at the state, the mass M of film and air, a force F exp(i omega t) along f and
+the rates g of the electrodes' charges,
+
+    (K + i tan(delta) K_e - omega^2 M + i omega^3 r v v^T) q = f F,   Q = (1 + i tan(delta)) g . q.
+
+The loss tangent is that of the film's moduli: K_e is K without the stiffness of the tension, which
+has no losses, and the charge has the stress's phase. r v v^T is the sound that a baffled film
+radiates (`AirLoad.radiation`).
+
+The equations are projected on load-dependent Ritz vectors (Wilson, Yuan and Dickens 1982): first
+the static displacement K^-1 f, then K^-1 M of the one before, orthonormal by M. So the charges at
+rest are exact, and higher ones join until those of the whole band stay. K has its losses there, so
+that the vectors of a damped film are complex, and those from K^-1 v join where the film radiates.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.charges.forces import goal_gradients
+from pvdf_fem.charges.goals import goals_of
+from pvdf_fem.dynamics.air import AirLoad
+from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.film.loads.pressure import UP, DeadPressure
+from pvdf_fem.film.term import State
+from pvdf_fem.solution.estimate import corrected
+from pvdf_fem.solution.solution import NotConvergedError, Solution
+from pvdf_fem.solvers.budget import Budget
+from pvdf_fem.solvers.newton import NewtonResult, factorise
+from pvdf_fem.solvers.status import Status
+
+CHUNK = 256  #: Frequencies that are solved for together, so that memory stays small.
+TINY = np.finfo(float).tiny
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, eq=False)
+class Oscillation:
+    """The linear equations of motion of some unknowns, or of amplitudes of vectors."""
+
+    stiffness: Any  #: K in N/m.
+    elastic: Any  #: K_e in N/m.
+    mass: Any  #: M in kg, with that of the air.
+    force: Array  #: f, (unknowns,).
+    rates: Array  #: g in C/m, (unknowns, electrodes).
+    volume: Array  #: v in m^2, (unknowns,).
+    radiation: float  #: r in kg s/m^4.
+    loss_tangent: float
+
+    @classmethod
+    def of(cls, equilibrium: Equilibrium, q: Array, highest_Hz: float) -> Oscillation:
+        """About the state of the unknowns `q`, by a force of the first probe along z; the air
+        follows the film up to a frequency."""
+        state, film = equilibrium.state(q), equilibrium.film
+        areal = film.density * film.thickness
+        mass = equilibrium.assembly.matrix(areal * equilibrium.space.mass())
+        air = AirLoad.of(equilibrium, _wavenumber(equilibrium, state, highest_Hz))
+        force = equilibrium.loads[0].with_components(UP).forces(state)
+        rates = goal_gradients(goals_of(equilibrium.scene), equilibrium.membrane, state.dofs)
+        return cls(
+            equilibrium.tangent(state),
+            _elastic(equilibrium, state) if film.loss_tangent else None,
+            mass if air is None else air.with_mass(mass),
+            equilibrium.on_unknowns(state, force),
+            equilibrium.on_unknowns(state, rates),
+            np.zeros(len(q)) if air is None else air.volume,
+            0.0 if air is None else air.radiation,
+            film.loss_tangent or 0.0,
+        )
+
+    def projected(self, vectors: Array) -> Oscillation:
+        """The equations of the amplitudes of `vectors` (unknowns, n), as dense matrices."""
+
+        def onto(matrix: Any) -> Array:
+            return np.asarray(vectors.T @ (matrix @ vectors))
+
+        return Oscillation(
+            onto(self.stiffness),
+            0.0 if self.elastic is None else onto(self.elastic),
+            onto(self.mass),
+            vectors.T @ self.force,
+            vectors.T @ self.rates,
+            vectors.T @ self.volume,
+            self.radiation,
+            self.loss_tangent,
+        )
+
+    def charges(self, frequencies: Array) -> ComplexArray:
+        """Charges in C/N, (frequencies, electrodes), of dense equations, at frequencies in Hz."""
+        if len(frequencies) > CHUNK:
+            parts = np.array_split(frequencies, len(frequencies) // CHUNK + 1)
+            return np.concatenate([self.charges(part) for part in parts])
+        omega = 2.0 * np.pi * frequencies[:, None, None]
+        sound = self.radiation * np.outer(self.volume, self.volume)
+        elastic = self.stiffness + 1j * self.loss_tangent * self.elastic
+        q = np.linalg.solve(elastic - omega**2 * self.mass + 1j * omega**3 * sound, self.force)
+        return np.asarray((1.0 + 1j * self.loss_tangent) * (q @ self.rates))
+
+    def reduced(
+        self, frequencies: Array, tolerance: float = 1e-7, most: int = 320, batch: int = 16
+    ) -> Oscillation:
+        """The projection on as many Ritz vectors as the charges at frequencies in Hz take to stay
+        within the tolerance, of each and of the largest at rest."""
+        stiffness = self.stiffness
+        if self.elastic is not None:
+            stiffness = stiffness + 1j * self.loss_tangent * self.elastic
+        solve, starts = factorise(stiffness).solve, [self.force, self.volume]
+        queue = [solve(v.astype(stiffness.dtype)) for v in starts[: 1 + (self.radiation > 0.0)]]
+        vectors, charges = np.empty((len(self.force), most), stiffness.dtype), np.zeros(1)
+        for i in range(most):
+            vectors[:, i] = self._unit(queue.pop(0), vectors[:, :i])
+            queue.append(solve(self.mass @ vectors[:, i]))
+            if (i + 1) % batch == 0:
+                small = self.projected(vectors[:, : i + 1])
+                before, charges = charges, small.charges(frequencies)
+                unit = np.abs(charges) + np.abs(small.charges(np.zeros(1))).max() + TINY
+                if np.all(np.abs(charges - before) <= tolerance * unit):
+                    return small
+        raise NotConvergedError(
+            f"{Status.TOLERANCE}: {most} vectors do not follow the film up to"
+            f" {frequencies.max():g} Hz; give lower frequencies"
+        )
+
+    def _unit(self, vector: Any, basis: Any) -> Any:
+        """The part of a vector that is orthogonal to a basis, of the norm 1, both by the mass."""
+        for _ in range(2):
+            vector = vector - basis @ (basis.T.conj() @ (self.mass @ vector))
+        return vector / np.sqrt(np.vdot(vector, self.mass @ vector).real)
+
+
+def band(frequencies: Array, most: int = 60) -> Array:
+    """At most this number of the frequencies, spread over all of them."""
+    return np.sort(frequencies)[np.linspace(0, len(frequencies) - 1, most).round().astype(int)]
+
+
+def oscillations(solution: Solution, highest_Hz: float) -> tuple[Oscillation, Oscillation]:
+    """About a solution up to a frequency, and the same of the order above on the same mesh."""
+    coarse, budget = solution.fields.equilibrium, Budget.of(solution.scene)
+    q = coarse.restrict(solution.fields.displacement)
+    rich = Equilibrium(solution.scene, coarse.space.mesh, coarse.space.order + 1)
+    factors = factorise(coarse.tangent(coarse.state(q)))
+    correction = corrected(coarse, q, factors, rich, budget)
+    if isinstance(correction, NewtonResult):
+        raise NotConvergedError(f"{correction.status}: {correction.status.advice}")
+    return Oscillation.of(coarse, q, highest_Hz), Oscillation.of(rich, correction.q, highest_Hz)
+
+
+def _wavenumber(
+    equilibrium: Equilibrium, state: State, highest_Hz: float, most: float = 40
+) -> float:
+    """Of waves of a frequency on the unit disc, with the mean tension; at least that of the lowest
+    mode."""
+    weights, film = equilibrium.space.weights, equilibrium.film
+    stress = float((state.stress[..., :2].mean(axis=-1) * weights).sum() / weights.sum())
+    speed = np.sqrt(max(stress, TINY) / film.density)
+    return float(min(3.0 + 2.0 * np.pi * highest_Hz * film.radius / speed, most))
+
+
+def _elastic(equilibrium: Equilibrium, state: State) -> sp.csc_matrix:
+    """The film's stiffness in N/m without that of its tension."""
+    film, space, membrane = copy(equilibrium), equilibrium.space, equilibrium.membrane
+    film.terms = [term for term in film.terms if not isinstance(term, DeadPressure)]
+    s11, s22, s12 = np.moveaxis(state.stress * membrane.volumes[..., None], -1, 0)
+    tension = np.stack([np.stack([s11, s12], -1), np.stack([s12, s22], -1)], -1)
+    slopes = space.gradients
+    by_tension = np.matmul(np.matmul(slopes, tension), slopes.swapaxes(2, 3)).sum(axis=1)
+    return film.tangent(state) - equilibrium.assembly.matrix(space.by_component(by_tension))

@@ -1,0 +1,118 @@
+"""Charges of a film under a small oscillating force, by frequency, about its loaded state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.dynamics.modes import air_remark
+from pvdf_fem.dynamics.oscillation import ComplexArray, band, oscillations
+from pvdf_fem.readout.channel import channels
+from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.scene_file import SceneError, problem
+from pvdf_fem.solution.solution import Solution
+from pvdf_fem.solution.solve import solve
+
+MOST_HZ = 1e6  #: Highest frequency, Hz.
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyResponse:
+    """Complex amplitudes over that of the probe's force, by electrode.
+
+    Attributes
+    ----------
+    solution : Solution
+        The loaded state that the film oscillates about.
+    frequencies_Hz : (n,)
+    charges_pC_N : dict of (n,) complex
+        Charges, whose phase is that to the force.
+    charge_errors_pC_N : dict of (n,)
+        Their estimated discretisation errors, absolute.
+    readings_V_N : dict of (n,) complex
+        Readings of the channels; empty without ``[readout]``.
+    left_out : tuple of str
+        What the model neglects.
+    """
+
+    solution: Solution
+    frequencies_Hz: Array
+    charges_pC_N: dict[str, ComplexArray]
+    charge_errors_pC_N: dict[str, Array]
+    readings_V_N: dict[str, ComplexArray]
+    left_out: tuple[str, ...]
+
+    def columns(self) -> dict[str, Array]:
+        """The columns of the table that `pvdf-fem respond` prints."""
+        found = {"frequency_Hz": self.frequencies_Hz}
+        for name, charge in self.charges_pC_N.items():
+            found |= {f"{name}_real_pC_N": charge.real, f"{name}_imag_pC_N": charge.imag}
+            found[f"{name}_error_pC_N"] = self.charge_errors_pC_N[name]
+        for name, volts in self.readings_V_N.items():
+            found |= {f"{name}_real_V_N": volts.real, f"{name}_imag_V_N": volts.imag}
+        return found
+
+    def to_json(self) -> dict[str, Any]:
+        """What `pvdf-fem respond --json` prints."""
+        columns = {name: values.tolist() for name, values in self.columns().items()}
+        return {"status": str(self.solution.status), **columns, "left_out": list(self.left_out)}
+
+
+def respond(solution: Solution | Scene, frequencies_Hz: ArrayLike) -> FrequencyResponse:
+    """Charges by a small oscillating force of the probe along z, by frequency.
+
+    Parameters
+    ----------
+    solution : Solution or Scene
+        The loaded state, or a scene that is solved first, with one probe that is no tip.
+    frequencies_Hz : array_like
+        One or several, not below zero.
+
+    Raises
+    ------
+    NotConvergedError
+        Where the scene has no solution, or for frequencies too high for its film.
+    SceneError, ValueError
+        For a scene without such a probe, for frequencies that are no such numbers.
+    """
+    frequencies = np.atleast_1d(np.asarray(frequencies_Hz, dtype=float))
+    if frequencies.ndim != 1 or not np.all((frequencies >= 0.0) & (frequencies <= MOST_HZ)):
+        raise ValueError(f"frequencies_Hz: give numbers from 0 to {MOST_HZ:g} Hz")
+    solution = loaded(solution)
+    scene, tested = solution.scene, band(frequencies)
+    both = [o.reduced(tested) for o in oscillations(solution, frequencies.max())]
+    charges, better = (reduced.charges(frequencies) for reduced in both)
+    names = [electrode.name for electrode in scene.electrode_list]
+    by_name = dict(zip(names, charges.T, strict=True))
+    errors = np.abs(better - charges).T
+    read = channels(scene) if scene.readout is not None else ()
+    return FrequencyResponse(
+        solution,
+        frequencies,
+        {name: 1e12 * charge for name, charge in by_name.items()},
+        dict(zip(names, 1e12 * errors, strict=True)),
+        {c.name: c.harmonic(frequencies) * by_name[c.name] for c in read},
+        left_out(solution),
+    )
+
+
+def loaded(solution: Solution | Scene) -> Solution:
+    """The solution of a scene, refused where its force cannot oscillate."""
+    scene = solution if isinstance(solution, Scene) else solution.scene
+    scene.require_no_tips("oscillations about the load")
+    if scene.single_probe is None:
+        raise SceneError([problem("probe", None, "is missing; add the one whose force changes")])
+    return solve(scene) if isinstance(solution, Scene) else solution
+
+
+def left_out(solution: Solution) -> tuple[str, ...]:
+    """What oscillations about a solution neglect."""
+    scene, remarks = solution.scene, list(solution.left_out)
+    remarks += [] if scene.air else [air_remark(scene)]
+    if scene.film.loss_tangent is None:
+        remarks.append("damping by the film: give film.loss_tangent")
+    return tuple(remarks)
