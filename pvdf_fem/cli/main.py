@@ -14,13 +14,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pvdf_fem import __version__
-from pvdf_fem.cli import calibrate, locate, sweep, track
+from pvdf_fem.cli import calibrate, locate, respond, sweep, track
 from pvdf_fem.cli.program import (
     ArgumentParser,
     ExitCode,
     add_scene_command,
     add_texts,
     output_mistakes,
+    plot_extensions,
     run_program,
     scene_of,
 )
@@ -42,7 +43,7 @@ scene files are TOML. Their keys, each with a default:
                 poisson_ratio, shear_modulus_GPa, density_kg_m3,
                 thermal_expansion_per_K, temperature_change_K (below zero
                 stretches the film) or pretension_N_m (a number, or [Nx, Ny]),
-                d31_pC_N, d32_pC_N, permittivity, bending (true, false, "auto":
+                d31_pC_N, d32_pC_N, permittivity, loss_tangent, bending (true, false, "auto":
                 where it matters), compression (refuse, tension-field: the film
                 wrinkles)
   [electrodes]  layout (four, three, ring), ring_radius_mm, side_mm; for a ring:
@@ -66,6 +67,8 @@ scene files are TOML. Their keys, each with a default:
                 electrodes, or a table by electrode; reading (change, total)
   [stage]       x_mm, y_mm (the film's centre on the stage that positions the
                 probe), rotation_deg (of the film's axes there)
+  [air]         density_kg_m3, baffle (whether the rim is in one), for
+                oscillations; a vacuum without this table
 Any electrodes instead of a layout, each below a heading [[electrodes]]:
   name, x_mm, y_mm, shape and its sizes, rotation_deg
 Several probes, each below a heading [[probe]]: its keys, and force_N,
@@ -112,7 +115,8 @@ exit codes: 0 written, 2 bad input, 3 gmsh failed"""
 
 _MODES = """\
 Lowest frequencies of the stretched film in Hz, each with its estimated
-discretisation error; pairs of equal frequency are listed twice."""
+discretisation error; pairs of equal frequency are listed twice. A scene with
+[air] has those in air besides."""
 
 _MODES_EPILOG = """\
 examples:
@@ -163,7 +167,7 @@ def _parser() -> argparse.ArgumentParser:
         "--loaded", action="store_true", help="about the film under its load, not the flat film"
     )
     add_texts(modes, ("--count", "N", "6", "how many frequencies"))
-    for command in (sweep, locate, track, calibrate):
+    for command in (respond, sweep, locate, track, calibrate):
         command.add_to(commands)
     return parser
 
@@ -172,7 +176,7 @@ def _solve(options: argparse.Namespace) -> int:
     mistakes = output_mistakes(options.vtu, [".vtu"], options.scene, options.mesh)
     if options.plot:
         others = options.scene, options.mesh, options.vtu
-        mistakes += output_mistakes(options.plot, _plot_extensions(), *others)
+        mistakes += output_mistakes(options.plot, plot_extensions(), *others)
     scene = scene_of(options, *mistakes)
     from pvdf_fem.solution.solve import solve
     from pvdf_fem.solvers.status import Status
@@ -222,12 +226,6 @@ def _modes(options: argparse.Namespace) -> int:
     _print(result.to_json(), options.json, lambda: modes_text(result))
     converged = result.status is Status.CONVERGED
     return ExitCode.CONVERGED if converged else ExitCode.NOT_CONVERGED
-
-
-def _plot_extensions() -> list[str]:
-    from matplotlib.backend_bases import FigureCanvasBase
-
-    return [f".{extension}" for extension in FigureCanvasBase.get_supported_filetypes()]
 
 
 def _write_files(solution: Solution, vtu: Path | None, plot: Path | None) -> None:

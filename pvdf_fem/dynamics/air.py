@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -43,15 +42,10 @@ class AirLoad:
     volume: Array  #: Volume that a unit of each unknown displaces, m^2, (unknowns,).
 
     @classmethod
-    def of(cls, equilibrium: Equilibrium, wavenumber: float) -> AirLoad | None:
-        """The air of the scene; None in a vacuum.
-
-        `wavenumber` is the largest one of waves on the unit disc that polynomials have to follow.
-        The quadrature follows their highest degree over the largest element.
-        """
-        air, a = equilibrium.scene.air, equilibrium.film.radius
-        if air is None:
-            return None
+    def of(cls, equilibrium: Equilibrium, wavenumber: float) -> AirLoad:
+        """The air of the scene, or none, for shapes with wavenumbers on the unit disc up to one.
+        The quadrature follows the polynomials' highest degree over the largest element."""
+        air, a = equilibrium.scene.air or Air(density_kg_m3=0.0), equilibrium.film.radius
         degree, s = int(1.2 * wavenumber) + 10, -0.5 if air.baffle else 0.5
         largest = np.sqrt(2.0 * equilibrium.space.weights.sum(axis=1).max()) / a
         rule = int(min(8.0 + degree * largest, FINEST_RULE))
@@ -85,13 +79,11 @@ class AirLoad:
         last = self.degrees > self.degrees.max() - 2
         return np.asarray(np.square(self.root[:, last].T @ shapes).sum(axis=0))
 
-    @cached_property
+    @property
     def radiation(self) -> float:
-        """r of the resistance r omega^2 v v^T, v the displaced volumes, in kg s/m^4.
-
-        It is that of a point source on both sides of the baffle, to leading order in the radius
-        over the wavelength. Without a baffle both cancel in this order.
-        """
+        """r of the resistance r omega^2 v v^T, v the displaced volumes, in kg s/m^4: that of a
+        point source on both sides of the baffle, to leading order in the radius over the
+        wavelength. Without a baffle both cancel in this order."""
         return self.air.density_kg_m3 / (np.pi * SOUND_SPEED) if self.air.baffle else 0.0
 
 

@@ -69,12 +69,6 @@ class Spectrum:
     vectors: Array
     in_air: Spectrum | None = None
 
-    @property
-    def worst(self) -> float:
-        """Largest relative error of a frequency."""
-        worst = float(np.max(self.errors / self.frequencies))
-        return worst if self.in_air is None else max(worst, self.in_air.worst)
-
 
 @dataclass(frozen=True, eq=False)
 class Modes:
@@ -247,7 +241,8 @@ class _Attempt:
     @property
     def worst(self) -> float:
         """Largest relative error of a frequency."""
-        return 0.0 if self.spectrum is None else self.spectrum.worst
+        spectra = [s for s in (self.spectrum, self.spectrum and self.spectrum.in_air) if s]
+        return max((float(np.max(s.errors / s.frequencies)) for s in spectra), default=0.0)
 
     @property
     def unknowns(self) -> int:
@@ -313,9 +308,8 @@ class _ModalProblem:
         with self.clock("modes"):
             pencils = pencil_of(coarse, q), pencil_of(rich, q_rich)
             spectrum = self._spectrum(coarse, rich, q, pencils)
-            loads = [AirLoad.of(e, _wavenumber(self.count)) for e in (coarse, rich)]
-            if isinstance(spectrum, Spectrum) and loads[0] is not None:
-                spectrum = self._in_air(spectrum, rich, pencils, loads)
+            if self.scene.air is not None and isinstance(spectrum, Spectrum):
+                spectrum = self._with_air(spectrum, rich, pencils)
         for equilibrium in (coarse, rich):
             self.budget.spend(equilibrium, EIGEN_ITERATIONS)
         if isinstance(spectrum, Status):
@@ -340,18 +334,18 @@ class _ModalProblem:
         errors = np.maximum(np.abs(by_stress + by_shape), least)
         return Spectrum(coarse, q, modes[0], errors, modes[1])
 
-    def _in_air(
-        self, vacuum: Spectrum, rich: Equilibrium, pencils: Sequence[Pencil], loads: Sequence[Any]
-    ) -> Spectrum | Status:
+    def _with_air(self, vacuum: Spectrum, rich: Equilibrium, pencils: Sequence[Pencil]) -> Spectrum:
         """The spectrum in vacuum with that in air beside it."""
-        pairs = zip(pencils, loads, strict=True)
-        loaded = [(stiffness, air.with_mass(mass)) for (stiffness, mass), air in pairs]
-        spectrum = self._spectrum(vacuum.equilibrium, rich, vacuum.q, loaded)
-        if isinstance(spectrum, Status):
-            return spectrum
-        share = 0.5 * loads[0].lacking(spectrum.vectors)  # eigenvectors have a mass of 1
-        errors = spectrum.errors + share * spectrum.frequencies
-        return replace(vacuum, in_air=replace(spectrum, errors=errors))
+        coarse, wavenumber = vacuum.equilibrium, _wavenumber(self.count)
+        air, rich_air = (AirLoad.of(equilibrium, wavenumber) for equilibrium in (coarse, rich))
+        (stiffness, mass), (rich_stiffness, rich_mass) = pencils
+        total = air.with_mass(mass)
+        loaded = (stiffness, total), (rich_stiffness, rich_air.with_mass(rich_mass))
+        found = self._spectrum(coarse, rich, vacuum.q, loaded)
+        assert isinstance(found, Spectrum)  # the stiffness has modes in vacuum
+        inertia = (found.vectors * (total @ found.vectors)).sum(axis=0)
+        lacking = 0.5 * found.frequencies * air.lacking(found.vectors) / inertia
+        return replace(vacuum, in_air=replace(found, errors=found.errors + lacking))
 
 
 def pencil_of(equilibrium: Equilibrium, q: Array) -> Pencil:

@@ -18,7 +18,7 @@ that the vectors of a damped film are complex, and those from K^-1 v join where 
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -29,13 +29,13 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.charges.forces import goal_gradients
 from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.dynamics.air import AirLoad
+from pvdf_fem.dynamics.modes import pencil_of
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.pressure import UP, DeadPressure
 from pvdf_fem.film.term import State
-from pvdf_fem.solution.estimate import corrected
+from pvdf_fem.solution.gradients import factorised, next_order
 from pvdf_fem.solution.solution import NotConvergedError, Solution
-from pvdf_fem.solvers.budget import Budget
-from pvdf_fem.solvers.newton import NewtonResult, factorise
+from pvdf_fem.solvers.newton import factorise
 from pvdf_fem.solvers.status import Status
 
 CHUNK = 256  #: Frequencies that are solved for together, so that memory stays small.
@@ -60,38 +60,28 @@ class Oscillation:
     def of(cls, equilibrium: Equilibrium, q: Array, highest_Hz: float) -> Oscillation:
         """About the state of the unknowns `q`, by a force of the first probe along z; the air
         follows the film up to a frequency."""
-        state, film = equilibrium.state(q), equilibrium.film
-        areal = film.density * film.thickness
-        mass = equilibrium.assembly.matrix(areal * equilibrium.space.mass())
+        state = equilibrium.state(q)
+        stiffness, mass = pencil_of(equilibrium, q)
         air = AirLoad.of(equilibrium, _wavenumber(equilibrium, state, highest_Hz))
         force = equilibrium.loads[0].with_components(UP).forces(state)
         rates = goal_gradients(goals_of(equilibrium.scene), equilibrium.membrane, state.dofs)
         return cls(
-            equilibrium.tangent(state),
-            _elastic(equilibrium, state) if film.loss_tangent else None,
-            mass if air is None else air.with_mass(mass),
+            stiffness,
+            _elastic(equilibrium, state),
+            mass if equilibrium.scene.air is None else air.with_mass(mass),
             equilibrium.on_unknowns(state, force),
             equilibrium.on_unknowns(state, rates),
-            np.zeros(len(q)) if air is None else air.volume,
-            0.0 if air is None else air.radiation,
-            film.loss_tangent or 0.0,
+            air.volume,
+            air.radiation,
+            equilibrium.film.loss_tangent or 0.0,
         )
 
-    def projected(self, vectors: Array) -> Oscillation:
+    def projected(self, vectors: Any) -> Oscillation:
         """The equations of the amplitudes of `vectors` (unknowns, n), as dense matrices."""
-
-        def onto(matrix: Any) -> Array:
-            return np.asarray(vectors.T @ (matrix @ vectors))
-
-        return Oscillation(
-            onto(self.stiffness),
-            0.0 if self.elastic is None else onto(self.elastic),
-            onto(self.mass),
-            vectors.T @ self.force,
-            vectors.T @ self.rates,
-            vectors.T @ self.volume,
-            self.radiation,
-            self.loss_tangent,
+        matrices, loads = ("stiffness", "elastic", "mass"), ("force", "rates", "volume")
+        projected = {name: vectors.T @ (getattr(self, name) @ vectors) for name in matrices}
+        return replace(
+            self, **projected, **{name: vectors.T @ getattr(self, name) for name in loads}
         )
 
     def charges(self, frequencies: Array) -> ComplexArray:
@@ -111,11 +101,12 @@ class Oscillation:
         """The projection on as many Ritz vectors as the charges at frequencies in Hz take to stay
         within the tolerance, of each and of the largest at rest."""
         stiffness = self.stiffness
-        if self.elastic is not None:
+        if self.loss_tangent:
             stiffness = stiffness + 1j * self.loss_tangent * self.elastic
         solve, starts = factorise(stiffness).solve, [self.force, self.volume]
         queue = [solve(v.astype(stiffness.dtype)) for v in starts[: 1 + (self.radiation > 0.0)]]
-        vectors, charges = np.empty((len(self.force), most), stiffness.dtype), np.zeros(1)
+        vectors = np.empty((len(self.force), most), stiffness.dtype)
+        charges: Any = 0.0
         for i in range(most):
             vectors[:, i] = self._unit(queue.pop(0), vectors[:, :i])
             queue.append(solve(self.mass @ vectors[:, i]))
@@ -144,21 +135,16 @@ def band(frequencies: Array, most: int = 60) -> Array:
 
 def oscillations(solution: Solution, highest_Hz: float) -> tuple[Oscillation, Oscillation]:
     """About a solution up to a frequency, and the same of the order above on the same mesh."""
-    coarse, budget = solution.fields.equilibrium, Budget.of(solution.scene)
-    q = coarse.restrict(solution.fields.displacement)
-    rich = Equilibrium(solution.scene, coarse.space.mesh, coarse.space.order + 1)
-    factors = factorise(coarse.tangent(coarse.state(q)))
-    correction = corrected(coarse, q, factors, rich, budget)
-    if isinstance(correction, NewtonResult):
-        raise NotConvergedError(f"{correction.status}: {correction.status.advice}")
-    return Oscillation.of(coarse, q, highest_Hz), Oscillation.of(rich, correction.q, highest_Hz)
+    solved, q, factors = factorised(solution)
+    both = (solved, q), next_order(solved, q, factors)
+    coarse, rich = (Oscillation.of(*of, highest_Hz) for of in both)
+    return coarse, rich
 
 
 def _wavenumber(
     equilibrium: Equilibrium, state: State, highest_Hz: float, most: float = 40
 ) -> float:
-    """Of waves of a frequency on the unit disc, with the mean tension; at least that of the lowest
-    mode."""
+    """Of waves on the unit disc with the mean tension; at least that of the lowest mode."""
     weights, film = equilibrium.space.weights, equilibrium.film
     stress = float((state.stress[..., :2].mean(axis=-1) * weights).sum() / weights.sum())
     speed = np.sqrt(max(stress, TINY) / film.density)

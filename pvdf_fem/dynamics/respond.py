@@ -13,7 +13,7 @@ from pvdf_fem.dynamics.modes import air_remark
 from pvdf_fem.dynamics.oscillation import ComplexArray, band, oscillations
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import SceneError, problem
+from pvdf_fem.scene.scene_file import SceneError
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import solve
 
@@ -22,29 +22,14 @@ MOST_HZ = 1e6  #: Highest frequency, Hz.
 
 @dataclass(frozen=True, eq=False)
 class FrequencyResponse:
-    """Complex amplitudes over that of the probe's force, by electrode.
+    """Complex amplitudes over that of the probe's force, by electrode, (n,)."""
 
-    Attributes
-    ----------
-    solution : Solution
-        The loaded state that the film oscillates about.
-    frequencies_Hz : (n,)
-    charges_pC_N : dict of (n,) complex
-        Charges, whose phase is that to the force.
-    charge_errors_pC_N : dict of (n,)
-        Their estimated discretisation errors, absolute.
-    readings_V_N : dict of (n,) complex
-        Readings of the channels; empty without ``[readout]``.
-    left_out : tuple of str
-        What the model neglects.
-    """
-
-    solution: Solution
+    solution: Solution  #: The loaded state.
     frequencies_Hz: Array
     charges_pC_N: dict[str, ComplexArray]
-    charge_errors_pC_N: dict[str, Array]
-    readings_V_N: dict[str, ComplexArray]
-    left_out: tuple[str, ...]
+    charge_errors_pC_N: dict[str, Array]  #: Estimated discretisation errors, absolute.
+    readings_V_N: dict[str, ComplexArray]  #: Of the channels; empty without ``[readout]``.
+    left_out: tuple[str, ...]  #: What the model neglects.
 
     def columns(self) -> dict[str, Array]:
         """The columns of the table that `pvdf-fem respond` prints."""
@@ -55,11 +40,6 @@ class FrequencyResponse:
         for name, volts in self.readings_V_N.items():
             found |= {f"{name}_real_V_N": volts.real, f"{name}_imag_V_N": volts.imag}
         return found
-
-    def to_json(self) -> dict[str, Any]:
-        """What `pvdf-fem respond --json` prints."""
-        columns = {name: values.tolist() for name, values in self.columns().items()}
-        return {"status": str(self.solution.status), **columns, "left_out": list(self.left_out)}
 
 
 def respond(solution: Solution | Scene, frequencies_Hz: ArrayLike) -> FrequencyResponse:
@@ -82,19 +62,17 @@ def respond(solution: Solution | Scene, frequencies_Hz: ArrayLike) -> FrequencyR
     frequencies = np.atleast_1d(np.asarray(frequencies_Hz, dtype=float))
     if frequencies.ndim != 1 or not np.all((frequencies >= 0.0) & (frequencies <= MOST_HZ)):
         raise ValueError(f"frequencies_Hz: give numbers from 0 to {MOST_HZ:g} Hz")
-    solution = loaded(solution)
-    scene, tested = solution.scene, band(frequencies)
+    solution, tested = loaded(solution), band(frequencies)
+    scene = solution.scene
     both = [o.reduced(tested) for o in oscillations(solution, frequencies.max())]
     charges, better = (reduced.charges(frequencies) for reduced in both)
-    names = [electrode.name for electrode in scene.electrode_list]
-    by_name = dict(zip(names, charges.T, strict=True))
-    errors = np.abs(better - charges).T
+    by_name = by_electrode(scene, charges.T)
     read = channels(scene) if scene.readout is not None else ()
     return FrequencyResponse(
         solution,
         frequencies,
-        {name: 1e12 * charge for name, charge in by_name.items()},
-        dict(zip(names, 1e12 * errors, strict=True)),
+        by_electrode(scene, 1e12 * charges.T),
+        by_electrode(scene, 1e12 * np.abs(better - charges).T),
         {c.name: c.harmonic(frequencies) * by_name[c.name] for c in read},
         left_out(solution),
     )
@@ -105,14 +83,18 @@ def loaded(solution: Solution | Scene) -> Solution:
     scene = solution if isinstance(solution, Scene) else solution.scene
     scene.require_no_tips("oscillations about the load")
     if scene.single_probe is None:
-        raise SceneError([problem("probe", None, "is missing; add the one whose force changes")])
+        raise SceneError(["probe = (nothing): is required; add the one whose force changes"])
     return solve(scene) if isinstance(solution, Scene) else solution
+
+
+def by_electrode(scene: Scene, values: Any) -> dict[str, Any]:
+    """Rows of values by the names of the electrodes."""
+    return dict(zip([electrode.name for electrode in scene.electrode_list], values, strict=True))
 
 
 def left_out(solution: Solution) -> tuple[str, ...]:
     """What oscillations about a solution neglect."""
-    scene, remarks = solution.scene, list(solution.left_out)
-    remarks += [] if scene.air else [air_remark(scene)]
-    if scene.film.loss_tangent is None:
-        remarks.append("damping by the film: give film.loss_tangent")
-    return tuple(remarks)
+    scene = solution.scene
+    air = () if scene.air else (air_remark(scene),)
+    losses = ("damping by the film: give film.loss_tangent",)
+    return (*solution.left_out, *air, *(losses if scene.film.loss_tangent is None else ()))

@@ -273,7 +273,7 @@ def force_rates(solution: Solution, keys: Sequence[str]) -> Array:
     """
     units = [(1.0, 0.0), (0.0, 1.0)]
     goals = [replace(goal, d=d) for goal in goals_of(solution.scene) for d in units]
-    solved, q, factors = _factorised(solution)
+    solved, q, factors = factorised(solution)
     adjoint = _Adjoint.of(solved, goals, q, factors)
     return np.reshape([_rate(adjoint, key) for key in keys], (len(keys), -1, 2))
 
@@ -313,18 +313,24 @@ class _Adjoint:
 
 def _adjoints(solution: Solution) -> tuple[_Adjoint, _Adjoint]:
     """The adjoint solutions of a solution, and those of the order above on the same mesh."""
-    solved, q, factors = _factorised(solution)
+    solved, q, factors = factorised(solution)
     goals = goals_of(solution.scene)
-    rich = Equilibrium(solution.scene, solved.space.mesh, solved.space.order + 1)
-    correction = corrected(solved, q, factors, rich, Budget.of(solution.scene))
+    rich, rich_q = next_order(solved, q, factors)
+    rich_factors = factorise(rich.tangent(rich.state(rich_q)))
+    coarse = _Adjoint.of(solved, goals, q, factors)
+    return coarse, _Adjoint.of(rich, goals, rich_q, rich_factors)
+
+
+def next_order(solved: Equilibrium, q: Array, factors: SuperLU) -> tuple[Equilibrium, Array]:
+    """The equations of the order above on the same mesh, and their solution; from `factorised`."""
+    rich = Equilibrium(solved.scene, solved.space.mesh, solved.space.order + 1)
+    correction = corrected(solved, q, factors, rich, Budget.of(solved.scene))
     if isinstance(correction, NewtonResult):
         raise NotConvergedError(f"{correction.status}: {correction.status.advice}")
-    rich_factors = factorise(rich.tangent(rich.state(correction.q)))
-    coarse = _Adjoint.of(solved, goals, q, factors)
-    return coarse, _Adjoint.of(rich, goals, correction.q, rich_factors)
+    return rich, correction.q
 
 
-def _factorised(solution: Solution) -> tuple[Equilibrium, Array, SuperLU]:
+def factorised(solution: Solution) -> tuple[Equilibrium, Array, SuperLU]:
     """The whole film's equations with their unknowns and the tangent's factors."""
     fields, solved = solution.fields, solution.fields.equilibrium
     q = solved.restrict(fields.displacement)

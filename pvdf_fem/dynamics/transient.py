@@ -1,0 +1,161 @@
+"""Charges of a small further touch by time, about a loaded state.
+
+The film answers in the modes of its reduced equations (see `oscillation`), each damped as the loss
+tangent and the sound damp it at its own frequency; what they couple of the modes, and the lag of
+the stress itself, is left out. Modes above `highest_Hz` follow the force at once. Forces are
+sums of exponentials that are switched on, so charges and readings are partial fractions, exact at
+any times.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.dynamics.oscillation import ComplexArray, Oscillation, band, oscillations
+from pvdf_fem.dynamics.respond import by_electrode, left_out, loaded
+from pvdf_fem.readout.channel import channels
+from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.scene_file import SceneError, problem
+from pvdf_fem.solution.solution import Solution
+
+#: Starts in s, p in 1/s and c in N of c exp(p (t - start)) from each start on.
+Exponentials = tuple[tuple[float, complex, complex], ...]
+
+
+@dataclass(frozen=True)
+class Step:
+    """A further force that comes at once, at t = 0, and stays for a time."""
+
+    force_N: float
+    duration_s: float = math.inf
+
+    @property
+    def exponentials(self) -> Exponentials:
+        """A constant, taken away again."""
+        return (0.0, 0.0, self.force_N), (self.duration_s, 0.0, -self.force_N)
+
+
+@dataclass(frozen=True)
+class HalfSine:
+    """A further force F sin(pi t/T) from t = 0 to the duration T."""
+
+    force_N: float
+    duration_s: float
+
+    @property
+    def exponentials(self) -> Exponentials:
+        """Two sines, the second of which ends the first."""
+        waves = (1j, -0.5j * self.force_N), (-1j, 0.5j * self.force_N)
+        starts = (0.0, self.duration_s)
+        return tuple((t, p * np.pi / self.duration_s, c) for t in starts for p, c in waves)
+
+
+@dataclass(frozen=True, eq=False)
+class Transient:
+    """Changes against the loaded state, by time, (n,)."""
+
+    solution: Solution  #: The loaded state.
+    times_s: Array
+    charges_pC: dict[str, Array]
+    charge_errors_pC: dict[str, Array]  #: Estimated discretisation errors, absolute.
+    readings_V: dict[str, Array]  #: Changes of those of the channels; empty without ``[readout]``.
+    left_out: tuple[str, ...]  #: What the model neglects.
+
+
+def transient(
+    solution: Solution | Scene,
+    touch: Step | HalfSine,
+    times_s: ArrayLike,
+    *,
+    highest_Hz: float = 1000.0,
+) -> Transient:
+    """Charges and readings by time, of a further force of the probe along z.
+
+    They are linear in the force, so it should be small beside the load.
+
+    Parameters
+    ----------
+    solution : Solution or Scene
+        The loaded state, or a scene that is solved first, with one probe that is no tip.
+    touch : Step or HalfSine
+    times_s : array_like
+        Before t = 0 nothing changes.
+    highest_Hz : float, optional
+        Up to which frequency modes oscillate; faster ones follow the force at once.
+
+    Raises
+    ------
+    NotConvergedError, SceneError
+        As `respond`, and for a force that follows the film, which has no modes.
+    """
+    solution, times = loaded(solution), np.atleast_1d(np.asarray(times_s, dtype=float))
+    if not solution.fields.equilibrium.conservative:
+        raise SceneError([problem("load.kind", "follower", 'has no modes; give "dead"')])
+    tested = band(np.linspace(0.0, highest_Hz, 100))
+    modes, better = (_Modes.of(o, tested) for o in oscillations(solution, highest_Hz))
+    charges, scene, readings = modes.follow(touch, times), solution.scene, {}
+    for i, channel in enumerate(channels(scene) if scene.readout is not None else ()):
+        discharge = [] if math.isinf(channel.resistance) else [-1.0 / channel.time_constant]
+        charge = modes.follow(touch, times, discharge)[i]
+        readings[channel.name] = channel.gain / channel.capacitance * charge
+    return Transient(
+        solution,
+        times,
+        by_electrode(scene, 1e12 * charges),
+        by_electrode(scene, 1e12 * np.abs(better.follow(touch, times) - charges)),
+        readings,
+        left_out(solution),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Modes:
+    """Modes that oscillate, and the charges of those that follow the force at once."""
+
+    poles: ComplexArray  #: In 1/s, (2, modes, 1).
+    weights: Array  #: f g in C/(kg m), (electrodes, modes).
+    at_once: Array  #: In C/N, (electrodes, 1).
+
+    @classmethod
+    def of(cls, oscillation: Oscillation, tested: Array) -> _Modes:
+        """Of the equations of motion, reduced as the charges at frequencies in Hz need it."""
+        lossless = replace(oscillation, loss_tangent=0.0, radiation=0.0).reduced(tested)
+        squares, shapes = scipy.linalg.eigh(lossless.stiffness, lossless.mass)
+        modal, omega = lossless.projected(shapes), np.sqrt(squares)
+        film = oscillation.loss_tangent * np.diag(modal.elastic) / omega
+        half = 0.5 * (film + oscillation.radiation * (omega * modal.volume) ** 2)
+        root = np.sqrt(half**2 - squares + 0j)
+        weights, slow = modal.force * modal.rates.T, omega <= 2.0 * np.pi * tested.max()
+        at_once = (weights[:, ~slow] / squares[~slow]).sum(axis=1, keepdims=True)
+        poles = np.stack([root - half, -root - half])[:, slow, None]
+        return cls(poles, weights[:, slow], at_once)
+
+    def follow(
+        self, touch: Step | HalfSine, times: Array, discharge: Sequence[float] = ()
+    ) -> Array:
+        """Charges in C, (electrodes, times), or what a circuit of this pole in 1/s leaves of
+        them."""
+        total = np.zeros((len(self.weights), len(times)), dtype=complex)
+        for start, rate, size in touch.exponentials:
+            age, given = times - start, [rate, *discharge]
+            modal = self.weights @ _fractions([*self.poles, *given], age, len(discharge))
+            total += size * (modal + self.at_once * _fractions(given, age, len(discharge)))
+        return total.real
+
+
+def _fractions(poles: Sequence[Any], age: Array, zeros: int) -> ComplexArray:
+    """The function of time that has the Laplace transform s^zeros/prod (s - pole)."""
+    others = [[z - p for p in poles if p is not z] for z in poles]
+    parts = [
+        z**zeros * np.exp(z * np.maximum(age, 0.0)) / np.prod(np.broadcast_arrays(*o), axis=0)
+        for z, o in zip(poles, others, strict=True)
+    ]
+    return np.asarray(np.where(age < 0.0, 0.0, sum(parts)))
