@@ -96,7 +96,7 @@ class Oscillation:
         return np.asarray((1.0 + 1j * self.loss_tangent) * (q @ self.rates))
 
     def reduced(
-        self, frequencies: Array, tolerance: float = 1e-7, most: int = 320, batch: int = 16
+        self, frequencies: Array, tolerance: float = 1e-7, most: int = 426, growth: float = 1.25
     ) -> Oscillation:
         """The projection on as many Ritz vectors as the charges at frequencies in Hz take to stay
         within the tolerance, of each and of the largest at rest."""
@@ -106,11 +106,12 @@ class Oscillation:
         solve, starts = factorise(stiffness).solve, [self.force, self.volume]
         queue = [solve(v.astype(stiffness.dtype)) for v in starts[: 1 + (self.radiation > 0.0)]]
         vectors = np.empty((len(self.force), most), stiffness.dtype)
-        charges: Any = 0.0
+        charges, tested = np.zeros((1, 1), dtype=complex), 16
         for i in range(most):
             vectors[:, i] = self._unit(queue.pop(0), vectors[:, :i])
             queue.append(solve(self.mass @ vectors[:, i]))
-            if (i + 1) % batch == 0:
+            if i + 1 == tested:
+                tested = int(growth * tested)
                 small = self.projected(vectors[:, : i + 1])
                 before, charges = charges, small.charges(frequencies)
                 unit = np.abs(charges) + np.abs(small.charges(np.zeros(1))).max() + TINY
@@ -128,7 +129,7 @@ class Oscillation:
         return vector / np.sqrt(np.vdot(vector, self.mass @ vector).real)
 
 
-def band(frequencies: Array, most: int = 60) -> Array:
+def band(frequencies: Array, most: int = 24) -> Array:
     """At most this number of the frequencies, spread over all of them."""
     return np.sort(frequencies)[np.linspace(0, len(frequencies) - 1, most).round().astype(int)]
 

@@ -2,9 +2,8 @@
 
 The film answers in the modes of its reduced equations (see `oscillation`), each damped as the loss
 tangent and the sound damp it at its own frequency; what they couple of the modes, and the lag of
-the stress itself, is left out. Modes above `highest_Hz` follow the force at once. Forces are
-sums of exponentials that are switched on, so charges and readings are partial fractions, exact at
-any times.
+the stress itself, is left out. Forces are sums of exponentials that are switched on, so charges
+and readings are partial fractions, exact at any times.
 """
 
 from __future__ import annotations
@@ -89,7 +88,7 @@ def transient(
     times_s : array_like
         Before t = 0 nothing changes.
     highest_Hz : float, optional
-        Up to which frequency modes oscillate; faster ones follow the force at once.
+        Up to which the modes are those of the film; slower touches have little beyond.
 
     Raises
     ------
@@ -118,11 +117,10 @@ def transient(
 
 @dataclass(frozen=True, eq=False)
 class _Modes:
-    """Modes that oscillate, and the charges of those that follow the force at once."""
+    """Poles of modes in 1/s, (2, modes, 1), and f g in C/(kg m), (electrodes, modes)."""
 
-    poles: ComplexArray  #: In 1/s, (2, modes, 1).
-    weights: Array  #: f g in C/(kg m), (electrodes, modes).
-    at_once: Array  #: In C/N, (electrodes, 1).
+    poles: ComplexArray
+    weights: Array
 
     @classmethod
     def of(cls, oscillation: Oscillation, tested: Array) -> _Modes:
@@ -133,21 +131,16 @@ class _Modes:
         film = oscillation.loss_tangent * np.diag(modal.elastic) / omega
         half = 0.5 * (film + oscillation.radiation * (omega * modal.volume) ** 2)
         root = np.sqrt(half**2 - squares + 0j)
-        weights, slow = modal.force * modal.rates.T, omega <= 2.0 * np.pi * tested.max()
-        at_once = (weights[:, ~slow] / squares[~slow]).sum(axis=1, keepdims=True)
-        poles = np.stack([root - half, -root - half])[:, slow, None]
-        return cls(poles, weights[:, slow], at_once)
+        return cls(np.stack([root - half, -root - half])[..., None], modal.force * modal.rates.T)
 
     def follow(
         self, touch: Step | HalfSine, times: Array, discharge: Sequence[float] = ()
     ) -> Array:
-        """Charges in C, (electrodes, times), or what a circuit of this pole in 1/s leaves of
-        them."""
+        """Charges in C, (electrodes, times), or what a circuit of this pole in 1/s leaves."""
         total = np.zeros((len(self.weights), len(times)), dtype=complex)
         for start, rate, size in touch.exponentials:
-            age, given = times - start, [rate, *discharge]
-            modal = self.weights @ _fractions([*self.poles, *given], age, len(discharge))
-            total += size * (modal + self.at_once * _fractions(given, age, len(discharge)))
+            poles = [*self.poles, rate, *discharge]
+            total += size * (self.weights @ _fractions(poles, times - start, len(discharge)))
         return total.real
 
 
