@@ -7,9 +7,7 @@ import csv
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import Any
 
 from pvdf_fem.cli.program import (
     ExitCode,
@@ -21,40 +19,35 @@ from pvdf_fem.cli.program import (
 )
 from pvdf_fem.cli.response_model import number_of
 
-if TYPE_CHECKING:
-    pass
-
 DESCRIPTION = """\
-Charges per N of a small force of the probe that oscillates about its load, by
-frequency, as CSV: real and imaginary part and estimated error in pC/N for each
-electrode, and the readings in V/N of a scene with [readout]. Mass, damping by
-film.loss_tangent, and [air] take part."""
-
+Charges by a small force of the probe that oscillates about its load, as CSV by
+frequency: for each electrode real and imaginary part and estimated error in
+pC/N, and in V/N the reading of a scene with [readout]. Mass, film.loss_tangent
+and [air] take part."""
 EPILOG = """\
 examples:
-  pvdf-fem respond scene.toml --frequencies 1:1000 > response.csv
+  pvdf-fem respond scene.toml --frequencies 1:500 --plot response.png
   pvdf-fem respond scene.toml --frequencies 20 --set air.baffle=true --json
-  pvdf-fem respond scene.toml --frequencies 1:500:2000 --plot response.png
 
 exit codes: 0 done, 2 bad input, 3 not converged"""
-
-SPAN = "START:END, START:END:N or one, in Hz; N are evenly spaced in their logarithm (default: 200)"
+SPAN = "one in Hz, or START:END, or START:END:N, of which N are evenly spaced in their logarithm"
 
 
 def add_to(commands: Any) -> None:
     """Add the command to those of an argument parser."""
-    summary = "charges under an oscillating force, by frequency"
-    about = "respond", run, summary, DESCRIPTION, EPILOG
-    parser = add_scene_command(commands, *about)
-    add_texts(parser, ("--frequencies", "SPAN", "1:1000", SPAN))
+    summary = "charges under an oscillating force"
+    parser = add_scene_command(commands, "respond", run, summary, DESCRIPTION, EPILOG)
+    add_texts(parser, ("--frequencies", "SPAN", "1:1000:200", SPAN))
     parser.add_argument("--plot", metavar="FILE", type=Path, help="draw amplitudes and phases")
 
 
 def run(options: argparse.Namespace) -> int:
     """Run the command; returns its exit code."""
-    frequencies = _frequencies(options.frequencies)
-    mistakes = [f"--frequencies {options.frequencies[:60]}: give {SPAN}"] * (frequencies is None)
-    mistakes += output_mistakes(options.plot, plot_extensions(), options.scene)
+    frequencies, mistakes = _frequencies(options.frequencies), []
+    if frequencies is None:
+        mistakes = [f"--frequencies {options.frequencies[:60]}: is out of range; give {SPAN}"]
+    if options.plot:
+        mistakes += output_mistakes(options.plot, plot_extensions(), options.scene)
     scene = scene_of(options, *mistakes)
     from pvdf_fem.dynamics.respond import respond
     from pvdf_fem.solution.solution import NotConvergedError
@@ -82,6 +75,8 @@ def run(options: argparse.Namespace) -> int:
 
 def _frequencies(span: str, most: int = 100_000) -> Any:
     """Frequencies in Hz of a span; None for what is none."""
+    import numpy as np
+
     start, *others = [number_of(text) or 0.0 for text in span.split(":")]
     end, count = [*others, 200.0][:2] if others else (start, 1.0)
     if len(others) > 2 or not (0.0 < start <= end <= 1e6 and count in range(1, most + 1)):

@@ -29,32 +29,15 @@ from pvdf_fem.solution.solution import Solution
 Exponentials = tuple[tuple[float, complex, complex], ...]
 
 
-@dataclass(frozen=True)
-class Step:
+def step(force_N: float, duration_s: float = math.inf) -> Exponentials:
     """A further force that comes at once, at t = 0, and stays for a time."""
-
-    force_N: float
-    duration_s: float = math.inf
-
-    @property
-    def exponentials(self) -> Exponentials:
-        """A constant, taken away again."""
-        return (0.0, 0.0, self.force_N), (self.duration_s, 0.0, -self.force_N)
+    return (0.0, 0.0, force_N), (duration_s, 0.0, -force_N)
 
 
-@dataclass(frozen=True)
-class HalfSine:
-    """A further force F sin(pi t/T) from t = 0 to the duration T."""
-
-    force_N: float
-    duration_s: float
-
-    @property
-    def exponentials(self) -> Exponentials:
-        """Two sines, the second of which ends the first."""
-        waves = (1j, -0.5j * self.force_N), (-1j, 0.5j * self.force_N)
-        starts = (0.0, self.duration_s)
-        return tuple((t, p * np.pi / self.duration_s, c) for t in starts for p, c in waves)
+def half_sine(force_N: float, duration_s: float) -> Exponentials:
+    """A further force F sin(pi t/T) from t = 0 to the duration T: a sine, and one that ends it."""
+    waves, starts = ((1j, -0.5j), (-1j, 0.5j)), (0.0, duration_s)
+    return tuple((t, p * np.pi / duration_s, c * force_N) for t in starts for p, c in waves)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,30 +53,24 @@ class Transient:
 
 
 def transient(
-    solution: Solution | Scene,
-    touch: Step | HalfSine,
-    times_s: ArrayLike,
-    *,
-    highest_Hz: float = 1000.0,
+    solution: Solution | Scene, touch: Exponentials, times_s: ArrayLike, highest_Hz: float = 1000.0
 ) -> Transient:
-    """Charges and readings by time, of a further force of the probe along z.
-
-    They are linear in the force, so it should be small beside the load.
+    """Charges and readings by time, linear in a further force of the probe along z.
 
     Parameters
     ----------
     solution : Solution or Scene
         The loaded state, or a scene that is solved first, with one probe that is no tip.
-    touch : Step or HalfSine
+    touch : Exponentials
+        A `half_sine` or a `step`, small beside the load.
     times_s : array_like
-        Before t = 0 nothing changes.
     highest_Hz : float, optional
-        Up to which the modes are those of the film; slower touches have little beyond.
+        Up to which the modes are those of the film; slow touches have little beyond.
 
     Raises
     ------
     NotConvergedError, SceneError
-        As `respond`, and for a force that follows the film, which has no modes.
+        As `respond`, and for a load that follows the film, which has no modes.
     """
     solution, times = loaded(solution), np.atleast_1d(np.asarray(times_s, dtype=float))
     if not solution.fields.equilibrium.conservative:
@@ -133,12 +110,10 @@ class _Modes:
         root = np.sqrt(half**2 - squares + 0j)
         return cls(np.stack([root - half, -root - half])[..., None], modal.force * modal.rates.T)
 
-    def follow(
-        self, touch: Step | HalfSine, times: Array, discharge: Sequence[float] = ()
-    ) -> Array:
+    def follow(self, touch: Exponentials, times: Array, discharge: Sequence[float] = ()) -> Array:
         """Charges in C, (electrodes, times), or what a circuit of this pole in 1/s leaves."""
         total = np.zeros((len(self.weights), len(times)), dtype=complex)
-        for start, rate, size in touch.exponentials:
+        for start, rate, size in touch:
             poles = [*self.poles, rate, *discharge]
             total += size * (self.weights @ _fractions(poles, times - start, len(discharge)))
         return total.real

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from pvdf_fem import Scene, SceneError, gradients, modes, respond, transient
 from pvdf_fem.dynamics.oscillation import band, oscillations
-from pvdf_fem.dynamics.transient import HalfSine, Step
+from pvdf_fem.dynamics.transient import half_sine, step
 from tests.helpers.discs import TRIANGLE, on_mesh
 
-TAP = HalfSine(0.01, 4e-3)
+DURATION, FORCE = 4e-3, 0.01
+TAP = half_sine(FORCE, DURATION)
 
 
 def test_a_tap_against_direct_integration():
@@ -25,32 +24,20 @@ def test_a_tap_against_direct_integration():
     count, K = len(system.force), system.stiffness
 
     def rate(t, y):
-        force = TAP.force_N * np.sin(np.pi * t / TAP.duration_s) * (t < TAP.duration_s)
+        force = FORCE * np.sin(np.pi * t / DURATION) * (t < DURATION)
         return np.append(y[count:], system.force * force - K @ y[:count])
 
     slope = np.block([[np.zeros_like(K), np.eye(count)], [-K, np.zeros_like(K)]])
-    size = np.abs(np.linalg.solve(K, system.force)).max() * TAP.force_N
+    size = np.abs(np.linalg.solve(K, system.force)).max() * FORCE
     how = {"jac": slope, "rtol": 1e-4, "atol": 1e-6 * size * np.repeat([1.0, 2e3], count)}
     start, parts = np.zeros(2 * count), []
-    for part in (times[times <= TAP.duration_s], times[times >= TAP.duration_s]):
+    for part in (times[times <= DURATION], times[times >= DURATION]):
         run = solve_ivp(rate, part[[0, -1]], start, "Radau", part, **how)
         start = run.y[:, -1]
         parts.append(1e12 * system.rates.T @ run.y[:count])
     expected = np.hstack([parts[0], parts[1][:, 1:]])
     for values, charge in zip(expected, found.charges_pC.values(), strict=True):
         np.testing.assert_allclose(charge, values, atol=1e-3 * np.abs(values).max())
-
-
-@dataclass(frozen=True)
-class Hum:
-    """A force F cos(omega t) from t = 0 on."""
-
-    force_N: float
-    frequency_Hz: float
-
-    @property
-    def exponentials(self):
-        return ((0.0, 2j * np.pi * self.frequency_Hz, self.force_N),)
 
 
 def test_a_hum_settles_to_the_frequency_response():
@@ -60,7 +47,8 @@ def test_a_hum_settles_to_the_frequency_response():
     solution, times = on_mesh(Scene.parse(probe)), 60.0 + np.linspace(0.0, 0.02, 20)
     first = modes(solution.scene, 1, loaded=True).frequencies_in_air_Hz[0]
     for frequency in (20.0, first):
-        found = transient(solution, Hum(0.01, frequency), times, highest_Hz=200.0)
+        hum = ((0.0, 2j * np.pi * frequency, 0.01),)
+        found = transient(solution, hum, times, highest_Hz=200.0)
         for name, charge in respond(solution, [frequency, 200.0]).charges_pC_N.items():
             expected = 0.01 * charge[0] * np.exp(2j * np.pi * frequency * times)
             difference = np.abs(found.charges_pC[name] - expected.real).max()
@@ -71,7 +59,7 @@ def test_a_step_ends_at_the_static_charges():
     scene = TRIANGLE.with_(air={"baffle": True}, **{"film.loss_tangent": 0.05})
     solution = on_mesh(scene)
     rates = gradients(solution)["load.force_N"]
-    found = transient(solution, Step(0.02, duration_s=40.0), [-1.0, 20.0, 60.0])
+    found = transient(solution, step(0.02, duration_s=40.0), [-1.0, 20.0, 60.0])
     for name, charge in found.charges_pC.items():
         static = 0.02 * rates[name]
         np.testing.assert_allclose(charge, [0.0, static, 0.0], atol=1e-6 * abs(static))
@@ -81,7 +69,7 @@ def test_a_step_ends_at_the_static_charges():
 def test_a_slow_tap_is_followed_statically():
     solution = on_mesh(TRIANGLE)
     rates = gradients(solution)["load.force_N"]
-    found = transient(solution, HalfSine(0.01, 5.0), [2.5, 1.25])
+    found = transient(solution, half_sine(0.01, 5.0), [2.5, 1.25])
     for name, charge in found.charges_pC.items():
         expected = 0.01 * rates[name] * np.sin(np.pi * np.array([0.5, 0.25]))
         np.testing.assert_allclose(charge, expected, rtol=1e-3)
@@ -91,7 +79,7 @@ def test_readings_discharge():
     """C dV/dt + V/R = dQ/dt by the trapezium rule on fine times."""
     scene = TRIANGLE.with_(readout={"feedback_resistance_MOhm": 5.0, "gain": 3.0})
     times = np.linspace(0.0, 0.02, 4001)
-    found = transient(on_mesh(scene), HalfSine(0.01, 8e-3), times)
+    found = transient(on_mesh(scene), half_sine(0.01, 8e-3), times)
     step, tau = times[1], 5e-3
     for name, charge in found.charges_pC.items():
         voltage = np.zeros(len(times))
@@ -101,7 +89,7 @@ def test_readings_discharge():
             )
         size = np.abs(voltage).max()
         np.testing.assert_allclose(found.readings_V[name], 3.0 * voltage, atol=1e-4 * size)
-    ideal = transient(on_mesh(scene.with_(readout={})), HalfSine(0.01, 8e-3), times[:9])
+    ideal = transient(on_mesh(scene.with_(readout={})), half_sine(0.01, 8e-3), times[:9])
     for name, charge in ideal.charges_pC.items():
         np.testing.assert_allclose(ideal.readings_V[name], charge / 1000.0, rtol=1e-12)
 
