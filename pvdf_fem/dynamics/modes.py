@@ -59,42 +59,26 @@ Pencil = tuple[sp.csc_matrix, Any]
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Frequencies, their errors, eigenvectors; the equations and the unknowns that they are of;
-    and those in air, where the scene has air."""
+    """Frequencies, their errors, eigenvectors; the equations and unknowns that they are of."""
 
     equilibrium: Equilibrium
     q: Array
     frequencies: Array
     errors: Array
     vectors: Array
-    in_air: Spectrum | None = None
+    in_air: Spectrum | None = None  #: With the scene's air, where it has air.
 
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """How the eigenvalue problem ended and, if it converged, the lowest modes.
-
-    Attributes
-    ----------
-    scene : Scene
-    loaded : bool
-        About the loaded film, not the flat one.
-    status : Status
-        `Status.CONVERGED`, or why there are no modes.
-    reason : str
-        The status in words, with what to change.
-    left_out : tuple of str
-        What the model neglects.
-    seconds : dict
-        ``mesh``, ``solve``, ``modes`` and ``total``.
-    """
+    """How the eigenvalue problem ended and, if it converged, the lowest modes."""
 
     scene: Scene
-    loaded: bool
-    status: Status
-    reason: str
-    left_out: tuple[str, ...] = ()
-    seconds: dict[str, float] = field(default_factory=dict)
+    loaded: bool  #: About the loaded film, not the flat one.
+    status: Status  #: `Status.CONVERGED`, or why there are no modes.
+    reason: str  #: The status in words, with what to change.
+    left_out: tuple[str, ...] = ()  #: What the model neglects.
+    seconds: dict[str, float] = field(default_factory=dict)  #: mesh, solve, modes, total.
     _spectrum: Spectrum | None = None
 
     @property
@@ -153,13 +137,8 @@ class Modes:
             if (in_air := self.spectrum.in_air) is not None:
                 results["frequencies_in_air_Hz"] = in_air.frequencies.tolist()
                 results["frequency_errors_in_air_Hz"] = in_air.errors.tolist()
-        return {
-            "status": str(self.status),
-            **results,
-            "loaded": self.loaded,
-            "left_out": list(self.left_out),
-            "seconds": self.seconds,
-        }
+        told = {"left_out": list(self.left_out), "seconds": self.seconds}
+        return {"status": str(self.status), **results, "loaded": self.loaded, **told}
 
 
 def modes(scene: Scene, count: int = 6, loaded: bool = False) -> Modes:
@@ -172,18 +151,8 @@ def modes(scene: Scene, count: int = 6, loaded: bool = False) -> Modes:
     count : int
         How many, from 1 to 200.
     loaded : bool
-        About the equilibrium under the load instead of the flat film. The flat film has no
-        frequencies without tension in all directions.
-
-    Returns
-    -------
-    Modes
-        Its `status` tells whether there are frequencies.
-
-    Raises
-    ------
-    ValueError
-        For a `count` out of range.
+        About the equilibrium under the load instead of the flat film, which has no frequencies
+        without tension in all directions.
     """
     if not 1 <= count <= MOST_MODES:
         raise ValueError(f"count = {count!r}: is out of range; give 1 to {MOST_MODES}")
@@ -197,35 +166,21 @@ def modes(scene: Scene, count: int = 6, loaded: bool = False) -> Modes:
         bends = share > scene.numerics.tolerance
     bare = bare.with_(**{"film.bending": bends})
     problem = _ModalProblem(bare, count, loaded, share, _modal_budget(bare), Clock())
-    loop = MeshLoop(
-        bare,
-        problem.first_sizes,
-        problem.solve_on,
-        problem.next_sizes,
-        problem.budget,
-        problem.clock,
-        UNKNOWNS_PER_ELEMENT[2],
-    )
+    steps = problem.first_sizes, problem.solve_on, problem.next_sizes
+    loop = MeshLoop(bare, *steps, problem.budget, problem.clock, UNKNOWNS_PER_ELEMENT[2])
     try:
         attempt, stop = loop.run()
     except MeshError as error:
-        status = Status.MESH_FAILED
-        return Modes(scene, loaded, status, f"{status.advice} ({error})")
+        reason = f"{Status.MESH_FAILED.advice} ({error})"
+        return Modes(scene, loaded, Status.MESH_FAILED, reason)
     except TooManyUnknownsError as error:
         return Modes(scene, loaded, Status.TOLERANCE, str(error))
     status, reason = attempt.status, attempt.status.advice
     if status is Status.CONVERGED and attempt.worst > scene.numerics.tolerance:
         status = Status.TOLERANCE
         reason = f"{status.advice}, to at least {attempt.worst:.1e}, which was reached ({stop})"
-    return Modes(
-        scene,
-        loaded,
-        status,
-        reason,
-        _left_out(scene, share, bends),
-        loop.clock.seconds(),
-        attempt.spectrum,
-    )
+    told = _left_out(scene, share, bends), loop.clock.seconds(), attempt.spectrum
+    return Modes(scene, loaded, status, reason, *told)
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,15 +291,13 @@ class _ModalProblem:
 
     def _with_air(self, vacuum: Spectrum, rich: Equilibrium, pencils: Sequence[Pencil]) -> Spectrum:
         """The spectrum in vacuum with that in air beside it."""
-        coarse, wavenumber = vacuum.equilibrium, _wavenumber(self.count)
-        air, rich_air = (AirLoad.of(equilibrium, wavenumber) for equilibrium in (coarse, rich))
-        (stiffness, mass), (rich_stiffness, rich_mass) = pencils
-        total = air.with_mass(mass)
-        loaded = (stiffness, total), (rich_stiffness, rich_air.with_mass(rich_mass))
+        coarse = vacuum.equilibrium
+        airs = [AirLoad.of(e, _wavenumber(self.count)) for e in (coarse, rich)]
+        loaded = [(K, air.with_mass(M)) for air, (K, M) in zip(airs, pencils, strict=True)]
         found = self._spectrum(coarse, rich, vacuum.q, loaded)
         assert isinstance(found, Spectrum)  # the stiffness has modes in vacuum
-        inertia = (found.vectors * (total @ found.vectors)).sum(axis=0)
-        lacking = 0.5 * found.frequencies * air.lacking(found.vectors) / inertia
+        inertia = (found.vectors * (loaded[0][1] @ found.vectors)).sum(axis=0)
+        lacking = 0.5 * found.frequencies * airs[0].lacking(found.vectors) / inertia
         return replace(vacuum, in_air=replace(found, errors=found.errors + lacking))
 
 

@@ -96,11 +96,17 @@ class Oscillation:
         return np.asarray((1.0 + 1j * self.loss_tangent) * (q @ self.rates))
 
     def reduced(
-        self, frequencies: Array, tolerance: float = 1e-7, most: int = 426, growth: float = 1.25
+        self,
+        frequencies: Array,
+        tolerance: float = 1e-7,
+        most: int = 426,
+        growth: float = 1.25,
+        tests: int = 24,
     ) -> Oscillation:
-        """The projection on as many Ritz vectors as the charges at frequencies in Hz take to stay
-        within the tolerance, of each and of the largest at rest."""
-        stiffness = self.stiffness
+        """The projection on as many Ritz vectors as the charges at some of the frequencies in Hz
+        take to stay within the tolerance, of each and of the largest at rest."""
+        some = np.linspace(0, len(frequencies) - 1, tests).round().astype(int)
+        frequencies, stiffness = np.sort(frequencies)[some], self.stiffness
         if self.loss_tangent:
             stiffness = stiffness + 1j * self.loss_tangent * self.elastic
         solve, starts = factorise(stiffness).solve, [self.force, self.volume]
@@ -129,11 +135,6 @@ class Oscillation:
         return vector / np.sqrt(np.vdot(vector, self.mass @ vector).real)
 
 
-def band(frequencies: Array, most: int = 24) -> Array:
-    """At most this number of the frequencies, spread over all of them."""
-    return np.sort(frequencies)[np.linspace(0, len(frequencies) - 1, most).round().astype(int)]
-
-
 def oscillations(solution: Solution, highest_Hz: float) -> tuple[Oscillation, Oscillation]:
     """About a solution up to a frequency, and the same of the order above on the same mesh."""
     solved, q, factors = factorised(solution)
@@ -156,8 +157,7 @@ def _elastic(equilibrium: Equilibrium, state: State) -> sp.csc_matrix:
     """The film's stiffness in N/m without that of its tension."""
     film, space, membrane = copy(equilibrium), equilibrium.space, equilibrium.membrane
     film.terms = [term for term in film.terms if not isinstance(term, DeadPressure)]
-    s11, s22, s12 = np.moveaxis(state.stress * membrane.volumes[..., None], -1, 0)
-    tension = np.stack([np.stack([s11, s12], -1), np.stack([s12, s22], -1)], -1)
+    tension = (state.stress * membrane.volumes[..., None])[..., [[0, 2], [2, 1]]]
     slopes = space.gradients
     by_tension = np.matmul(np.matmul(slopes, tension), slopes.swapaxes(2, 3)).sum(axis=1)
     return film.tangent(state) - equilibrium.assembly.matrix(space.by_component(by_tension))

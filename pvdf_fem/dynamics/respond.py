@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.dynamics.modes import air_remark
-from pvdf_fem.dynamics.oscillation import ComplexArray, band, oscillations
+from pvdf_fem.dynamics.oscillation import ComplexArray, oscillations
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError
@@ -50,30 +50,21 @@ def respond(solution: Solution | Scene, frequencies_Hz: ArrayLike) -> FrequencyR
     solution : Solution or Scene
         The loaded state, or a scene that is solved first, with one probe that is no tip.
     frequencies_Hz : array_like
-        One or several, not below zero.
-
-    Raises
-    ------
-    NotConvergedError
-        Where the scene has no solution, or for frequencies too high for its film.
-    SceneError, ValueError
-        For a scene without such a probe, for frequencies that are no such numbers.
+        One or several, not below zero; `NotConvergedError` where they are too high for the film.
     """
     frequencies = np.atleast_1d(np.asarray(frequencies_Hz, dtype=float))
     if frequencies.ndim != 1 or not np.all((frequencies >= 0.0) & (frequencies <= MOST_HZ)):
         raise ValueError(f"frequencies_Hz: give numbers from 0 to {MOST_HZ:g} Hz")
-    solution, tested = loaded(solution), band(frequencies)
-    scene = solution.scene
-    both = [o.reduced(tested) for o in oscillations(solution, frequencies.max())]
-    charges, better = (reduced.charges(frequencies) for reduced in both)
-    by_name = by_electrode(scene, charges.T)
+    solution = loaded(solution)
+    both, scene = oscillations(solution, frequencies.max()), solution.scene
+    charges, better = (o.reduced(frequencies).charges(frequencies) for o in both)
     read = channels(scene) if scene.readout is not None else ()
     return FrequencyResponse(
         solution,
         frequencies,
         by_electrode(scene, 1e12 * charges.T),
         by_electrode(scene, 1e12 * np.abs(better - charges).T),
-        {c.name: c.harmonic(frequencies) * by_name[c.name] for c in read},
+        {c.name: c.harmonic(frequencies) * of for c, of in zip(read, charges.T, strict=False)},
         left_out(solution),
     )
 

@@ -18,7 +18,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.dynamics.oscillation import ComplexArray, Oscillation, band, oscillations
+from pvdf_fem.dynamics.oscillation import ComplexArray, Oscillation, oscillations
 from pvdf_fem.dynamics.respond import by_electrode, left_out, loaded
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.scene.scene import Scene
@@ -66,57 +66,52 @@ def transient(
     times_s : array_like
     highest_Hz : float, optional
         Up to which the modes are those of the film; slow touches have little beyond.
-
-    Raises
-    ------
-    NotConvergedError, SceneError
-        As `respond`, and for a load that follows the film, which has no modes.
     """
     solution, times = loaded(solution), np.atleast_1d(np.asarray(times_s, dtype=float))
     if not solution.fields.equilibrium.conservative:
         raise SceneError([problem("load.kind", "follower", 'has no modes; give "dead"')])
-    tested = band(np.linspace(0.0, highest_Hz, 100))
-    modes, better = (_Modes.of(o, tested) for o in oscillations(solution, highest_Hz))
-    charges, scene, readings = modes.follow(touch, times), solution.scene, {}
+    tested = np.linspace(0.0, highest_Hz, 24)
+    modes, better = (_modes(o, tested) for o in oscillations(solution, highest_Hz))
+    charges, scene, readings = _charges(modes, touch, times), solution.scene, {}
     for i, channel in enumerate(channels(scene) if scene.readout is not None else ()):
         discharge = [] if math.isinf(channel.resistance) else [-1.0 / channel.time_constant]
-        charge = modes.follow(touch, times, discharge)[i]
+        charge = _charges(modes, touch, times, discharge)[i]
         readings[channel.name] = channel.gain / channel.capacitance * charge
     return Transient(
         solution,
         times,
         by_electrode(scene, 1e12 * charges),
-        by_electrode(scene, 1e12 * np.abs(better.follow(touch, times) - charges)),
+        by_electrode(scene, 1e12 * np.abs(_charges(better, touch, times) - charges)),
         readings,
         left_out(solution),
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Modes:
-    """Poles of modes in 1/s, (2, modes, 1), and f g in C/(kg m), (electrodes, modes)."""
+def _modes(oscillation: Oscillation, tested: Array) -> tuple[ComplexArray, Array]:
+    """Poles of modes in 1/s, (2, modes, 1), and f g in C/(kg m), (electrodes, modes), of the
+    equations reduced as the charges at frequencies in Hz need it."""
+    lossless = replace(oscillation, loss_tangent=0.0, radiation=0.0).reduced(tested)
+    squares, shapes = scipy.linalg.eigh(lossless.stiffness, lossless.mass)
+    modal, omega = lossless.projected(shapes), np.sqrt(squares)
+    film = oscillation.loss_tangent * np.diag(modal.elastic) / omega
+    half = 0.5 * (film + oscillation.radiation * (omega * modal.volume) ** 2)
+    root = np.sqrt(half**2 - squares + 0j)
+    return np.stack([root - half, -root - half])[..., None], modal.force * modal.rates.T
 
-    poles: ComplexArray
-    weights: Array
 
-    @classmethod
-    def of(cls, oscillation: Oscillation, tested: Array) -> _Modes:
-        """Of the equations of motion, reduced as the charges at frequencies in Hz need it."""
-        lossless = replace(oscillation, loss_tangent=0.0, radiation=0.0).reduced(tested)
-        squares, shapes = scipy.linalg.eigh(lossless.stiffness, lossless.mass)
-        modal, omega = lossless.projected(shapes), np.sqrt(squares)
-        film = oscillation.loss_tangent * np.diag(modal.elastic) / omega
-        half = 0.5 * (film + oscillation.radiation * (omega * modal.volume) ** 2)
-        root = np.sqrt(half**2 - squares + 0j)
-        return cls(np.stack([root - half, -root - half])[..., None], modal.force * modal.rates.T)
-
-    def follow(self, touch: Exponentials, times: Array, discharge: Sequence[float] = ()) -> Array:
-        """Charges in C, (electrodes, times), or what a circuit of this pole in 1/s leaves."""
-        total = np.zeros((len(self.weights), len(times)), dtype=complex)
-        for start, rate, size in touch:
-            poles = [*self.poles, rate, *discharge]
-            total += size * (self.weights @ _fractions(poles, times - start, len(discharge)))
-        return total.real
+def _charges(
+    modes: tuple[ComplexArray, Array],
+    touch: Exponentials,
+    times: Array,
+    discharge: Sequence[float] = (),
+) -> Array:
+    """Charges in C, (electrodes, times), or what a circuit of this pole in 1/s leaves."""
+    poles, weights = modes
+    total = np.zeros((len(weights), len(times)), dtype=complex)
+    for start, rate, size in touch:
+        fractions = _fractions([*poles, rate, *discharge], times - start, len(discharge))
+        total += size * (weights @ fractions)
+    return total.real
 
 
 def _fractions(poles: Sequence[Any], age: Array, zeros: int) -> ComplexArray:
