@@ -42,13 +42,12 @@ class AirLoad:
     volume: Array  #: Volume that a unit of each unknown displaces, m^2, (unknowns,).
 
     @classmethod
-    def of(cls, equilibrium: Equilibrium, wavenumber: float) -> AirLoad:
-        """The air of the scene, or none, for shapes with wavenumbers on the unit disc up to one.
-        Polynomials go as far as the quadrature follows them in the largest element."""
+    def of(cls, equilibrium: Equilibrium) -> AirLoad:
+        """The air of the scene, or none, for shapes that the largest element resolves."""
         air, a = equilibrium.scene.air or Air(density_kg_m3=0.0), equilibrium.film.radius
         largest = np.sqrt(2.0 * equilibrium.space.weights.sum(axis=1).max()) / a
-        degree = int(min(1.2 * wavenumber + 10.0, (FINEST_RULE - 8.0) / largest))
-        rule, s = int(8.0 + degree * largest), -0.5 if air.baffle else 0.5
+        degree, s = 10 + int(1.5 / largest), -0.5 if air.baffle else 0.5
+        rule = int(min(8.0 + degree * largest, FINEST_RULE))
         elements = np.arange(equilibrium.space.mesh.nelements)
         places, values, weights = equilibrium.space.rule(elements, rule)
         points = np.repeat(np.arange(weights.size), values.shape[2])

@@ -292,7 +292,7 @@ class _ModalProblem:
     def _with_air(self, vacuum: Spectrum, rich: Equilibrium, pencils: Sequence[Pencil]) -> Spectrum:
         """The spectrum in vacuum with that in air beside it."""
         coarse = vacuum.equilibrium
-        airs = [AirLoad.of(e, _wavenumber(self.count)) for e in (coarse, rich)]
+        airs = [AirLoad.of(equilibrium) for equilibrium in (coarse, rich)]
         loaded = [(K, air.with_mass(M)) for air, (K, M) in zip(airs, pencils, strict=True)]
         found = self._spectrum(coarse, rich, vacuum.q, loaded)
         assert isinstance(found, Spectrum)  # the stiffness has modes in vacuum

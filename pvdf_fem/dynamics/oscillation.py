@@ -57,12 +57,10 @@ class Oscillation:
     loss_tangent: float
 
     @classmethod
-    def of(cls, equilibrium: Equilibrium, q: Array, highest_Hz: float) -> Oscillation:
-        """About the state of the unknowns `q`, by a force of the first probe along z; the air
-        follows the film up to a frequency."""
-        state = equilibrium.state(q)
+    def of(cls, equilibrium: Equilibrium, q: Array) -> Oscillation:
+        """About the state of the unknowns `q`, by a force of the first probe along z."""
+        state, air = equilibrium.state(q), AirLoad.of(equilibrium)
         stiffness, mass = pencil_of(equilibrium, q)
-        air = AirLoad.of(equilibrium, _wavenumber(equilibrium, state, highest_Hz))
         force = equilibrium.loads[0].with_components(UP).forces(state)
         rates = goal_gradients(goals_of(equilibrium.scene), equilibrium.membrane, state.dofs)
         return cls(
@@ -135,22 +133,10 @@ class Oscillation:
         return vector / np.sqrt(np.vdot(vector, self.mass @ vector).real)
 
 
-def oscillations(solution: Solution, highest_Hz: float) -> tuple[Oscillation, Oscillation]:
-    """About a solution up to a frequency, and the same of the order above on the same mesh."""
+def oscillations(solution: Solution) -> tuple[Oscillation, Oscillation]:
+    """About a solution, and the same of the order above on the same mesh."""
     solved, q, factors = factorised(solution)
-    both = (solved, q), next_order(solved, q, factors)
-    coarse, rich = (Oscillation.of(*of, highest_Hz) for of in both)
-    return coarse, rich
-
-
-def _wavenumber(
-    equilibrium: Equilibrium, state: State, highest_Hz: float, most: float = 40
-) -> float:
-    """Of waves on the unit disc with the mean tension; at least that of the lowest mode."""
-    weights, film = equilibrium.space.weights, equilibrium.film
-    stress = float((state.stress[..., :2].mean(axis=-1) * weights).sum() / weights.sum())
-    speed = np.sqrt(max(stress, TINY) / film.density)
-    return float(min(3.0 + 2.0 * np.pi * highest_Hz * film.radius / speed, most))
+    return Oscillation.of(solved, q), Oscillation.of(*next_order(solved, q, factors))
 
 
 def _elastic(equilibrium: Equilibrium, state: State) -> sp.csc_matrix:

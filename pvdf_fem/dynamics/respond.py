@@ -56,7 +56,7 @@ def respond(solution: Solution | Scene, frequencies_Hz: ArrayLike) -> FrequencyR
     if frequencies.ndim != 1 or not np.all((frequencies >= 0.0) & (frequencies <= MOST_HZ)):
         raise ValueError(f"frequencies_Hz: give numbers from 0 to {MOST_HZ:g} Hz")
     solution = loaded(solution)
-    both, scene = oscillations(solution, frequencies.max()), solution.scene
+    both, scene = oscillations(solution), solution.scene
     charges, better = (o.reduced(frequencies).charges(frequencies) for o in both)
     read = channels(scene) if scene.readout is not None else ()
     return FrequencyResponse(

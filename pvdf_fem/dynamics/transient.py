@@ -71,7 +71,7 @@ def transient(
     if not solution.fields.equilibrium.conservative:
         raise SceneError([problem("load.kind", "follower", 'has no modes; give "dead"')])
     tested = np.linspace(0.0, highest_Hz, 24)
-    modes, better = (_modes(o, tested) for o in oscillations(solution, highest_Hz))
+    modes, better = (_modes(o, tested) for o in oscillations(solution))
     charges, scene, readings = _charges(modes, touch, times), solution.scene, {}
     for i, channel in enumerate(channels(scene) if scene.readout is not None else ()):
         discharge = [] if math.isinf(channel.resistance) else [-1.0 / channel.time_constant]

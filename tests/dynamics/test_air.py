@@ -112,7 +112,7 @@ def test_a_punch_under_which_air_moves_along() -> None:
     scene = Scene.parse(text)
     found = modes(scene, 1)
     equilibrium, (vector,) = found.spectrum.equilibrium, found.spectrum.vectors.T
-    air = AirLoad.of(equilibrium, 5.0)
+    air = AirLoad.of(equilibrium)
     w = equilibrium.unknowns.expand(vector)[2::3]
     at_points = equilibrium.space.values @ w[equilibrium.space.nodes][..., None]
     expected = (at_points[..., 0] * equilibrium.space.weights).sum()

@@ -34,8 +34,8 @@ def test_ritz_vectors_find_what_direct_solves_find(scene: Scene) -> None:
     """(K + i d K_e - omega^2 M + i omega^3 r v v^T) q = f with dense matrices."""
     solution = on_mesh(scene)
     equilibrium, q, _ = factorised(solution)
-    full = oscillations(solution, 700.0)[0]
-    air, (stiffness, mass) = AirLoad.of(equilibrium, 15.0), pencil_of(equilibrium, q)
+    full = oscillations(solution)[0]
+    air, (stiffness, mass) = AirLoad.of(equilibrium), pencil_of(equilibrium, q)
     frequencies = np.array([90.0, 480.0])
     found = respond(solution, frequencies)
     for i, omega in enumerate(2.0 * np.pi * frequencies):
@@ -52,7 +52,7 @@ def test_only_stretching_has_losses() -> None:
     resist: K_e x = 0 of deflections, and K_e x = K x - N laplace x of the others."""
     solution = on_mesh(TRIANGLE.with_(**{"load.force_N": 0.0}))
     equilibrium, q, _ = factorised(solution)
-    full, space = Oscillation.of(equilibrium, q, 100.0), equilibrium.space
+    full, space = Oscillation.of(equilibrium, q), equilibrium.space
     tension = equilibrium.film.stress_at_rest[0] * equilibrium.film.thickness
     laplace = tension * equilibrium.assembly.matrix(space.laplace())
     step = np.random.default_rng(1).standard_normal(len(q))
@@ -64,7 +64,7 @@ def test_only_stretching_has_losses() -> None:
 
 def test_damping_takes_energy() -> None:
     """The force's own place lags behind the force at every frequency, in air and by losses."""
-    reduced = oscillations(on_mesh(DAMPED), 600.0)[0].reduced(np.array([1.0, 600.0]))
+    reduced = oscillations(on_mesh(DAMPED))[0].reduced(np.array([1.0, 600.0]))
     at_force = replace(reduced, rates=reduced.force[:, None])
     compliance = at_force.charges(np.linspace(1.0, 600.0, 100))[:, 0]
     phase = np.angle(compliance / (1.0 + 1j * reduced.loss_tangent))

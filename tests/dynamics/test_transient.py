@@ -20,7 +20,7 @@ def test_a_tap_against_direct_integration():
     solution = on_mesh(TRIANGLE.with_(air={"baffle": False}))
     times = np.linspace(0.0, 12e-3, 49)
     found = transient(solution, TAP, times, highest_Hz=800.0)
-    system = oscillations(solution, 800.0)[0].reduced(np.linspace(0.0, 800.0, 24))
+    system = oscillations(solution)[0].reduced(np.linspace(0.0, 800.0, 24))
     count, K = len(system.force), system.stiffness
 
     def rate(t, y):
