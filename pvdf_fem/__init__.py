@@ -28,9 +28,8 @@ if TYPE_CHECKING:
     from typing import Any
 
     from pvdf_fem.calibration.calibrate import calibrate
+    from pvdf_fem.dynamics.forced import respond, transient
     from pvdf_fem.dynamics.modes import modes
-    from pvdf_fem.dynamics.respond import respond
-    from pvdf_fem.dynamics.transient import transient
     from pvdf_fem.response.build import build_response
     from pvdf_fem.response.response import Response
     from pvdf_fem.scene.scene import Scene, SceneError
@@ -76,10 +75,10 @@ _MODULES = {
     "locate": "touch.locate",
     "locate_many": "touch.locate_many",
     "modes": "dynamics.modes",
-    "respond": "dynamics.respond",
+    "respond": "dynamics.forced",
     "solve": "solution.solve",
     "sweep": "sweeps.sweep",
-    "transient": "dynamics.transient",
+    "transient": "dynamics.forced",
 }
 
 

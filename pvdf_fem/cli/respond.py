@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
     if options.plot:
         mistakes += output_mistakes(options.plot, plot_extensions(), options.scene)
     scene = scene_of(options, *mistakes)
-    from pvdf_fem.dynamics.respond import respond
+    from pvdf_fem.dynamics.forced import respond
     from pvdf_fem.solution.solution import NotConvergedError
 
     try:

@@ -1,11 +1,11 @@
 """Air that moves with the film: its added mass, and the sound that a film in a baffle radiates.
 
-The air is incompressible, at rest far away, and that of a flat disc: slopes count in the second
-order. Where a plane in air moves by w, the pressures on both its sides resist with 2 rho w''/|k|,
-|k| the wavenumber. In a rigid baffle (Rayleigh's integral) w vanishes outside of the disc, and the
-kinetic energy is rho <w', w'/|k|>. Without a baffle the pressures are equal out there, and it is
-rho <w', D^-1 w'>, D the operator |k| on functions that vanish outside. On the unit disc, with
-s = -1/2 and s = 1/2 (Dyda, Kuznetsov and Kwasnicki 2017),
+The air is incompressible and that of a flat disc: slopes count in the second order. Where a plane
+in air moves by w, the pressures on both its sides resist with 2 rho w''/|k|, |k| the wavenumber. In
+a rigid baffle (Rayleigh's integral) w vanishes outside of the disc, and the kinetic energy is
+rho <w', w'/|k|>. Without a baffle the pressures are equal out there, and it is rho <w', D^-1 w'>, D
+the operator |k| on functions that vanish outside. On the unit disc, with s = -1/2 and s = 1/2
+(Dyda, Kuznetsov and Kwasnicki 2017),
 
     |k|^2s (1 - r^2)^s phi_mn = lambda_mn phi_mn,   phi_mn = r^m cos(m t) P_n^(s, m)(2 r^2 - 1),
     lambda_mn = 2^2s Gamma(1 + s + n) Gamma(1 + s + m + n)/(n! (m + n)!),

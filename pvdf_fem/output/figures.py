@@ -22,7 +22,7 @@ from matplotlib.patches import Polygon as Patch
 from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import Triangulation as TriangleGrid
 
-from pvdf_fem.dynamics.respond import FrequencyResponse
+from pvdf_fem.dynamics.forced import FrequencyResponse
 from pvdf_fem.files import replacing
 from pvdf_fem.scene.scene import Electrode
 from pvdf_fem.solution.solution import Solution

@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from pvdf_fem import Scene, SceneError, gradients, modes, respond, transient
+from pvdf_fem.dynamics.forced import half_sine, step
 from pvdf_fem.dynamics.oscillation import oscillations
-from pvdf_fem.dynamics.transient import half_sine, step
 from tests.helpers.discs import TRIANGLE, on_mesh
 
 DURATION, FORCE = 4e-3, 0.01
