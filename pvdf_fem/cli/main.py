@@ -43,9 +43,9 @@ scene files are TOML. Their keys, each with a default:
                 poisson_ratio, shear_modulus_GPa, density_kg_m3,
                 thermal_expansion_per_K, temperature_change_K (below zero
                 stretches the film) or pretension_N_m (a number, or [Nx, Ny]),
-                d31_pC_N, d32_pC_N, permittivity, loss_tangent, bending (true, false, "auto":
-                where it matters), compression (refuse, tension-field: the film
-                wrinkles)
+                d31_pC_N, d32_pC_N, permittivity, loss_tangent, bending (true,
+                false, "auto": where it matters), compression (refuse,
+                tension-field: the film wrinkles)
   [electrodes]  layout (four, three, ring), ring_radius_mm, side_mm; for a ring:
                 count, first_angle_deg, centre, shape and its sizes
   [probe]       shape and its sizes, x_mm, y_mm (centroid), rotation_deg,
@@ -67,8 +67,7 @@ scene files are TOML. Their keys, each with a default:
                 electrodes, or a table by electrode; reading (change, total)
   [stage]       x_mm, y_mm (the film's centre on the stage that positions the
                 probe), rotation_deg (of the film's axes there)
-  [air]         density_kg_m3, baffle (whether the rim is in one), for
-                oscillations; a vacuum without this table
+  [air]         density_kg_m3, baffle (true, false: the rim is in one, or not)
 Any electrodes instead of a layout, each below a heading [[electrodes]]:
   name, x_mm, y_mm, shape and its sizes, rotation_deg
 Several probes, each below a heading [[probe]]: its keys, and force_N,
@@ -115,8 +114,8 @@ exit codes: 0 written, 2 bad input, 3 gmsh failed"""
 
 _MODES = """\
 Lowest frequencies of the stretched film in Hz, each with its estimated
-discretisation error; pairs of equal frequency are listed twice. A scene with
-[air] has those in air besides."""
+discretisation error; pairs of equal frequency are listed twice. With [air]
+those in air follow."""
 
 _MODES_EPILOG = """\
 examples:

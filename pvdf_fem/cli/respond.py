@@ -20,10 +20,9 @@ from pvdf_fem.cli.program import (
 from pvdf_fem.cli.response_model import number_of
 
 DESCRIPTION = """\
-Charges by a small force of the probe that oscillates about its load, as CSV by
-frequency: for each electrode real and imaginary part and estimated error in
-pC/N, and in V/N the reading of a scene with [readout]. Mass, film.loss_tangent
-and [air] take part."""
+Charges by a small force of the probe that oscillates about its load, with mass,
+film.loss_tangent and [air], as CSV by frequency: for each electrode real and
+imaginary part and estimated error in pC/N, and the reading of [readout] in V/N."""
 EPILOG = """\
 examples:
   pvdf-fem respond scene.toml --frequencies 1:500 --plot response.png
@@ -43,9 +42,9 @@ def add_to(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command; returns its exit code."""
-    frequencies, mistakes = _frequencies(options.frequencies), []
-    if frequencies is None:
-        mistakes = [f"--frequencies {options.frequencies[:60]}: is out of range; give {SPAN}"]
+    frequencies = _frequencies(options.frequencies)
+    told = f"--frequencies {options.frequencies[:60]}: is out of range; give {SPAN}"
+    mistakes = [told] if frequencies is None else []
     if options.plot:
         mistakes += output_mistakes(options.plot, plot_extensions(), options.scene)
     scene = scene_of(options, *mistakes)
@@ -66,10 +65,7 @@ def run(options: argparse.Namespace) -> int:
     if options.plot:
         from pvdf_fem.output import figures
 
-        with figures.style():
-            figure = figures.new_figure()
-            figures.frequency_response(figure, response)
-            figures.save(figure, options.plot)
+        figures.save(figures.frequency_response(response), options.plot)
     return ExitCode.CONVERGED
 
 

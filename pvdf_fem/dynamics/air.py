@@ -36,10 +36,12 @@ SOUND_SPEED = 343.2  #: Of air at 20 degrees Celsius, m/s.
 class AirLoad:
     """The air on both sides of a film's unknowns."""
 
-    air: Air
     root: Array  #: R of the added mass R R^T, (unknowns, functions), in kg^(1/2).
     degrees: Array  #: Polynomial degrees of the functions, (functions,).
-    volume: Array  #: Volume that a unit of each unknown displaces, m^2, (unknowns,).
+    volume: Array  #: v, the volume that a unit of each unknown displaces, m^2, (unknowns,).
+    #: r of the resistance r omega^2 v v^T, in kg s/m^4: that of a point source on both sides of a
+    #: baffle, to leading order in the radius over the wavelength; without one both cancel.
+    radiation: float
 
     @classmethod
     def of(cls, equilibrium: Equilibrium) -> AirLoad:
@@ -60,7 +62,8 @@ class AirLoad:
         blocks = [(d, onto @ (weight[:, None] * f)) for d, f in _functions(unit, degree, s)]
         root = np.sqrt(2.0 * air.density_kg_m3 / a) * np.hstack([block for _, block in blocks])
         degrees = np.concatenate([of for of, _ in blocks])
-        return cls(air, root, degrees, onto @ np.ones(weights.size))
+        radiation = air.density_kg_m3 / (np.pi * SOUND_SPEED) if air.baffle else 0.0
+        return cls(root, degrees, onto @ np.ones(weights.size), radiation)
 
     def with_mass(self, mass: sp.csc_matrix) -> LinearOperator:
         """The added mass and a mass of the unknowns, kg."""
@@ -77,13 +80,6 @@ class AirLoad:
         what the last two degrees, an even and an odd one, add."""
         last = self.degrees > self.degrees.max() - 2
         return np.asarray(np.square(self.root[:, last].T @ shapes).sum(axis=0))
-
-    @property
-    def radiation(self) -> float:
-        """r of the resistance r omega^2 v v^T, v the displaced volumes, in kg s/m^4: that of a
-        point source on both sides of the baffle, to leading order in the radius over the
-        wavelength. Without a baffle both cancel in this order."""
-        return self.air.density_kg_m3 / (np.pi * SOUND_SPEED) if self.air.baffle else 0.0
 
 
 def _functions(unit: Array, degree: int, s: float) -> Iterator[tuple[Array, Array]]:

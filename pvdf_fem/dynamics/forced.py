@@ -144,10 +144,9 @@ def _in_pC(solution: Solution, charges: Any) -> dict[str, Any]:
 
 def _left_out(solution: Solution) -> tuple[str, ...]:
     """What oscillations about a solution neglect."""
-    scene = solution.scene
-    air = () if scene.air else (air_remark(scene),)
-    losses = ("damping by the film: give film.loss_tangent",)
-    return (*solution.left_out, *air, *(losses if scene.film.loss_tangent is None else ()))
+    scene, losses = solution.scene, "damping by the film: give film.loss_tangent"
+    remarks = {air_remark(scene): scene.air, losses: scene.film.loss_tangent}
+    return (*solution.left_out, *(text for text, given in remarks.items() if given is None))
 
 
 def _modes(oscillation: Oscillation, tested: Array) -> tuple[ComplexArray, Array]:
@@ -166,17 +165,11 @@ def _charges(
     poles: Any, weights: Array, touch: Exponentials, times: Array, discharge: Sequence[float] = ()
 ) -> Array:
     """Charges in C, (electrodes, times), or what a circuit of this pole in 1/s leaves."""
-    total = np.zeros((len(weights), len(times)), dtype=complex)
-    for start, rate, size in touch:
-        fractions = _fractions([*poles, rate, *discharge], times - start, len(discharge))
-        total += size * (weights @ fractions)
-    return total.real
-
-
-def _fractions(poles: Sequence[Any], age: Array, zeros: int) -> ComplexArray:
-    """The function of time that has the Laplace transform s^zeros/prod (s - pole)."""
     total: Any = 0.0
-    for i, z in enumerate(poles):
-        others = math.prod((z - p for j, p in enumerate(poles) if j != i), start=1.0 + 0j)
-        total = total + z**zeros * np.exp(z * np.maximum(age, 0.0)) / others
-    return np.asarray(np.where(age < 0.0, 0.0, total))
+    for start, rate, size in touch:
+        age, ends = times - start, [*poles, rate, *discharge]
+        for i, z in enumerate(ends):  # partial fractions of s^zeros/prod (s - pole)
+            others = math.prod((z - end for j, end in enumerate(ends) if j != i), start=1.0 + 0j)
+            residue = size * z ** len(discharge) / others
+            total = total + weights @ (residue * np.exp(z * np.maximum(age, 0.0)) * (age >= 0.0))
+    return np.asarray(total.real)

@@ -3,8 +3,8 @@
 Small oscillations about an equilibrium: K phi = omega^2 M phi, K the tangent stiffness there and M
 the mass rho h of all three displacement components. Bending is part of K where the scene says so,
 which with ``film.bending = "auto"`` here is where it could change a frequency by more than the
-tolerance. The unknowns are the scene's, so the film under
-a rigid punch moves as one; the punch itself has no mass.
+tolerance. The unknowns are the scene's, so film under a rigid punch, which has no mass, moves as
+one.
 
 Frequencies converge from above, with the fourth power of the element size for quadratic elements.
 The mesh starts from that law for the flat film and is refined until the estimated errors are below
@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import LinearOperator, SuperLU, eigs, eigsh
+from scipy.sparse.linalg import LinearOperator, eigs, eigsh
 from skfem import Basis, MeshTri2
 
 from pvdf_fem.arrays import Array
@@ -32,6 +32,7 @@ from pvdf_fem.film.loads.kinds import presses_rigidly
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import FILM, MeshError
 from pvdf_fem.mesh.size_field import Sizes
+from pvdf_fem.scene.film import Air
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.attempt import UNKNOWNS_PER_ELEMENT
 from pvdf_fem.solution.estimate import corrected
@@ -52,9 +53,7 @@ EIGEN_ITERATIONS = 3  #: Newton iterations that an eigenvalue problem costs as m
 #: Relative imaginary part above which an eigenvalue of an unsymmetric tangent is complex; rounding
 #: splits a pair of modes into complex ones by the square root of the machine's precision.
 COMPLEX = 1e-6
-AIR_DENSITY = 1.2  #: Density of air at room temperature, kg/m^3.
-#: Stiffness and mass of unknowns; the mass of air is in a `LinearOperator`.
-Pencil = tuple[sp.csc_matrix, Any]
+Pencil = tuple[sp.csc_matrix, Any]  #: Stiffness and mass; that of air is a `LinearOperator`.
 
 
 @dataclass(frozen=True, eq=False)
@@ -316,19 +315,16 @@ def _eigen(
         factors = factorise(stiffness)
     except RuntimeError:  # SuperLU: exactly singular
         return Status.SINGULAR
-    values, vectors = _lowest(eigsh if symmetric else eigs, stiffness, mass, factors, count)
+    inverse = LinearOperator(stiffness.shape, matvec=factors.solve, dtype=float)
+    # a fixed start, so that results repeat; random, so that it is orthogonal to no mode
+    start = np.random.default_rng(0).standard_normal(stiffness.shape[0])
+    how = {"M": mass, "sigma": 0.0, "OPinv": inverse, "v0": start}
+    solver: Any = eigsh if symmetric else eigs  # shift-invert Lanczos or Arnoldi
+    values, vectors = solver(stiffness, count, **how)
     if np.any(np.abs(values.imag) > COMPLEX * np.abs(values)) or np.any(values.real <= 0.0):
         return Status.UNSTABLE
     order = np.argsort(values.real)
     return np.sqrt(values.real[order]) / (2.0 * np.pi), vectors.real[:, order]
-
-
-def _lowest(solver: Any, stiffness: sp.csc_matrix, mass: Any, factors: SuperLU, count: int) -> Any:
-    """Eigenvalues nearest to zero and their vectors by shift-invert Lanczos or Arnoldi."""
-    inverse = LinearOperator(stiffness.shape, matvec=factors.solve, dtype=float)
-    # a fixed start, so that results repeat; random, so that it is orthogonal to no mode
-    start = np.random.default_rng(0).standard_normal(stiffness.shape[0])
-    return solver(stiffness, count, M=mass, sigma=0.0, OPinv=inverse, v0=start)
 
 
 def _modal_budget(scene: Scene, most_unknowns: int = 180_000) -> Budget:
@@ -363,11 +359,7 @@ def _left_out(scene: Scene, share: float, joins: bool) -> tuple[str, ...]:
 
 
 def air_remark(scene: Scene) -> str:
-    """What a vacuum leaves out; the air that moves along weighs about its density times the radius
-    per area."""
+    """What a vacuum leaves out: per area about the density of air times the radius."""
     film = scene.film
-    weight = AIR_DENSITY * film.radius / (film.density * film.thickness)
-    return (
-        f"air: lowers the lowest frequencies; what moves along weighs about {weight:.2g} times as"
-        " much as the film"
-    )
+    weight = Air().density_kg_m3 * film.radius / (film.density * film.thickness)
+    return f"air: lowers the lowest frequencies; it adds about {weight:.2g} times the film's mass"

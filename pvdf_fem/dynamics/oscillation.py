@@ -94,12 +94,7 @@ class Oscillation:
         return np.asarray((1.0 + 1j * self.loss_tangent) * (q @ self.rates))
 
     def reduced(
-        self,
-        frequencies: Array,
-        tolerance: float = 1e-7,
-        most: int = 426,
-        growth: float = 1.25,
-        tests: int = 24,
+        self, frequencies: Array, tolerance: float = 1e-7, most: int = 426, tests: int = 24
     ) -> Oscillation:
         """The projection on as many Ritz vectors as the charges at some of the frequencies in Hz
         take to stay within the tolerance, of each and of the largest at rest."""
@@ -115,16 +110,14 @@ class Oscillation:
             vectors[:, i] = self._unit(queue.pop(0), vectors[:, :i])
             queue.append(solve(self.mass @ vectors[:, i]))
             if i + 1 == tested:
-                tested = int(growth * tested)
+                tested += tested // 4
                 small = self.projected(vectors[:, : i + 1])
                 before, charges = charges, small.charges(frequencies)
                 unit = np.abs(charges) + np.abs(small.charges(np.zeros(1))).max() + TINY
                 if np.all(np.abs(charges - before) <= tolerance * unit):
                     return small
-        raise NotConvergedError(
-            f"{Status.TOLERANCE}: {most} vectors do not follow the film up to"
-            f" {frequencies.max():g} Hz; give lower frequencies"
-        )
+        told = f"{most} vectors do not follow the film up to {frequencies.max():g} Hz"
+        raise NotConvergedError(f"{Status.TOLERANCE}: {told}; give lower frequencies")
 
     def _unit(self, vector: Any, basis: Any) -> Any:
         """The part of a vector that is orthogonal to a basis, of the norm 1, both by the mass."""

@@ -96,15 +96,18 @@ def content_of(figure: Figure, suffix: str) -> bytes:
     return content.getvalue()
 
 
-def frequency_response(figure: Figure, response: FrequencyResponse) -> None:
-    """Amplitudes of all charges over that of the force, and their phases below."""
-    size, phase = figure.subplots(2, sharex=True)
+def frequency_response(response: FrequencyResponse) -> Figure:
+    """A figure of all charges' amplitudes over that of the force, and their phases below."""
+    with style():
+        figure = new_figure()
+        size, phase = figure.subplots(2, sharex=True)
     for name, charge in response.charges_pC_N.items():
         size.loglog(response.frequencies_Hz, np.abs(charge), label=name)
         phase.semilogx(response.frequencies_Hz, np.degrees(np.angle(charge)))
+    size.legend()
     size.set(ylabel="charge (pC/N)")
     phase.set(xlabel="frequency (Hz)", ylabel="phase (°)")
-    size.legend()
+    return figure
 
 
 def deflection_map(ax: Axes, solution: Solution, *, reach_mm: float | None = None) -> None:

@@ -12,8 +12,7 @@ if TYPE_CHECKING:
 
 def modes_text(modes: Modes) -> str:
     """A table of frequencies with their errors, those in air below them, and remarks."""
-    title = f"frequencies ({'loaded' if modes.loaded else 'flat'} film)"
-    rows = [title, *_rows(modes.spectrum)]
+    rows = [f"frequencies ({'loaded' if modes.loaded else 'flat'} film)", *_rows(modes.spectrum)]
     if modes.spectrum.in_air is not None:
         rows += ["in air", *_rows(modes.spectrum.in_air)]
     remarks = [f"{'status':<11} {modes.status}"]

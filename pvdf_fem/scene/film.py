@@ -153,10 +153,7 @@ class Film(Section):
 
 
 class Air(Section):
-    """The air on both sides of the film, which moves with it; without this table a vacuum.
-
-    With `baffle` the rim is in a rigid baffle; otherwise air flows around it from side to side.
-    """
+    """The air on both sides of the film; around its rim it flows unless there is a `baffle`."""
 
     density_kg_m3: Annotated[Finite, within(0.0, 1e6, "kg/m³")] = 1.204
     baffle: StrictBool = True

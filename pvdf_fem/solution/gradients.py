@@ -322,7 +322,7 @@ def _adjoints(solution: Solution) -> tuple[_Adjoint, _Adjoint]:
 
 
 def next_order(solved: Equilibrium, q: Array, factors: SuperLU) -> tuple[Equilibrium, Array]:
-    """The equations of the order above on the same mesh, and their solution; from `factorised`."""
+    """The equations of the order above on the same mesh, and their solution."""
     rich = Equilibrium(solved.scene, solved.space.mesh, solved.space.order + 1)
     correction = corrected(solved, q, factors, rich, Budget.of(solved.scene))
     if isinstance(correction, NewtonResult):
