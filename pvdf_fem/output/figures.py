@@ -101,12 +101,12 @@ def frequency_response(response: FrequencyResponse) -> Figure:
     with style():
         figure = new_figure()
         size, phase = figure.subplots(2, sharex=True)
-    for name, charge in response.charges_pC_N.items():
-        size.loglog(response.frequencies_Hz, np.abs(charge), label=name)
-        phase.semilogx(response.frequencies_Hz, np.degrees(np.angle(charge)))
-    size.legend()
-    size.set(ylabel="charge (pC/N)")
-    phase.set(xlabel="frequency (Hz)", ylabel="phase (°)")
+        for name, charge in response.charges_pC_N.items():
+            size.loglog(response.frequencies_Hz, np.abs(charge), label=name)
+            phase.semilogx(response.frequencies_Hz, np.degrees(np.angle(charge)))
+        size.legend(loc="upper left", ncols=len(response.charges_pC_N))
+        size.set(ylabel="charge (pC/N)")
+        phase.set(xlabel="frequency (Hz)", ylabel="phase (°)")
     return figure
 
 

@@ -334,8 +334,10 @@ def factorised(solution: Solution) -> tuple[Equilibrium, Array, SuperLU]:
     """The whole film's equations with their unknowns and the tangent's factors."""
     fields, solved = solution.fields, solution.fields.equilibrium
     q = solved.restrict(fields.displacement)
-    # Newton's last may be of an earlier state
-    return solved, q, factorise(solved.tangent(fields.state))
+    try:  # anew, since Newton's last factors may be of an earlier state
+        return solved, q, factorise(solved.tangent(fields.state))
+    except RuntimeError:  # SuperLU: exactly singular, as for a slack film without a load
+        raise NotConvergedError(f"{Status.SINGULAR}: {Status.SINGULAR.advice}") from None
 
 
 def _rate(adjoint: _Adjoint, key: str) -> Array:
