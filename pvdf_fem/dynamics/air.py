@@ -22,9 +22,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator
-from scipy.special import eval_jacobi, gammaln
+from scipy.special import eval_jacobi, poch
 
-from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.scene.film import Air
 
@@ -67,11 +67,15 @@ class AirLoad:
 
     def with_mass(self, mass: sp.csc_matrix) -> LinearOperator:
         """The added mass and a mass of the unknowns, kg."""
+        moving = np.flatnonzero(self.root.any(axis=1))
+        root = self.root[moving]
 
         def times(q: Array) -> Array:
             if np.iscomplexobj(q):  # or a complex copy of R would be made
                 return times(q.real) + 1j * times(q.imag)
-            return np.asarray(mass @ q + self.root @ (self.root.T @ q))
+            total = np.asarray(mass @ q)
+            total[moving] += root @ (root.T @ q[moving])
+            return total
 
         return LinearOperator(mass.shape, times, matmat=times, dtype=float)
 
@@ -88,15 +92,10 @@ def _functions(unit: Array, degree: int, s: float) -> Iterator[tuple[Array, Arra
     r, angle = np.hypot(*unit.T), np.arctan2(*unit.T[::-1])
     for m in range(degree + 1):
         n = np.arange((degree - m) // 2 + 1)
-        ratio = _gamma_ratio(n, s) * _gamma_ratio(m + n, s)
-        norm = _gamma_ratio(n, s) / _gamma_ratio(m + n, s) / (2 * n + s + m + 1)
+        ratio = poch(n + 1, s) * poch(m + n + 1, s)  # of Gamma functions
+        norm = poch(n + 1, s) / poch(m + n + 1, s) / (2 * n + s + m + 1)
         square = (0.25**s / ratio if s > 0.0 else 4.0**s * ratio) / norm
         radial = eval_jacobi(n, s, m, (2.0 * r**2 - 1.0)[:, None]) * (r**m)[:, None]
         radial *= np.sqrt(square / (np.pi if m == 0 else 0.5 * np.pi))
         turns = [np.cos(m * angle), np.sin(m * angle)][: 1 + (m > 0)]
         yield np.tile(m + 2 * n, len(turns)), np.hstack([radial * t[:, None] for t in turns])
-
-
-def _gamma_ratio(n: Indices, s: float) -> Array:
-    """Gamma(1 + s + n)/n!."""
-    return np.asarray(np.exp(gammaln(1.0 + s + n) - gammaln(1.0 + n)))

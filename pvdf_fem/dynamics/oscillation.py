@@ -63,24 +63,16 @@ class Oscillation:
         stiffness, mass = pencil_of(equilibrium, q)
         force = equilibrium.loads[0].with_components(UP).forces(state)
         rates = goal_gradients(goals_of(equilibrium.scene), equilibrium.membrane, state.dofs)
-        return cls(
-            stiffness,
-            _elastic(equilibrium, state),
-            mass if equilibrium.scene.air is None else air.with_mass(mass),
-            equilibrium.on_unknowns(state, force),
-            equilibrium.on_unknowns(state, rates),
-            air.volume,
-            air.radiation,
-            equilibrium.film.loss_tangent or 0.0,
-        )
+        f, g = (equilibrium.on_unknowns(state, forces) for forces in (force, rates))
+        elastic, loss = _elastic(equilibrium, state), equilibrium.film.loss_tangent or 0.0
+        total = air.with_mass(mass)
+        return cls(stiffness, elastic, total, f, g, air.volume, air.radiation, loss)
 
     def projected(self, vectors: Any) -> Oscillation:
         """The equations of the amplitudes of `vectors` (unknowns, n), as dense matrices."""
-        matrices, loads = ("stiffness", "elastic", "mass"), ("force", "rates", "volume")
-        projected = {name: vectors.T @ (getattr(self, name) @ vectors) for name in matrices}
-        return replace(
-            self, **projected, **{name: vectors.T @ getattr(self, name) for name in loads}
-        )
+        matrices = {k: getattr(self, k) @ vectors for k in ("stiffness", "elastic", "mass")}
+        loads = {k: getattr(self, k) for k in ("force", "rates", "volume")}
+        return replace(self, **{k: vectors.T @ value for k, value in (matrices | loads).items()})
 
     def charges(self, frequencies: Array) -> ComplexArray:
         """Charges in C/N, (frequencies, electrodes), of dense equations, at frequencies in Hz."""
