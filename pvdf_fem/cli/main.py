@@ -114,8 +114,7 @@ exit codes: 0 written, 2 bad input, 3 gmsh failed"""
 
 _MODES = """\
 Lowest frequencies of the stretched film in Hz, each with its estimated
-discretisation error; pairs of equal frequency are listed twice. With [air]
-those in air follow."""
+discretisation error; pairs of equal frequency are listed twice."""
 
 _MODES_EPILOG = """\
 examples:

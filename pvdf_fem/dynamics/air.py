@@ -1,11 +1,10 @@
 """Air that moves with the film: its added mass, and the sound that a film in a baffle radiates.
 
-The air is incompressible and that of a flat disc: slopes count in the second order. Where a plane
-in air moves by w, the pressures on both its sides resist with 2 rho w''/|k|, |k| the wavenumber. In
-a rigid baffle (Rayleigh's integral) w vanishes outside of the disc, and the kinetic energy is
-rho <w', w'/|k|>. Without a baffle the pressures are equal out there, and it is rho <w', D^-1 w'>, D
-the operator |k| on functions that vanish outside. On the unit disc, with s = -1/2 and s = 1/2
-(Dyda, Kuznetsov and Kwasnicki 2017),
+The air is incompressible and that of a flat disc. Where a plane in air moves by w, the pressures on
+its sides resist with 2 rho w''/|k|, |k| the wavenumber. In a rigid baffle (Rayleigh's integral) w
+vanishes outside of the disc, and the kinetic energy is rho <w', w'/|k|>. Without a baffle pressures
+are equal out there, and it is rho <w', D^-1 w'>, D the operator |k| on functions that vanish
+outside. On the unit disc, with s = -1/2 and 1/2 (Dyda, Kuznetsov and Kwasnicki 2017),
 
     |k|^2s (1 - r^2)^s phi_mn = lambda_mn phi_mn,   phi_mn = r^m cos(m t) P_n^(s, m)(2 r^2 - 1),
     lambda_mn = 2^2s Gamma(1 + s + n) Gamma(1 + s + m + n)/(n! (m + n)!),
@@ -46,16 +45,16 @@ class AirLoad:
     @classmethod
     def of(cls, equilibrium: Equilibrium) -> AirLoad:
         """The air of the scene, or none, for shapes that the largest element resolves."""
-        air, a = equilibrium.scene.air or Air(density_kg_m3=0.0), equilibrium.film.radius
-        largest = np.sqrt(2.0 * equilibrium.space.weights.sum(axis=1).max()) / a
+        scene, space = equilibrium.scene, equilibrium.space
+        air, a = scene.air or Air(density_kg_m3=0.0), scene.film.radius
+        largest = np.sqrt(2.0 * space.weights.sum(axis=1).max()) / a
         degree, s = 10 + int(1.5 / largest), -0.5 if air.baffle else 0.5
         rule = int(min(8.0 + degree * largest, FINEST_RULE))
-        elements = np.arange(equilibrium.space.mesh.nelements)
-        places, values, weights = equilibrium.space.rule(elements, rule)
+        places, values, weights = space.rule(np.arange(space.mesh.nelements), rule)
         points = np.repeat(np.arange(weights.size), values.shape[2])
-        nodes = np.repeat(equilibrium.space.nodes, weights.shape[1], axis=0).ravel()
+        nodes = np.repeat(space.nodes, weights.shape[1], axis=0).ravel()
         entries = (values * weights[..., None]).ravel(), (nodes, points)
-        integrals = sp.csr_matrix(entries, (equilibrium.space.basis.N, weights.size))
+        integrals = sp.csr_matrix(entries, (space.basis.N, weights.size))
         onto = equilibrium.unknowns.expansion[2::3].T @ integrals
         unit = places.reshape(-1, 2) / a
         weight = np.maximum(1.0 - (unit**2).sum(axis=1), 0.0) ** max(s, 0.0)
@@ -92,10 +91,8 @@ def _functions(unit: Array, degree: int, s: float) -> Iterator[tuple[Array, Arra
     r, angle = np.hypot(*unit.T), np.arctan2(*unit.T[::-1])
     for m in range(degree + 1):
         n = np.arange((degree - m) // 2 + 1)
-        ratio = poch(n + 1, s) * poch(m + n + 1, s)  # of Gamma functions
-        norm = poch(n + 1, s) / poch(m + n + 1, s) / (2 * n + s + m + 1)
-        square = (0.25**s / ratio if s > 0.0 else 4.0**s * ratio) / norm
-        radial = eval_jacobi(n, s, m, (2.0 * r**2 - 1.0)[:, None]) * (r**m)[:, None]
-        radial *= np.sqrt(square / (np.pi if m == 0 else 0.5 * np.pi))
+        ratio = poch(m + n + 1, s) if s < 0.0 else 1.0 / poch(n + 1, s)  # of Gamma functions
+        scale = ratio * np.sqrt((2 * n + m + s + 1) / (2.0 * np.pi if m == 0 else np.pi))
+        radial = scale * eval_jacobi(n, s, m, (2.0 * r**2 - 1.0)[:, None]) * (r**m)[:, None]
         turns = [np.cos(m * angle), np.sin(m * angle)][: 1 + (m > 0)]
         yield np.tile(m + 2 * n, len(turns)), np.hstack([radial * t[:, None] for t in turns])

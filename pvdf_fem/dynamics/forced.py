@@ -1,9 +1,8 @@
 """Charges of a small further force of the probe about its load, by frequency and by time.
 
-By frequency the equations of `oscillation` are solved as they are. By time the film answers in
-their modes, each damped as the loss tangent and the sound damp it at its own frequency; what they
-couple of the modes, and the lag of the stress itself, is left out. Forces are sums of exponentials
-that are switched on, so charges and readings are partial fractions, exact at any times.
+By frequency the equations of `oscillation` are solved as they are. By time their modes answer, each
+damped as losses and sound damp it at its own frequency, without the coupling and the stress's lag.
+Forces are sums of exponentials that are switched on, so all is in partial fractions, exact in time.
 """
 
 from __future__ import annotations
@@ -105,7 +104,7 @@ def transient(
     Parameters
     ----------
     solution : Solution or Scene
-        The loaded state, or a scene that is solved first, with one probe that is no tip.
+        As of `respond`.
     touch : Exponentials
         A `half_sine` or a `step`, small beside the load.
     times_s : array_like

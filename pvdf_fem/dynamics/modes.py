@@ -3,8 +3,7 @@
 Small oscillations about an equilibrium: K phi = omega^2 M phi, K the tangent stiffness there and M
 the mass rho h of all three displacement components. Bending is part of K where the scene says so,
 which with ``film.bending = "auto"`` here is where it could change a frequency by more than the
-tolerance. The unknowns are the scene's, so film under a rigid punch, which has no mass, moves as
-one.
+tolerance. The unknowns are the scene's: film under a rigid punch, which is massless, moves as one.
 
 Frequencies converge from above, with the fourth power of the element size for quadratic elements.
 The mesh starts from that law for the flat film and is refined until the estimated errors are below

@@ -5,14 +5,12 @@ the rates g of the electrodes' charges,
 
     (K + i tan(delta) K_e - omega^2 M + i omega^3 r v v^T) q = f F,   Q = (1 + i tan(delta)) g . q.
 
-The loss tangent is that of the film's moduli: K_e is K without the stiffness of the tension, which
-has no losses, and the charge has the stress's phase. r v v^T is the sound that a baffled film
-radiates (`AirLoad.radiation`).
+The loss tangent is that of the moduli: K_e is K without the tension's stiffness, which has no
+losses, and the charge has the stress's phase. r v v^T is the sound of a baffled film.
 
 The equations are projected on load-dependent Ritz vectors (Wilson, Yuan and Dickens 1982): first
-the static displacement K^-1 f, then K^-1 M of the one before, orthonormal by M. So the charges at
-rest are exact, and higher ones join until those of the whole band stay. K has its losses there, so
-that the vectors of a damped film are complex, and those from K^-1 v join where the film radiates.
+the static displacement K^-1 f, so that charges at rest are exact, then K^-1 M of the one before,
+orthonormal by M. K has its losses there; where film radiates, vectors from K^-1 v join.
 """
 
 from __future__ import annotations
@@ -22,7 +20,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from pvdf_fem.arrays import Array
@@ -124,7 +121,7 @@ def oscillations(solution: Solution) -> tuple[Oscillation, Oscillation]:
     return Oscillation.of(solved, q), Oscillation.of(*next_order(solved, q, factors))
 
 
-def _elastic(equilibrium: Equilibrium, state: State) -> sp.csc_matrix:
+def _elastic(equilibrium: Equilibrium, state: State) -> Any:
     """The film's stiffness in N/m without that of its tension."""
     film, space, membrane = copy(equilibrium), equilibrium.space, equilibrium.membrane
     film.terms = [term for term in film.terms if not isinstance(term, DeadPressure)]
