@@ -85,7 +85,8 @@ def respond(solution: Solution | Scene, frequencies_Hz: ArrayLike) -> FrequencyR
         One or several, not below zero; `NotConvergedError` where they are too high for the film.
     """
     frequencies = np.atleast_1d(np.asarray(frequencies_Hz, dtype=float))
-    if frequencies.ndim != 1 or not np.all((frequencies >= 0.0) & (frequencies <= MOST_HZ)):
+    in_range = (frequencies >= 0.0) & (frequencies <= MOST_HZ)
+    if frequencies.ndim != 1 or not frequencies.size or not np.all(in_range):
         raise ValueError(f"frequencies_Hz: give numbers from 0 to {MOST_HZ:g} Hz")
     solution, read = _loaded(solution)
     both = oscillations(solution)
@@ -114,8 +115,7 @@ def transient(
     (solution, read), times = _loaded(solution), np.atleast_1d(np.asarray(times_s, dtype=float))
     if not solution.fields.equilibrium.conservative:
         raise SceneError([problem("load.kind", "follower", 'has no modes; give "dead"')])
-    tested = np.linspace(0.0, highest_Hz, 24)
-    modes, better = (_modes(o, tested) for o in oscillations(solution))
+    modes, better = (_modes(o, np.linspace(0.0, highest_Hz, 24)) for o in oscillations(solution))
     charges, readings = _charges(*modes, touch, times), {}
     errors = np.abs(_charges(*better, touch, times) - charges)
     for i, channel in enumerate(read):
