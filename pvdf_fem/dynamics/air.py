@@ -48,8 +48,8 @@ class AirLoad:
         scene, space = equilibrium.scene, equilibrium.space
         air, a = scene.air or Air(density_kg_m3=0.0), scene.film.radius
         largest = np.sqrt(2.0 * space.weights.sum(axis=1).max()) / a
-        degree, s = 10 + int(1.5 / largest), -0.5 if air.baffle else 0.5
-        rule = int(min(8.0 + degree * largest, FINEST_RULE))
+        degree = 10 + int(1.5 / largest) if scene.air else 0
+        rule, s = int(min(8.0 + degree * largest, FINEST_RULE)), -0.5 if air.baffle else 0.5
         places, values, weights = space.rule(np.arange(space.mesh.nelements), rule)
         points = np.repeat(np.arange(weights.size), values.shape[2])
         nodes = np.repeat(space.nodes, weights.shape[1], axis=0).ravel()

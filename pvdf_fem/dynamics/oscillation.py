@@ -61,9 +61,9 @@ class Oscillation:
         force = equilibrium.loads[0].with_components(UP).forces(state)
         rates = goal_gradients(goals_of(equilibrium.scene), equilibrium.membrane, state.dofs)
         f, g = (equilibrium.on_unknowns(state, forces) for forces in (force, rates))
-        elastic, loss = _elastic(equilibrium, state), equilibrium.film.loss_tangent or 0.0
-        total = air.with_mass(mass)
-        return cls(stiffness, elastic, total, f, g, air.volume, air.radiation, loss)
+        loss = equilibrium.film.loss_tangent or 0.0
+        elastic = _elastic(equilibrium, state) if loss else 0.0 * stiffness
+        return cls(stiffness, elastic, air.with_mass(mass), f, g, air.volume, air.radiation, loss)
 
     def projected(self, vectors: Any) -> Oscillation:
         """The equations of the amplitudes of `vectors` (unknowns, n), as dense matrices."""

@@ -29,7 +29,7 @@ def test_static_limit_is_the_static_derivative(load: str) -> None:
         assert charge[1].imag != 0.0  # a little sound
 
 
-@pytest.mark.parametrize("scene", [TRIANGLE, DAMPED, DAMPED.with_(**{"air.baffle": False})])
+@pytest.mark.parametrize("scene", [DAMPED, DAMPED.with_(**{"air.baffle": False})])
 def test_ritz_vectors_find_what_direct_solves_find(scene: Scene) -> None:
     """(K + i d K_e - omega^2 M + i omega^3 r v v^T) q = f with dense matrices."""
     solution = on_mesh(scene)
@@ -50,7 +50,7 @@ def test_ritz_vectors_find_what_direct_solves_find(scene: Scene) -> None:
 def test_only_stretching_has_losses() -> None:
     """The flat film deflects against its tension alone, N laplace, and in the plane the moduli
     resist: K_e x = 0 of deflections, and K_e x = K x - N laplace x of the others."""
-    solution = on_mesh(TRIANGLE.with_(**{"load.force_N": 0.0}))
+    solution = on_mesh(TRIANGLE.with_(**{"load.force_N": 0.0, "film.loss_tangent": 0.1}))
     equilibrium, q, _ = factorised(solution)
     full, space = Oscillation.of(equilibrium, q), equilibrium.space
     tension = equilibrium.film.stress_at_rest[0] * equilibrium.film.thickness

@@ -78,8 +78,8 @@ def test_a_slow_tap_is_followed_statically():
 def test_readings_discharge():
     """C dV/dt + V/R = dQ/dt by the trapezium rule on fine times."""
     scene = TRIANGLE.with_(readout={"feedback_resistance_MOhm": 5.0, "gain": 3.0})
-    times = np.linspace(0.0, 0.02, 4001)
-    found = transient(on_mesh(scene), half_sine(0.01, 8e-3), times)
+    times = np.linspace(0.0, 0.02, 2001)
+    found = transient(on_mesh(scene), half_sine(0.01, 8e-3), times, highest_Hz=200.0)
     step, tau = times[1], 5e-3
     for name, charge in found.charges_pC.items():
         voltage = np.zeros(len(times))
@@ -88,8 +88,10 @@ def test_readings_discharge():
                 1 + step / tau / 2
             )
         size = np.abs(voltage).max()
-        np.testing.assert_allclose(found.readings_V[name], 3.0 * voltage, atol=1e-4 * size)
-    ideal = transient(on_mesh(scene.with_(readout={})), half_sine(0.01, 8e-3), times[:9])
+        np.testing.assert_allclose(found.readings_V[name], 3.0 * voltage, atol=3e-4 * size)
+    ideal = transient(
+        on_mesh(scene.with_(readout={})), half_sine(0.01, 8e-3), times[:9], highest_Hz=200.0
+    )
     for name, charge in ideal.charges_pC.items():
         np.testing.assert_allclose(ideal.readings_V[name], charge / 1000.0, rtol=1e-12)
 
