@@ -13,6 +13,7 @@ import shapely
 from numpy.typing import NDArray
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.film.electric.coupling import coupled
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.contact import guessed_force, guessed_press
 from pvdf_fem.film.loads.kinds import LOADS
@@ -46,6 +47,10 @@ def thickness_remarks(scene: Scene) -> Iterator[tuple[bool, str]]:
         size = f"about {-0.5 * d33 * on[most]:.2g} pC on {electrodes[most].name}"
         text = f"thickness direction (film.d33_pC_N = {said}): {size}, which a probe presses"
         yield given is not None, text
+        if given and (wired := coupled(scene)):
+            share = max(float(np.trace(electrode.share)) for electrode in wired)
+            back = abs(0.5 * share * given * on[most])
+            yield False, f"coupling by the charge of film.d33_pC_N: about {back:.1e} pC"
 
 
 def _about(scene: Scene, touch: LoadedProbe, polygons: NDArray[np.object_]) -> Array:

@@ -100,14 +100,14 @@ class Space:
     def laplace(self) -> Array:
         """Integrals of grad v . grad u, (elements, dofs of an element, dofs of an element)."""
         weighted = self.gradients * self.weights[..., None, None]
-        return self._by_component(np.matmul(weighted, self.gradients.swapaxes(2, 3)).sum(axis=1))
+        return self.by_component(np.matmul(weighted, self.gradients.swapaxes(2, 3)).sum(axis=1))
 
     def mass(self) -> Array:
         """Integrals of v . u in m^2, (elements, dofs of an element, dofs of an element)."""
         weighted = self.values * self.weights[..., None]
-        return self._by_component(np.matmul(weighted.swapaxes(1, 2), self.values))
+        return self.by_component(np.matmul(weighted.swapaxes(1, 2), self.values))
 
-    def _by_component(self, scalar: Array) -> Array:
+    def by_component(self, scalar: Array) -> Array:
         blocks = np.einsum("eab,ij->eaibj", scalar, np.eye(3))
         return blocks.reshape(*self.element_dofs.shape, self.element_dofs.shape[1])
 

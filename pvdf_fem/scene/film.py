@@ -1,4 +1,4 @@
-"""The film and its material."""
+"""The film and its material, and the air about it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator
+from pydantic import Discriminator, Field, StrictBool, Tag, ValidationInfo, field_validator
 
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import overlaps
@@ -50,6 +50,8 @@ class Film(Section):
     change a charge by more than ``numerics.tolerance``.
 
     `permittivity` is that of the film across its thickness, relative to that of the vacuum.
+    `loss_tangent` is that of its stiffness, and of its patches', for oscillations; None is a film
+    without damping.
     `coupling` lets the voltages of electrodes stiffen the film that no charge amplifier keeps at
     zero voltage (``readout.kind = "voltage"``): always, never, or where that could change a charge
     by more than ``numerics.tolerance``.
@@ -93,6 +95,7 @@ class Film(Section):
     d31_pC_N: Number = 8.0
     d32_pC_N: Number = 8.0
     permittivity: Annotated[Finite, within(1.0, 1e6)] = 11.0
+    loss_tangent: Annotated[Finite, within(0.0, 1.0)] | None = None
     coupling: bool | Literal["auto"] = False
     compression: Literal["refuse", "tension-field"] = "refuse"
     d33_pC_N: Number | None = None
@@ -271,6 +274,13 @@ class Film(Section):
     def is_uneven(self) -> bool:
         """Whether it is not the same in all places before any touch."""
         return bool(self.patches or self.rim_displacement_um)
+
+
+class Air(Section):
+    """The air on both sides of the film; around its rim it flows unless there is a `baffle`."""
+
+    density_kg_m3: Annotated[Finite, within(0.0, 1e6, "kg/m³")] = 1.204
+    baffle: StrictBool = True
 
 
 def plane_stress(E1: Any, E2: Any, nu12: Any, G: Any = None) -> NDArray[Any]:

@@ -1,4 +1,4 @@
-"""What is simulated: film, electrodes, probe, load and numerics, validated and frozen.
+"""What is simulated: film, air, electrodes, probe, load and numerics, validated and frozen.
 
 A scene comes from a TOML file or is built from the models of its parts. Keys carry the units in
 which people give them (mm, µm, GPa, pC/N); properties without a unit in their name are SI, and
@@ -24,7 +24,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from pvdf_fem.scene.change import change
-from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.film import Air, Film
 from pvdf_fem.scene.mistakes import MOST_MISTAKES, mistakes
 from pvdf_fem.scene.outlines.outline import Outline, overlaps
 from pvdf_fem.scene.outlines.tip import Tip, tip_of
@@ -43,6 +43,7 @@ from pvdf_fem.scene.shapes import Electrode, Electrodes, Layout, Probe, Probes
 from pvdf_fem.scene.stage import Stage
 
 __all__ = [
+    "Air",
     "Electrode",
     "Film",
     "Layout",
@@ -161,6 +162,7 @@ class Scene(Section):
     numerics: Numerics = Numerics()
     readout: Readout | None = None
     stage: Stage | None = None
+    air: Air | None = None
     _pressure: Pressure | None = PrivateAttr(None)
     _step: Step = PrivateAttr(Step())
 
@@ -200,9 +202,12 @@ class Scene(Section):
         across = [("film.d33_pC_N", film.d33_pC_N)] * bool(film.d33_pC_N)
         found: dict[str, list[tuple[str, Any]]] = {}
         if film.patches:
-            found["film.patches"] = wrinkles + bends + coupled * film.moves_at_rest
+            found["film.patches"] = wrinkles + bends
+            if any(patch.bonded != "at rest" for patch in film.patches):
+                found['film.patches bonded "before stretching"'] = coupled
             outlines = [patch.outline for patch in film.patches]
-            if any(overlaps(o, touch.outline) for o in outlines for touch in self.loaded_probes):
+            probes = self._probes.values() if across else ()
+            if any(overlaps(o, probe.outline) for o in outlines for probe in probes):
                 found["film.patches under a probe"] = across
         if film.rim_displacement_um:
             found["film.rim_displacement_um"] = wrinkles + edges + coupled
@@ -210,19 +215,24 @@ class Scene(Section):
             found["film.warming_K"] = coupled
         if film.coupling:
             found["film.coupling"] = edges
-        for key, touch in self._warm.items():
-            kind = touch.load.kind
+        for key, probe in self.warm_probes.items():
+            kind = (getattr(probe, "load", None) or self.load).kind
             found[key] = wrinkles + edges + coupled + [("load.kind", kind)] * (kind == "contact")
         for key, clashing in found.items():
             for name, value in clashing:
                 yield problem(name, value, f"is not for {key}; change it or remove that")
 
     @property
-    def _warm(self) -> dict[str, LoadedProbe]:
+    def _probes(self) -> dict[str, Probe]:
+        """The probes by their keys."""
+        if isinstance(self.probe, tuple):
+            return {f"probe[{i}]": probe for i, probe in enumerate(self.probe)}
+        return {"probe": self.probe} if self.probe else {}
+
+    @property
+    def warm_probes(self) -> dict[str, Probe]:
         """The warm probes by the keys of their temperatures."""
-        listed, touches = isinstance(self.probe, tuple), enumerate(self.loaded_probes)
-        by_key = {f"probe{[i] if listed else ''}.temperature_K": touch for i, touch in touches}
-        return {key: touch for key, touch in by_key.items() if touch.probe.temperature_K}
+        return {f"{key}.temperature_K": p for key, p in self._probes.items() if p.temperature_K}
 
     @property
     def electrode_list(self) -> tuple[Electrode, ...]:
@@ -258,15 +268,16 @@ class Scene(Section):
             reason = f"is not for {what}, which does not find where a tip touches; give another"
             raise SceneError([problem("load.kind", "contact", reason)])
 
-    def require_plain_charges(self, what: str, *keys: str) -> None:
-        """SceneError for warm probes, or a film with one of the keys, by default any by which its
-        charges are more than d31 and d32 times the stress of the film at zero voltage, and `what`
-        does not know."""
-        keys = keys or ("coupling", "d33_pC_N", "warming_K")
+    def require_plain_charges(self, what: str, *known: str) -> None:
+        """SceneError where charges are more than d31 and d32 times the stress of the film at zero
+        voltage and at one temperature, by keys that are not `known` to `what`."""
+        keys = ("coupling", "d33_pC_N", "warming_K")
         given = {f"film.{key}": getattr(self.film, key) for key in keys}
-        given |= {key: touch.probe.temperature_K for key, touch in self._warm.items()}
-        if wrong := [problem(k, v, f"is not for {what}; remove it") for k, v in given.items() if v]:
-            raise SceneError(wrong)
+        given |= {key: probe.temperature_K for key, probe in self.warm_probes.items()}
+        unknown = {k: v for k, v in given.items() if v and k.rpartition(".")[2] not in known}
+        if unknown:
+            reason = f"is not for {what}; remove it"
+            raise SceneError([problem(key, value, reason) for key, value in unknown.items()])
 
     @property
     def single_probe(self) -> Probe | None:

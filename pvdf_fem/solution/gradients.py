@@ -208,7 +208,7 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
     wrinkles, is uneven, or touches a tip with friction, there is none by what its stiffness depends
     on; of one that feels the voltages of electrodes none by d31 and d32 either.
     """
-    scene.require_plain_charges("derivatives", "d33_pC_N")
+    scene.require_plain_charges("derivatives", "coupling", "warming_K")
     probes = tuple(key for key in _touched(scene) if not _hindrance(scene, key))
     rubs = any(touch.load.friction for touch in scene.loaded_probes)
     model, uneven = film_model(scene), scene.film.is_uneven
@@ -278,7 +278,7 @@ def force_rates(solution: Solution, keys: Sequence[str]) -> Array:
     """
     units = [(1.0, 0.0), (0.0, 1.0)]
     goals = [replace(goal, d=d) for goal in goals_of(solution.scene) for d in units]
-    solved, q, factors = _factorised(solution)
+    solved, q, factors = factorised(solution)
     adjoint = _Adjoint.of(solved, goals, q, factors)
     return np.reshape([_rate(adjoint, key) for key in keys], (len(keys), -1, 2))
 
@@ -318,23 +318,31 @@ class _Adjoint:
 
 def _adjoints(solution: Solution) -> tuple[_Adjoint, _Adjoint]:
     """The adjoint solutions of a solution, and those of the order above on the same mesh."""
-    solved, q, factors = _factorised(solution)
+    solved, q, factors = factorised(solution)
     goals = goals_of(solution.scene)
-    rich = Equilibrium(solution.scene, solved.space.mesh, solved.space.order + 1)
-    correction = corrected(solved, q, factors, rich, Budget.of(solution.scene))
+    rich, rich_q = next_order(solved, q, factors)
+    rich_factors = factorise(rich.tangent(rich.state(rich_q)))
+    coarse = _Adjoint.of(solved, goals, q, factors)
+    return coarse, _Adjoint.of(rich, goals, rich_q, rich_factors)
+
+
+def next_order(solved: Equilibrium, q: Array, factors: SuperLU) -> tuple[Equilibrium, Array]:
+    """The equations of the order above on the same mesh, and their solution."""
+    rich = Equilibrium(solved.scene, solved.space.mesh, solved.space.order + 1)
+    correction = corrected(solved, q, factors, rich, Budget.of(solved.scene))
     if isinstance(correction, NewtonResult):
         raise NotConvergedError(f"{correction.status}: {correction.status.advice}")
-    rich_factors = factorise(rich.tangent(rich.state(correction.q)))
-    coarse = _Adjoint.of(solved, goals, q, factors)
-    return coarse, _Adjoint.of(rich, goals, correction.q, rich_factors)
+    return rich, correction.q
 
 
-def _factorised(solution: Solution) -> tuple[Equilibrium, Array, SuperLU]:
+def factorised(solution: Solution) -> tuple[Equilibrium, Array, SuperLU]:
     """The whole film's equations with their unknowns and the tangent's factors."""
     fields, solved = solution.fields, solution.fields.equilibrium
     q = solved.restrict(fields.displacement)
-    # Newton's last may be of an earlier state
-    return solved, q, factorise(solved.tangent(fields.state))
+    try:  # anew, since Newton's last factors may be of an earlier state
+        return solved, q, factorise(solved.tangent(fields.state))
+    except RuntimeError:  # SuperLU: exactly singular, as for a slack film without a load
+        raise NotConvergedError(f"{Status.SINGULAR}: {Status.SINGULAR.advice}") from None
 
 
 def _rate(adjoint: _Adjoint, key: str) -> Array:

@@ -28,7 +28,8 @@ from pvdf_fem.scene.shapes import Probe
 # thickness if they agree to this many digits.
 DIGITS = 9
 # Film keys that do not change the deformation if electrodes only read the stress.
-_READING_KEYS = {"d31_pC_N", "d32_pC_N", "density_kg_m3", "permittivity", "pyroelectric_uC_m2K"}
+_READING_KEYS = {"d31_pC_N", "d32_pC_N", "density_kg_m3", "permittivity", "loss_tangent"}
+_READING_KEYS |= {"pyroelectric_uC_m2K"}
 # Film keys that count through the strain at rest only.
 _STRETCHING_KEYS = {"thermal_expansion_per_K", "temperature_change_K", "pretension_N_m"}
 
@@ -48,7 +49,7 @@ class Mechanics:
 
 def mechanics(scene: Scene) -> Mechanics:
     """The mechanics of a scene, in which its tolerance and its limits count as well."""
-    scene.require_plain_charges("a sweep", "d33_pC_N", "warming_K")
+    scene.require_plain_charges("a sweep", "coupling")
     model = film_model(scene)
     if not model.electrodes_only_read:
         alone = repr(scene)

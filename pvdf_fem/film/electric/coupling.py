@@ -150,16 +150,11 @@ def coupling_effect(scene: Scene) -> float:
 
 
 def coupling_remarks(scene: Scene) -> Iterator[tuple[bool, str]]:
-    """Whether coupling is included, and texts with its size; none without floating electrodes."""
-    joined, electrodes = coupled(scene), floating(scene)
-    if electrodes:
-        names = ", ".join(electrode.name for electrode in electrodes)
+    """Whether coupling is included, and its size; nothing without floating electrodes."""
+    if names := ", ".join(electrode.name for electrode in floating(scene)):
         yield (
-            bool(joined),
+            bool(coupled(scene)),
             f"coupling (film.coupling = {quote(scene.film.coupling)}): could change a charge by up"
             f" to {coupling_effect(scene):.1e} of it; no charge amplifier keeps {names} at zero"
             " voltage",
         )
-    if joined and scene.film.d33_pC_N:
-        share = max(float(np.trace(electrode.share)) for electrode in joined)
-        yield False, f"coupling by film.d33_pC_N: {share:.1e} of the charge that it makes"
