@@ -57,7 +57,9 @@ class Observable(ABC):
     def require(self, goals: Sequence[Goal]) -> None:
         """Raise ValueError for an electrode that the observable is not defined for."""
         if not all(self.defined_for(goal) for goal in goals):
-            reason = "needs rectangles along x and y at no voltage as electrodes; use material"
+            reason = (
+                "needs electrodes that are rectangles along x and y at no voltage; use material"
+            )
             raise ValueError(f"observable {self.name!r}: {reason}")
 
 
