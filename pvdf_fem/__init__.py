@@ -4,7 +4,8 @@ Scene and solution
     `Scene` describes film, electrodes, probe and load; `solve` gives a `Solution` with the charges.
     `SceneError` lists the mistakes of a scene; `NotConvergedError` says why there are no charges.
 About one solution
-    `gradients` differentiates the charges; `modes` gives the frequencies of the film.
+    `gradients` differentiates the charges; `modes` gives the frequencies of the film, `respond` the
+    charges of an oscillating force by frequency, `transient` those of a touch by time.
 Many scenes
     `sweep` solves a grid of scenes.
 From known touches to the sensor
@@ -27,11 +28,12 @@ if TYPE_CHECKING:
     from typing import Any
 
     from pvdf_fem.calibration.calibrate import calibrate
+    from pvdf_fem.dynamics.forced import respond, transient
+    from pvdf_fem.dynamics.modes import modes
     from pvdf_fem.response.build import build_response
     from pvdf_fem.response.response import Response
     from pvdf_fem.scene.scene import Scene, SceneError
     from pvdf_fem.solution.gradients import gradients
-    from pvdf_fem.solution.modes import modes
     from pvdf_fem.solution.solution import NotConvergedError, Solution
     from pvdf_fem.solution.solve import solve
     from pvdf_fem.sweeps.sweep import sweep
@@ -52,8 +54,10 @@ __all__ = [
     "locate",
     "locate_many",
     "modes",
+    "respond",
     "solve",
     "sweep",
+    "transient",
 ]
 __version__ = "0.1.0"
 
@@ -70,9 +74,11 @@ _MODULES = {
     "gradients": "solution.gradients",
     "locate": "touch.locate",
     "locate_many": "touch.locate_many",
-    "modes": "solution.modes",
+    "modes": "dynamics.modes",
+    "respond": "dynamics.forced",
     "solve": "solution.solve",
     "sweep": "sweeps.sweep",
+    "transient": "dynamics.forced",
 }
 
 

@@ -84,7 +84,7 @@ class Program:
 PROGRAMS = {
     "solve": Program(cli.main, ("solve",), ("pvdf_fem.solution.solve.solve",)),
     "mesh": Program(cli.main, ("mesh",), ("pvdf_fem.mesh.gmsh_mesh.mesh_scene",)),
-    "modes": Program(cli.main, ("modes",), ("pvdf_fem.solution.modes.modes",)),
+    "modes": Program(cli.main, ("modes",), ("pvdf_fem.dynamics.modes.modes",)),
     "sweep": Program(cli.main, ("sweep",), ("pvdf_fem.sweeps.sweep.planned",)),
     "locate": Program(cli.main, ("locate",), ("pvdf_fem.cli.locate.model_of",)),
     "compare": Program(compare.main, (), ("reports.compare._scenes",)),

@@ -37,6 +37,7 @@ from reports.chapters import (
     mapping,
     scenes,
     shear,
+    spheres,
     summary,
     thickness,
 )
@@ -90,6 +91,7 @@ CHAPTERS = (
     FILM_PLACEMENT_CHAPTER,
     contact.CONTACT_CHAPTER,
     shear.SHEAR_CHAPTER,
+    spheres.SPHERES_CHAPTER,
     experiments.CHARGE_PARTS_CHAPTER,
     experiments.CIRCUIT_CHAPTER,
     summary.MESH_CHAPTER,

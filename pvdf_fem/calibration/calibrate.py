@@ -75,6 +75,7 @@ def calibrate(
     ValueError
         A line for each mistake in the arguments (`TouchesError`: in the touches).
     """
+    scene.require_plain_charges("a calibration")
     if reading is None:
         reading = scene.readout.reading if scene.readout else "change"
     deviations = {"sigma": sigma, "noise": noise, "place_sd": place_sd}

@@ -6,15 +6,17 @@ stress; see `pvdf_fem.charges.observables`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from skfem import MeshTri2
 
 from pvdf_fem.arrays import COMPLEX_STEP, Array, Selection
 from pvdf_fem.charges.goals import Goal, areas_of, coefficients_of, goals_of, images_of
 from pvdf_fem.charges.observables import OBSERVABLES, Observable
+from pvdf_fem.charges.quadrature import area_quadrature
 from pvdf_fem.charges.sampling import Sampling
 from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.space import Space
@@ -70,7 +72,30 @@ def goal_forces(
         for axis in sampling.axes:
             along = (integrals * directions[:, axis]).sum(axis=1)
             forces[:, axis] += np.bincount(sampling.goals, along, len(goals))
+    if membrane.added is not None:
+        forces += area_integrals(goals, membrane.added.stress, membrane.space.mesh, part)[:, :2]
+    for i, goal in enumerate(goals):
+        if goal.floating is not None:
+            forces[i] = goal.floating.with_voltage(forces[i])
     return forces
+
+
+def area_integrals(
+    goals: Sequence[Goal],
+    field: Callable[[Array], Array],
+    mesh: MeshTri2,
+    part: MirroredPart = WHOLE,
+    degree: int = 19,
+) -> Array:
+    """Integrals over electrodes, (goals, n), of a field (..., n) at places (..., 2) in the scene's
+    axes; exact for polynomials of the degree in each element."""
+    images, owners = images_of(goals, part)
+    rule = area_quadrature(mesh, [image.placed for image in images], degree)
+    places = np.moveaxis(mesh.mapping().F(rule.points, rule.elements), 0, -1) @ part.frame
+    by_row = (rule.weights[..., None] * field(places)).sum(axis=1)
+    total = np.zeros((len(goals), by_row.shape[-1]))
+    np.add.at(total, owners[rule.owners], by_row)
+    return total
 
 
 def goal_gradients(
@@ -78,7 +103,7 @@ def goal_gradients(
 ) -> Array:
     """Derivative of each electrode's charge by the dofs in C/m, (dofs, goals). The parameters are
     those of `goal_forces`."""
-    space, d = membrane.space, coefficients_of(goals)
+    space, d = membrane.space, np.reshape([goal.sensitivity for goal in goals], (-1, 2))
     result = np.zeros((space.dof_count, len(goals)))
     for observable, sampling, directions in _samplings(goals, space, part):
         axes = list(sampling.axes)

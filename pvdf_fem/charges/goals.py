@@ -15,6 +15,8 @@ import numpy as np
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.film.electric.coupling import Floating
+from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import electrode_patch
 from pvdf_fem.mesh.symmetry import MirroredPart
 from pvdf_fem.scene.outlines.outline import Outline
@@ -32,6 +34,15 @@ class Goal:
     patch: str | None = None
     #: Orthogonal matrix from the axes of the electrode's scene to those of the mesh, (2, 2).
     frame: Array = field(default_factory=lambda: np.eye(2))
+
+    #: What its own voltage adds to its forces, where voltages act on the film.
+    floating: Floating | None = None
+
+    @property
+    def sensitivity(self) -> Array:
+        """Derivatives of its charge by the forces of the strain alone in C/N, (2,)."""
+        d = np.array(self.d)
+        return d if self.floating is None else d + d @ self.floating.share
 
     def place(self, points: Array) -> Array:
         """Points (..., 2) of the electrode's scene in the axes of the mesh."""
@@ -79,9 +90,10 @@ class Goal:
 def goals_of(scene: Scene) -> tuple[Goal, ...]:
     """The electrodes of a scene, on a mesh that follows them."""
     d, observable = (scene.film.d31, scene.film.d32), scene.numerics.observable
+    floating = {electrode.name: electrode for electrode in film_model(scene).floating}
     return tuple(
-        Goal(electrode.outline, observable, d, electrode_patch(electrode.name))
-        for electrode in scene.electrode_list
+        Goal(e.outline, observable, d, electrode_patch(e.name), floating=floating.get(e.name))
+        for e in scene.electrode_list
     )
 
 

@@ -51,12 +51,15 @@ class Observable(ABC):
 
     def defined_for(self, goal: Goal) -> bool:
         """Whether the electrode has a charge by this observable."""
-        return goal.has_edges or not self.needs_edges
+        # an edge has the voltage's stress on one side
+        return not self.needs_edges or (goal.has_edges and goal.floating is None)
 
     def require(self, goals: Sequence[Goal]) -> None:
         """Raise ValueError for an electrode that the observable is not defined for."""
         if not all(self.defined_for(goal) for goal in goals):
-            reason = "needs electrodes that are rectangles along x and y; use material"
+            reason = (
+                "needs electrodes that are rectangles along x and y at no voltage; use material"
+            )
             raise ValueError(f"observable {self.name!r}: {reason}")
 
 

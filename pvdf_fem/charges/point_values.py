@@ -11,6 +11,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.membrane import strain_of
 from pvdf_fem.film.space import shape_values
+from pvdf_fem.film.term import State
 from pvdf_fem.mesh.points import located
 
 #: Points whose values are computed together, so that memory beyond the results stays small.
@@ -39,7 +40,7 @@ class PointValues:
 
 
 def values_at(
-    equilibrium: Equilibrium, dofs: Array, x_mm: ArrayLike, y_mm: ArrayLike
+    equilibrium: Equilibrium, state: State, x_mm: ArrayLike, y_mm: ArrayLike
 ) -> PointValues:
     """Values at points, whose coordinates are numbers or arrays that broadcast together. Raises
     ValueError for coordinates that are no numbers on the film."""
@@ -54,7 +55,7 @@ def values_at(
         )
     points = 1e-3 * np.stack([x.ravel(), y.ravel()])
     chunks = (points[:, i : i + CHUNK] for i in range(0, x.size, CHUNK))
-    parts = [_values(equilibrium, dofs, chunk) for chunk in chunks]
+    parts = [_values(equilibrium, state, chunk) for chunk in chunks]
     values = np.concatenate([np.empty((3, 0, 3)), *parts], axis=1).reshape(3, *x.shape, 3)
     displacement, strain, stress = values
     film = equilibrium.film
@@ -62,19 +63,22 @@ def values_at(
     return PointValues(x, y, displacement, strain, stress, density)
 
 
-def _values(equilibrium: Equilibrium, dofs: Array, points: Array) -> Array:
+def _values(equilibrium: Equilibrium, state: State, points: Array) -> Array:
     """Displacement in mm, strain and stress in MPa, (3, n, 3), at points (2, n) in m."""
     space, membrane = equilibrium.space, equilibrium.membrane
     elements, local = located(space.mesh, points)
-    nodal = dofs.reshape(-1, 3)[space.nodes[elements]]
+    nodal = state.dofs.reshape(-1, 3)[space.nodes[elements]]
     displacement = np.einsum("nf,nfc->nc", shape_values(space.basis.elem, local), nodal)
     gradients = space.gradients_at(elements, local[:, :, None])[:, 0]
     strain = strain_of(np.matmul(nodal.swapaxes(1, 2), gradients))
-    return np.stack([1e3 * displacement, strain, 1e-6 * membrane.stress(strain)])
+    stress = membrane.film_stress(strain, points.T)
+    if state.added is not None:
+        stress += state.added[elements, 0]
+    return np.stack([1e3 * displacement, strain, 1e-6 * stress])
 
 
 def values_along(
-    equilibrium: Equilibrium, dofs: Array, line_mm: ArrayLike, points: int
+    equilibrium: Equilibrium, state: State, line_mm: ArrayLike, points: int
 ) -> PointValues:
     """Values at this number of points at equal distances along a polyline, its ends included."""
     corners = np.asarray(line_mm, dtype=float)
@@ -83,4 +87,4 @@ def values_along(
     ends = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1)))
     distance = np.linspace(0.0, ends[-1], points)
     x, y = (np.interp(distance, ends, along) for along in corners.T)
-    return replace(values_at(equilibrium, dofs, x, y), distance_mm=distance)
+    return replace(values_at(equilibrium, state, x, y), distance_mm=distance)

@@ -14,13 +14,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pvdf_fem import __version__
-from pvdf_fem.cli import calibrate, locate, sweep, track
+from pvdf_fem.cli import calibrate, locate, respond, sweep, track
 from pvdf_fem.cli.program import (
     ArgumentParser,
     ExitCode,
     add_scene_command,
     add_texts,
     output_mistakes,
+    plot_extensions,
     run_program,
     scene_of,
 )
@@ -42,13 +43,19 @@ scene files are TOML. Their keys, each with a default:
                 poisson_ratio, shear_modulus_GPa, density_kg_m3,
                 thermal_expansion_per_K, temperature_change_K (below zero
                 stretches the film) or pretension_N_m (a number, or [Nx, Ny]),
-                d31_pC_N, d32_pC_N, permittivity, bending (true, false, "auto":
-                where it matters), compression (refuse, tension-field: the film
-                wrinkles)
+                d31_pC_N, d32_pC_N, d33_pC_N, permittivity, loss_tangent,
+                bending and coupling (true, false, "auto": where it matters),
+                compression (refuse, tension-field: the film wrinkles),
+                warming_K (since it was zeroed), pyroelectric_uC_m2K,
+                thermal_diffusivity_m2_s,
+                rim_displacement_um ([mean, cos, sin, cos 2, sin 2, ...])
+  [[film.patches]]  layers on the film: shape as of electrodes, thickness_um,
+                both_sides, youngs_modulus_GPa, poisson_ratio, density_kg_m3,
+                bonded ("at rest", "before stretching"), thermal_expansion_per_K
   [electrodes]  layout (four, three, ring), ring_radius_mm, side_mm; for a ring:
                 count, first_angle_deg, centre, shape and its sizes
   [probe]       shape and its sizes, x_mm, y_mm (centroid), rotation_deg,
-                edge_radius_mm (for contact)
+                edge_radius_mm (for contact), temperature_K, contact_time_s
   [load]        force_N, kind (dead, follower, rigid, contact), tangential_N
                 ([Fx, Fy]; dead or stuck); for rigid: contact (sliding, stuck);
                 tilt (held, free); for contact: depth_mm, instead of
@@ -66,6 +73,7 @@ scene files are TOML. Their keys, each with a default:
                 electrodes, or a table by electrode; reading (change, total)
   [stage]       x_mm, y_mm (the film's centre on the stage that positions the
                 probe), rotation_deg (of the film's axes there)
+  [air]         density_kg_m3, baffle (true, false: the rim is in one, or not)
 Any electrodes instead of a layout, each below a heading [[electrodes]]:
   name, x_mm, y_mm, shape and its sizes, rotation_deg
 Several probes, each below a heading [[probe]]: its keys, and force_N,
@@ -163,7 +171,7 @@ def _parser() -> argparse.ArgumentParser:
         "--loaded", action="store_true", help="about the film under its load, not the flat film"
     )
     add_texts(modes, ("--count", "N", "6", "how many frequencies"))
-    for command in (sweep, locate, track, calibrate):
+    for command in (respond, sweep, locate, track, calibrate):
         command.add_to(commands)
     return parser
 
@@ -172,7 +180,7 @@ def _solve(options: argparse.Namespace) -> int:
     mistakes = output_mistakes(options.vtu, [".vtu"], options.scene, options.mesh)
     if options.plot:
         others = options.scene, options.mesh, options.vtu
-        mistakes += output_mistakes(options.plot, _plot_extensions(), *others)
+        mistakes += output_mistakes(options.plot, plot_extensions(), *others)
     scene = scene_of(options, *mistakes)
     from pvdf_fem.solution.solve import solve
     from pvdf_fem.solvers.status import Status
@@ -211,8 +219,8 @@ def _mesh(options: argparse.Namespace) -> int:
 
 
 def _modes(options: argparse.Namespace) -> int:
+    from pvdf_fem.dynamics.modes import MOST_MODES, modes
     from pvdf_fem.output.text import modes_text
-    from pvdf_fem.solution.modes import MOST_MODES, modes
     from pvdf_fem.solvers.status import Status
 
     count, mistakes = options.count, []
@@ -222,12 +230,6 @@ def _modes(options: argparse.Namespace) -> int:
     _print(result.to_json(), options.json, lambda: modes_text(result))
     converged = result.status is Status.CONVERGED
     return ExitCode.CONVERGED if converged else ExitCode.NOT_CONVERGED
-
-
-def _plot_extensions() -> list[str]:
-    from matplotlib.backend_bases import FigureCanvasBase
-
-    return [f".{extension}" for extension in FigureCanvasBase.get_supported_filetypes()]
 
 
 def _write_files(solution: Solution, vtu: Path | None, plot: Path | None) -> None:

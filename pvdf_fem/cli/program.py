@@ -151,6 +151,13 @@ def output_mistakes(
     return []
 
 
+def plot_extensions() -> list[str]:
+    """The extensions of the formats that matplotlib writes."""
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    return [f".{extension}" for extension in FigureCanvasBase.get_supported_filetypes()]
+
+
 def run_program(name: str, job: Callable[[], int]) -> int:
     """Run a job and return its exit code, or that of the exception that stopped it. The exception
     is told on standard error: `InputError`, `FileError`, `GmshMissingError`, `SceneError` and

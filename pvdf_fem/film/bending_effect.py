@@ -19,10 +19,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from pvdf_fem.film.loads.contact import first_contacts, guessed_force
+from pvdf_fem.film.loads.contact import guessed_press
 from pvdf_fem.film.loads.kinds import LOADS
-from pvdf_fem.film.point_load import cube_at, tension_at
-from pvdf_fem.scene.outlines.outline import Outline
+from pvdf_fem.film.point_load import part_by_force, tension_at
+from pvdf_fem.scene.film import Film, Layer
+from pvdf_fem.scene.outlines.outline import TOUCH, Outline, overlaps
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 #: A layer is resolved where leaving it out would change a charge by more tolerances than this.
@@ -64,11 +65,12 @@ class BendingEffect:
     #: rim, probe: Relative changes of the worst charge by what happens at the rim and at the probe.
     rim: float
     probe: float
+    patches: float = 0.0  #: The same by layers on one side, which pull the film off its plane.
 
     @property
     def change(self) -> float:
-        """Relative change of the worst charge by bending, from 0 to 1."""
-        return self.rim + self.probe
+        """Relative change of the worst charge by bending; from 0 to 1 without patches."""
+        return self.rim + self.probe + self.patches
 
     def __str__(self) -> str:
         lengths = [
@@ -86,7 +88,7 @@ class BendingEffect:
             f"could change a charge by up to {self.change:.1e} of it; it acts within"
             f" {', '.join(lengths) or 'any length'} (radii: film {film}, probe {probe}, smallest"
             f" electrode {electrode} mm)"
-        )
+        ) + (f"; patches on one side: {self.patches:.1e}" if self.patches else "")
 
 
 def bending_effect(scene: Scene) -> BendingEffect:
@@ -104,17 +106,13 @@ def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
     rest = h * float(film.stress_at_rest[:2].mean())
     force, probe = 0.0, None
     if touch is not None:
-        force = math.hypot(*touch.load.components[:2], guessed_force(touch.load, film))
-        probe = first_contacts(scene).get(touch.patch, touch.outline)
+        probe, force = guessed_press(scene, touch)
     b = _radius(probe) if probe else a
-
-    def cube(r: float) -> float:
-        return cube_at(film, force, r)
-
-    def tension(r: float) -> float:
-        return tension_at(film, force, r)
-
-    tensions = (max(rest, 0.0), tension(a), tension(b))
+    for layer in film.layers.values():
+        outline = layer.patch.outline
+        if outline.reach >= a * (1.0 - TOUCH) or (probe and overlaps(outline, probe)):
+            D = max(D, _laminate(film, layer)[0])
+    tensions = (max(rest, 0.0), tension_at(film, force, a), tension_at(film, force, b))
     rest_length, rim_length, probe_length = (
         math.sqrt(D / N) if N > 0.0 else math.inf for N in tensions
     )
@@ -132,8 +130,7 @@ def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
             by_rim = FIT.rim_at_centre + FIT.rim_outside * (r / a) ** 2
             at_rim = by_rim * rim_length / a / math.sqrt(gap)
             at_probe = FIT.probe * (probe_length / b) ** power * math.sqrt(b / r)
-            # (N - N0)/N without cancellation
-            made = min(cube(r) / tension(r) ** 3, 1.0) / (1.0 + at_rim + at_probe)
+            made = part_by_force(film, force, r) / (1.0 + at_rim + at_probe)
             changes.append((made * at_rim, made * at_probe))
     rim, at_probe = max(changes, key=sum)
     return BendingEffect(
@@ -146,7 +143,45 @@ def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
         min((_radius(outline) for outline in electrodes), default=a),
         rim,
         at_probe,
+        max((_by_patch(scene, layer, force, probe) for layer in film.layers.values()), default=0.0),
     )
+
+
+def _laminate(film: Film, layer: Layer) -> tuple[float, float, float]:
+    """Of film and layer: plate stiffness in N m, stiffness in N/m, and how far the film's middle is
+    from where a tension does not bend them, in m."""
+    h, h_p = film.thickness, layer.patch.thickness
+    A, A_p = (t * float(C[:2, :2].max()) for t, C in ((h, film.stiffness), (h_p, layer.stiffness)))
+    if layer.patch.both_sides:
+        bent = A_p * (h_p**2 / 48.0 + (0.5 * h + 0.25 * h_p) ** 2)
+        return A * h**2 / 12.0 + bent, A + A_p, 0.0
+    apart = 0.5 * (h + h_p)
+    D = (A * h**2 + A_p * h_p**2) / 12.0 + A * A_p / (A + A_p) * apart**2
+    return D, A + A_p, A_p / (A + A_p) * apart
+
+
+def _by_patch(scene: Scene, layer: Layer, force: float, probe: Outline | None) -> float:
+    """Relative change of the worst charge by a layer.
+
+    The tension N off the laminate's neutral axis by e bends a strip of half width b by
+    κ = N e/D cosh(x/l)/cosh(b/l), which adds κ e to the film's strain N/A. Electrodes beside a
+    patch have of that what falls with the square of the distance.
+    """
+    film, outline, (D, A, e) = scene.film, layer.patch.outline, _laminate(scene.film, layer)
+    r = film.radius
+    if probe:
+        r = max(math.dist(outline.centroid, probe.centroid), _radius(probe))
+    N = tension_at(film, force, r)
+    width = 2.0 * outline.area / outline.perimeter * math.sqrt(N / D)
+    bent = e * e * A / D * (math.tanh(width) / width if width > 0.0 else 1.0)
+    if layer.patch.bonded == "at rest":
+        bent *= part_by_force(film, force, r)
+    shares = [0.0]
+    for electrode in (electrode.outline for electrode in scene.electrode_list):
+        far = math.dist(electrode.centroid, outline.centroid)
+        covers = overlaps(electrode, outline)
+        shares.append(1.0 if covers else min(_radius(outline) / far, 1.0) ** 2)
+    return bent * max(shares)
 
 
 def layer_size(length: float, change: float, tolerance: float) -> float:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import replace
 from functools import cached_property, reduce
 from operator import add
 
@@ -18,6 +19,7 @@ import scipy.sparse as sp
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array, Indices, Mask
+from pvdf_fem.film.electric.raised import Raised
 from pvdf_fem.film.loads.contact import Contact, Edge
 from pvdf_fem.film.loads.pressure import DeadPressure
 from pvdf_fem.film.membrane import Membrane
@@ -36,28 +38,7 @@ ROUNDING = 1e-13
 
 
 class Equilibrium:
-    """The nonlinear equations of a scene on a mesh: the derivative of its energy vanishes.
-
-    Parameters
-    ----------
-    scene : Scene
-    mesh : MeshTri2
-        From `mesh_scene`.
-    order : int
-        Polynomial order of the displacement.
-    part : MirroredPart, optional
-        The part of the film that the mesh is of, where that is not all of it.
-
-    Attributes
-    ----------
-    model : FilmModel
-        Membrane, plate or tension field.
-    space : Space
-    terms : list of Term
-        The membrane, first, the loads and, where the film bends, the plate.
-    unknowns : Unknowns
-        The map from dofs to unknowns.
-    """
+    """The nonlinear equations of a scene on a mesh of it, or of a part: stationary energy."""
 
     def __init__(
         self, scene: Scene, mesh: MeshTri2, order: int = 2, part: MirroredPart = WHOLE
@@ -65,6 +46,7 @@ class Equilibrium:
         self.scene, self.film, self.part = scene, scene.film, part
         self.model = film_model(scene)
         self.space = Space(mesh, order)
+        #: The membrane, first, the loads, coupling and, where the film bends, the plate.
         self.terms: list[Term] = self.model.terms(self.space, part)
         rim = self.space.basis.get_dofs(RIM).all()
         self.rim_dofs = (3 * rim[:, None] + np.arange(3)).ravel()
@@ -137,7 +119,13 @@ class Equilibrium:
 
     def state(self, q: Array) -> State:
         """Fields of the unknowns `q`."""
-        return self.membrane.state(self.dofs(q))
+        state = self.membrane.state(self.dofs(q))
+        if not self.model.floating or self.model.wrinkles:
+            return state  # the residual of wrinkles is of the whole stress, which has no voltage
+        added = np.zeros((len(state.stress), 1, 3))
+        for elements, stress in filter(None, (term.added_stress(state) for term in self.terms)):
+            added[elements] += stress
+        return replace(state, stress=state.stress + added, added=added)
 
     def step(self, state: State, step: Array) -> Array:
         """Change of the dofs by a small step of the unknowns from a state."""
@@ -171,8 +159,15 @@ class Equilibrium:
                     forces[self.unknowns.of_dof[3 * contact.nodes[0] + axis]] = force
         return forces
 
-    def tangent(self, state: State) -> sp.csc_matrix:
+    def tangent(self, state: State) -> sp.csc_matrix | Raised:
         """Derivative of `residual` in N/m."""
+        columns = [c for term in self.terms if (c := term.tangent_column(state)) is not None]
+        sparse = self.sparse_tangent(state)
+        places = self.on_unknowns(state, np.transpose(columns)) if columns else None
+        return sparse if places is None else Raised(sparse, places)
+
+    def sparse_tangent(self, state: State) -> sp.csc_matrix:
+        """The tangent without the columns of terms that couple many elements."""
         by_element = (term.element_tangent(state) for term in self.terms)
         # the membrane, which has all elements, is the first term
         (_, matrices), *others = [local for local in by_element if local is not None]
@@ -225,9 +220,18 @@ class Equilibrium:
         """External forces on the unknowns, N."""
         return self.on_unknowns(state, self.load_forces(state)) + self._tip_forces
 
+    @cached_property
+    def flat_forces(self) -> Array:
+        """What moves the flat film without loads, (unknowns,), in N; nothing where it is even."""
+        flat = self.membrane.state(np.zeros(self.space.dof_count))
+        return -self.on_unknowns(flat, self.membrane.residual(flat))
+
     def work(self, state: State, q: Array) -> float:
-        """Work in J of the external forces, held as they are at `state`, along `q`."""
+        """Work in J of the external forces, held as they are at `state`, along `q`; and of those
+        that move the flat film."""
         work = float(self.external_forces(state) @ q)
+        if not self.membrane.even:
+            work += float(self.flat_forces @ q)
         given = [contact for contact in self.contacts if contact.depth is not None]
         forces = self.film_forces(state) if given else np.empty(0)
         return work + sum((c.depth or 0.0) * float(forces[c.raised].sum()) for c in given)
@@ -245,7 +249,7 @@ class Equilibrium:
     def pressed(self) -> Equilibrium:
         """The same film under pressures in place of the tips."""
         other = copy(self)
-        for worked_out in ("contacts", "assembly", "_tip_forces"):
+        for worked_out in ("contacts", "assembly", "_tip_forces", "flat_forces"):
             other.__dict__.pop(worked_out, None)
         other.terms = [t.as_pressure(self.film) if t in self.contacts else t for t in self.terms]
         other.unknowns = other._unknowns()

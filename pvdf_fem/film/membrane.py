@@ -14,8 +14,9 @@ from functools import cached_property
 
 import numpy as np
 
-from pvdf_fem.arrays import ALL, Array, Selection, components_first, components_last, times
+from pvdf_fem.arrays import ALL, Array, Indices, Selection, components_first, components_last, times
 from pvdf_fem.film.laws import Law, StVenantKirchhoff, TensionField
+from pvdf_fem.film.loads.heat import AddedStrain
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State, Term
 from pvdf_fem.scene.film import Film
@@ -23,31 +24,20 @@ from pvdf_fem.scene.film import Film
 #: Number of elements whose tangents are made together, so that they stay in the processor's cache.
 CHUNK = 128
 IDENTITY: Array = np.eye(3, 2)
+BIAXIAL: Array = np.array([1.0, 1.0, 0.0])
 #: Pairs of displacement components whose blocks the tangent has, up to symmetry.
 PAIRS = [(i, j) for i in range(3) for j in range(i + 1)]
 
 
 class Membrane(Term):
-    """The membrane's energy, residual and tangent on a space.
-
-    Parameters
-    ----------
-    space : Space
-    film : Film
-        Thickness, stiffness and elastic strain at rest.
-    law : Law, optional
-        By default that of St. Venant and Kirchhoff.
-
-    Attributes
-    ----------
-    volumes : (elements, points)
-        Quadrature weights times area times thickness, m^3.
-    """
+    """The membrane's energy, residual and tangent on a space, by default with the law of St. Venant
+    and Kirchhoff."""
 
     def __init__(self, space: Space, film: Film, law: Law | None = None) -> None:
         self.space, self.film = space, film
         self.strain_at_rest: Array = film.strain_at_rest
         self.law: Law = StVenantKirchhoff(film.stiffness) if law is None else law
+        #: Quadrature weights times area times thickness in m^3, (elements, points).
         self.volumes: Array = film.thickness * space.weights
 
     def state(self, x: Array, elements: Selection = ALL) -> State:
@@ -60,6 +50,27 @@ class Membrane(Term):
         """Second Piola-Kirchhoff stress in Pa of a Green-Lagrange strain, both (..., 3)."""
         return self.law.stress(self.elastic(strain))
 
+    def resultant(self, strain: Array, elements: Indices) -> Array:
+        """The stress with that of bonded layers, over the film's thickness, in one element each."""
+        return self.stress(strain)
+
+    #: What `stress` lacks where the film is strained unevenly at rest.
+    added: AddedStrain | None = None
+
+    def film_stress(self, strain: Array, places: Array) -> Array:
+        """`stress` with what is `added` at places (..., 2) in m of the whole film."""
+        stress = self.stress(strain)
+        return stress if self.added is None else stress + self.added.stress(places)
+
+    @property
+    def even(self) -> bool:
+        """Whether the film is in balance while it is flat."""
+        return True
+
+    def stiffened(self, strain: Array) -> Array:
+        """C : e in Pa of the strain e at all quadrature points, without the stress at rest."""
+        return strain @ self.law.stiffness
+
     def elastic(self, strain: Array) -> Array:
         """The elastic strain: that of the displacement added to that of the film at rest."""
         return strain + self.strain_at_rest
@@ -70,8 +81,12 @@ class Membrane(Term):
 
     def energy(self, state: State) -> float:
         """Stored energy in J; S : e/2 is its density for either law."""
-        density = (self.elastic(state.strain) * state.stress).sum(axis=-1)
+        density = (self.elastic(state.strain) * self.own_stress(state)).sum(axis=-1)
         return 0.5 * float((density * self.volumes).sum())
+
+    def own_stress(self, state: State) -> Array:
+        """The stress of the strain alone."""
+        return state.stress if state.added is None else state.stress - state.added
 
     def residual(self, state: State) -> Array:
         """Internal forces in N without those of the flat film's pretension, (dofs,).
@@ -85,8 +100,8 @@ class Membrane(Term):
         return self.space.sum(self.space.forces(stretched + turned))
 
     def internal_forces(self, state: State) -> Array:
-        """All internal forces in N, (dofs,)."""
-        flux = self._first_piola(state.deformation_gradient, state.stress)
+        """All internal forces in N, (dofs,), of the strain's stress."""
+        flux = self._first_piola(state.deformation_gradient, self.own_stress(state))
         return self.space.sum(self.space.forces(flux))
 
     def element_action(self, state: State, x: Array) -> Array:
@@ -179,12 +194,13 @@ class Membrane(Term):
         def product(stress: Array, strain: Array) -> float:
             return float((stress * strain * volumes).sum())
 
-        stress_1, stress_2 = first @ self.law.stiffness, second @ self.law.stiffness
+        stress = self.own_stress(state)
+        stress_1, stress_2 = self.stiffened(first), self.stiffened(second)
         return np.array(
             [
                 self.energy(state),
-                product(state.stress, first),
-                product(state.stress, second) + 0.5 * product(stress_1, first),
+                product(stress, first),
+                product(stress, second) + 0.5 * product(stress_1, first),
                 product(stress_1, second),
                 0.5 * product(stress_2, second),
             ]
@@ -195,6 +211,63 @@ class Membrane(Term):
         s11, s22, s12 = (stress[..., i] * self.volumes for i in range(3))
         f1, f2 = components_first(deformation_gradient, 2).swapaxes(0, 1)
         return np.stack([s11 * f1 + s12 * f2, s12 * f1 + s22 * f2])
+
+
+class UnevenMembrane(Membrane):
+    """A membrane that is strained unevenly at rest, and with layers bonded to patches of it.
+    `stress` lacks what is `added`; states have the resultant of film and layers over the film's
+    thickness. `frame` leads from the scene's axes to those of the space."""
+
+    def __init__(
+        self, space: Space, film: Film, added: AddedStrain | None, frame: Array = IDENTITY[:2]
+    ) -> None:
+        super().__init__(space, film)
+        self.added = added
+        places = np.moveaxis(np.asarray(space.basis.global_coordinates()), 0, -1) @ frame
+        stretched, kelvins = np.zeros((*self.volumes.shape, 3)), np.zeros((*self.volumes.shape, 1))
+        if added is not None:
+            stretched, kelvins = film.rim_strain(places), added.temperature(places)[..., None]
+        #: In the film beside its strain at rest, (elements, points, 3).
+        self.added_strain: Array = stretched - film.thermal_expansion_per_K * kelvins * BIAXIAL
+        #: C, (elements, 1, 3, 3), and the stress of the flat film, (elements, points, 3), in Pa.
+        self._stiffness: Array = np.tile(film.stiffness, (space.mesh.nelements, 1, 1, 1))
+        self._at_rest: Array = (self.added_strain + film.strain_at_rest) @ film.stiffness
+        for name, layer in film.layers.items():
+            covered, ratio = space.mesh.subdomains[name], layer.patch.thickness / film.thickness
+            strain = stretched[covered] - layer.expansion * kelvins[covered] * BIAXIAL
+            strain += layer.strain_at_rest
+            self._stiffness[covered] += ratio * layer.stiffness
+            self._at_rest[covered] += ratio * strain @ layer.stiffness
+
+    @cached_property
+    def even(self) -> bool:
+        spread = np.ptp(self._at_rest, axis=(0, 1))
+        return bool(spread.max() <= 1e-12 * np.abs(self._at_rest).max())
+
+    def stiffened(self, strain: Array) -> Array:
+        return times(self._stiffness, strain)
+
+    def resultant(self, strain: Array, elements: Indices) -> Array:
+        stress = times(self._stiffness[elements, 0], strain)
+        return stress + self._at_rest[elements].mean(axis=1)
+
+    def state(self, x: Array, elements: Selection = ALL) -> State:
+        gradient = self.space.gradient(x, elements)
+        strain = strain_of(gradient)
+        stress = times(self._stiffness[elements], strain) + self._at_rest[elements]
+        return State(gradient + IDENTITY, strain, stress, x)
+
+    def moduli(self, state: State) -> Array:
+        return self._stiffness
+
+    def energy(self, state: State) -> float:
+        """Stored energy in J less that of the flat film."""
+        density = (state.strain * (self.own_stress(state) + self._at_rest)).sum(axis=-1)
+        return 0.5 * float((density * self.volumes).sum())
+
+    def residual(self, state: State) -> Array:
+        """Internal forces in N, (dofs,); those of the flat film need not balance."""
+        return self.internal_forces(state)
 
 
 @dataclass(frozen=True)
@@ -268,6 +341,35 @@ class WrinklingMembrane(Membrane):
         mean = 0.5 * state.stress[..., :2].sum(axis=-1)
         average = float((mean * self.volumes).sum() / self.volumes.sum())
         return self.film.thickness * max(average, self.LEAST_STRAIN * self.law.stiffness[0, 0])
+
+
+class UnevenWrinkling(WrinklingMembrane):
+    """A membrane that wrinkles but where a layer is bonded to it, which bears compression."""
+
+    def __init__(
+        self, space: Space, film: Film, added: AddedStrain | None, frame: Array = IDENTITY[:2]
+    ) -> None:
+        super().__init__(space, film)
+        self.added, self._layered = added, UnevenMembrane(space, film, added, frame)
+        covered = [space.mesh.subdomains[name] for name in film.layers]
+        every = np.arange(space.mesh.nelements)
+        self._bare = np.setdiff1d(every, np.concatenate([every[:0], *covered]))
+
+    def _elastic(self, state: State) -> Array:
+        """Elastic strain of the film without a layer, (bare elements, points, 3)."""
+        bare = self._bare
+        return self.elastic(state.strain[bare]) + self._layered.added_strain[bare]
+
+    def state(self, x: Array, elements: Selection = ALL) -> State:
+        state = self._layered.state(x)
+        state.stress[self._bare] = self.law.stress(self._elastic(state))
+        return state
+
+    def moduli(self, state: State) -> Array:
+        moduli = np.broadcast_to(self._layered.moduli(state), (*self.volumes.shape, 3, 3)).copy()
+        root = self.law.root(self._elastic(state), state.stress[self._bare])
+        moduli[self._bare] = np.matmul(root.swapaxes(-1, -2), root)
+        return moduli
 
 
 def strain_of(gradient: Array) -> Array:

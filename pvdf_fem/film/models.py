@@ -7,17 +7,19 @@ that decides.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy.sparse as sp
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.bending_effect import BendingEffect, bending_effect
+from pvdf_fem.film.electric.coupling import Coupling, Floating, coupled
 from pvdf_fem.film.laws import Law, StVenantKirchhoff, TensionField
 from pvdf_fem.film.layers import Layers
+from pvdf_fem.film.loads.heat import AddedStrain
 from pvdf_fem.film.loads.kinds import LOADS, presses_rigidly, rigid_elements
-from pvdf_fem.film.membrane import Membrane, WrinklingMembrane
+from pvdf_fem.film.membrane import Membrane, UnevenMembrane, UnevenWrinkling, WrinklingMembrane
 from pvdf_fem.film.plate import LOWEST_ORDER, Plate
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State, Term
@@ -55,8 +57,6 @@ class FilmModel:
     iteration_cost = 1.0
     #: Factor on the element sizes of the first mesh.
     size_factor = 1.0
-    #: Whether electrodes, d31 and d32 only read the stress and do not change the deformation.
-    electrodes_only_read = True
     #: Whether the deformation depends on force and thickness by their ratio only.
     force_over_thickness = True
     #: Whether charges can be differentiated by thickness, pretension or cooling, and moduli.
@@ -70,16 +70,29 @@ class FilmModel:
         """What bending would change in the scene."""
         return bending_effect(self.scene)
 
-    def membrane(self, space: Space) -> Membrane:
+    @cached_property
+    def floating(self) -> tuple[Floating, ...]:
+        """Electrodes whose voltages act on the film."""
+        return coupled(self.scene)
+
+    @property
+    def electrodes_only_read(self) -> bool:
+        """Whether electrodes, d31 and d32 only read the stress, and do not change it."""
+        return not self.floating
+
+    def membrane(self, space: Space, part: MirroredPart) -> Membrane:
         """The membrane term."""
-        return Membrane(space, self.scene.film)
+        film, added = self.scene.film, AddedStrain.of(self.scene)
+        uneven = film.patches or added
+        return UnevenMembrane(space, film, added, part.frame) if uneven else Membrane(space, film)
 
     def terms(self, space: Space, part: MirroredPart = WHOLE) -> list[Term]:
         """The terms of the film's energy on a space of a part of it: membrane and loads."""
         touches = self.scene.loaded_probes
         return [
-            self.membrane(space),
+            self.membrane(space, part),
             *(LOADS[touch.load.kind](touch, space, part) for touch in touches),
+            *(Coupling(electrode, space) for electrode in self.floating),
         ]
 
     @property
@@ -110,18 +123,10 @@ class FilmModel:
         return None
 
     @property
-    def left_out(self) -> tuple[str, ...]:
-        """What the model neglects in this scene."""
-        return (self._bending_remark,)
-
-    @property
-    def included(self) -> tuple[str, ...]:
-        """What the model has beyond the membrane."""
-        return ()
-
-    @property
-    def _bending_remark(self) -> str:
-        return f"bending (film.bending = {quote(self.scene.film.bending)}): {self.effect}"
+    def remark(self) -> tuple[bool, str]:
+        """Whether bending is included, and a text with the estimate of its effect."""
+        bending = quote(self.scene.film.bending)
+        return self.bends, f"bending (film.bending = {bending}): {self.effect}"
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -136,7 +141,8 @@ class FilmModel:
 
     @property
     def _remedy(self) -> str:
-        return 'film.bending = "auto" or true'
+        patched = "thinner film.patches, or both_sides = true"
+        return patched if self.scene.film.patches else 'film.bending = "auto" or true'
 
     def compression_remarks(self, smallest: Array, largest: Array) -> Iterator[tuple[str, Array]]:
         """Texts with a place for an area, and where that is, from the principal stresses."""
@@ -195,16 +201,6 @@ class PlateModel(FilmModel):
         return Layers.of(plate, expansion, state)
 
     @property
-    def left_out(self) -> tuple[str, ...]:
-        """Nothing that the membrane leaves out."""
-        return ()
-
-    @property
-    def included(self) -> tuple[str, ...]:
-        """Bending, with the estimate of its effect."""
-        return (self._bending_remark,)
-
-    @property
     def warnings(self) -> tuple[str, ...]:
         """None before a solve."""
         return ()
@@ -227,9 +223,12 @@ class TensionFieldModel(FilmModel):
     size_factor = 1.7
     film_is_differentiable = False
 
-    def membrane(self, space: Space) -> Membrane:
+    def membrane(self, space: Space, part: MirroredPart) -> Membrane:
         """The membrane term with the tension field's law."""
-        return WrinklingMembrane(space, self.scene.film)
+        film, added = self.scene.film, AddedStrain.of(self.scene)
+        if film.patches or added:
+            return UnevenWrinkling(space, film, added, part.frame)
+        return WrinklingMembrane(space, film)
 
     @property
     def law(self) -> Law:

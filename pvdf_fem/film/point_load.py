@@ -33,6 +33,11 @@ def cube_at(film: Film, force: float, r: float) -> float:
     return SCHWERIN**3 * modulus * film.thickness * (force / r) ** 2
 
 
+def part_by_force(film: Film, force: float, r: float) -> float:
+    """(N - N0)/N without cancellation, at most 1."""
+    return min(cube_at(film, force, r) / tension_at(film, force, r) ** 3, 1.0) if force else 0.0
+
+
 def _tension(rest: float, cube: float) -> float:
     """The positive root N of N^2 (N - rest) = cube, or 0.
 

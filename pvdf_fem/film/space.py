@@ -35,30 +35,12 @@ INTEGRATION_ORDER = {1: 1, 2: 4, 3: 6, 4: 8}
 
 
 class Space:
-    """Continuous displacements of one polynomial order on a mesh.
-
-    Parameters
-    ----------
-    mesh : MeshTri2
-        Reference disc, metres.
-    order : int
-        Polynomial order of all three displacement components, 1 to 4.
-
-    Attributes
-    ----------
-    basis : skfem.Basis
-        The scalar basis of each component.
-    gradients : (elements, points, functions, 2)
-        Gradients of its functions at the quadrature points, 1/m.
-    weights : (elements, points)
-        Quadrature weights times area, m^2.
-    element_dofs : (elements, dofs of an element) int
-    dof_count : int
-    """
+    """Continuous displacements of one polynomial order, 1 to 4, on a mesh in m."""
 
     def __init__(self, mesh: MeshTri2, order: int) -> None:
         self.mesh, self.order = mesh, order
         self.basis = Basis(mesh, ELEMENTS[order](), intorder=INTEGRATION_ORDER[order])
+        #: Gradients of the scalar functions in 1/m, (elements, points, functions, 2).
         self.gradients: Array = np.stack(
             [shape[0].grad for shape in self.basis.basis], -1
         ).transpose(1, 2, 3, 0)
@@ -66,6 +48,7 @@ class Space:
         rows = self.gradients.swapaxes(2, 3).reshape(elements, 2 * points, functions)
         #: The same, (elements, 2 points, functions): components of a point are neighbours.
         self.gradient_rows = np.ascontiguousarray(rows)
+        #: Quadrature weights times area in m², (elements, points).
         self.weights: Array = self.basis.dx
         nodes = self.nodes
         self.element_dofs: Indices = (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), -1)
@@ -117,14 +100,14 @@ class Space:
     def laplace(self) -> Array:
         """Integrals of grad v . grad u, (elements, dofs of an element, dofs of an element)."""
         weighted = self.gradients * self.weights[..., None, None]
-        return self._by_component(np.matmul(weighted, self.gradients.swapaxes(2, 3)).sum(axis=1))
+        return self.by_component(np.matmul(weighted, self.gradients.swapaxes(2, 3)).sum(axis=1))
 
     def mass(self) -> Array:
         """Integrals of v . u in m^2, (elements, dofs of an element, dofs of an element)."""
         weighted = self.values * self.weights[..., None]
-        return self._by_component(np.matmul(weighted.swapaxes(1, 2), self.values))
+        return self.by_component(np.matmul(weighted.swapaxes(1, 2), self.values))
 
-    def _by_component(self, scalar: Array) -> Array:
+    def by_component(self, scalar: Array) -> Array:
         blocks = np.einsum("eab,ij->eaibj", scalar, np.eye(3))
         return blocks.reshape(*self.element_dofs.shape, self.element_dofs.shape[1])
 

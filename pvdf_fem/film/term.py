@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -21,10 +21,12 @@ class State:
     deformation_gradient: Array
     #: Green-Lagrange strain, Voigt with engineering shear, (elements, points, 3).
     strain: Array
-    #: Second Piola-Kirchhoff stress in Pa, Voigt, (elements, points, 3).
+    #: Second Piola-Kirchhoff stress in Pa, Voigt, (elements, points, 3), all that terms add to it.
     stress: Array
     #: The displacement in m, (dofs,).
     dofs: Array
+    #: What terms add to the stress of the strain, if they do, (elements, 1, 3).
+    added: Array | None = field(default=None, kw_only=True)
 
 
 class Assembly(Protocol):
@@ -66,6 +68,15 @@ class Term(ABC):
 
     def coupled_tangent(self, assembly: Assembly) -> sp.csc_matrix | None:
         """The constant part of the tangent that couples elements, of the unknowns in N/m."""
+        return None
+
+    def added_stress(self, state: State) -> tuple[Indices, Array] | None:
+        """Elements, and the stress (3,) in Pa that it adds to that of the strain there. Its
+        geometric stiffness is then the membrane's business."""
+        return None
+
+    def tangent_column(self, state: State) -> Array | None:
+        """c of a part c cᵀ of the tangent that couples many elements, (dofs,) in √(N/m)."""
         return None
 
     def element_action(self, state: State, x: Array) -> Array | None:

@@ -84,8 +84,9 @@ class MeshError(RuntimeError):
 
 
 def outlines(scene: Scene) -> dict[str, Outline]:
-    """The outlines that the mesh follows, by patch name: the electrodes, then the probes."""
+    """The outlines that the mesh follows, by name: of electrodes, the film's patches, probes."""
     shapes = {electrode_patch(e.name): e.outline for e in scene.electrode_list}
+    shapes |= {name: layer.patch.outline for name, layer in scene.film.layers.items()}
     return shapes | {touch.patch: touch.outline for touch in scene.loaded_probes}
 
 
@@ -106,11 +107,11 @@ def mesh_scene(
     mesh gets straight sides. The cusp between an arc and its tangent, or between two arcs that
     touch, has 0.15 at any element size.
 
-    Subdomains are ``film``, one ``electrode NAME`` each and ``probe``, or ``probe 1``, ``probe 2``
-    and so on; boundaries are ``rim``, and those of `MIRRORS` that a part has. Outside of the part
-    an electrode or a probe has no elements. Raises `MeshError` when gmsh fails, a patch has got no
-    element, or elements fold although they are straight, and `GmshMissingError` when gmsh cannot be
-    loaded.
+    Subdomains are ``film``, one ``electrode NAME`` each, ``film patch 1`` and so on, and ``probe``,
+    or ``probe 1``, ``probe 2`` and so on; boundaries are ``rim``, and those of `MIRRORS` that a
+    part has. Outside of the part an electrode or a probe has no elements. Raises `MeshError` when
+    gmsh fails, a patch has got no element, or elements fold although they are straight, and
+    `GmshMissingError` when gmsh cannot be loaded.
     """
     shapes = outlines(scene) | dict(contacts)
     smallest = min((shape.perimeter for shape in shapes.values()), default=0.0)

@@ -240,7 +240,8 @@ def _misplaced(
     mapping = mesh.mapping()
     area = np.abs(mapping.detDF(local)) * weights
     first = (mapping.F(local) * area).sum(axis=-1)
-    for name, shape in shapes.items():
+    whole = {n: s for n, s in shapes.items() if s.reach <= (1.0 + slack) * shapes[FILM].reach}
+    for name, shape in whole.items():
         elements, size = inside[name], float(np.sqrt(shape.area))
         if strays := len(np.setdiff1d(_group(groups, name), elements)):
             yield f"{name}: {strays} triangles of this name lie outside of the scene's {name}"

@@ -9,7 +9,7 @@ the axes; of any other film only the axes are taken for mirror lines.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from itertools import product
@@ -21,8 +21,10 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import TOUCH, Outline, overlaps
 from pvdf_fem.scene.outlines.polygon import Polygon
+from pvdf_fem.scene.outlines.shape import HEAT
 from pvdf_fem.scene.registry import Load
 from pvdf_fem.scene.scene import LoadedProbe, Scene
+from pvdf_fem.scene.shapes import Bonded
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +38,8 @@ class MirroredPart:
     #: For each image, the names of what it brings each electrode onto where that is another one: an
     #: electrode of the scene, or one of `images`.
     swaps: tuple[Mapping[str, str], ...] = ({},)
-    #: For each image, the patch of the probe that it brings each probe's patch onto.
-    probe_swaps: tuple[Mapping[str, str], ...] = ({},)
+    #: For each image, what it brings the mesh's patch of each probe, or patch of the film, onto.
+    patch_swaps: tuple[Mapping[str, str], ...] = ({},)
     #: Outlines, in the part's axes, of electrodes' images where the scene has no electrode, with
     #: the electrodes' names.
     images: Mapping[str, tuple[str, Outline]] = field(default_factory=dict)
@@ -78,14 +80,15 @@ def part_of(scene: Scene, with_images_below: float = 1e-4) -> MirroredPart:
     and 0.61 at 1e-5."""
     touches, slack = scene.loaded_probes, TOUCH * scene.film.radius
     pressed = any(any(touch.load.components) for touch in touches)
-    if not pressed or not all(touch.is_symmetric for touch in touches):
+    symmetric = not scene.film.rim_displacement_um
+    if not (pressed and symmetric and all(touch.is_symmetric for touch in touches)):
         return WHOLE
     with_images = []
     for mirror in _mirrors(scene, slack):
-        if _probe_swap(mirror, touches, slack) is None:
+        if _patch_swap(mirror, scene, slack) is None:
             continue
         frame, axis = _frame(mirror)
-        quarter = _probe_swap(-mirror, touches, slack) is not None
+        quarter = _patch_swap(-mirror, scene, slack) is not None
         for mirrored in ((0, 1), (axis,)) if quarter else ((axis,),):
             part = _part(frame, mirrored, scene, slack)
             if not part.images:
@@ -98,11 +101,10 @@ def part_of(scene: Scene, with_images_below: float = 1e-4) -> MirroredPart:
 
 def _part(frame: Array, mirrored: tuple[int, ...], scene: Scene, slack: float) -> MirroredPart:
     """A part with what its images bring each electrode onto."""
-    touches = scene.loaded_probes
     places = {name: outline.mapped(frame) for name, outline in _electrodes(scene).items()}
     names, centres = list(places), np.array([outline.centroid for outline in places.values()])
     swaps: list[dict[str, str]] = [{}]
-    probe_swaps: list[dict[str, str]] = [{}]
+    patch_swaps: list[dict[str, str]] = [{}]
     images = {}
     for number, signs in enumerate(MirroredPart(frame, mirrored).signs[1:], 1):
         swap = {}
@@ -115,28 +117,31 @@ def _part(frame: Array, mirrored: tuple[int, ...], scene: Scene, slack: float) -
                 swap[name] = f"{name}/{number}"
                 images[swap[name]] = name, image
         swaps.append(swap)
-        probe_swaps.append(_probe_swap(frame.T @ np.diag(signs) @ frame, touches, slack) or {})
-    return MirroredPart(frame, mirrored, tuple(swaps), tuple(probe_swaps), images)
+        patch_swaps.append(_patch_swap(frame.T @ np.diag(signs) @ frame, scene, slack) or {})
+    return MirroredPart(frame, mirrored, tuple(swaps), tuple(patch_swaps), images)
 
 
-def _probe_swap(
-    mirror: Array, touches: Sequence[LoadedProbe], slack: float
-) -> dict[str, str] | None:
-    """The patch onto which a map brings each probe with its load; None where one has no image."""
-    swap = {}
-    for touch in touches:
-        image = touch.outline.mapped(mirror)
-        pushed = mirror @ touch.load.components[:2]
-        for other in touches:
-            apart = np.abs(pushed - other.load.components[:2]).max()
-            alike = apart <= TOUCH * max(map(abs, touch.load.components))
-            if (
-                alike
-                and _upright(touch) == _upright(other)
-                and image.coincides(other.outline, slack)
-            ):
-                swap[touch.patch] = other.patch
-    return swap if len(swap) == len(touches) else None
+def _patch_swap(mirror: Array, scene: Scene, slack: float) -> dict[str, str] | None:
+    """What a map brings each probe with its load, and each patch of the film, onto, by names in the
+    mesh; None where one has no image."""
+    swap, things = {}, {}
+    for touch in scene.loaded_probes:
+        what = _upright(touch), *(getattr(touch.probe, key) for key in HEAT)
+        things[touch.patch] = touch.outline, what, np.array(touch.load.components)
+    for name, (patch, *_) in scene.film.layers.items():
+        things[name] = patch.outline, (patch.model_dump(include=_MATERIAL),), np.zeros(3)
+    for name, (outline, what, force) in things.items():
+        image, pushed = outline.mapped(mirror), mirror @ force[:2]
+        for twin, (other, as_well, other_force) in things.items():
+            apart = np.abs(pushed - other_force[:2]).max()
+            alike = apart <= TOUCH * np.abs(force).max() and what == as_well
+            if alike and image.coincides(other, slack):
+                swap[name] = twin
+    return swap if len(swap) == len(things) else None
+
+
+#: What a patch's layer is made of.
+_MATERIAL = set(Bonded.model_fields)
 
 
 def _upright(touch: LoadedProbe) -> Load:

@@ -42,7 +42,12 @@ def write_vtu(solution: Solution, path: str | Path) -> None:
     displacement, nodal = _at_nodes(solution)
     membrane, state = solution.fields.equilibrium.membrane, solution.fields.state
     weights = membrane.space.weights[..., None]
-    mean = (state.stress * weights).sum(axis=1) / weights.sum(axis=1)
+    stress = state.stress
+    if membrane.film.patches:  # which states have with the film
+        places = np.moveaxis(np.asarray(membrane.space.basis.global_coordinates()), 0, -1)
+        stress = membrane.film_stress(state.strain, places)
+        stress = stress if state.added is None else stress + state.added
+    mean = (stress * weights).sum(axis=1) / weights.sum(axis=1)
     point_data = {"displacement": displacement, **_components(nodal)}
     point_data["principal_tension"] = principal(nodal)[1]
     if solution.contacts:
@@ -59,7 +64,10 @@ def _at_nodes(solution: Solution) -> tuple[Array, Array]:
     points = np.repeat(local_nodes[:, None], mesh.nelements, axis=1)
     gradients = space.gradients_at(np.arange(mesh.nelements), points)
     dofs = solution.displacement[space.nodes]
-    stress = membrane.stress(strain_of(np.matmul(dofs[:, None].swapaxes(2, 3), gradients)))
+    strain = strain_of(np.matmul(dofs[:, None].swapaxes(2, 3), gradients))
+    stress = membrane.film_stress(strain, mesh.doflocs.T[mesh.dofs.element_dofs.T])
+    if (added := solution.fields.state.added) is not None:
+        stress += added
 
     nodes = mesh.dofs.element_dofs.T
     displacement = np.zeros((mesh.doflocs.shape[1], 3))

@@ -22,6 +22,7 @@ from matplotlib.patches import Polygon as Patch
 from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import Triangulation as TriangleGrid
 
+from pvdf_fem.dynamics.forced import FrequencyResponse
 from pvdf_fem.files import replacing
 from pvdf_fem.scene.scene import Electrode
 from pvdf_fem.solution.solution import Solution
@@ -93,6 +94,20 @@ def content_of(figure: Figure, suffix: str) -> bytes:
         content = io.BytesIO()
         figure.savefig(content, format=suffix[1:], dpi=200, metadata=_NO_DATE.get(suffix))
     return content.getvalue()
+
+
+def frequency_response(response: FrequencyResponse) -> Figure:
+    """A figure of all charges' amplitudes over that of the force, and their phases below."""
+    with style():
+        figure = new_figure()
+        size, phase = figure.subplots(2, sharex=True)
+        for name, charge in response.charges_pC_N.items():
+            size.loglog(response.frequencies_Hz, np.abs(charge), label=name)
+            phase.semilogx(response.frequencies_Hz, np.degrees(np.angle(charge)))
+        size.legend(loc="upper left", ncols=len(response.charges_pC_N))
+        size.set(ylabel="charge (pC/N)")
+        phase.set(xlabel="frequency (Hz)", ylabel="phase (°)")
+    return figure
 
 
 def deflection_map(ax: Axes, solution: Solution, *, reach_mm: float | None = None) -> None:

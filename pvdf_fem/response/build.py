@@ -253,6 +253,11 @@ def _refuse(scene: Scene, domain: Domain, options: ResponseOptions, tolerance: f
             "load.kind: 'rigid' makes the stress singular at the probe's edge, which a response"
             " cannot follow; take 'dead' or 'follower'"
         )
+    if scene.film.is_uneven:
+        raise ValueError(
+            "film: patches and rim_displacement_um make a stress about a probe that is another one"
+            " everywhere, which a response does not have; remove them"
+        )
     mechanics_of(scene)  # refuses a depth
     if scene.load.friction:
         friction = f"load.friction: {scene.load.friction!r}"

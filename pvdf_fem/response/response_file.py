@@ -50,6 +50,7 @@ def mechanics_of(scene: Scene) -> str:
     """
     if (depth_mm := scene.load.depth_mm) is not None:
         raise ValueError(f"load.depth_mm = {depth_mm:g}: a response is of forces; remove it")
+    scene.require_plain_charges("a response")
     observable = {"observable": scene.numerics.observable}
     alone = scene.with_(
         **dict.fromkeys(PLACE, 0.0), **{"load.force_N": 1.0, "numerics": observable}

@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
+from pvdf_fem.scene.outlines.shape import HEAT
 from pvdf_fem.scene.scene_file import problem
+from pvdf_fem.scene.shapes import Bonded
 
 # Keys that a shape keeps when it becomes another one, alone or all around a ring.
 _PLACE = {"name", "shape", "x_mm", "y_mm", "rotation_deg"}
 _PLACE |= {"layout", "count", "ring_radius_mm", "first_angle_deg", "centre"}
-_PLACE |= {"force_N", "tangential_N", "load"}
+_PLACE |= {"force_N", "tangential_N", "load", *HEAT, *Bonded.model_fields}
 # Keys that electrodes keep when their layout becomes another one.
 _OF_ALL_LAYOUTS = {"layout", "ring_radius_mm", "side_mm"}
 # Keys that decide which other keys there are, in the order in which they are changed.

@@ -101,7 +101,8 @@ def _key(loc: tuple[int | str, ...]) -> str:
             place = 2 if tag == "list" else 1
             del parts[place : place + 1]
     elif parts[0] in ("film", "readout"):
-        del parts[2:3]
+        place = 3 if parts[1:2] == ["patches"] else 2
+        del parts[place : place + 1]
     steps = (f"[{part}]" if isinstance(part, int) else f".{_bare(part)}" for part in parts)
     return "".join(steps).removeprefix(".")
 

@@ -1,4 +1,4 @@
-"""What is simulated: film, electrodes, probe, load and numerics, validated and frozen.
+"""What is simulated: film, air, electrodes, probe, load and numerics, validated and frozen.
 
 A scene comes from a TOML file or is built from the models of its parts. Keys carry the units in
 which people give them (mm, µm, GPa, pC/N); properties without a unit in their name are SI, and
@@ -8,7 +8,7 @@ nothing else in the package converts lengths or moduli. Defaults are the thesis'
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, islice
 from pathlib import Path
@@ -24,9 +24,9 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from pvdf_fem.scene.change import change
-from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.film import Air, Film
 from pvdf_fem.scene.mistakes import MOST_MISTAKES, mistakes
-from pvdf_fem.scene.outlines.outline import Outline
+from pvdf_fem.scene.outlines.outline import Outline, overlaps
 from pvdf_fem.scene.outlines.tip import Tip, tip_of
 from pvdf_fem.scene.placement import misplacements
 from pvdf_fem.scene.quantity import Finite, Section, Whole, within
@@ -43,6 +43,7 @@ from pvdf_fem.scene.shapes import Electrode, Electrodes, Layout, Probe, Probes
 from pvdf_fem.scene.stage import Stage
 
 __all__ = [
+    "Air",
     "Electrode",
     "Film",
     "Layout",
@@ -163,6 +164,7 @@ class Scene(Section):
     numerics: Numerics = Numerics()
     readout: Readout | None = None
     stage: Stage | None = None
+    air: Air | None = None
     _pressure: Pressure | None = PrivateAttr(None)
     _step: Step = PrivateAttr(Step())
 
@@ -179,6 +181,11 @@ class Scene(Section):
         if self.film.bending is True and any(t.load.kind == "contact" for t in self.loaded_probes):
             reason = 'is not for tips; give "auto" or false, and its effect is estimated'
             complaints = chain(complaints, [problem("film.bending", True, reason)])
+        film = self.film
+        if film.coupling and film.clamped_permittivity <= 0.0:
+            reason = "is not for d31, d32 so large at film.permittivity; change those or remove it"
+            complaints = chain(complaints, [problem("film.coupling", film.coupling, reason)])
+        complaints = chain(complaints, self._clashes())
         if self.readout is not None:
             names = [electrode.name for electrode in self.electrode_list]
             complaints = chain(complaints, self.readout.mistakes(names))
@@ -186,6 +193,48 @@ class Scene(Section):
             context = {"text": "\n".join(problems), "problems": problems}
             raise PydanticCustomError("misplaced", "{text}", context)
         return self
+
+    def _clashes(self) -> Iterator[str]:
+        """Complaints about what is uneven, warm or at a voltage beside what does not allow it."""
+        film, observable = self.film, self.numerics.observable
+        wrinkles = [("film.compression", film.compression)] * (film.compression != "refuse")
+        bends = [("film.bending", film.bending)] * bool(film.bending)
+        edges = [("numerics.observable", observable)] * (observable != "material")
+        coupled = [("film.coupling", film.coupling)] * bool(film.coupling)
+        across = [("film.d33_pC_N", film.d33_pC_N)] * bool(film.d33_pC_N)
+        found: dict[str, list[tuple[str, Any]]] = {}
+        if film.patches:
+            found["film.patches"] = wrinkles + bends
+            if any(patch.bonded != "at rest" for patch in film.patches):
+                found['film.patches bonded "before stretching"'] = coupled
+            outlines = [patch.outline for patch in film.patches]
+            probes = self._probes.values() if across else ()
+            if any(overlaps(o, probe.outline) for o in outlines for probe in probes):
+                found["film.patches under a probe"] = across
+        if film.rim_displacement_um:
+            found["film.rim_displacement_um"] = wrinkles + edges + coupled
+        if film.warming_K:
+            found["film.warming_K"] = coupled
+        if film.coupling:
+            found["film.coupling"] = edges
+        for key, probe in self.warm_probes.items():
+            kind = (getattr(probe, "load", None) or self.load).kind
+            found[key] = wrinkles + edges + coupled + [("load.kind", kind)] * (kind == "contact")
+        for key, clashing in found.items():
+            for name, value in clashing:
+                yield problem(name, value, f"is not for {key}; change it or remove that")
+
+    @property
+    def _probes(self) -> dict[str, Probe]:
+        """The probes by their keys."""
+        if isinstance(self.probe, tuple):
+            return {f"probe[{i}]": probe for i, probe in enumerate(self.probe)}
+        return {"probe": self.probe} if self.probe else {}
+
+    @property
+    def warm_probes(self) -> dict[str, Probe]:
+        """The warm probes by the keys of their temperatures."""
+        return {f"{key}.temperature_K": p for key, p in self._probes.items() if p.temperature_K}
 
     @property
     def electrode_list(self) -> tuple[Electrode, ...]:
@@ -230,6 +279,17 @@ class Scene(Section):
         if any(touch.load.kind == "contact" for touch in self.loaded_probes):
             reason = f"is not for {what}, which does not find where a tip touches; give another"
             raise SceneError([problem("load.kind", "contact", reason)])
+
+    def require_plain_charges(self, what: str, *known: str) -> None:
+        """SceneError where charges are more than d31 and d32 times the stress of the film at zero
+        voltage and at one temperature, by keys that are not `known` to `what`."""
+        keys = ("coupling", "d33_pC_N", "warming_K")
+        given = {f"film.{key}": getattr(self.film, key) for key in keys}
+        given |= {key: probe.temperature_K for key, probe in self.warm_probes.items()}
+        unknown = {k: v for k, v in given.items() if v and k.rpartition(".")[2] not in known}
+        if unknown:
+            reason = f"is not for {what}; remove it"
+            raise SceneError([problem(key, value, reason) for key, value in unknown.items()])
 
     @property
     def single_probe(self) -> Probe | None:

@@ -25,13 +25,15 @@ from pvdf_fem.scene.outlines.circle import CircleShape
 from pvdf_fem.scene.outlines.ellipse import EllipseShape
 from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.scene.outlines.polygon import PolygonShape, RectangleShape, SquareShape, TriangleShape
-from pvdf_fem.scene.outlines.shape import Shape
+from pvdf_fem.scene.outlines.shape import HEAT, Shape
 from pvdf_fem.scene.outlines.sphere import SphereShape
-from pvdf_fem.scene.quantity import Length, Number, Section, Whole, refusal, within
+from pvdf_fem.scene.quantity import Finite, Length, Modulus, Number, Section, Whole, refusal, within
 from pvdf_fem.scene.registry import Force, Load, Tangential
+from pvdf_fem.scene.scene_file import quote
 
 MOST_ELECTRODES = 100  #: Sensors with more electrodes are refused.
 MOST_PROBES = 20  #: Scenes with more probes are refused.
+MOST_PATCHES = 100  #: Films with more patches are refused.
 #: Shapes of probes and electrodes. A new shape is named here.
 _SHAPES: list[type[Shape]] = [RectangleShape, CircleShape, EllipseShape, PolygonShape]
 _OF_PROBES_ONLY: list[type[Shape]] = [TriangleShape, SphereShape]
@@ -46,17 +48,50 @@ def _is_name(name: str) -> str:
     return name
 
 
-class _Named(Section):
-    """The name of an electrode."""
+class _Flat(Section):
+    """What is no probe."""
 
-    name: Annotated[str, AfterValidator(_is_name)]
-
-    @field_validator("edge_radius_mm", check_fields=False)
+    @field_validator("edge_radius_mm", *HEAT, check_fields=False)
     @classmethod
     def _is_of_probes(cls, value: float | None) -> float | None:
         if value is not None:
             raise refusal("is of probes only; remove it")
         return value
+
+
+class _Named(_Flat):
+    """The name of an electrode."""
+
+    name: Annotated[str, AfterValidator(_is_name)]
+
+
+class Bonded(_Flat):
+    """A layer bonded to the film, on one side or, half as thick, on both. Its material is the
+    film's where it is not given; a modulus makes it isotropic. ``bonded = "at rest"``: to the
+    stretched film, without stress of its own; ``"before stretching"``: it is stretched, or cooled
+    and clamped, together with the film."""
+
+    thickness_um: Annotated[Finite, within(1e-3, 1e6, "µm")]
+    both_sides: Annotated[bool, Field(strict=True)] = False
+    youngs_modulus_GPa: Modulus | None = None
+    poisson_ratio: Annotated[Finite, within(0.0, 0.4999)] | None = None
+    density_kg_m3: Annotated[Finite, within(0.0, 1e6, "kg/m³")] | None = None
+    bonded: Literal["at rest", "before stretching"] = "at rest"
+    thermal_expansion_per_K: Annotated[Finite, within(-1.0, 1.0, "1/K")] | None = None
+
+    @field_validator("poisson_ratio", "thermal_expansion_per_K")
+    @classmethod
+    def _has_what_it_needs(cls, value: float | None, info: ValidationInfo) -> float | None:
+        needs = {"poisson_ratio": "youngs_modulus_GPa", "thermal_expansion_per_K": "bonded"}
+        key = needs[str(info.field_name)]
+        if value is not None and key in info.data and info.data[key] in (None, "at rest"):
+            raise refusal(f"needs another {key} than {quote(info.data[key])}; change one of them")
+        return value
+
+    @property
+    def thickness(self) -> float:
+        """Thickness in m."""
+        return self.thickness_um / 1e6
 
 
 #: Keys of a load that a probe of a list may have beside its shape.
@@ -109,6 +144,9 @@ if TYPE_CHECKING:
     class Electrode(Shape, _Named):
         """Any shape of an electrode."""
 
+    class Patch(Shape, Bonded):
+        """Any shape of a patch of the film."""
+
 
 def _made(name: str, base: Any, doc: str | None, **fields: Any) -> Any:
     """A model of this module, where pickle finds it by its name."""
@@ -124,8 +162,8 @@ def _pressing(shape: type[Shape]) -> Any:
     return _made(name, (shape, Pressing), f"A probe of a list: {(shape.__doc__ or '').strip()}")
 
 
-def _electrode(shape: type[Shape]) -> Any:
-    """The model of electrodes of a shape: with a name, and without default for place and sizes. The
+def _flat(shape: type[Shape], base: type[_Flat], kind: str) -> Any:
+    """The model of electrodes or patches of a shape, without default for place and sizes. The
     default sizes of a shape are those of the thesis's probe; only those of a shape that is no
     probe's are those of the thesis's electrodes."""
     required = {"x_mm", "y_mm"}
@@ -136,9 +174,8 @@ def _electrode(shape: type[Shape]) -> Any:
         for name, field in shape.model_fields.items()
         if name in required and not field.is_required()
     }
-    name = shape.__name__.replace("Shape", "Electrode")
-    doc = f"An electrode: {(shape.__doc__ or '').strip()}"
-    return _made(name, (shape, _Named), doc, **fields)
+    name = shape.__name__.replace("Shape", kind)
+    return _made(name, (shape, base), f"{kind}: {(shape.__doc__ or '').strip()}", **fields)
 
 
 def _word(shape: type[Shape]) -> str:
@@ -148,7 +185,9 @@ def _word(shape: type[Shape]) -> str:
 #: The models of probes, of probes of a list and of electrodes by shape.
 PROBES = {_word(shape): shape for shape in _OF_PROBES_ONLY + _SHAPES}
 LISTED_PROBES = {word: _pressing(shape) for word, shape in PROBES.items()}
-ELECTRODES = {_word(shape): _electrode(shape) for shape in _OF_ELECTRODES_ONLY + _SHAPES}
+_FLAT = _OF_ELECTRODES_ONLY + _SHAPES
+ELECTRODES = {_word(shape): _flat(shape, _Named, "Electrode") for shape in _FLAT}
+PATCHES = {_word(shape): _flat(shape, Bonded, "Patch") for shape in _FLAT}
 
 
 def _one_of(models: Mapping[str, type[Section]], default: str) -> Any:
@@ -168,6 +207,7 @@ if not TYPE_CHECKING:
     Probe = _one_of(PROBES, "triangle")
     PressingProbe = _one_of(LISTED_PROBES, "triangle")
     Electrode = _one_of(ELECTRODES, "square")
+    Patch = _one_of(PATCHES, "square")
 
 
 class Layout(Section):
@@ -245,6 +285,7 @@ MODELS: dict[tuple[str, ...], type[Section]] = {
     **{("probe", "list", shape, "load"): Load for shape in LISTED_PROBES},
     **{("electrodes", "list", shape): model for shape, model in ELECTRODES.items()},
     **{("electrodes", "ring", shape): model for shape, model in RINGS.items()},
+    **{("film", "patches", shape): model for shape, model in PATCHES.items()},
 }
 if TYPE_CHECKING:
     AnyRing: TypeAlias = Ring

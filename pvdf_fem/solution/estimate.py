@@ -79,18 +79,9 @@ def corrected(
 
     Usually a few conjugate gradients and two smooth steps give it. Where the film is too far from
     linear for them, or too stiff as it wrinkles, the richer equations are solved.
-
-    Parameters
-    ----------
-    coarse, rich : Equilibrium
-        The same scene on the same mesh in a space and in one that contains it.
-    q : (coarse unknowns,)
-        Solution of `coarse`.
-    factors : SuperLU
-        Factorised tangent of `coarse` near the solution.
-    budget : Budget
-    settled : Settled, optional
-        Charges that the last steps must leave as they are.
+    `rich` is the scene of `coarse` on the same mesh in a space that contains the other, `factors`
+    the factorised tangent of `coarse` near `q`, and `settled` has charges that the last steps must
+    leave as they are.
     """
     prolong = prolongation(coarse, rich, coarse.state(q))
     start = prolonged(coarse, rich, q)
@@ -195,14 +186,8 @@ def indicators(correction: Correction, dual: Array, goals: Array) -> Array:
 
     Dual-weighted: the error's element energy against the part of the dual solution that the
     coarse space lacks, the latter from one Jacobi step on the dual residual.
-
-    Parameters
-    ----------
-    correction : Correction
-    dual : (coarse unknowns, goals)
-        From `duals`.
-    goals : (rich dofs, goals)
-        Derivatives of the goals by the dofs of ``correction.rich``.
+    `dual` (coarse unknowns, goals) is from `duals`, and `goals` (rich dofs, goals) are the
+    derivatives of the goals by the dofs of ``correction.rich``.
     """
     rich, state = correction.rich, correction.state
     error = rich.element_action(state, correction.q - correction.start)

@@ -125,7 +125,7 @@ def _subdomains(mesh: MeshTri2, part: MirroredPart) -> dict[str, Indices]:
         places = []
         for image, swap in enumerate(part.swaps):
             patches = {electrode_patch(a): electrode_patch(b) for a, b in swap.items()}
-            patches |= part.probe_swaps[image]
+            patches |= part.patch_swaps[image]
             places.append(mesh.subdomains[patches.get(name, name)] + image * mesh.nelements)
         unfolded_patches[name] = np.concatenate(places)
     return unfolded_patches

@@ -138,9 +138,10 @@ def _finer(found: Gradients, tolerance: float, least: float = 2e-8) -> Solution:
     scene, reason = found.solution.scene, "rounding allows no better mesh"
     aim = 0.5 * tolerance / worst * scene.numerics.tolerance
     if aim > least:
-        # the tolerance must not choose anew whether the film bends
-        bends = film_model(scene).bends
-        finer = solve(scene.with_(**{"numerics.tolerance": aim, "film.bending": bends}))
+        # the tolerance must not choose anew whether the film bends or feels voltages
+        model = film_model(scene)
+        chosen = {"film.bending": model.bends, "film.coupling": bool(model.floating)}
+        finer = solve(scene.with_(**chosen, **{"numerics.tolerance": aim}))
         if finer.status is Status.CONVERGED:
             return finer
         reason = f"with charges to {aim:.1e}: {finer.reason}"
@@ -204,13 +205,17 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
     ``film.pretension_N_m`` has that, or its ``.0`` and ``.1``, in place of
     ``film.temperature_change_K``, and the others at this pretension. A rigid probe has no
     derivative by its place, as the tractions along its edge are singular. Of a film that bends or
-    wrinkles, or touches a tip with friction, there is none by what its stiffness depends on.
+    wrinkles, is uneven, or touches a tip with friction, there is none by what its stiffness depends
+    on; of one that feels the voltages of electrodes none by d31 and d32 either.
     """
+    scene.require_plain_charges("derivatives", "coupling", "warming_K")
     probes = tuple(key for key in _touched(scene) if not _hindrance(scene, key))
     rubs = any(touch.load.friction for touch in scene.loaded_probes)
-    differentiable = film_model(scene).film_is_differentiable and not rubs
+    model, uneven = film_model(scene), scene.film.is_uneven
+    differentiable = model.film_is_differentiable and model.electrodes_only_read
+    differentiable = differentiable and not (rubs or uneven)
     film = _film_keys(scene.film) if differentiable else ()
-    return (*probes, *film, *COEFFICIENTS)
+    return (*probes, *film, *(COEFFICIENTS if model.electrodes_only_read else ()))
 
 
 def _touched(scene: Scene) -> dict[str, list[tuple[LoadedProbe, int, str]]]:
@@ -251,8 +256,8 @@ def _film_keys(film: Film) -> tuple[str, ...]:
 def _refusal(scene: Scene, key: str) -> str:
     if key in _touched(scene):
         return _hindrance(scene, key)
-    if key in _film_keys(scene.film):
-        return "of a film that bends, wrinkles or sticks to a tip has no derivative here"
+    if key in (*_film_keys(scene.film), *COEFFICIENTS):
+        return "of a film that bends, wrinkles, sticks or feels voltages has no derivative here"
     return "is not a parameter of this scene that charges are differentiated by"
 
 
@@ -273,7 +278,7 @@ def force_rates(solution: Solution, keys: Sequence[str]) -> Array:
     """
     units = [(1.0, 0.0), (0.0, 1.0)]
     goals = [replace(goal, d=d) for goal in goals_of(solution.scene) for d in units]
-    solved, q, factors = _factorised(solution)
+    solved, q, factors = factorised(solution)
     adjoint = _Adjoint.of(solved, goals, q, factors)
     return np.reshape([_rate(adjoint, key) for key in keys], (len(keys), -1, 2))
 
@@ -313,23 +318,31 @@ class _Adjoint:
 
 def _adjoints(solution: Solution) -> tuple[_Adjoint, _Adjoint]:
     """The adjoint solutions of a solution, and those of the order above on the same mesh."""
-    solved, q, factors = _factorised(solution)
+    solved, q, factors = factorised(solution)
     goals = goals_of(solution.scene)
-    rich = Equilibrium(solution.scene, solved.space.mesh, solved.space.order + 1)
-    correction = corrected(solved, q, factors, rich, Budget.of(solution.scene))
+    rich, rich_q = next_order(solved, q, factors)
+    rich_factors = factorise(rich.tangent(rich.state(rich_q)))
+    coarse = _Adjoint.of(solved, goals, q, factors)
+    return coarse, _Adjoint.of(rich, goals, rich_q, rich_factors)
+
+
+def next_order(solved: Equilibrium, q: Array, factors: SuperLU) -> tuple[Equilibrium, Array]:
+    """The equations of the order above on the same mesh, and their solution."""
+    rich = Equilibrium(solved.scene, solved.space.mesh, solved.space.order + 1)
+    correction = corrected(solved, q, factors, rich, Budget.of(solved.scene))
     if isinstance(correction, NewtonResult):
         raise NotConvergedError(f"{correction.status}: {correction.status.advice}")
-    rich_factors = factorise(rich.tangent(rich.state(correction.q)))
-    coarse = _Adjoint.of(solved, goals, q, factors)
-    return coarse, _Adjoint.of(rich, goals, correction.q, rich_factors)
+    return rich, correction.q
 
 
-def _factorised(solution: Solution) -> tuple[Equilibrium, Array, SuperLU]:
+def factorised(solution: Solution) -> tuple[Equilibrium, Array, SuperLU]:
     """The whole film's equations with their unknowns and the tangent's factors."""
     fields, solved = solution.fields, solution.fields.equilibrium
     q = solved.restrict(fields.displacement)
-    # Newton's last may be of an earlier state
-    return solved, q, factorise(solved.tangent(fields.state))
+    try:  # anew, since Newton's last factors may be of an earlier state
+        return solved, q, factorise(solved.tangent(fields.state))
+    except RuntimeError:  # SuperLU: exactly singular, as for a slack film without a load
+        raise NotConvergedError(f"{Status.SINGULAR}: {Status.SINGULAR.advice}") from None
 
 
 def _rate(adjoint: _Adjoint, key: str) -> Array:
@@ -349,16 +362,16 @@ def _rate(adjoint: _Adjoint, key: str) -> Array:
 def _stress_rate(film: Film, key: str) -> StVenantKirchhoff:
     """Derivative of the law by a key, in Pa per unit of it; a pretension that is given stays."""
     name, _, index = key.removeprefix("film.").partition(".")
-    given, added = film.pretension_N_m is not None, np.zeros(3)
+    given, added, zeroed = film.pretension_N_m is not None, np.zeros(3), film.zeroed
     if name == "temperature_change_K":
         added[:] = -film.stiffness[:, :2].sum(axis=1) * film.thermal_expansion_per_K
     elif name == "pretension_N_m":
         added[int(index or 0) : int(index or 1) + 1] = 1.0 / film.thickness
     elif name == "thickness_um":
-        added[:] = -given * film.stress_at_rest / film.thickness_um
+        added[:] = -given * zeroed.stress_at_rest / film.thickness_um
     else:
         stiffness = _stiffness_rate(film, key)
-        return StVenantKirchhoff(stiffness, -given * stiffness @ film.strain_at_rest)
+        return StVenantKirchhoff(stiffness, -given * stiffness @ zeroed.strain_at_rest)
     return StVenantKirchhoff(np.zeros((3, 3)), added)
 
 

@@ -12,7 +12,9 @@ from skfem import Basis, MeshTri2
 
 from pvdf_fem.arrays import Array, finite
 from pvdf_fem.charges.point_values import PointValues, values_along, values_at
-from pvdf_fem.charges.rest import rest_charges
+from pvdf_fem.charges.rest import heat_charges, rest_charges
+from pvdf_fem.charges.thickness import thickness_charges
+from pvdf_fem.film.electric.coupling import floating
 from pvdf_fem.film.loads.pressure import Leaning, Punch
 from pvdf_fem.film.loads.touchdown import Touchdown
 from pvdf_fem.readout.channel import channels
@@ -30,36 +32,20 @@ class NotConvergedError(RuntimeError):
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """How a solve ended and, if it converged, its fields and charges.
-
-    Attributes
-    ----------
-    scene : Scene
-    status : Status
-        `Status.CONVERGED`, or why there is no result.
-    reason : str
-        The status in words, with what to change.
-    stop : Stop
-        Why no further mesh was made.
-    history : tuple of MeshRecord
-        Every mesh with its unknowns, iterations, worst error and seconds.
-    iterations : tuple of Iteration
-        Newton's table on the last mesh.
-    left_out, included, warnings : tuple of str
-        What the model neglects in this scene; what it has beyond the membrane; what to look at.
-    seconds : dict
-        ``mesh``, ``solve``, ``estimate``, ``refine`` and ``total``.
-    """
+    """How a solve ended and, if it converged, its fields and charges."""
 
     scene: Scene
-    status: Status
-    reason: str
-    stop: Stop = Stop.NO_EQUILIBRIUM
+    status: Status  #: `Status.CONVERGED`, or why there is no result.
+    reason: str  #: The status in words, with what to change.
+    stop: Stop = Stop.NO_EQUILIBRIUM  #: Why no further mesh was made.
+    #: Every mesh with its unknowns, iterations, worst error and seconds.
     history: tuple[MeshRecord, ...] = ()
-    iterations: tuple[Iteration, ...] = ()
+    iterations: tuple[Iteration, ...] = ()  #: Newton's table on the last mesh.
+    #: What the model neglects in this scene; what it has beyond the membrane; what to look at.
     left_out: tuple[str, ...] = ()
     included: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    #: ``mesh``, ``solve``, ``estimate``, ``refine`` and ``total``.
     seconds: dict[str, float] = field(default_factory=dict)
     _fields: Fields | None = None
 
@@ -87,8 +73,15 @@ class Solution:
 
     @property
     def charges_pC(self) -> dict[str, float]:
-        """Total charge of each electrode: what the pretension put there, and the touch."""
-        return self.charges(self.scene.film.d31_pC_N, self.scene.film.d32_pC_N)
+        """Total charge of each electrode: what the pretension put there, the touch, and, where the
+        film has values for them, the probe's pressure and heat."""
+        film, fields = self.scene.film, self.fields
+        charges = fields.forces.charges((film.d31_pC_N, film.d32_pC_N))
+        if film.pyroelectric_uC_m2K is not None:
+            charges += 1e12 * heat_charges(self.scene, fields.solved)
+        if film.d33_pC_N is not None:
+            charges += 1e12 * thickness_charges(fields.equilibrium, fields.state)
+        return self._by_electrode(charges)
 
     @property
     def charge_errors_pC(self) -> dict[str, float]:
@@ -126,8 +119,18 @@ class Solution:
             for channel in channels(self.scene)
         }
 
+    @property
+    def voltages_V(self) -> dict[str, float]:
+        """What each electrode's voltage comes to by a touch, at once, with the charge's sign: zero
+        under a charge amplifier, else the charge over the capacitance of electrode and cable."""
+        capacitances = {channel.name: channel.capacitance for channel in channels(self.scene)}
+        wired = {electrode.name for electrode in floating(self.scene)}
+        changes = self.charge_changes_pC.items()
+        return {n: 1e-12 * q / capacitances[n] if n in wired else 0.0 for n, q in changes}
+
     def charges(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
-        """Charges in pC of a film with other piezoelectric coefficients."""
+        """Charges in pC that the stress makes by other piezoelectric coefficients, without those of
+        heat and d33."""
         return self._by_electrode(self.fields.forces.charges((d31_pC_N, d32_pC_N)))
 
     def charge_errors(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
@@ -156,14 +159,14 @@ class Solution:
 
         Raises ValueError, which names the first one, for points that are not on the film.
         """
-        return values_at(self.fields.equilibrium, self.fields.displacement, x_mm, y_mm)
+        return values_at(self.fields.equilibrium, self.fields.state, x_mm, y_mm)
 
     def along(self, line_mm: ArrayLike, points: int = 200) -> PointValues:
         """Values at this number of equally spaced points of a line, with both ends.
 
         The line goes through two or more corners ``((x0, y0), (x1, y1), ...)``.
         """
-        return values_along(self.fields.equilibrium, self.fields.displacement, line_mm, points)
+        return values_along(self.fields.equilibrium, self.fields.state, line_mm, points)
 
     @property
     def contacts(self) -> dict[str, Touchdown]:
@@ -203,6 +206,8 @@ class Solution:
                 results["contacts"] = {name: c.to_json() for name, c in self.contacts.items()}
             if punches := self.punches:
                 results["punches"] = {name: asdict(punch) for name, punch in punches.items()}
+            if floating(self.scene):
+                results["voltages_V"] = self.voltages_V
             if self.scene.readout is not None:
                 results["readings_V"] = self.readings_V
                 results["time_constants_s"] = {

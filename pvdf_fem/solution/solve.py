@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,9 @@ from skfem import MeshTri2
 
 from pvdf_fem.charges.forces import charges_of
 from pvdf_fem.charges.goals import Goal, goals_of
+from pvdf_fem.charges.thickness import thickness_remarks
+from pvdf_fem.film.electric.coupling import coupling_remarks
+from pvdf_fem.film.loads.heat import heat_remarks
 from pvdf_fem.film.loads.profiles import profile_of
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError
@@ -47,6 +51,8 @@ from pvdf_fem.solvers.wrinkling import barely_loaded
 
 #: Relative error of a charge above which a film that is barely loaded is called slack.
 UNKNOWN_CHARGE = 0.1
+#: Whether effects but bending are included, and texts with their sizes.
+REMARKS = (coupling_remarks, thickness_remarks, heat_remarks)
 
 
 def solve(
@@ -155,7 +161,8 @@ def _on_part(problem: Problem) -> Solution | None:
     scene = problem.scene
     loads = [touch.load for touch in scene.loaded_probes]
     leaning = any(load.kind == "contact" or load.tilt == "free" for load in loads)
-    whole = leaning or not film_model(scene).solved_on_parts
+    model = film_model(scene)
+    whole = leaning or not (model.solved_on_parts and model.electrodes_only_read)
     part = WHOLE if whole else part_of(scene)
     if not part.mirrored:
         return None
@@ -178,6 +185,8 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
         errors = larger(fields.forces.errors, changes, problem.goals)
         fields = replace(fields, forces=replace(fields.forces, errors=errors))
     model, status = film_model(problem.scene), _status(attempt, stop, change)
+    others = (remarks(problem.scene) for remarks in REMARKS)
+    remarks = [model.remark, *chain.from_iterable(others)]
     reason = status.advice
     if status is Status.TOLERANCE:
         reason = (
@@ -192,8 +201,8 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
         stop,
         tuple(history),
         attempt.result.iterations,
-        model.left_out,
-        model.included,
+        tuple(text for included, text in remarks if not included),
+        tuple(text for included, text in remarks if included),
         (*model.warnings, *admissible.warnings(fields.solved, fields.solved_state, change)),
         problem.clock.seconds(),
         fields,

@@ -99,8 +99,8 @@ class FlatFilm(Rung):
     name = "flat film"
 
     def applies(self, task: Task) -> bool:
-        """Without a force."""
-        return task.equilibrium.force == 0.0
+        """Without a force, where the flat film is in balance."""
+        return task.equilibrium.force == 0.0 and task.equilibrium.membrane.even
 
     def solve(self, task: Task) -> NewtonResult:
         """Tells whether the film stays flat."""

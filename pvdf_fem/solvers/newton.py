@@ -20,6 +20,7 @@ from numpy.polynomial import polynomial
 from scipy.sparse.linalg import SuperLU, splu
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.film.electric.raised import Raised, RaisedFactors
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.membrane import tensile_part
 from pvdf_fem.film.term import State
@@ -80,8 +81,10 @@ class NewtonResult:
         return (*self.tried, Tried(solver, self.status, len(self.iterations), self._tangents))
 
 
-def factorise(matrix: sp.csc_matrix) -> SuperLU:
+def factorise(matrix: sp.csc_matrix | Raised) -> SuperLU:
     """LU of a matrix of symmetric pattern without pivoting: the signs of U are the inertia."""
+    if isinstance(matrix, Raised):
+        return RaisedFactors(matrix, factorise(matrix.sparse))
     return splu(
         matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
     )
@@ -89,6 +92,9 @@ def factorise(matrix: sp.csc_matrix) -> SuperLU:
 
 def negative_pivots(factors: SuperLU) -> int:
     """Number of negative eigenvalues of a symmetric matrix, by Sylvester's law of inertia."""
+    if isinstance(factors, RaisedFactors):
+        raised = int((np.linalg.eigvalsh(factors.small) < 0.0).sum())
+        return negative_pivots(factors.factors) - raised
     return int((factors.U.diagonal() < 0).sum())
 
 

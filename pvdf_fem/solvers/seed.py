@@ -21,11 +21,16 @@ def seed(equilibrium: Equilibrium) -> Array:
     deflection; the result is scaled to the least energy."""
     film, membrane = equilibrium.film, equilibrium.membrane
     q = np.zeros(equilibrium.unknowns.count)
-    if equilibrium.force == 0.0:
+    if equilibrium.force == 0.0 and membrane.even:
         return q
     deflections = np.flatnonzero(equilibrium.unknowns.deflections())
     in_plane = np.flatnonzero(~equilibrium.unknowns.deflections())
     flat = membrane.state(np.zeros(equilibrium.space.dof_count))
+    if equilibrium.force == 0.0:
+        q[in_plane] = _solve_block(
+            equilibrium.sparse_tangent(flat), equilibrium.flat_forces, in_plane
+        )
+        return q
     forces = equilibrium.external_forces(flat)
 
     stiffness = film.thickness * film.stiffness[:2, :2].mean()
@@ -35,7 +40,7 @@ def seed(equilibrium: Equilibrium) -> Array:
     stretched = assembly.matrix(equilibrium.space.laplace() * tension)
     if equilibrium.plate is not None:
         stretched = stretched + equilibrium.plate.coupled_tangent(assembly)
-    tangent = equilibrium.tangent(flat)
+    tangent = equilibrium.sparse_tangent(flat)
     q[deflections] = _solve_block(stretched, forces, deflections)
     residual = equilibrium.residual(equilibrium.state(q)) + forces
     factors = factorise(tangent[in_plane][:, in_plane].tocsc())

@@ -28,7 +28,8 @@ from pvdf_fem.scene.shapes import Probe
 # thickness if they agree to this many digits.
 DIGITS = 9
 # Film keys that do not change the deformation if electrodes only read the stress.
-_READING_KEYS = {"d31_pC_N", "d32_pC_N", "density_kg_m3", "permittivity"}
+_READING_KEYS = {"d31_pC_N", "d32_pC_N", "density_kg_m3", "permittivity", "loss_tangent"}
+_READING_KEYS |= {"pyroelectric_uC_m2K"}
 # Film keys that count through the strain at rest only.
 _STRETCHING_KEYS = {"thermal_expansion_per_K", "temperature_change_K", "pretension_N_m"}
 
@@ -48,6 +49,7 @@ class Mechanics:
 
 def mechanics(scene: Scene) -> Mechanics:
     """The mechanics of a scene, in which its tolerance and its limits count as well."""
+    scene.require_plain_charges("a sweep", "coupling")
     model = film_model(scene)
     if not model.electrodes_only_read:
         alone = repr(scene)
@@ -56,11 +58,12 @@ def mechanics(scene: Scene) -> Mechanics:
     if scene.film.bending == "auto":  # the electrodes decide whether bending joins
         film = f"{film} {model.bends}"
     numerics = scene.numerics.model_dump(exclude={"observable"})
-    if scene.probe is None:
+    if scene.probe is None and not scene.film.is_uneven:
         flat = f"{film} {thickness} {numerics}"
         return Mechanics(flat, flat, f"{film} {numerics}", np.eye(2))
     load, force = scene.load, scene.load.force_N
-    if isinstance(scene.probe, tuple) or load.tangential_N or load.profile != "uniform":
+    unlike = load.tangential_N or load.profile != "uniform" or scene.film.is_uneven
+    if unlike or scene.probe is None or isinstance(scene.probe, tuple):
         given = f"{film} {thickness} {numerics} {scene.probe!r} {load!r}"
         return Mechanics(given, given, given, np.eye(2))
     place, frame = _canonical_place(scene.probe, scene.film.radius, isotropy(scene.film))
@@ -80,6 +83,8 @@ def mechanics(scene: Scene) -> Mechanics:
 @lru_cache(maxsize=1024)
 def _film_key(film: Film) -> str:
     """The film's keys that change its deformation but for the thickness, and its strain at rest."""
+    if film.is_uneven:
+        return f"{film.model_dump(exclude=_READING_KEYS)}"
     table = film.model_dump(exclude={*_READING_KEYS, *_STRETCHING_KEYS, "thickness_um"})
     along_x, along_y, _ = film.strain_at_rest
     return f"{table} {along_x:.{DIGITS}e} {along_y:.{DIGITS}e}"

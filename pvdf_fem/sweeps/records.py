@@ -97,12 +97,11 @@ def _distinct_goals(scenes: Sequence[Scene], frames: Array) -> tuple[list[Goal],
     index_of: dict[tuple[object, ...], int] = {}
     indices: list[list[int]] = []
     for scene, frame in zip(scenes, frames, strict=True):
-        d, observable = (scene.film.d31, scene.film.d32), scene.numerics.observable
         indices.append([])
-        for electrode in scene.electrode_list:
-            goal = Goal(electrode.outline, observable, d, None, frame)
+        for goal in (replace(goal, patch=None, frame=frame) for goal in goals_of(scene)):
             directions = np.round(goal.directions, DIGITS).tobytes()
-            key = goal.placed.signature(scene.film.radius, DIGITS), directions, observable, d
+            place = goal.placed.signature(scene.film.radius, DIGITS)
+            key = place, directions, goal.observable, goal.d
             if key not in index_of:
                 index_of[key] = len(goals)
                 goals.append(goal)

@@ -300,7 +300,8 @@ def _sum(name: str, text: str) -> str:
 
 def key(scene: Scene, folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> str:
     """Hash of what is solved of a scene, and of the code in some folders that solves it."""
-    solved = scene.model_dump_json(exclude={"readout", "stage"})
+    unsolved = {"stage"} if scene.film.coupling else {"readout", "stage"}
+    solved = scene.model_dump_json(exclude=unsolved)
     return hashlib.sha256((code_version(folders) + solved).encode()).hexdigest()
 
 

@@ -15,9 +15,11 @@ import numpy as np
 
 from pvdf_fem import Scene
 from pvdf_fem.scene.outlines.outline import turn
+from reports.chapters.calibration import DIRECTIONS_DEG
 from reports.chapters.contact import CONTACT_CHAPTER, CONTACTS, pressed
 from reports.chapters.experiments import CIRCUIT_CHAPTER, MEASURED_POSITIONS_CHAPTER, thesis_circuit
 from reports.chapters.force_and_angle.force_law import rest_charge_pC
+from reports.chapters.spheres import BESIDE_MM, SPHERES_CHAPTER, contrast, faked_mm, sphere
 from reports.chapters.thickness import PLACE_MM, THICKNESS_CHAPTER
 from reports.common.chapter import Chapter, Content
 from reports.common.page import Cell, Column, Table
@@ -412,6 +414,22 @@ def _rigid(evidence: Evidence) -> Finding:
     )
 
 
+def _round(evidence: Evidence) -> Finding:
+    flat = contrast({n: evidence.ours(thesis_scene("4", "rect14x7"), n, MATERIAL) for n in "AB"})
+    touched = sphere(BESIDE_MM, 1.0)
+    beside = contrast(
+        {n: evidence.ours(touched, f"{DIRECTIONS_DEG['4'][n]}", MATERIAL) for n in "AB"}
+    )
+    return Finding(
+        "4.1",
+        "The charges of A and B tell the orientation of what touches.",
+        f"Only of what is known to be flat and at the centre: a sphere of 5 mm that is "
+        f"{faked_mm(flat, beside):.2f} mm off has the contrast A/B of the rectangle, "
+        f"{100 * flat:.1f} %.",
+        SPHERES_CHAPTER.title,
+    )
+
+
 def _labels(evidence: Evidence) -> Finding:
     return Finding(
         "captions",
@@ -445,6 +463,7 @@ FINDINGS: tuple[Callable[[Evidence], Finding], ...] = (
     _reactance,
     _theory,
     _rigid,
+    _round,
     _labels,
 )
 
@@ -465,6 +484,7 @@ def _scenes(thesis: Thesis) -> list[Scene]:
         thesis_scene("3", "tri7", rotation_deg=-90.0),
         *(place.with_(**{"film.thickness_um": thickness}) for thickness in (25.0, 1000.0)),
         *(pressed(rectangle, contact) for contact in CONTACTS),
+        sphere(BESIDE_MM, 1.0),
     ]
 
 

@@ -21,6 +21,7 @@ from pvdf_fem.solution.gradients import force_rates
 from pvdf_fem.touch.by_solves import SolveOptions, locate_by_solves
 from reports.chapters.contact import rotations_deg
 from reports.common.chapter import Chapter, Content
+from reports.common.charge_figures import Series, colours, label_curves
 from reports.common.figures import drawing
 from reports.common.page import Cell, Column, Picture, Table
 from reports.common.results import Results
@@ -75,11 +76,12 @@ class Sensor:
 
 
 SENSORS = (Sensor(), Sensor(8), Sensor(4, uniaxial=True), Sensor(8, uniaxial=True))
+COUNTS = (5, 6, 8, 12)
 RINGS_MM = (6.0, 8.0, 10.0, 12.0, 15.0)
 DESIGNS = tuple(
     Sensor(count, ring, side, uniaxial)
     for uniaxial in (False, True)
-    for count in (5, 6, 8, 12)
+    for count in COUNTS
     for ring in RINGS_MM
     for side in (2.0, 3.0, 4.0)
     if side == 3.0 or count == 8
@@ -151,25 +153,32 @@ def _compose(thesis: Thesis, results: Results, out: Path) -> Content:
 
 
 def _picture(path: Path) -> None:
-    with drawing(path, 160, 80) as figure:
+    with drawing(path, 180, 80) as figure:
         axes = figure.subplots(1, 2, sharey=True)
         for ax, uniaxial in zip(axes, (False, True), strict=True):
-            for number, count in enumerate((5, 6, 8, 12)):
-                designs = [Sensor(count, ring, uniaxial=uniaxial) for ring in RINGS_MM]
-                designs = [design for design in designs if design in DESIGNS]
-                for known, dashes in ((False, "-"), (True, ":")):
-                    rings = [design.ring_mm for design in designs]
-                    values = [merit_N(design, known) for design in designs]
-                    color, label = f"C{number}", None if known else f"{count} electrodes"
-                    ax.plot(rings, values, dashes, color=color, marker="o", ms=3.0, label=label)
             ax.set_yscale("log")
-            ax.set_ylim(0.03, 3.0)
-            ax.yaxis.set_major_formatter("{x:g}")
+            ax.set(ylim=(0.03, 1.5), xlim=(5.5, 15.5), xlabel="radius of the ring (mm)")
+            ax.set_yticks([0.03, 0.1, 0.3, 1.0], ["0.03", "0.1", "0.3", "1"])
             ax.yaxis.set_minor_formatter("")
-            ax.set_xlabel("radius of the ring (mm)")
             ax.set_title("uniaxial film" if uniaxial else "biaxial film")
+            for known, dashes in ((False, "-"), (True, ":")):
+                lines = [_line(count, uniaxial, known) for count in COUNTS]
+                inks = colours(len(lines))
+                for line, ink in zip(lines, inks, strict=True):
+                    ax.plot(line.x, line.y, dashes, color=ink, marker="o", ms=3.0)
+                if uniaxial and not known:
+                    label_curves(ax, lines, inks)
+        for text, height in (("place unknown", 1.05), ("place known", 0.034)):
+            axes[0].text(10.0, height, text, ha="center", va="bottom")
         axes[0].set_ylabel("deviation of Fx, Fy (N)")
-        axes[0].legend(ncols=2, loc="upper left")
+
+
+def _line(count: int, uniaxial: bool, known: bool) -> Series:
+    """Merit over the radius of the ring, of electrodes of 3 mm."""
+    designs = [Sensor(count, ring, uniaxial=uniaxial) for ring in RINGS_MM]
+    designs = [design for design in designs if design in DESIGNS]
+    x, y = np.array([(design.ring_mm, merit_N(design, known)) for design in designs]).T
+    return Series(f"{count} electrodes", x, y)
 
 
 def _table(sensors: tuple[Sensor, ...], noises: dict[Sensor, float]) -> Table:

@@ -121,7 +121,7 @@ def _leaves(tables: Mapping[str, Any]) -> list[tuple[dict[str, Any], str, str]]:
 def _wrong_value(rng: Random, key: str) -> tuple[str, str]:
     """TOML of a value that a key cannot have, and the way that a complaint shows it."""
     choices = dict(_NO_WORDS if key in WORDS or key == "shape" else _NO_NUMBERS)
-    if key in ("bending", "centre"):
+    if key in ("bending", "centre", "coupling"):
         del choices["true"]
     if key not in WORDS and key != "shape" and key not in SIGNED:
         choices |= _NOT_POSITIVE
@@ -219,7 +219,7 @@ _NO_AXES = {
     "film.d31_pC_N = 8": "axes[{}].film.d31_pC_N = 8: ",
     "film.d31_pC_N = [8, 9]\nfilm.d32_pC_N = [8]": "axes[{}]: ",
     "film.d31_pC_N = [8, nan]": "film.d31_pC_N = nan: ",
-    "film.d33_pC_N = [8]": "film.d33_pC_N = 8: ",
+    "film.d34_pC_N = [8]": "film.d34_pC_N = 8: ",
     "d31_pC_N = [8]": "d31_pC_N",
     "film.d31_pC_N = { start = 1, stop = 2 }": "axes[{}].film.d31_pC_N.count = (nothing): ",
     "film.d31_pC_N = { start = 1, stop = 2, count = 1 }": "axes[{}].film.d31_pC_N.count = 1: ",

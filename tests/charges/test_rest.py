@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pvdf_fem import Scene, solve, sweep
+from pvdf_fem import Scene, SceneError, gradients, solve, sweep
 from pvdf_fem.charges.rest import rest_charges
+from pvdf_fem.response.response_file import mechanics_of
+from pvdf_fem.sweeps.plan import plan
+from tests.helpers.discs import RECTANGLE
 
 CASES = {
     "thesis": {},
@@ -66,3 +69,34 @@ def test_a_sweep_has_charges_at_rest_even_where_solves_fail() -> None:
     data = sweep(Scene(), [{"film.temperature_change_K": [-2.0, 1.0]}], processes=1)
     assert data.rest_charge_pC.sel(electrode="A").values == pytest.approx([96.0, -48.0])
     assert data.rest_charge_pC.attrs["units"] == "pC"
+
+
+WARM = {"film.warming_K": 0.4, "film.pyroelectric_uC_m2K": -25.0}
+
+
+@pytest.mark.parametrize("stretched", [{}, {"film.pretension_N_m": [9.0, 7.0]}])
+def test_warming_makes_a_charge_and_loosens_the_film(stretched: dict[str, object]) -> None:
+    """p A dT, at a pretension less by E h alpha dT/(1 - nu); charges at rest are those before."""
+    scene = RECTANGLE.with_(**stretched, **{"numerics.tolerance": 1e-2})
+    loss = 2e9 * 25e-6 * 110e-6 * 0.4 / (1.0 - 0.34)
+    before = np.array(stretched.get("film.pretension_N_m", 2e9 * 25e-6 * 110e-6 / 0.66))
+    cold, warm = scene.with_(**{"film.pretension_N_m": before.tolist()}), scene.with_(**WARM)
+    loose = solve(cold.with_(**{"film.pretension_N_m": (before - loss).tolist()}))
+    solution = solve(warm, mesh=loose.mesh)
+    charges = {name: charge - 25.0 * 9.0 * 0.4 for name, charge in loose.charges_pC.items()}
+    assert solution.charges_pC == pytest.approx(charges, rel=1e-9)
+    assert rest_charges(warm) == pytest.approx(rest_charges(cold), rel=1e-12)
+    assert any("film.pyroelectric_uC_m2K = -25" in text for text in solution.included)
+    left = solve(warm.with_(**{"film.pyroelectric_uC_m2K": None}), mesh=loose.mesh).left_out
+    assert any("10 pC/mm2" in text for text in left)
+    key = "film.youngs_modulus_GPa"
+    rate = gradients(solution, [key])[key]
+    ahead, behind = (solve(warm.with_(**{key: E}), mesh=loose.mesh) for E in (2.01, 1.99))
+    for name, charge in ahead.charges_pC.items():
+        assert rate[name] == pytest.approx((charge - behind.charges_pC[name]) / 0.02, rel=1e-3)
+
+
+def test_warming_is_refused_where_charges_are_of_the_stress_only() -> None:
+    for refuses in (mechanics_of, lambda scene: plan([scene])):
+        with pytest.raises(SceneError, match=r"film\.warming_K"):
+            refuses(RECTANGLE.with_(**WARM))

@@ -18,11 +18,11 @@ from pydantic import BaseModel
 
 from pvdf_fem import Scene, __version__, solve
 from pvdf_fem.cli import main as cli
+from pvdf_fem.dynamics.modes import modes
 from pvdf_fem.files import printable
 from pvdf_fem.scene.film import Film
-from pvdf_fem.scene.scene import Load, Numerics, Readout, Stage
+from pvdf_fem.scene.scene import Air, Load, Numerics, Readout, Stage
 from pvdf_fem.scene.shapes import ELECTRODES, PROBES, RINGS, Layout
-from pvdf_fem.solution.modes import modes
 from pvdf_fem.solvers.newton import NewtonOptions
 
 SCENE = '[probe]\nshape = "rectangle"\nx_mm = 3.0\n'
@@ -73,7 +73,8 @@ def no_solve(monkeypatch: pytest.MonkeyPatch) -> None:
         "solution.solve.solve",
         "solution.refinement.mesh_scene",
         "mesh.gmsh_mesh.mesh_scene",
-        "solution.modes.modes",
+        "dynamics.modes.modes",
+        "dynamics.forced.respond",
     ):
         monkeypatch.setattr(f"pvdf_fem.{place}", fail)
 
@@ -411,14 +412,14 @@ def test_a_profile_that_is_not_there(scene: Path, capsys: pytest.CaptureFixture[
 
 def test_help_names_every_key_of_a_scene(capsys: pytest.CaptureFixture[str]) -> None:
     told = Run(["--help"], capsys).out
-    models: list[type[BaseModel]] = [Film, Layout, Load, Numerics, Readout, Stage]
+    models: list[type[BaseModel]] = [Air, Film, Layout, Load, Numerics, Readout, Stage]
     models += [*PROBES.values(), *ELECTRODES.values(), *RINGS.values()]
     keys = {key for model in models for key in model.model_fields}
     missing = {key for key in keys if not re.search(rf"\b{key}\b", told)}
     assert not missing
 
 
-@pytest.mark.parametrize("command", ["solve", "mesh", "modes"])
+@pytest.mark.parametrize("command", ["solve", "mesh", "modes", "respond"])
 def test_examples_of_the_help_are_valid(
     scene: Path,
     tmp_path: Path,

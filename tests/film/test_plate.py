@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 from scipy.special import iv, jv, kv
 
 from pvdf_fem import Scene, solve
+from pvdf_fem.dynamics.modes import modes
 from pvdf_fem.film.equilibrium import Equilibrium, prolongation
 from pvdf_fem.film.layers import uncertain_part
 from pvdf_fem.film.plate import Plate, plate_stiffness
@@ -17,7 +18,6 @@ from pvdf_fem.mesh.gmsh_mesh import FILM, PROBE, RIM
 from pvdf_fem.mesh.six_node import compression
 from pvdf_fem.mesh.size_field import Sizes
 from pvdf_fem.solution.first_sizes import first_sizes
-from pvdf_fem.solution.modes import modes
 from pvdf_fem.solvers.newton import factorise, negative_pivots
 from reports.reference.circular_plate import (
     clamped_plate_deflection,

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from skfem import MeshTri2
 
-from pvdf_fem import Scene
+from pvdf_fem import Scene, Solution, solve
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import mesh_scene, outlines
 from pvdf_fem.mesh.size_field import Sizes
@@ -34,6 +36,12 @@ def graded_mesh(scene: Scene, patch_mm: float, film_mm: float, growth: float = 0
 def model_mesh(scene: Scene, sizes: Sizes) -> MeshTri2:
     """A mesh whose elements are as regular as the scene's film model needs them."""
     return mesh_scene(scene, sizes, least_jacobian=film_model(scene).least_jacobian)
+
+
+@cache
+def on_mesh(scene: Scene) -> Solution:
+    """The solution of second order on a coarse mesh, once per run."""
+    return solve(scene, mesh=graded_mesh(scene, 3.5, 14.0, 0.8), order=2)
 
 
 def free_disc(

@@ -3,8 +3,8 @@
 import pytest
 
 from pvdf_fem import Scene
+from pvdf_fem.dynamics.modes import modes
 from pvdf_fem.output.text import modes_text
-from pvdf_fem.solution.modes import modes
 from pvdf_fem.solution.summary import rounded
 
 

@@ -4,10 +4,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import shapely
 
 from pvdf_fem import Scene, SceneError, modes, solve
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.mesh.gmsh_mesh import mesh_scene
+from pvdf_fem.scene.outlines.polygon import Polygon
+from pvdf_fem.scene.outlines.tip import PolygonTip
 from pvdf_fem.solution.attempt import contact_outlines
 from pvdf_fem.solution.first_sizes import first_sizes
 
@@ -177,3 +180,16 @@ def test_a_scene_with_a_tip_is_written_and_read_again():
     scene = sphere(5.0, 1.0).with_(**{"load.depth_mm": 2.0})
     assert Scene.parse(scene.to_toml()) == scene
     assert scene.with_(**{"load.kind": "dead"}, probe={"shape": "circle"}).load.force_N == 1.0
+
+
+def test_an_edge_that_crosses_itself_at_a_corner_loses_the_loop():
+    """gmsh would not end; an edge without a crossing stays as it is."""
+    triangle = np.array([[0.0, 0.0], [2e-3, 0.0], [1e-3, 2e-3]])
+    tip = PolygonTip(Polygon(triangle), 1e-4)
+    corners = 1.2 * (triangle - triangle.mean(axis=0)) + triangle.mean(axis=0)
+    loop = corners[0] + 1e-5 * np.array([[6.0, -3.0], [-8.0, 3.0]])
+    crossing = np.concatenate([loop, corners[1:]])
+    assert tip.fitted(corners).area == pytest.approx(1.44 * tip.core.area)
+    assert not shapely.Polygon(crossing).is_valid
+    assert tip.fitted(crossing).shape.is_valid
+    assert tip.fitted(crossing).area == pytest.approx(1.44 * tip.core.area, rel=0.1)

@@ -171,7 +171,7 @@ def test_grids_that_are_too_large_are_not_expanded():
 
 
 def test_a_wrong_key_of_many_scenes_is_told_soon():
-    axes = [{"film.d33_pC_N": [8.0]}, {"load.force_N": {"start": 1, "stop": 2, "count": 100_000}}]
+    axes = [{"film.d34_pC_N": [8.0]}, {"load.force_N": {"start": 1, "stop": 2, "count": 100_000}}]
     start = time.process_time()
     with pytest.raises(SceneError, match="did you mean"):
         Grid.of(BASE, axes).scenes()

@@ -11,6 +11,7 @@ curvature, which the contact pressure over the tension across the edge gives, so
 
 from __future__ import annotations
 
+import math
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,7 +21,7 @@ import scipy.sparse as sp
 
 from pvdf_fem.arrays import ALL, Array, Indices, Mask, Selection
 from pvdf_fem.film.loads.coulomb import LIKE_STICKING, Coulomb
-from pvdf_fem.film.loads.pressure import DeadPressure
+from pvdf_fem.film.loads.pressure import DeadPressure, shared
 from pvdf_fem.film.membrane import IDENTITY, Membrane, strain_of
 from pvdf_fem.film.point_load import point_force, tension_at
 from pvdf_fem.film.space import Space, shape_values
@@ -43,26 +44,15 @@ LARGEST = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class EdgeFacets:
-    """Middles of the facets along a patch, counter-clockwise, seen from outside of it.
+    """Middles of the facets along a patch, counter-clockwise, seen from outside of it."""
 
-    Attributes
-    ----------
-    points, normals : (n, 2)
-        In m, and unit normals outwards.
-    lengths : (n,)
-        Of the facets, m.
-    nodes : (n, functions) int
-        Scalar dofs of the elements outside.
-    functions, slopes : (n, functions), (n, functions, 2)
-        Values and gradients of the shape functions.
-    """
-
-    points: Array
-    normals: Array
-    lengths: Array
-    nodes: Indices
-    functions: Array
-    slopes: Array
+    points: Array  #: In m, (n, 2).
+    normals: Array  #: Unit normals outwards, (n, 2).
+    lengths: Array  #: Of the facets in m, (n,).
+    elements: Indices  #: Outside, (n,).
+    nodes: Indices  #: Their scalar dofs, (n, functions).
+    functions: Array  #: Values of the shape functions, (n, functions).
+    slopes: Array  #: Their gradients in 1/m, (n, functions, 2).
 
     @classmethod
     def of(cls, space: Space, patch: Indices) -> EdgeFacets:
@@ -81,8 +71,10 @@ class EdgeFacets:
         slopes = space.gradients_at(outer, along.points)[:, 0]
         x, y = (points - points.mean(axis=0)).T
         order = np.argsort(np.arctan2(y, x))
-        lengths, nodes = along.weights[order, 0], space.nodes[outer[order]]
-        return cls(points[order], normals[order], lengths, nodes, values[order], slopes[order])
+        lengths, outer = along.weights[order, 0], outer[order]
+        values, slopes = values[order], slopes[order]
+        nodes = space.nodes[outer]
+        return cls(points[order], normals[order], lengths, outer, nodes, values, slopes)
 
     def values(self, rows: Array) -> Array:
         """Of displacements (n, functions, 3): (n, 3)."""
@@ -95,33 +87,17 @@ class EdgeFacets:
 
 @dataclass(frozen=True, eq=False)
 class Edge:
-    """The edge of the contact on a mesh, and where it should be.
-
-    Attributes
-    ----------
-    tip : Tip
-    facets : EdgeFacets
-    height : Height
-        The tip's over the points.
-    place, gradient : (n, 3), (n, 3, 2)
-        The displacement in m, and its gradient outside.
-    kinks, jumps : (n,)
-        The film's kink, and the jump of its curvature in 1/m.
-    widths : (n,)
-        Distance of the points from the tip's core, m.
-    tension : (n,)
-        Across the edge, N/m.
-    """
+    """The edge of the contact on a mesh, and where it should be."""
 
     tip: Tip
     facets: EdgeFacets
-    height: Height
-    place: Array
-    gradient: Array
-    kinks: Array
-    jumps: Array
-    widths: Array
-    tension: Array
+    height: Height  #: The tip's over the points.
+    place: Array  #: The displacement in m, (n, 3).
+    gradient: Array  #: Its gradient outside, (n, 3, 2).
+    kinks: Array  #: The film's, (n,).
+    jumps: Array  #: Of the film's curvature in 1/m, (n,).
+    widths: Array  #: Distances of the points from the tip's core in m, (n,).
+    tension: Array  #: Across the edge in N/m, (n,).
 
     @property
     def leaving(self) -> Array:
@@ -168,24 +144,17 @@ class Edge:
 
 
 class Contact(DeadPressure):
-    """A rigid tip on which the film rests inside the mesh's patch of the probe.
+    """A rigid tip on which the film rests inside the mesh's patch of the probe."""
 
-    Attributes
-    ----------
-    tip : Tip
-    depth : float or None
-        Of the tip's lowest point in m where it is given; otherwise the force decides it.
-    nodes : (n,) int
-        Scalar dofs that rest on the tip.
-    friction : float
-        Coefficient of the friction against which the film slides.
-    """
+    edge_share = 0.5
 
     def __init__(self, touch: LoadedProbe, space: Space, part: MirroredPart = WHOLE) -> None:
         super().__init__(touch, space, part)
         self.tip: Tip = touch.tip
+        #: Of the tip's lowest point in m where it is given; otherwise the force decides it.
         self.depth: float | None = touch.load.depth
         self._last: tuple[Array, Height] | None = None
+        #: Scalar dofs that rest on the tip, (n,).
         self.nodes: Indices = np.unique(space.basis.element_dofs[:, self.patch])
         self.raised: Indices = 3 * self.nodes + 2
         self.touched: Indices = (3 * self.nodes[:, None] + np.arange(3)).ravel()
@@ -214,6 +183,9 @@ class Contact(DeadPressure):
     def forces(self, state: State) -> Array:
         """None on the dofs: the force is on the depth."""
         return np.zeros(self.space.dof_count)
+
+    def pressed(self, film_forces: Array) -> Array:
+        return shared(self.space, self.patch, film_forces)
 
     # --- the map from the unknowns' dofs, whose deflections here are the depth, to the film's
 
@@ -407,7 +379,9 @@ class Contact(DeadPressure):
         F = gradient + IDENTITY
         leaving = np.einsum("nca,na->nc", F, facets.normals)
         kinks = leaving[:, 2] + (height.slope * leaving[:, :2]).sum(axis=1)
-        stress = membrane.stress(strain_of(gradient))
+        stress = membrane.resultant(strain_of(gradient), facets.elements)
+        if state.added is not None:
+            stress += state.added[facets.elements, 0]
         (a, b), (s11, s22, s12) = facets.normals.T, stress.T
         across = a * a * s11 + b * b * s22 + 2.0 * a * b * s12
         jumps = self._bent(F, stress, height.hessian) / across
@@ -456,6 +430,12 @@ def first_contacts(scene: Scene) -> dict[str, Outline]:
     """Guessed contacts with a scene's tips, by patch name."""
     tips = (touch for touch in scene.loaded_probes if touch.load.kind == "contact")
     return {t.patch: t.tip.grown(guessed_width(t, scene.film)) for t in tips}
+
+
+def guessed_press(scene: Scene, touch: LoadedProbe) -> tuple[Outline, float]:
+    """About where a touch presses, and the size of its force in N."""
+    force = math.hypot(*touch.load.components[:2], guessed_force(touch.load, scene.film))
+    return first_contacts(scene).get(touch.patch, touch.outline), force
 
 
 def face_patch(touch: LoadedProbe) -> str:

@@ -39,6 +39,8 @@ class DeadPressure(Term):
     """
 
     rigid = False
+    #: About the part of the force that acts along the patch's edge.
+    edge_share = 0.0
 
     def __init__(self, touch: LoadedProbe, space: Space, part: MirroredPart = WHOLE) -> None:
         self.touch, self.space, self.part = touch, space, part
@@ -95,14 +97,26 @@ class DeadPressure(Term):
     def _dead_forces(self) -> Array:
         if not len(self.patch):
             return np.zeros(self.space.dof_count)
+        values, weights = self._spread
+        shares = np.matmul(values.swapaxes(1, 2), weights[..., None]) / self.area(weights)
+        return self.space.sum(shares * self.components, self.patch)
+
+    @property
+    def _spread(self) -> tuple[Array, Array]:
+        """Values of the functions, and weights times profile, at points of the patch's elements."""
         profile = profile_of(self.touch)
         if profile.order is None:
             values, weights = self.space.values[self.patch], self.space.weights[self.patch]
         else:
             places, values, weights = self.space.rule(self.patch, profile.order)
             weights = weights * profile(places @ self.part.frame)
-        shares = np.matmul(values.swapaxes(1, 2), weights[..., None]) / self.area(weights)
-        return self.space.sum(shares * self.components, self.patch)
+        return values, weights
+
+    def pressed(self, film_forces: Array) -> Array:
+        """Force in N that presses each of the patch's elements against the film's face, (n,).
+        `film_forces` (dofs,) are those of the film, less those of loads."""
+        _, weights = self._spread
+        return self.components[2] / self.area(weights) * weights.sum(axis=1)
 
     def energy(self, state: State) -> float:
         """The potential of the load in J."""
@@ -119,15 +133,10 @@ class DeadPressure(Term):
 
 
 class FollowerPressure(DeadPressure):
-    """A pressure that stays normal to the deformed film.
+    """A pressure that stays normal to the deformed film."""
 
-    Attributes
-    ----------
-    following : float
-        Part of the traction that follows the film, from 0, a dead load, to 1. Arc-length
-        continuation raises it where Newton's method does not reach 1 directly.
-    """
-
+    #: Part of the traction that follows the film, from 0, a dead load, to 1. Continuation by arc
+    #: length raises it where Newton's method does not reach 1 directly.
     following = 1.0
 
     @property
@@ -198,6 +207,7 @@ class Punch(DeadPressure):
     """
 
     rigid = True
+    edge_share = 1.0
 
     def __init__(self, touch: LoadedProbe, space: Space, part: MirroredPart = WHOLE) -> None:
         super().__init__(touch, space, part)
@@ -215,6 +225,9 @@ class Punch(DeadPressure):
             self.shared_dofs = tuple(others)
             self.modes = ((raised, np.column_stack([np.ones(len(dofs)), scaled])),)
 
+    def pressed(self, film_forces: Array) -> Array:
+        return shared(self.space, self.patch, film_forces + self._dead_forces)
+
     def leaning(self, state: State, film_forces: Array) -> Leaning:
         """How it leans, of the whole film's forces less those of loads, (dofs,)."""
         raised = 3 * self._nodes + 2
@@ -223,6 +236,13 @@ class Punch(DeadPressure):
         turn_x, turn_y = np.degrees(np.arctan([along_y, -along_x])).tolist()
         Mx, My = ((film_forces + self.forces(state))[raised] @ self._lever * 1e3).tolist()[::-1]
         return Leaning((turn_x, turn_y), (Mx, -My))
+
+
+def shared(space: Space, patch: Indices, forces: Array) -> Array:
+    """Forces along z of the nodes of a patch, which its elements share equally, (n,)."""
+    nodes = space.nodes[patch]
+    sharing = np.maximum(np.bincount(nodes.ravel(), minlength=space.basis.N), 1)
+    return (forces[2::3] / sharing)[nodes].sum(axis=1)
 
 
 def _normal(deformation_gradient: Array) -> Array:

@@ -15,39 +15,21 @@ from pvdf_fem.film.term import State
 
 @dataclass(frozen=True, eq=False)
 class Touchdown:
-    """A tip in contact with the film.
+    """A tip in contact with the film. Areas are of the film that touches, pressures on the deformed
+    film; the guide bears what is lateral and the moments about axes through the lowest point."""
 
-    Attributes
-    ----------
-    depth_mm : float
-        Of the tip's lowest point.
-    force_N : float
-        Along z, on the film.
-    lateral_N, moments_N_mm : (2,)
-        What the tip's guide bears: the film's force on the tip along x and y, and its moments
-        about axes along x and y through the tip's lowest point.
-    area_mm2, deformed_area_mm2, projected_area_mm2 : float
-        Area of the film in contact: before it deforms, after, and the latter seen along z.
-    edge_mm : (n, 2)
-        Points of the film, before it deforms, along the edge of the contact.
-    mean_pressure_MPa, least_pressure_MPa, largest_pressure_MPa : float
-        On the deformed film.
-    overlap_mm : float
-        How far the film reaches into the tip, at the worst quadrature point.
-    """
-
-    depth_mm: float
-    force_N: float
-    lateral_N: Array
-    moments_N_mm: Array
-    area_mm2: float
+    depth_mm: float  #: Of the tip's lowest point.
+    force_N: float  #: Along z, on the film.
+    lateral_N: Array  #: The film's force on the tip along x and y, (2,).
+    moments_N_mm: Array  #: About axes along x and y, (2,).
+    area_mm2: float  #: Before the film deforms.
     deformed_area_mm2: float
-    projected_area_mm2: float
-    edge_mm: Array
+    projected_area_mm2: float  #: Deformed, seen along z.
+    edge_mm: Array  #: Points of the film, before it deforms, along the contact's edge, (n, 2).
     mean_pressure_MPa: float
     least_pressure_MPa: float
     largest_pressure_MPa: float
-    overlap_mm: float
+    overlap_mm: float  #: How far the film reaches into the tip, at the worst quadrature point.
 
     def to_json(self) -> dict[str, Any]:
         """Its values but for the points of its edge."""

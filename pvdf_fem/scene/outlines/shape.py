@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from pvdf_fem.scene.outlines.outline import Outline
-from pvdf_fem.scene.quantity import Coordinate, Length, Number, Section
+from pvdf_fem.scene.quantity import Coordinate, Finite, Length, Number, Section, within
+
+#: Keys of a warm probe.
+HEAT = ("temperature_K", "contact_time_s")
 
 
 class Shape(Section):
@@ -17,6 +20,8 @@ class Shape(Section):
     rotation_deg: Number = 0.0
     shape: str
     edge_radius_mm: Length | None = None
+    temperature_K: Annotated[Finite, within(-500.0, 500.0, "K")] | None = None  #: Over the film's.
+    contact_time_s: Annotated[Finite, within(1e-9, 1e6, "s")] | None = None  #: 1 by default.
 
     #: The least rotation that brings the shape onto itself; 0 if any does.
     period_deg: ClassVar[float] = 360.0

@@ -181,6 +181,8 @@ class PolygonTip(Tip):
 
     def fitted(self, points: Array) -> Polygon:
         shape = shapely.Polygon(points)
+        if not shape.is_valid:  # gmsh does not end on sides that cross at a narrow corner
+            shape = max(shapely.get_parts(shape.buffer(0.0)), key=shapely.area)
         return self._outline(shape, float(self.distances(points).value.mean()))
 
     @staticmethod
@@ -190,13 +192,7 @@ class PolygonTip(Tip):
 
 
 def tip_of(probe: Shape) -> Tip:
-    """The rigid tip that a probe is.
-
-    Raises
-    ------
-    ValueError
-        For a probe that is none; the text says why.
-    """
+    """The rigid tip that a probe is; raises `ValueError`, which says why, for one that is none."""
     outline, radius = probe.outline, (probe.rounding_mm or 0.0) / 1e3
     if not radius:
         raise ValueError("has a sharp edge")

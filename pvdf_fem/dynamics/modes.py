@@ -3,8 +3,7 @@
 Small oscillations about an equilibrium: K phi = omega^2 M phi, K the tangent stiffness there and M
 the mass rho h of all three displacement components. Bending is part of K where the scene says so,
 which with ``film.bending = "auto"`` here is where it could change a frequency by more than the
-tolerance. The unknowns are the scene's, so the film under
-a rigid punch moves as one; the punch itself has no mass.
+tolerance. The unknowns are the scene's: film under a rigid punch, which is massless, moves as one.
 
 Frequencies converge from above, with the fourth power of the element size for quadratic elements.
 The mesh starts from that law for the flat film and is refined until the estimated errors are below
@@ -15,22 +14,27 @@ of the sum of their sizes: the first can have either sign, so that they may canc
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import LinearOperator, SuperLU, eigs, eigsh
+from scipy.sparse.linalg import LinearOperator, eigs, eigsh
 from skfem import Basis, MeshTri2
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.dynamics.air import AirLoad
 from pvdf_fem.film.bending_effect import bending_effect, layer_size
+from pvdf_fem.film.electric.coupling import coupling_remarks
+from pvdf_fem.film.electric.raised import Raised
 from pvdf_fem.film.equilibrium import Equilibrium, prolongation
 from pvdf_fem.film.loads.kinds import presses_rigidly
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import FILM, MeshError
 from pvdf_fem.mesh.size_field import Sizes
-from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.film import Air
+from pvdf_fem.scene.scene import Scene, Step
 from pvdf_fem.solution.attempt import UNKNOWNS_PER_ELEMENT
 from pvdf_fem.solution.estimate import corrected
 from pvdf_fem.solution.history import Clock
@@ -50,45 +54,31 @@ EIGEN_ITERATIONS = 3  #: Newton iterations that an eigenvalue problem costs as m
 #: Relative imaginary part above which an eigenvalue of an unsymmetric tangent is complex; rounding
 #: splits a pair of modes into complex ones by the square root of the machine's precision.
 COMPLEX = 1e-6
-AIR_DENSITY = 1.2  #: Density of air at room temperature, kg/m^3.
+Pencil = tuple[sp.csc_matrix, Any]  #: Stiffness and mass; that of air is a `Raised`.
 
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Frequencies, their errors, eigenvectors; the equations and the unknowns that they are of."""
+    """Frequencies, their errors, eigenvectors; the equations and unknowns that they are of."""
 
     equilibrium: Equilibrium
     q: Array
     frequencies: Array
     errors: Array
     vectors: Array
+    in_air: Spectrum | None = None  #: With the scene's air, where it has air.
 
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """How the eigenvalue problem ended and, if it converged, the lowest modes.
-
-    Attributes
-    ----------
-    scene : Scene
-    loaded : bool
-        About the loaded film, not the flat one.
-    status : Status
-        `Status.CONVERGED`, or why there are no modes.
-    reason : str
-        The status in words, with what to change.
-    left_out : tuple of str
-        What the model neglects.
-    seconds : dict
-        ``mesh``, ``solve``, ``modes`` and ``total``.
-    """
+    """How the eigenvalue problem ended and, if it converged, the lowest modes."""
 
     scene: Scene
-    loaded: bool
-    status: Status
-    reason: str
-    left_out: tuple[str, ...] = ()
-    seconds: dict[str, float] = field(default_factory=dict)
+    loaded: bool  #: About the loaded film, not the flat one.
+    status: Status  #: `Status.CONVERGED`, or why there are no modes.
+    reason: str  #: The status in words, with what to change.
+    left_out: tuple[str, ...] = ()  #: What the model neglects.
+    seconds: dict[str, float] = field(default_factory=dict)  #: mesh, solve, modes, total.
     _spectrum: Spectrum | None = None
 
     @property
@@ -107,6 +97,11 @@ class Modes:
     def frequency_errors_Hz(self) -> Array:
         """Estimated discretisation errors of the frequencies, absolute, (n,)."""
         return self.spectrum.errors
+
+    @property
+    def frequencies_in_air_Hz(self) -> Array | None:
+        """Lowest frequencies with the scene's air, ascending, (n,); None without ``[air]``."""
+        return None if self.spectrum.in_air is None else self.spectrum.in_air.frequencies
 
     @property
     def mesh(self) -> MeshTri2:
@@ -139,13 +134,11 @@ class Modes:
                 "frequency_errors_Hz": self.frequency_errors_Hz.tolist(),
                 "unknowns": self.spectrum.equilibrium.unknowns.count,
             }
-        return {
-            "status": str(self.status),
-            **results,
-            "loaded": self.loaded,
-            "left_out": list(self.left_out),
-            "seconds": self.seconds,
-        }
+            if (in_air := self.spectrum.in_air) is not None:
+                results["frequencies_in_air_Hz"] = in_air.frequencies.tolist()
+                results["frequency_errors_in_air_Hz"] = in_air.errors.tolist()
+        told = {"left_out": list(self.left_out), "seconds": self.seconds}
+        return {"status": str(self.status), **results, "loaded": self.loaded, **told}
 
 
 def modes(scene: Scene, count: int = 6, loaded: bool = False) -> Modes:
@@ -158,18 +151,8 @@ def modes(scene: Scene, count: int = 6, loaded: bool = False) -> Modes:
     count : int
         How many, from 1 to 200.
     loaded : bool
-        About the equilibrium under the load instead of the flat film. The flat film has no
-        frequencies without tension in all directions.
-
-    Returns
-    -------
-    Modes
-        Its `status` tells whether there are frequencies.
-
-    Raises
-    ------
-    ValueError
-        For a `count` out of range.
+        About the equilibrium under the load instead of the flat film, which has no frequencies
+        without tension in all directions.
     """
     if not 1 <= count <= MOST_MODES:
         raise ValueError(f"count = {count!r}: is out of range; give 1 to {MOST_MODES}")
@@ -181,37 +164,27 @@ def modes(scene: Scene, count: int = 6, loaded: bool = False) -> Modes:
     bends = scene.film.bending
     if bends == "auto":
         bends = share > scene.numerics.tolerance
-    bare = bare.with_(**{"film.bending": bends})
+    touch = {} if loaded else dict.fromkeys(bare.warm_probes)
+    bare = bare.with_(**{"film.bending": bends}, **touch)
     problem = _ModalProblem(bare, count, loaded, share, _modal_budget(bare), Clock())
-    loop = MeshLoop(
-        bare,
-        problem.first_sizes,
-        problem.solve_on,
-        problem.next_sizes,
-        problem.budget,
-        problem.clock,
-        UNKNOWNS_PER_ELEMENT[2],
-    )
+    steps = problem.first_sizes, problem.solve_on, problem.next_sizes
+    loop = MeshLoop(bare, *steps, problem.budget, problem.clock, UNKNOWNS_PER_ELEMENT[2])
     try:
         attempt, stop = loop.run()
     except MeshError as error:
-        status = Status.MESH_FAILED
-        return Modes(scene, loaded, status, f"{status.advice} ({error})")
+        reason = f"{Status.MESH_FAILED.advice} ({error})"
+        return Modes(scene, loaded, Status.MESH_FAILED, reason)
     except TooManyUnknownsError as error:
         return Modes(scene, loaded, Status.TOLERANCE, str(error))
+    voltages = coupling_remarks(bare) if loaded else ()
     status, reason = attempt.status, attempt.status.advice
     if status is Status.CONVERGED and attempt.worst > scene.numerics.tolerance:
         status = Status.TOLERANCE
         reason = f"{status.advice}, to at least {attempt.worst:.1e}, which was reached ({stop})"
-    return Modes(
-        scene,
-        loaded,
-        status,
-        reason,
-        _left_out(scene, share, bends),
-        loop.clock.seconds(),
-        attempt.spectrum,
-    )
+    told = tuple(text for included, text in voltages if not included)
+    left_out = (*_left_out(scene, share, bends), *told)
+    results = left_out, loop.clock.seconds(), attempt.spectrum
+    return Modes(scene, loaded, status, reason, *results)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,8 +200,8 @@ class _Attempt:
     @property
     def worst(self) -> float:
         """Largest relative error of a frequency."""
-        spectrum = self.spectrum
-        return 0.0 if spectrum is None else float(np.max(spectrum.errors / spectrum.frequencies))
+        spectra = [s for s in (self.spectrum, self.spectrum and self.spectrum.in_air) if s]
+        return max((float(np.max(s.errors / s.frequencies)) for s in spectra), default=0.0)
 
     @property
     def unknowns(self) -> int:
@@ -274,11 +247,12 @@ class _ModalProblem:
     def solve_on(self, mesh: MeshTri2, coarser: _Attempt | None) -> _Attempt:
         """Modes with their errors, or why there are none."""
         order = max(2, film_model(self.scene).lowest_order + 1)
-        coarse, rich = (Equilibrium(self.scene, mesh, p) for p in (order, order + 1))
+        scene = self.scene if self.loaded else self.scene.at(Step(0.0, 0.0))
+        coarse, rich = (Equilibrium(scene, mesh, p) for p in (order, order + 1))
         q, q_rich = np.zeros(coarse.unknowns.count), np.zeros(rich.unknowns.count)
         least, iterations = self.scene.film.stress_at_rest[:2].min(), 0
         tried: tuple[Tried, ...] = ()
-        if self.loaded and coarse.force > 0.0:
+        if (self.loaded and coarse.force > 0.0) or not coarse.membrane.even:
             with self.clock("solve"):
                 result = equilibrate(coarse, budget=self.budget)
                 iterations, tried = len(result.iterations), result.tried
@@ -292,55 +266,75 @@ class _ModalProblem:
         elif not coarse.model.bends and (least == 0.0 or (coarse.model.wrinkles and least < 0.0)):
             return _Attempt(coarse, Status.SINGULAR)  # slack in a direction: no mode is the lowest
         with self.clock("modes"):
-            pencils = [_pencil(coarse, q), _pencil(rich, q_rich)]
-            symmetric = coarse.conservative or not q.any()
-            modes, reference = (_eigen(*pencil, symmetric, self.count) for pencil in pencils)
+            pencils = pencil_of(coarse, q), pencil_of(rich, q_rich)
+            spectrum = self._spectrum(coarse, rich, q, pencils)
+            if self.scene.air is not None and isinstance(spectrum, Spectrum):
+                spectrum = self._with_air(spectrum, rich, pencils)
         for equilibrium in (coarse, rich):
             self.budget.spend(equilibrium, EIGEN_ITERATIONS)
-        if isinstance(modes, Status) or isinstance(reference, Status):
-            status = modes if isinstance(modes, Status) else reference
-            assert isinstance(status, Status)
-            return _Attempt(coarse, status, None, iterations, tried)
+        if isinstance(spectrum, Status):
+            return _Attempt(coarse, spectrum, None, iterations, tried)
+        return _Attempt(coarse, Status.CONVERGED, spectrum, iterations, tried)
+
+    def _spectrum(
+        self, coarse: Equilibrium, rich: Equilibrium, q: Array, pencils: Sequence[Pencil]
+    ) -> Spectrum | Status:
+        """The modes of the first pencil, whose errors the second one, of `rich`, tells."""
+        symmetric = coarse.conservative or not q.any()
+        modes, reference = (_eigen(*pencil, symmetric, self.count) for pencil in pencils)
+        if isinstance(modes, Status):
+            return modes
+        if isinstance(reference, Status):
+            return reference
         shapes = prolongation(coarse, rich) @ modes[1]
         energy, inertia = ((shapes * (matrix @ shapes)).sum(axis=0) for matrix in pencils[1])
         same_shape = np.sqrt(energy / inertia) / (2.0 * np.pi)
         by_stress, by_shape = modes[0] - same_shape, same_shape - reference[0]
         least = UNCANCELLED * (np.abs(by_stress) + np.abs(by_shape))
         errors = np.maximum(np.abs(by_stress + by_shape), least)
-        spectrum = Spectrum(coarse, q, modes[0], errors, modes[1])
-        return _Attempt(coarse, Status.CONVERGED, spectrum, iterations, tried)
+        return Spectrum(coarse, q, modes[0], errors, modes[1])
+
+    def _with_air(self, vacuum: Spectrum, rich: Equilibrium, pencils: Sequence[Pencil]) -> Spectrum:
+        """The spectrum in vacuum with that in air beside it."""
+        coarse = vacuum.equilibrium
+        airs = [AirLoad.of(equilibrium) for equilibrium in (coarse, rich)]
+        loaded = [(K, Raised(M, air.root)) for air, (K, M) in zip(airs, pencils, strict=True)]
+        found = self._spectrum(coarse, rich, vacuum.q, loaded)
+        assert isinstance(found, Spectrum)  # the stiffness has modes in vacuum
+        inertia = (found.vectors * (loaded[0][1] @ found.vectors)).sum(axis=0)
+        lacking = 0.5 * found.frequencies * airs[0].lacking(found.vectors) / inertia
+        return replace(vacuum, in_air=replace(found, errors=found.errors + lacking))
 
 
-def _pencil(equilibrium: Equilibrium, q: Array) -> tuple[sp.csc_matrix, sp.csc_matrix]:
+def pencil_of(equilibrium: Equilibrium, q: Array) -> Pencil:
     """Tangent stiffness in N/m at `q` and mass in kg of the unknowns."""
-    film = equilibrium.film
-    mass = film.density * film.thickness * equilibrium.space.mass()
+    film, space = equilibrium.film, equilibrium.space
+    by_area = space.mass()
+    mass = film.density * film.thickness * by_area
+    for name, layer in film.layers.items():
+        covered = space.mesh.subdomains[name]
+        mass[covered] += layer.density * layer.patch.thickness * by_area[covered]
     return equilibrium.tangent(equilibrium.state(q)), equilibrium.assembly.matrix(mass)
 
 
 def _eigen(
-    stiffness: sp.csc_matrix, mass: sp.csc_matrix, symmetric: bool, count: int
+    stiffness: sp.csc_matrix, mass: Any, symmetric: bool, count: int
 ) -> tuple[Array, Array] | Status:
     """Lowest frequencies in Hz (n,) and eigenvectors (unknowns, n), or why there are none."""
     try:
         factors = factorise(stiffness)
     except RuntimeError:  # SuperLU: exactly singular
         return Status.SINGULAR
-    values, vectors = _lowest(eigsh if symmetric else eigs, stiffness, mass, factors, count)
+    inverse = LinearOperator(stiffness.shape, matvec=factors.solve, dtype=float)
+    # a fixed start, so that results repeat; random, so that it is orthogonal to no mode
+    start = np.random.default_rng(0).standard_normal(stiffness.shape[0])
+    how = {"M": mass, "sigma": 0.0, "OPinv": inverse, "v0": start}
+    solver: Any = eigsh if symmetric else eigs  # shift-invert Lanczos or Arnoldi
+    values, vectors = solver(stiffness, count, **how)
     if np.any(np.abs(values.imag) > COMPLEX * np.abs(values)) or np.any(values.real <= 0.0):
         return Status.UNSTABLE
     order = np.argsort(values.real)
     return np.sqrt(values.real[order]) / (2.0 * np.pi), vectors.real[:, order]
-
-
-def _lowest(
-    solver: Any, stiffness: sp.csc_matrix, mass: sp.csc_matrix, factors: SuperLU, count: int
-) -> Any:
-    """Eigenvalues nearest to zero and their vectors by shift-invert Lanczos or Arnoldi."""
-    inverse = LinearOperator(stiffness.shape, matvec=factors.solve, dtype=float)
-    # a fixed start, so that results repeat; random, so that it is orthogonal to no mode
-    start = np.random.default_rng(0).standard_normal(stiffness.shape[0])
-    return solver(stiffness, count, M=mass, sigma=0.0, OPinv=inverse, v0=start)
 
 
 def _modal_budget(scene: Scene, most_unknowns: int = 180_000) -> Budget:
@@ -366,15 +360,16 @@ def _wavenumber(count: int) -> float:
 
 
 def _left_out(scene: Scene, share: float, joins: bool) -> tuple[str, ...]:
-    """Bending, unless it is part of the model, and air, with their sizes. The air that moves along
-    weighs about its density times the radius per area."""
-    film = scene.film
+    """Bending, unless it is part of the model, and air, where the scene has none."""
     bending = f"bending: raises the highest of these frequencies by about {share:.1%}"
     if share > 0.3:
         bending = 'bending: the film vibrates as a plate; give film.bending = "auto" or true'
-    weight = AIR_DENSITY * film.radius / (film.density * film.thickness)
-    air = (
-        f"air: lowers the lowest frequencies; what moves along weighs about {weight:.2g} times as"
-        " much as the film"
-    )
-    return (air,) if joins else (bending, air)
+    air = () if scene.air else (air_remark(scene),)
+    return air if joins else (bending, *air)
+
+
+def air_remark(scene: Scene) -> str:
+    """What a vacuum leaves out: per area about the density of air times the radius."""
+    film = scene.film
+    weight = Air().density_kg_m3 * film.radius / (film.density * film.thickness)
+    return f"air: lowers the lowest frequencies; it adds about {weight:.2g} times the film's mass"

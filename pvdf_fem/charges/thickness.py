@@ -1,0 +1,62 @@
+"""The thickness direction: what the pressure of a probe adds to charges by d33.
+
+Under a pressure p on one face the stress across the film runs from -p to zero, -p/2 in the mean. So
+an electrode gains -d33/2 times the force that presses on it, which is not fed back on the film.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.film.electric.coupling import coupled
+from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.film.loads.contact import guessed_force, guessed_press
+from pvdf_fem.film.loads.kinds import LOADS
+from pvdf_fem.film.term import State
+from pvdf_fem.mesh.gmsh_mesh import electrode_patch
+from pvdf_fem.scene.scene import LoadedProbe, Scene
+
+#: d33 of PVDF in pC/N, by which charges that are left out are estimated.
+TYPICAL_PC_N = -15.0
+
+
+def thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
+    """Charge in C by d33 of each electrode of the whole film, (electrodes,)."""
+    d33, mesh = equilibrium.film.d33_pC_N or 0.0, equilibrium.space.mesh
+    forces, pressed = equilibrium.film_forces(state), np.zeros(mesh.nelements)
+    for load in equilibrium.loads:
+        pressed[load.patch] += load.pressed(forces)
+    patches = (electrode_patch(electrode.name) for electrode in equilibrium.scene.electrode_list)
+    on = [pressed[mesh.subdomains[patch]].sum() for patch in patches]
+    return -0.5e-12 * d33 * np.array(on)
+
+
+def thickness_remarks(scene: Scene) -> Iterator[tuple[bool, str]]:
+    """Whether the charge by d33 is included, and its size; none where no electrode is pressed."""
+    given, electrodes = scene.film.d33_pC_N, scene.electrode_list
+    polygons = np.array([electrode.outline.polygon for electrode in electrodes])
+    on = sum((_about(scene, touch, polygons) for touch in scene.loaded_probes), np.zeros(1))
+    if on.any():
+        d33, most = TYPICAL_PC_N if given is None else given, int(on.argmax())
+        said = f"{given:g}" if given is not None else f"not given; it would be about {d33:g}"
+        size = f"about {-0.5 * d33 * on[most]:.2g} pC on {electrodes[most].name}"
+        text = f"thickness direction (film.d33_pC_N = {said}): {size}, which a probe presses"
+        yield given is not None, text
+        if given and (wired := coupled(scene)):
+            share = max(float(np.trace(electrode.share)) for electrode in wired)
+            back = abs(0.5 * share * given * on[most])
+            yield False, f"coupling by the charge of film.d33_pC_N: about {back:.1e} pC"
+
+
+def _about(scene: Scene, touch: LoadedProbe, polygons: NDArray[np.object_]) -> Array:
+    """About the force in N of a touch that presses on each electrode."""
+    (outline, _), force = guessed_press(scene, touch), guessed_force(touch.load, scene.film)
+    probe, at_edge = outline.polygon, LOADS[touch.load.kind].edge_share
+    inside, edge = (shapely.intersection(polygons, x) for x in (probe, probe.exterior))
+    along, over = shapely.length(edge) / probe.length, shapely.area(inside) / probe.area
+    return np.asarray(force * (at_edge * along + (1.0 - at_edge) * over))

@@ -1,0 +1,80 @@
+"""The command ``pvdf-fem respond``: charges under an oscillating force."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from pvdf_fem.cli.program import (
+    ExitCode,
+    add_scene_command,
+    add_texts,
+    output_mistakes,
+    plot_extensions,
+    scene_of,
+)
+from pvdf_fem.cli.response_model import number_of
+
+DESCRIPTION = """\
+Charges by a small force of the probe that oscillates about its load, with mass,
+film.loss_tangent and [air], as CSV by frequency: for each electrode real and
+imaginary part and estimated error in pC/N, and the reading of [readout] in V/N."""
+EPILOG = """\
+examples:
+  pvdf-fem respond scene.toml --frequencies 1:500 --plot response.png
+  pvdf-fem respond scene.toml --frequencies 20 --set air.baffle=true --json
+
+exit codes: 0 done, 2 bad input, 3 not converged"""
+SPAN = "one in Hz, or START:END, or START:END:N, of which N are evenly spaced in their logarithm"
+
+
+def add_to(commands: Any) -> None:
+    """Add the command to those of an argument parser."""
+    summary = "charges under an oscillating force"
+    parser = add_scene_command(commands, "respond", run, summary, DESCRIPTION, EPILOG)
+    add_texts(parser, ("--frequencies", "SPAN", "1:1000:200", SPAN))
+    parser.add_argument("--plot", metavar="FILE", type=Path, help="draw amplitudes and phases")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the command; returns its exit code."""
+    frequencies = _frequencies(options.frequencies)
+    told = f"--frequencies {options.frequencies[:60]}: is out of range; give {SPAN}"
+    mistakes = [told] if frequencies is None else []
+    if options.plot:
+        mistakes += output_mistakes(options.plot, plot_extensions(), options.scene)
+    scene = scene_of(options, *mistakes)
+    from pvdf_fem.dynamics.forced import respond
+    from pvdf_fem.solution.solution import NotConvergedError
+
+    try:
+        response = respond(scene, frequencies)
+    except NotConvergedError as error:
+        print(f"not converged: {error}", file=sys.stderr)
+        return ExitCode.NOT_CONVERGED
+    columns = {name: values.tolist() for name, values in response.columns().items()}
+    if options.json:
+        print(json.dumps({**columns, "left_out": list(response.left_out)}, allow_nan=False))
+    else:
+        table = csv.writer(sys.stdout, lineterminator="\n")
+        table.writerows([columns, *zip(*columns.values(), strict=True)])
+    if options.plot:
+        from pvdf_fem.output import figures
+
+        figures.save(figures.frequency_response(response), options.plot)
+    return ExitCode.CONVERGED
+
+
+def _frequencies(span: str, most: int = 100_000) -> Any:
+    """Frequencies in Hz of a span; None for what is none."""
+    import numpy as np
+
+    start, *others = [number_of(text) or 0.0 for text in span.split(":")]
+    end, count = [*others, 200.0][:2] if others else (start, 1.0)
+    if len(others) > 2 or not (0.0 < start <= end <= 1e6 and count in range(1, most + 1)):
+        return None
+    return np.geomspace(start, end, int(count))

@@ -1,0 +1,180 @@
+"""Charges of a small further force of the probe about its load, by frequency and by time.
+
+By frequency the equations of `oscillation` are solved as they are. By time their modes answer, each
+damped as losses and sound damp it at its own frequency, without the coupling and the stress's lag.
+Forces are sums of exponentials that are switched on, so all is in partial fractions, exact in time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.dynamics.air import SOUND_SPEED
+from pvdf_fem.dynamics.modes import air_remark
+from pvdf_fem.dynamics.oscillation import ComplexArray, Oscillation, oscillations
+from pvdf_fem.readout.channel import Channel, channels
+from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.scene_file import SceneError, problem
+from pvdf_fem.solution.solution import Solution
+from pvdf_fem.solution.solve import solve
+
+MOST_HZ = 1e6  #: Highest frequency, Hz.
+#: Starts in s, p in 1/s and c in N of c exp(p (t - start)) from each start on.
+Exponentials = tuple[tuple[float, complex, complex], ...]
+
+
+def step(force_N: float, duration_s: float = math.inf) -> Exponentials:
+    """A further force that comes at once, at t = 0, and stays for a time."""
+    return (0.0, 0.0, force_N), (duration_s, 0.0, -force_N)
+
+
+def half_sine(force_N: float, duration_s: float) -> Exponentials:
+    """A further force F sin(pi t/T) from t = 0 to the duration T: a sine, and one that ends it."""
+    waves, starts = ((1j, -0.5j), (-1j, 0.5j)), (0.0, duration_s)
+    return tuple((t, p * np.pi / duration_s, c * force_N) for t in starts for p, c in waves)
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyResponse:
+    """Complex amplitudes over that of the force, (n,), by electrode, about a solution."""
+
+    solution: Solution
+    frequencies_Hz: Array
+    charges_pC_N: dict[str, ComplexArray]
+    charge_errors_pC_N: dict[str, Array]  #: Estimated discretisation errors, absolute.
+    readings_V_N: dict[str, ComplexArray]  #: Of the channels; empty without ``[readout]``.
+    left_out: tuple[str, ...]  #: What the model neglects.
+
+    def columns(self) -> dict[str, Array]:
+        """The columns of the table that `pvdf-fem respond` prints."""
+        found = {"frequency_Hz": self.frequencies_Hz}
+        for unit, table in (("pC_N", self.charges_pC_N), ("V_N", self.readings_V_N)):
+            for name, values in table.items():
+                found |= {f"{name}_real_{unit}": values.real, f"{name}_imag_{unit}": values.imag}
+        return found | {f"{n}_error_pC_N": error for n, error in self.charge_errors_pC_N.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class Transient:
+    """Changes against a solution by time, (n,), by electrode."""
+
+    solution: Solution
+    times_s: Array
+    charges_pC: dict[str, Array]
+    charge_errors_pC: dict[str, Array]  #: Estimated discretisation errors, absolute.
+    readings_V: dict[str, Array]  #: Of the channels; empty without ``[readout]``.
+    left_out: tuple[str, ...]  #: What the model neglects.
+
+
+def respond(solution: Solution | Scene, frequencies_Hz: ArrayLike) -> FrequencyResponse:
+    """Charges by a small oscillating force of the probe along z, by frequency.
+
+    Parameters
+    ----------
+    solution : Solution or Scene
+        The loaded state, or a scene that is solved first, with one probe that is no tip.
+    frequencies_Hz : array_like
+        One or several, not below zero; `NotConvergedError` where they are too high for the film.
+    """
+    frequencies = np.atleast_1d(np.asarray(frequencies_Hz, dtype=float))
+    in_range = (frequencies >= 0.0) & (frequencies <= MOST_HZ)
+    if frequencies.ndim != 1 or not frequencies.size or not np.all(in_range):
+        raise ValueError(f"frequencies_Hz: give numbers from 0 to {MOST_HZ:g} Hz")
+    solution, read = _loaded(solution)
+    both = oscillations(solution)
+    charges, better = (o.reduced(frequencies).charges(frequencies).T for o in both)
+    pairs = zip(read, charges, strict=False)  # no channels without a readout
+    readings = {c.name: c.harmonic(frequencies) * charge for c, charge in pairs}
+    tables = _in_pC(solution, charges), _in_pC(solution, np.abs(better - charges)), readings
+    return FrequencyResponse(solution, frequencies, *tables, _left_out(solution))
+
+
+def transient(
+    solution: Solution | Scene, touch: Exponentials, times_s: ArrayLike, highest_Hz: float = 1000.0
+) -> Transient:
+    """Charges and readings by time, linear in a further force of the probe along z.
+
+    Parameters
+    ----------
+    solution : Solution or Scene
+        As of `respond`.
+    touch : Exponentials
+        A `half_sine` or a `step`, small beside the load.
+    times_s : array_like
+    highest_Hz : float, optional
+        Up to which the modes are those of the film; slow touches have little beyond.
+    """
+    (solution, read), times = _loaded(solution), np.atleast_1d(np.asarray(times_s, dtype=float))
+    if not solution.fields.equilibrium.conservative:
+        raise SceneError([problem("load.kind", "follower", 'has no modes; give "dead"')])
+    modes, better = (_modes(o, np.linspace(0.0, highest_Hz, 24)) for o in oscillations(solution))
+    charges, readings = _charges(*modes, touch, times), {}
+    errors = np.abs(_charges(*better, touch, times) - charges)
+    for i, channel in enumerate(read):
+        discharge = [] if math.isinf(channel.resistance) else [-1.0 / channel.time_constant]
+        charge = _charges(*modes, touch, times, discharge)[i]
+        readings[channel.name] = channel.gain / channel.capacitance * charge
+    tables = _in_pC(solution, charges), _in_pC(solution, errors), readings
+    return Transient(solution, times, *tables, _left_out(solution))
+
+
+def _loaded(solution: Solution | Scene) -> tuple[Solution, Sequence[Channel]]:
+    """The solution of a scene whose force can change, and the channels of its readout."""
+    scene = solution if isinstance(solution, Scene) else solution.scene
+    scene.require_no_tips("oscillations about the load")
+    scene.require_plain_charges("oscillations", "warming_K", "temperature_K")
+    if scene.single_probe is None:
+        raise SceneError(["probe = (nothing): is required; add the one whose force changes"])
+    solution = solve(scene) if isinstance(solution, Scene) else solution
+    return solution, channels(scene) if scene.readout is not None else ()
+
+
+def _in_pC(solution: Solution, charges: Any) -> dict[str, Any]:
+    """Charges in C, (electrodes, n), by the names of the electrodes."""
+    names = [electrode.name for electrode in solution.scene.electrode_list]
+    return dict(zip(names, 1e12 * charges, strict=True))
+
+
+def _left_out(solution: Solution) -> tuple[str, ...]:
+    """What oscillations about a solution neglect. A disc without a baffle radiates 0.03 (k a)^2 of
+    what it does in one (a rigid disc, to leading order)."""
+    scene, losses = solution.scene, "damping by the film: give film.loss_tangent"
+    share = 0.03 * (2e3 * np.pi * scene.film.radius / SOUND_SPEED) ** 2
+    sound = f"sound: without a baffle it damps {share:.1g} of what it does in one at 1 kHz"
+    remarks = {air_remark(scene): scene.air is None, losses: scene.film.loss_tangent is None}
+    remarks[sound] = scene.air is not None and not scene.air.baffle
+    return (*solution.left_out, *(text for text, told in remarks.items() if told))
+
+
+def _modes(oscillation: Oscillation, tested: Array) -> tuple[ComplexArray, Array]:
+    """Poles of modes in 1/s, (2, modes, 1), and f g in C/(kg m), (electrodes, modes), of the
+    equations reduced as the charges at frequencies in Hz need it."""
+    lossless = replace(oscillation, loss_tangent=0.0, radiation=0.0).reduced(tested)
+    squares, shapes = scipy.linalg.eigh(lossless.stiffness, lossless.mass)
+    modal, omega = lossless.projected(shapes), np.sqrt(squares)
+    film = oscillation.loss_tangent * np.diag(modal.elastic) / omega
+    half = 0.5 * (film + oscillation.radiation * (omega * modal.volume) ** 2)
+    root = np.sqrt(half**2 - squares + 0j)
+    return np.stack([root - half, -root - half])[..., None], modal.force * modal.rates.T
+
+
+def _charges(
+    poles: Any, weights: Array, touch: Exponentials, times: Array, discharge: Sequence[float] = ()
+) -> Array:
+    """Charges in C, (electrodes, times), or what a circuit of this pole in 1/s leaves."""
+    total: Any = 0.0
+    for start, rate, size in touch:
+        age, ends = times - start, [*poles, rate, *discharge]
+        for i, z in enumerate(ends):  # partial fractions of s^zeros/prod (s - pole)
+            others = math.prod((z - end for j, end in enumerate(ends) if j != i), start=1.0 + 0j)
+            residue = size * z ** len(discharge) / others
+            total = total + weights @ (residue * np.exp(z * np.maximum(age, 0.0)) * (age >= 0.0))
+    return np.asarray(total.real)

@@ -1,0 +1,133 @@
+"""Small oscillations about a loaded film, and the few vectors that follow them in a band.
+
+With the tangent K at the state, the mass M of film and air, a force F exp(i omega t) along f and
+the rates g of the electrodes' charges,
+
+    (K + i tan(delta) K_e - omega^2 M + i omega^3 r v v^T) q = f F,   Q = (1 + i tan(delta)) g . q.
+
+The loss tangent is that of the moduli: K_e is K without the tension's stiffness, which has no
+losses, and the charge has the stress's phase. r v v^T is the sound of a baffled film.
+
+The equations are projected on load-dependent Ritz vectors (Wilson, Yuan and Dickens 1982): first
+the static displacement K^-1 f, so that charges at rest are exact, then K^-1 M of the one before,
+orthonormal by M. K has its losses there; where film radiates, vectors from K^-1 v join.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.charges.forces import goal_gradients
+from pvdf_fem.charges.goals import goals_of
+from pvdf_fem.dynamics.air import AirLoad
+from pvdf_fem.dynamics.modes import pencil_of
+from pvdf_fem.film.electric.raised import Raised
+from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.film.loads.pressure import UP, DeadPressure
+from pvdf_fem.film.term import State
+from pvdf_fem.solution.gradients import factorised, next_order
+from pvdf_fem.solution.solution import NotConvergedError, Solution
+from pvdf_fem.solvers.newton import factorise
+from pvdf_fem.solvers.status import Status
+
+CHUNK = 256  #: Frequencies that are solved for together, so that memory stays small.
+TINY = np.finfo(float).tiny
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, eq=False)
+class Oscillation:
+    """The linear equations of motion of some unknowns, or of amplitudes of vectors."""
+
+    stiffness: Any  #: K in N/m.
+    elastic: Any  #: K_e in N/m.
+    mass: Any  #: M in kg, with that of the air.
+    force: Array  #: f, (unknowns,).
+    rates: Array  #: g in C/m, (unknowns, electrodes).
+    volume: Array  #: v in m^2, (unknowns,).
+    radiation: float  #: r in kg s/m^4.
+    loss_tangent: float
+
+    @classmethod
+    def of(cls, equilibrium: Equilibrium, q: Array) -> Oscillation:
+        """About the state of the unknowns `q`, by a force of the first probe along z."""
+        state, air = equilibrium.state(q), AirLoad.of(equilibrium)
+        stiffness, mass = pencil_of(equilibrium, q)
+        force = equilibrium.loads[0].with_components(UP).forces(state)
+        rates = goal_gradients(goals_of(equilibrium.scene), equilibrium.membrane, state.dofs)
+        f, g = (equilibrium.on_unknowns(state, forces) for forces in (force, rates))
+        loss = equilibrium.film.loss_tangent or 0.0
+        elastic = _elastic(equilibrium, state) if loss else 0.0 * stiffness
+        moving = Raised(mass, air.root)
+        return cls(stiffness, elastic, moving, f, g, air.volume, air.radiation, loss)
+
+    def projected(self, vectors: Any) -> Oscillation:
+        """The equations of the amplitudes of `vectors` (unknowns, n), as dense matrices."""
+        matrices = {k: getattr(self, k) @ vectors for k in ("stiffness", "elastic", "mass")}
+        loads = {k: getattr(self, k) for k in ("force", "rates", "volume")}
+        return replace(self, **{k: vectors.T @ value for k, value in (matrices | loads).items()})
+
+    def charges(self, frequencies: Array) -> ComplexArray:
+        """Charges in C/N, (frequencies, electrodes), of dense equations, at frequencies in Hz."""
+        if len(frequencies) > CHUNK:
+            parts = np.array_split(frequencies, len(frequencies) // CHUNK + 1)
+            return np.concatenate([self.charges(part) for part in parts])
+        omega = 2.0 * np.pi * frequencies[:, None, None]
+        sound = self.radiation * np.outer(self.volume, self.volume)
+        elastic = self.stiffness + 1j * self.loss_tangent * self.elastic
+        q = np.linalg.solve(elastic - omega**2 * self.mass + 1j * omega**3 * sound, self.force)
+        return np.asarray((1.0 + 1j * self.loss_tangent) * (q @ self.rates))
+
+    def reduced(
+        self, frequencies: Array, tolerance: float = 1e-7, most: int = 426, tests: int = 24
+    ) -> Oscillation:
+        """The projection on as many Ritz vectors as the charges at some of the frequencies in Hz
+        take to stay within the tolerance, of each and of the largest at rest."""
+        some = np.linspace(0, len(frequencies) - 1, tests).round().astype(int)
+        frequencies, stiffness = np.sort(frequencies)[some], self.stiffness
+        if self.loss_tangent:
+            stiffness = stiffness + 1j * self.loss_tangent * self.elastic
+        solve, starts = factorise(stiffness).solve, [self.force, self.volume]
+        queue = [solve(v.astype(stiffness.dtype)) for v in starts[: 1 + (self.radiation > 0.0)]]
+        vectors = np.empty((len(self.force), most), stiffness.dtype)
+        charges, tested = np.zeros((1, 1), dtype=complex), 16
+        for i in range(most):
+            vectors[:, i] = self._unit(queue.pop(0), vectors[:, :i])
+            queue.append(solve(self.mass @ vectors[:, i]))
+            if i + 1 == tested:
+                tested += tested // 4
+                small = self.projected(vectors[:, : i + 1])
+                before, charges = charges, small.charges(frequencies)
+                unit = np.abs(charges) + np.abs(small.charges(np.zeros(1))).max() + TINY
+                if np.all(np.abs(charges - before) <= tolerance * unit):
+                    return small
+        told = f"{most} vectors do not follow the film up to {frequencies.max():g} Hz"
+        raise NotConvergedError(f"{Status.TOLERANCE}: {told}; give lower frequencies")
+
+    def _unit(self, vector: Any, basis: Any) -> Any:
+        """The part of a vector that is orthogonal to a basis, of the norm 1, both by the mass."""
+        for _ in range(2):
+            vector = vector - basis @ (basis.T.conj() @ (self.mass @ vector))
+        return vector / np.sqrt(np.vdot(vector, self.mass @ vector).real)
+
+
+def oscillations(solution: Solution) -> tuple[Oscillation, Oscillation]:
+    """About a solution, and the same of the order above on the same mesh."""
+    solved, q, factors = factorised(solution)
+    return Oscillation.of(solved, q), Oscillation.of(*next_order(solved, q, factors))
+
+
+def _elastic(equilibrium: Equilibrium, state: State) -> Any:
+    """The film's stiffness in N/m without that of its tension."""
+    film, space, membrane = copy(equilibrium), equilibrium.space, equilibrium.membrane
+    film.terms = [term for term in film.terms if not isinstance(term, DeadPressure)]
+    tension = (state.stress * membrane.volumes[..., None])[..., [[0, 2], [2, 1]]]
+    slopes = space.gradients
+    by_tension = np.matmul(np.matmul(slopes, tension), slopes.swapaxes(2, 3)).sum(axis=1)
+    return film.tangent(state) - equilibrium.assembly.matrix(space.by_component(by_tension))

@@ -1,0 +1,98 @@
+"""What strains the film unevenly: heat of probes that are warmer than it, and its rim's place.
+
+A probe holds the face that it touches at its temperature; the other face and the film beside the
+probe lose no heat. Under the probe the mean temperature through the film is that of a plate heated
+from one side. Beside it, it falls with the distance d as at a straight edge, erfc(d/√(4 κ t)), and
+about a round probe as √(R/(R + d)) besides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import erfc
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.scene import LoadedProbe, Scene
+
+HEAT_CAPACITY = 1300.0  #: Of PVDF, J/(kg K).
+#: Pyroelectric coefficient of PVDF in µC/(m² K), by which charges that are left out are estimated.
+TYPICAL_UC_M2K = 25.0
+HEAT_TRANSFER = 10.0  #: Of each face to still air, W/(m² K).
+
+
+def warmed(fourier: float, terms: int = 12) -> float:
+    """Mean temperature through a plate over that of the face heated since κ t/h² = `fourier`; the
+    other face is insulated (Carslaw and Jaeger, Conduction of Heat in Solids, section 3.4)."""
+    if fourier < 0.05:  # nothing has come to the other face
+        return 2.0 * float(np.sqrt(fourier / np.pi))
+    n = np.pi * (np.arange(terms) + 0.5)
+    return 1.0 - 2.0 * float((np.exp(-(n**2) * fourier) / n**2).sum())
+
+
+def spread(film: Film, touch: LoadedProbe) -> float:
+    """√(4 κ t) of a warm probe in m."""
+    return float(np.sqrt(4.0 * film.thermal_diffusivity_m2_s * (touch.probe.contact_time_s or 1.0)))
+
+
+def heat_remarks(scene: Scene) -> Iterator[tuple[bool, str]]:
+    """Whether what heat does is included, and its size."""
+    film, warmest = scene.film, scene.film.warming_K or 0.0
+    seconds = film.thickness * film.density * HEAT_CAPACITY / (2.0 * HEAT_TRANSFER)
+    for touch in scene.loaded_probes:
+        if kelvins := touch.probe.temperature_K:
+            # a square corner gives 2.5 κ t less heat
+            excess = 0.6 * len(touch.outline.corners) * spread(film, touch) ** 2
+            part = f"{excess / touch.outline.area:.1e}"
+            yield False, f"heat of the {touch.patch}: how it spreads at corners, about {part} of it"
+            lost = f"heat that the air takes beside the {touch.patch}, within some {seconds:.2g} s"
+            yield False, lost
+            warmest = max(warmest, (film.warming_K or 0.0) + kelvins, key=abs)
+    if warmest:
+        given, typical = film.pyroelectric_uC_m2K, TYPICAL_UC_M2K
+        said = f"{given:g}" if given is not None else f"not given; it would be about {typical:g}"
+        density = warmest * (typical if given is None else given)
+        text = f"pyroelectricity (film.pyroelectric_uC_m2K = {said}): {density:.3g} pC/mm2"
+        yield given is not None, text
+
+
+@dataclass(frozen=True)
+class AddedStrain:
+    """What heat and the rim's displacement add to the film's strain at rest. Places (..., 2) are in
+    m in the scene's axes."""
+
+    film: Film
+    warm: tuple[LoadedProbe, ...]
+
+    @classmethod
+    def of(cls, scene: Scene) -> AddedStrain | None:
+        """That of a scene; None of one without."""
+        warm = tuple(touch for touch in scene.loaded_probes if touch.probe.temperature_K)
+        return cls(scene.film, warm) if warm or scene.film.rim_displacement_um else None
+
+    def temperature(self, places: Array) -> Array:
+        """Mean through the film in K over that of the untouched film, (...)."""
+        points = places.reshape(-1, 2)
+        total = np.zeros(len(points))
+        for touch in self.warm:
+            outline, reach = touch.outline, spread(self.film, touch)
+            d = np.maximum(outline.signed_distance(points), 0.0)
+            fall = erfc(d / reach)
+            if not len(outline.corners):
+                radius = np.sqrt(outline.area / np.pi)
+                fall *= np.sqrt(radius / (radius + d))
+            mean = warmed(0.25 * (reach / self.film.thickness) ** 2)
+            total += (touch.probe.temperature_K or 0.0) * mean * fall
+        return total.reshape(places.shape[:-1])
+
+    def strain(self, places: Array) -> Array:
+        """Elastic strain of the film, (..., 3)."""
+        thermal = self.film.thermal_expansion_per_K * self.temperature(places)
+        return self.film.rim_strain(places) - thermal[..., None] * [1.0, 1.0, 0.0]
+
+    def stress(self, places: Array) -> Array:
+        """Stress of the film in Pa, (..., 3)."""
+        return self.strain(places) @ self.film.stiffness

@@ -1,0 +1,120 @@
+"""Frequency responses against static derivatives, direct solves, and errors on finer meshes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pvdf_fem import Scene, SceneError, gradients, respond
+from pvdf_fem.dynamics.air import AirLoad
+from pvdf_fem.dynamics.modes import pencil_of
+from pvdf_fem.dynamics.oscillation import Oscillation, oscillations
+from pvdf_fem.readout.channel import channels
+from pvdf_fem.solution.gradients import factorised
+from tests.helpers.discs import LOADS, TRIANGLE, on_mesh
+
+DAMPED = TRIANGLE.with_(air={"baffle": True}, **{"film.loss_tangent": 0.08})
+
+
+@pytest.mark.parametrize("load", LOADS)
+def test_static_limit_is_the_static_derivative(load: str) -> None:
+    scene = TRIANGLE.with_(air={"baffle": True}, **LOADS[load])
+    solution = on_mesh(scene)
+    found, rates = respond(solution, [0.0, 0.2]), gradients(solution)["load.force_N"]
+    for name, charge in found.charges_pC_N.items():
+        np.testing.assert_allclose(charge[0], rates[name], rtol=1e-9)
+        np.testing.assert_allclose(charge[1], rates[name], rtol=1e-6)
+        assert charge[1].imag != 0.0  # a little sound
+
+
+@pytest.mark.parametrize("scene", [DAMPED, DAMPED.with_(**{"air.baffle": False})])
+def test_ritz_vectors_find_what_direct_solves_find(scene: Scene) -> None:
+    """(K + i d K_e - omega^2 M + i omega^3 r v v^T) q = f with dense matrices."""
+    solution = on_mesh(scene)
+    equilibrium, q, _ = factorised(solution)
+    full = oscillations(solution)[0]
+    air, (stiffness, mass) = AirLoad.of(equilibrium), pencil_of(equilibrium, q)
+    frequencies = np.array([90.0, 480.0])
+    found = respond(solution, frequencies)
+    for i, omega in enumerate(2.0 * np.pi * frequencies):
+        moved = stiffness + 1j * full.loss_tangent * full.elastic - omega**2 * mass
+        dense = moved.toarray() - omega**2 * air.root @ air.root.T
+        dense = dense + 1j * omega**3 * air.radiation * np.outer(air.volume, air.volume)
+        charges = (1.0 + 1j * full.loss_tangent) * np.linalg.solve(dense, full.force) @ full.rates
+        values = np.array([charge[i] for charge in found.charges_pC_N.values()])
+        np.testing.assert_allclose(values, 1e12 * charges, rtol=1e-4)
+
+
+def test_only_stretching_has_losses() -> None:
+    """The flat film deflects against its tension alone, N laplace, and in the plane the moduli
+    resist: K_e x = 0 of deflections, and K_e x = K x - N laplace x of the others."""
+    solution = on_mesh(TRIANGLE.with_(**{"load.force_N": 0.0, "film.loss_tangent": 0.1}))
+    equilibrium, q, _ = factorised(solution)
+    full, space = Oscillation.of(equilibrium, q), equilibrium.space
+    tension = equilibrium.film.stress_at_rest[0] * equilibrium.film.thickness
+    laplace = tension * equilibrium.assembly.matrix(space.laplace())
+    step = np.random.default_rng(1).standard_normal(len(q))
+    expected = full.stiffness @ step - laplace @ step
+    np.testing.assert_allclose(full.elastic @ step, expected, atol=1e-9 * np.abs(expected).max())
+    deflections = np.where(equilibrium.unknowns.deflections(), step, 0.0)
+    assert np.abs(full.elastic @ deflections).max() < 1e-9 * np.abs(laplace @ step).max()
+
+
+def test_damping_takes_energy() -> None:
+    """The force's own place lags behind the force at every frequency, in air and by losses."""
+    reduced = oscillations(on_mesh(DAMPED))[0].reduced(np.array([1.0, 600.0]))
+    at_force = replace(reduced, rates=reduced.force[:, None])
+    compliance = at_force.charges(np.linspace(1.0, 600.0, 100))[:, 0]
+    phase = np.angle(compliance / (1.0 + 1j * reduced.loss_tangent))
+    assert np.all((phase < 0.0) & (phase > -np.pi))
+
+
+def test_errors_are_of_the_right_size() -> None:
+    frequencies = [1.0, 100.0, 200.0]
+    coarse, fine = (
+        respond(TRIANGLE.with_(**{"numerics.tolerance": t}), frequencies) for t in (1e-2, 3e-4)
+    )
+    true = [np.abs(coarse.charges_pC_N[n] - fine.charges_pC_N[n]).max() for n in "ABCD"]
+    stated = [coarse.charge_errors_pC_N[n].max() for n in "ABCD"]
+    assert 0.3 * max(true) < max(stated) < 5.0 * max(true)
+
+
+def test_readings_are_those_of_the_channels() -> None:
+    readout = {"feedback_resistance_MOhm": 10.0, "gain": {"A": 2.0}}
+    scene = TRIANGLE.with_(readout=readout)
+    found = respond(on_mesh(scene), [1.0, 15.9, 300.0])
+    assert list(found.readings_V_N) == list("ABCD")
+    for channel in channels(scene):
+        expected = channel.harmonic(found.frequencies_Hz) * found.charges_pC_N[channel.name] / 1e12
+        np.testing.assert_allclose(found.readings_V_N[channel.name], expected, rtol=1e-12)
+    columns = found.columns()
+    assert len(columns) == 1 + 5 * 4
+    assert all(len(column) == 3 for column in columns.values())
+
+
+def test_what_is_left_out_is_told() -> None:
+    bare, full = (respond(on_mesh(scene), 1.0).left_out for scene in (TRIANGLE, DAMPED))
+    assert any("air" in text for text in bare)
+    assert any("film.loss_tangent" in t for t in bare)
+    assert not any("air" in text or "loss_tangent" in text for text in full)
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"probe": None}, "probe = \\(nothing\\): is required"),
+        ({"probe": {"shape": "sphere", "radius_mm": 5.0}, "load.kind": "contact"}, "load.kind"),
+        ({"probe": [{"shape": "circle", "radius_mm": 2.0}]}, "serves one probe only"),
+    ],
+)
+def test_scenes_whose_force_cannot_oscillate(changes: dict[str, object], text: str) -> None:
+    with pytest.raises(SceneError, match=text):
+        respond(TRIANGLE.with_(**changes), 20.0)
+
+
+@pytest.mark.parametrize("frequency", [-1.0, np.nan, 2e6, [[1.0]], []])
+def test_no_frequencies(frequency: object) -> None:
+    with pytest.raises(ValueError, match="give numbers from 0"):
+        respond(TRIANGLE, frequency)  # type: ignore[arg-type]

@@ -1,0 +1,101 @@
+"""Transients against direct integration, the frequency response, and limits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from pvdf_fem import Scene, SceneError, gradients, modes, respond, transient
+from pvdf_fem.dynamics.forced import half_sine, step
+from pvdf_fem.dynamics.oscillation import oscillations
+from tests.helpers.discs import TRIANGLE, on_mesh
+
+DURATION, FORCE = 4e-3, 0.01
+TAP = half_sine(FORCE, DURATION)
+
+
+def test_a_tap_against_direct_integration():
+    """M x'' + K x = f F(t) of the reduced equations, by scipy's Radau, with air."""
+    solution = on_mesh(TRIANGLE.with_(air={"baffle": False}))
+    times = np.linspace(0.0, 12e-3, 49)
+    found = transient(solution, TAP, times, highest_Hz=800.0)
+    system = oscillations(solution)[0].reduced(np.linspace(0.0, 800.0, 24))
+    count, K = len(system.force), system.stiffness
+
+    def rate(t, y):
+        force = FORCE * np.sin(np.pi * t / DURATION) * (t < DURATION)
+        return np.append(y[count:], system.force * force - K @ y[:count])
+
+    slope = np.block([[np.zeros_like(K), np.eye(count)], [-K, np.zeros_like(K)]])
+    size = np.abs(np.linalg.solve(K, system.force)).max() * FORCE
+    how = {"jac": slope, "rtol": 1e-4, "atol": 1e-6 * size * np.repeat([1.0, 2e3], count)}
+    start, parts = np.zeros(2 * count), []
+    for part in (times[times <= DURATION], times[times >= DURATION]):
+        run = solve_ivp(rate, part[[0, -1]], start, "Radau", part, **how)
+        start = run.y[:, -1]
+        parts.append(1e12 * system.rates.T @ run.y[:count])
+    expected = np.hstack([parts[0], parts[1][:, 1:]])
+    for values, charge in zip(expected, found.charges_pC.values(), strict=True):
+        np.testing.assert_allclose(charge, values, atol=1e-3 * np.abs(values).max())
+
+
+def test_a_hum_settles_to_the_frequency_response():
+    """Sound is damped mode by mode here, and exactly there. Modes that displace no volume would
+    ring for ever, so the probe is in the middle."""
+    probe = '[probe]\nshape = "circle"\nradius_mm = 4.0\n[load]\nforce_N = 0.05\n[air]\n'
+    solution, times = on_mesh(Scene.parse(probe)), 60.0 + np.linspace(0.0, 0.02, 20)
+    first = modes(solution.scene, 1, loaded=True).frequencies_in_air_Hz[0]
+    for frequency in (20.0, first):
+        hum = ((0.0, 2j * np.pi * frequency, 0.01),)
+        found = transient(solution, hum, times, highest_Hz=200.0)
+        for name, charge in respond(solution, [frequency, 200.0]).charges_pC_N.items():
+            expected = 0.01 * charge[0] * np.exp(2j * np.pi * frequency * times)
+            difference = np.abs(found.charges_pC[name] - expected.real).max()
+            assert difference < 0.02 * np.abs(expected).max()
+
+
+def test_a_step_ends_at_the_static_charges():
+    scene = TRIANGLE.with_(air={"baffle": True}, **{"film.loss_tangent": 0.05})
+    solution = on_mesh(scene)
+    rates = gradients(solution)["load.force_N"]
+    found = transient(solution, step(0.02, duration_s=40.0), [-1.0, 20.0, 60.0])
+    for name, charge in found.charges_pC.items():
+        static = 0.02 * rates[name]
+        np.testing.assert_allclose(charge, [0.0, static, 0.0], atol=1e-6 * abs(static))
+        assert np.all(found.charge_errors_pC[name] < 0.05 * abs(static))
+
+
+def test_a_slow_tap_is_followed_statically():
+    solution = on_mesh(TRIANGLE)
+    rates = gradients(solution)["load.force_N"]
+    found = transient(solution, half_sine(0.01, 5.0), [2.5, 1.25])
+    for name, charge in found.charges_pC.items():
+        expected = 0.01 * rates[name] * np.sin(np.pi * np.array([0.5, 0.25]))
+        np.testing.assert_allclose(charge, expected, rtol=1e-3)
+
+
+def test_readings_discharge():
+    """C dV/dt + V/R = dQ/dt by the trapezium rule on fine times."""
+    scene = TRIANGLE.with_(readout={"feedback_resistance_MOhm": 5.0, "gain": 3.0})
+    times = np.linspace(0.0, 0.02, 2001)
+    found = transient(on_mesh(scene), half_sine(0.01, 8e-3), times, highest_Hz=200.0)
+    step, tau = times[1], 5e-3
+    for name, charge in found.charges_pC.items():
+        voltage = np.zeros(len(times))
+        for i, change in enumerate(np.diff(charge)):
+            voltage[i + 1] = (voltage[i] * (1 - step / tau / 2) + change / 1000.0) / (
+                1 + step / tau / 2
+            )
+        size = np.abs(voltage).max()
+        np.testing.assert_allclose(found.readings_V[name], 3.0 * voltage, atol=3e-4 * size)
+    ideal = transient(
+        on_mesh(scene.with_(readout={})), half_sine(0.01, 8e-3), times[:9], highest_Hz=200.0
+    )
+    for name, charge in ideal.charges_pC.items():
+        np.testing.assert_allclose(ideal.readings_V[name], charge / 1000.0, rtol=1e-12)
+
+
+def test_a_force_that_follows_has_no_modes():
+    with pytest.raises(SceneError, match=r"load\.kind"):
+        transient(on_mesh(TRIANGLE.with_(**{"load.kind": "follower"})), TAP, [0.0])

@@ -1,0 +1,139 @@
+"""Heat of warm probes against the equation of heat, and films that are warm all over."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from scipy.linalg import expm
+from scipy.sparse.linalg import splu
+
+from pvdf_fem import Scene, SceneError, build_response, gradients, solve
+from pvdf_fem.film.loads.heat import AddedStrain, heat_remarks, warmed
+from pvdf_fem.mesh.symmetry import WHOLE, part_of
+from pvdf_fem.solution import solve as solving
+from pvdf_fem.solvers.status import Status
+from pvdf_fem.sweeps.equivalence import mechanics
+
+WARM = {"temperature_K": 10.0, "contact_time_s": 1.0}
+TRIANGLE = {"shape": "triangle", "x_mm": 5.0714, "y_mm": 0.8757, "side_mm": 7.0}
+PYROELECTRIC = {"film.pyroelectric_uC_m2K": 25.0}
+
+
+def charges(scene):
+    solution = solve(scene)
+    assert solution.status is Status.CONVERGED, solution.reason
+    return np.array(list(solution.charges_pC.values()))
+
+
+@pytest.mark.parametrize("fourier", [0.002, 0.0499, 0.0501, 0.3, 2.0])
+def test_heat_goes_through_the_film_as_the_equation_of_heat_says(fourier):
+    count = 400
+    z = (np.arange(count) + 0.5) / count  # middles of cells; the face z = 0 is held at 1
+    matrix = np.diag(np.full(count - 1, 1.0), 1) + np.diag(np.full(count - 1, 1.0), -1)
+    matrix -= np.diag([3.0, *np.full(count - 2, 2.0), 1.0])
+    cold = expm(fourier * count**2 * matrix) @ np.ones_like(z)
+    assert warmed(fourier) == pytest.approx(1.0 - cold.mean(), rel=1e-3)
+
+
+def spread(laplace, held, T, steps=200):
+    """Temperatures after a second beside what is held at 1, by implicit Euler steps."""
+    free, dt = np.flatnonzero(~held), 6e-8 / steps
+    rows = laplace.tocsr()[free]
+    implicit = splu((sp.identity(len(free)) - dt * rows[:, free]).tocsc())
+    heated = dt * rows[:, np.flatnonzero(held)].sum(axis=1)
+    for _ in range(steps):
+        T[free] = implicit.solve(T[free] + np.asarray(heated).ravel())
+    return T
+
+
+def line(count):
+    """Second differences, with symmetry about both ends."""
+    upper, lower = np.r_[2.0, np.ones(count - 2)], np.r_[np.ones(count - 2), 2.0]
+    return sp.diags_array([lower, np.full(count, -2.0), upper], offsets=[-1, 0, 1])
+
+
+def test_heat_spreads_beside_a_disc_as_the_equation_of_heat_says():
+    r, step = np.linspace(2e-3, 4e-3, 201, retstep=True)
+    slope = sp.diags_array([-1.0, 1.0], offsets=[-1, 1], shape=(len(r), len(r))).tocsr()
+    slope = sp.diags_array(0.5 / r / step) @ slope
+    expected = spread(line(len(r)) / step**2 + slope, r == r[0], np.where(r == r[0], 1.0, 0.0))
+    disc = Scene().with_(probe={"shape": "circle", "radius_mm": 2.0, **WARM})
+    found = AddedStrain.of(disc).temperature(np.column_stack([r, 0.0 * r])) / 10.0
+    assert found == pytest.approx(expected, abs=2e-3)
+
+
+def test_heat_spreads_at_corners_as_well_as_is_stated():
+    x, step = np.linspace(0.0, 3.6e-3, 121, retstep=True)
+    places = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1)
+    held = (places <= 2e-3 + 1e-9).all(axis=-1).ravel()
+    laplace = sp.kronsum(line(len(x)), line(len(x))) / step**2
+    expected = spread(laplace, held, np.where(held, 1.0, 0.0), steps=60).sum()
+    probe = {"shape": "rectangle", "width_mm": 4.0, "height_mm": 4.0, **WARM}
+    scene = Scene().with_(probe=probe)
+    found = AddedStrain.of(scene).temperature(places).sum() / 10.0
+    assert "about 3.6e-02 of it" in next(heat_remarks(scene))[1]
+    assert found / expected - 1.0 == pytest.approx(0.036, rel=0.3)
+
+
+def test_a_film_that_is_warm_all_over_is_one_that_was_cooled_less():
+    disc = {"shape": "circle", "radius_mm": 45.0}
+    warm = Scene().with_(
+        probe={**disc, "temperature_K": 0.5, "contact_time_s": 1e3},
+        **{"load.force_N": 20.0, "film.bending": False},
+    )
+    cooled = warm.with_(probe=disc, **{"film.temperature_change_K": -0.5})
+    assert charges(warm) == pytest.approx(charges(cooled), rel=1e-6)
+    pyroelectric = 25.0 * 9.0 * 0.5  # pC on 9 mm2
+    assert charges(warm.with_(**PYROELECTRIC)) == pytest.approx(charges(cooled) + pyroelectric)
+    place = solve(warm).at(3.0, 4.0)
+    expected = solve(cooled).at(3.0, 4.0)
+    assert place.stress_MPa == pytest.approx(expected.stress_MPa, rel=1e-6, abs=1e-9)
+
+
+def test_heat_on_an_electrode_is_its_area_times_the_pyroelectric_coefficient():
+    finger = {"shape": "circle", "x_mm": 10.0, "radius_mm": 4.0}
+    scene = Scene().with_(probe={**finger, **WARM}, **PYROELECTRIC)
+    warm, mechanical = charges(scene), charges(scene.with_(**{"film.pyroelectric_uC_m2K": None}))
+    assert warm - mechanical == pytest.approx([2250.0, 0.0, 0.0, 0.0], rel=1e-4, abs=1e-6)
+    # what the film would do if it could not move: 8e-12 · 2 · E α ΔT/(1 - ν) · 9 mm2
+    clamped = charges(scene.with_(probe=finger)) - mechanical
+    assert 0.0 < clamped[0] < 480.0
+
+
+def test_a_part_of_a_symmetric_film_has_the_heat_of_all_of_it(monkeypatch):
+    finger = {"shape": "circle", "x_mm": 9.0, "radius_mm": 2.0, **WARM}
+    scene = Scene().with_(probe=finger, **PYROELECTRIC)
+    assert part_of(scene).mirrored == (1,)
+    on_part = charges(scene)
+    monkeypatch.setattr(solving, "part_of", lambda scene: WHOLE)
+    assert on_part == pytest.approx(charges(scene), rel=1e-3)
+    cold = {**finger, "x_mm": -9.0, "temperature_K": 5.0}
+    unlike = scene.with_(probe=[{**finger, "force_N": 1.0}, {**cold, "force_N": 1.0}])
+    assert part_of(unlike).mirrored == (1,)
+
+
+def test_what_has_no_heat_refuses_it():
+    scene = Scene().with_(probe={**TRIANGLE, **WARM})
+    assert any("pyroelectric_uC_m2K" in text for text in solve(scene).left_out)
+    for refuses in (build_response, gradients, mechanics):
+        with pytest.raises(SceneError, match=r"probe\.temperature_K = 10\.0"):
+            refuses(scene)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"probe.contact_time_s": 0.0}, "probe.contact_time_s"),
+        ({"probe": {**TRIANGLE, **WARM}, "film.compression": "tension-field"}, "film.compression"),
+        ({"probe": {**TRIANGLE, **WARM}, "numerics.observable": "thesis-edge"}, "numerics.observ"),
+        ({"electrodes[0].temperature_K": 1.0}, "electrodes"),
+        (
+            {"probe": {"shape": "sphere", "radius_mm": 5.0, **WARM}, "load.kind": "contact"},
+            'load.kind = "contact"',
+        ),
+    ],
+)
+def test_heat_without_a_model_is_refused(change, told):
+    with pytest.raises(SceneError, match=told):
+        Scene().with_(**{"probe": TRIANGLE, **change})
