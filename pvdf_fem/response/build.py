@@ -32,8 +32,7 @@ from pvdf_fem.sweeps.store import Store
 
 Progress = Callable[[int, int], None]
 
-#: Least error bound that full solves can confirm.
-LEAST_TOLERANCE = 1e-6
+LEAST_TOLERANCE = 1e-6  #: Least error bound that full solves can confirm.
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,7 @@ ROTATION = 2
 FORCE = 3
 #: Keys of a scene that hold these quantities.
 SCENE_KEYS = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg", "load.force_N")
-#: Number of touches up to which plain floats are compared faster than arrays.
-FEW_TOUCHES = 32
+FEW_TOUCHES = 32  #: Number of touches up to which plain floats are compared faster than arrays.
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,7 @@ from pvdf_fem.scene.scene import Probe
 
 #: Gauss's points along a side of an electrode, at least; else one for each step of the raster.
 LEAST_POINTS = 6
-#: Positions whose integrals are one sparse matrix.
-CHUNK = 2000
+CHUNK = 2000  #: Positions whose integrals are one sparse matrix.
 
 
 class Image(NamedTuple):
