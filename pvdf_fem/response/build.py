@@ -323,8 +323,6 @@ def _stress(
 
 def _read(file: Path) -> Array | None:
     """A field that was kept; None if it was not, or is damaged."""
-    try:
-        field: Array = np.load(file, allow_pickle=False)
-    except (OSError, ValueError, EOFError):
-        return None
-    return field
+    with suppress(OSError, ValueError, EOFError):
+        return np.asarray(np.load(file, allow_pickle=False))
+    return None

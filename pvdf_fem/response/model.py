@@ -101,6 +101,11 @@ def touch_of(scene: Scene) -> dict[str, float]:
     return {**place, "force_N": scene.load.force_N}
 
 
+def centred(scene: Scene) -> Scene:
+    """The scene with its probe unturned at the film's centre, under 1 N."""
+    return scene.with_(**dict(zip(SCENE_KEYS, (0.0, 0.0, 0.0, 1.0), strict=True)))
+
+
 def scene_of_touch(scene: Scene, touch: Array, tolerance: float) -> Scene:
     """The scene with the probe and the force of a touch (4,), to be solved to a tolerance."""
     changes = dict(zip(SCENE_KEYS, map(float, touch), strict=True))
