@@ -22,6 +22,7 @@ from pvdf_fem.calibration.model import TouchModel
 from pvdf_fem.calibration.touches import read_touches
 from pvdf_fem.calibration.unknowns import unknowns_of
 from pvdf_fem.film.loads.kinds import LOADS
+from pvdf_fem.readout.channel import READINGS
 from pvdf_fem.scene.scene import Scene
 
 DEFAULT_UNKNOWN = ("film.pretension_N_m", "gains")
@@ -29,7 +30,7 @@ TOLERANCE_SHARE = 0.05  #: Tolerance of the solves over the relative noise.
 #: The finest and the coarsest tolerance of the solves.
 FINEST = 1e-5
 COARSEST = 1e-3
-CHOICES = {"reading": ("change", "total"), "unit": ("pC", "V")}
+CHOICES = {"reading": tuple(READINGS), "unit": ("pC", "V")}
 
 
 def calibrate(

@@ -15,7 +15,9 @@ from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.files import read_text
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import choose
+from pvdf_fem.solution.gradients import PLACE
 
+TOUCH_KEYS = (*PLACE, "load.force_N")
 PLACE_COLUMNS = ("x_mm", "y_mm", "rotation_deg", "force_N")
 MOST_BYTES = 10_000_000  #: Largest file of touches in bytes.
 CONSTANT = 1e-6  #: Readings of a channel that differ by less than this part of them are constant.
@@ -136,9 +138,8 @@ def _mistakes(touches: Touches, names: Sequence[str], scene: Scene) -> Iterator[
 
 def touched(scene: Scene, touch: Array) -> Scene | None:
     """The scene with its probe at a touch x, y, rotation, force on the film; None over the rim."""
-    place = zip(("x_mm", "y_mm", "rotation_deg"), touch[:3].tolist(), strict=True)
-    changes = {f"probe.{key}": value for key, value in place}
+    changes = dict(zip(TOUCH_KEYS, map(float, touch), strict=True))
     try:
-        return scene.with_(**changes, **{"load.force_N": float(touch[3])})
+        return scene.with_(**changes)
     except SceneError:
         return None

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.scene.change import steps_of
 from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import choose
@@ -78,9 +79,10 @@ def value_of(scene: Scene, key: str) -> float:
     section, _, name = key.partition(".")
     if section in READOUT_KEYS:
         return float((scene.readout or Readout()).of(READOUT_KEYS[section], name))
-    value: Any = getattr(scene, section) or Stage()
-    for step in name.split("."):
-        value = value[int(step)] if step.isdecimal() else getattr(value, step)
+    first, *steps = steps_of(key)
+    value: Any = getattr(scene, first) or Stage()
+    for step in steps:
+        value = value[step] if isinstance(step, int) else getattr(value, step)
     return float(value)
 
 

@@ -16,7 +16,7 @@ from pvdf_fem.cli.program import (
     output_mistakes,
     scene_of,
 )
-from pvdf_fem.cli.response_model import number_of
+from pvdf_fem.cli.response_model import positive
 from pvdf_fem.files import replacing
 from pvdf_fem.scene.scene_file import SceneError
 
@@ -82,10 +82,9 @@ def run(options: argparse.Namespace) -> int:
     scene = scene_of(options, *mistakes)
     given = {f"--{name}": getattr(options, name.replace("-", "_")) for name in DEVIATIONS}
     given |= {f"--prior {n.strip()}": v for n, _, v in (t.partition("=") for t in options.prior)}
-    numbers = {option: number_of(text) for option, text in given.items()}
-    if bad := [option for option, number in numbers.items() if number is None]:
-        raise InputError(*(f"{option} {given[option][:60]}: give a number" for option in bad))
-    values = {option: number for option, number in numbers.items() if number is not None}
+    values = {option: positive(option, text, mistakes, zero=True) for option, text in given.items()}
+    if mistakes:
+        raise InputError(*mistakes)
     from pvdf_fem.calibration.calibrate import calibrate
     from pvdf_fem.calibration.diagnosis import CalibrationStatus
 

@@ -221,7 +221,8 @@ def print_matches(matches: Sequence[ProbeMatch], as_json: bool) -> None:
 
 def location_lines(found: Location) -> list[str]:
     """A location as lines."""
-    from pvdf_fem.touch.measurement import READINGS, electrode_columns
+    from pvdf_fem.readout.channel import READINGS
+    from pvdf_fem.touch.measurement import electrode_columns
 
     lines = [f"reading     {READINGS[found.reading]}"]
     if found.reading == "total":

@@ -25,8 +25,7 @@ if TYPE_CHECKING:
 CALIBRATED_ROWS = 32
 #: Columns with what is known of a touch, and the options of `locate_many` for them.
 KNOWN = {"rotation_deg": "rotations_deg", "force_N": "forces_N"}
-#: In a remark about a row that is none of the reading.
-OTHER = "explained as"
+OTHER = "explained as"  #: In a remark about a row that is none of the reading.
 
 
 def locate_rows(scene: Scene, request: Request, options: argparse.Namespace) -> int:

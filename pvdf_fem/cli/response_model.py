@@ -79,12 +79,13 @@ def model_of(scene: Scene, scene_file: str, choice: ModelChoice) -> Response:
     """The model of a scene, from its file or built and written there. Raises `ValueError` for a
     file of a film or a probe that deforms otherwise, and `FileError`."""
     from pvdf_fem.response.build import build_response
+    from pvdf_fem.response.model import centred
     from pvdf_fem.response.response import Response, reads_alike, refuse_other_mechanics
 
     path = choice.path(scene, scene_file)
     if not path.exists():
         print(f"building the model of {scene_file}, to be kept as {path}", file=sys.stderr)
-        domain, alone = choice.domain, _alone(scene)
+        domain, alone = choice.domain, centred(scene)
         model = build_response(alone, domain.reach_mm, domain.force_N, choice.tolerance, file=path)
         print(*model.remarks, sep="\n", end="\n" if model.remarks else "", file=sys.stderr)
         return model.for_scene(scene)
@@ -98,14 +99,8 @@ def model_of(scene: Scene, scene_file: str, choice: ModelChoice) -> Response:
         raise ValueError(f"--model {path}: {error}, or name another file") from error
     if model.spline is not kept.spline and not choice.file:
         with suppress(FileError):  # a model that cannot be kept is read anew next time
-            model.for_scene(_alone(scene)).save(path)
+            model.for_scene(centred(scene)).save(path)
     return model
-
-
-def _alone(scene: Scene) -> Scene:
-    """The scene with the probe unturned at the centre under 1 N, as files of models have it."""
-    place = {"probe.x_mm": 0.0, "probe.y_mm": 0.0, "probe.rotation_deg": 0.0}
-    return scene.with_(**place, **{"load.force_N": 1.0})
 
 
 def _range(text: str, mistakes: list[str]) -> tuple[float, float]:

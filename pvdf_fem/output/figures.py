@@ -15,7 +15,6 @@ from typing import Any
 import matplotlib
 import numpy as np
 import shapely
-from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon as Patch
@@ -27,33 +26,15 @@ from pvdf_fem.files import replacing
 from pvdf_fem.scene.scene import Electrode
 from pvdf_fem.solution.solution import Solution
 
-#: Okabe and Ito's colours, told apart with every kind of colour vision; yellow is left out, since
-#: it is too light for lines.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
+# The look of all figures; matplotlib's stubs ask for literal keys.
+_STYLE: dict[Any, Any] = matplotlib.rc_params_from_file(
+    Path(__file__).with_suffix(".mplstyle"), use_default_template=False
+)
+#: The colours of lines.
+COLOURS: tuple[str, ...] = tuple(_STYLE["axes.prop_cycle"].by_key()["color"])
 GREY = "0.45"
 LABEL_SIZE = 8.0  #: Size of labels in points.
 
-# The look of all figures; matplotlib's stubs ask for literal keys.
-_STYLE: dict[Any, Any] = {
-    "axes.grid": True,
-    "axes.labelsize": 9,
-    "axes.prop_cycle": cycler(color=COLOURS),
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "axes.titlelocation": "left",
-    "axes.titlesize": 9,
-    "figure.constrained_layout.use": True,
-    "font.family": "DejaVu Sans",
-    "font.size": 8.5,
-    "grid.color": "0.9",
-    "grid.linewidth": 0.6,
-    "legend.fontsize": 8,
-    "legend.frameon": False,
-    "lines.linewidth": 1.4,
-    "lines.markersize": 4.5,
-    "xtick.labelsize": 8,
-    "ytick.labelsize": 8,
-}
 # Settings without which SVG files have random identifiers.
 _REPRODUCIBLE: dict[Any, Any] = {"svg.hashsalt": "pvdf_fem", "svg.fonttype": "path"}
 # Metadata that would tell a date or a version, by format.

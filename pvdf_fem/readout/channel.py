@@ -1,4 +1,4 @@
-"""What a channel reads of an electrode's charge, at once, in time and by frequency.
+"""What a channel reads of an electrode's charge.
 
 The charge Q sits on a capacitance C, which a resistance R discharges: C dV/dt + V/R = dQ/dt. In
 front of a voltage amplifier C is that of electrode and cable (Mirbagheri's thesis, App. 5, where
@@ -12,12 +12,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.constants import epsilon_0
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.scene import Scene
+
+#: What a reading may be of, and how that is called.
+READINGS = {"total": "total charges", "change": "changes by the touch"}
 
 
 @dataclass(frozen=True)
@@ -39,20 +42,6 @@ class Channel:
     def reading(self, charge: ArrayLike) -> Array:
         """Readings in V of charges in C that have just come."""
         return self.offset + self.gain * np.asarray(charge, dtype=float) / self.capacitance
-
-    def step(self, charge: float, time: ArrayLike) -> Array:
-        """Readings in V at times in s after a charge in C has come at once and stayed."""
-        time = np.asarray(time, dtype=float)
-        decay = np.where(time < 0.0, 0.0, np.exp(-np.maximum(time, 0.0) / self.time_constant))
-        return self.offset + self.gain * charge / self.capacitance * decay
-
-    def harmonic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
-        """Amplitudes of the reading over those of the charge, complex, in V/C, by frequency in Hz.
-        i ω R/(1 + i ω R C): a high-pass filter, whose phase leads."""
-        turn = 2j * np.pi * np.asarray(frequency, dtype=float)
-        if math.isinf(self.resistance):
-            return np.where(turn == 0.0, 0.0, self.gain / self.capacitance + 0j)
-        return self.gain * turn * self.resistance / (1.0 + turn * self.time_constant)
 
 
 def electrode_capacitance(area: float, thickness: float, permittivity: float) -> float:

@@ -32,8 +32,7 @@ from pvdf_fem.sweeps.store import Store
 
 Progress = Callable[[int, int], None]
 
-#: Least error bound that full solves can confirm.
-LEAST_TOLERANCE = 1e-6
+LEAST_TOLERANCE = 1e-6  #: Least error bound that full solves can confirm.
 
 
 @dataclass(frozen=True)
@@ -324,8 +323,6 @@ def _stress(
 
 def _read(file: Path) -> Array | None:
     """A field that was kept; None if it was not, or is damaged."""
-    try:
-        field: Array = np.load(file, allow_pickle=False)
-    except (OSError, ValueError, EOFError):
-        return None
-    return field
+    with suppress(OSError, ValueError, EOFError):
+        return np.asarray(np.load(file, allow_pickle=False))
+    return None

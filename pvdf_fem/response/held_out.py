@@ -16,10 +16,8 @@ from pvdf_fem.solution.solution import NotConvergedError
 from pvdf_fem.sweeps.store import Store
 from pvdf_fem.sweeps.sweep import silent, solve_all
 
-#: Error bound over the largest error at these touches.
-SAFETY = 5.0
-#: Tolerance of their full solves over that of the response.
-SHARE = 0.05
+SAFETY = 5.0  #: Error bound over the largest error at these touches.
+SHARE = 0.05  #: Tolerance of their full solves over that of the response.
 
 
 def random_touches(domain: Domain, count: int, seed: int = 0) -> Array:

@@ -24,8 +24,7 @@ ROTATION = 2
 FORCE = 3
 #: Keys of a scene that hold these quantities.
 SCENE_KEYS = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg", "load.force_N")
-#: Number of touches up to which plain floats are compared faster than arrays.
-FEW_TOUCHES = 32
+FEW_TOUCHES = 32  #: Number of touches up to which plain floats are compared faster than arrays.
 
 
 @dataclass(frozen=True)
@@ -100,6 +99,11 @@ def touch_of(scene: Scene) -> dict[str, float]:
     probe = scene.single_probe
     place = {n: getattr(probe, n) for n in QUANTITIES[:FORCE]} if probe else {}
     return {**place, "force_N": scene.load.force_N}
+
+
+def centred(scene: Scene) -> Scene:
+    """The scene with its probe unturned at the film's centre, under 1 N."""
+    return scene.with_(**dict(zip(SCENE_KEYS, (0.0, 0.0, 0.0, 1.0), strict=True)))
 
 
 def scene_of_touch(scene: Scene, touch: Array, tolerance: float) -> Scene:

@@ -32,10 +32,8 @@ from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.newton import factorise
 from pvdf_fem.solvers.status import Status
 
-#: Share of the film's radius within which the stress is evaluated.
-INSIDE = 0.999
-#: Size of the elements that find the edge of a contact over that of the others.
-COARSER = 2.0
+INSIDE = 0.999  #: Share of the film's radius within which the stress is evaluated.
+COARSER = 2.0  #: Size of the elements that find the edge of a contact over that of the others.
 
 
 @dataclass(frozen=True)

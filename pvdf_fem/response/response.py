@@ -27,8 +27,7 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.sweeps.sweep import silent
 
-#: Share by which a touch may exceed the domain, as rounding makes it.
-ROUNDING = 1e-9
+ROUNDING = 1e-9  #: Share by which a touch may exceed the domain, as rounding makes it.
 # Rows of the products (value and derivatives by x, y, rotation) x (value and derivative by force):
 # the value, and the derivatives by x, y, rotation and force.
 _VALUE_AND_SLOPES: Indices = np.array([0, 2, 4, 6, 1])

@@ -28,11 +28,10 @@ from pydantic import (
 )
 
 from pvdf_fem.files import FileError, reading, replacing
-from pvdf_fem.response.model import Domain
+from pvdf_fem.response.model import Domain, centred
 from pvdf_fem.response.rim_places import RimPlaces
 from pvdf_fem.response.uniform_spline import UniformAxis
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.gradients import PLACE
 from pvdf_fem.sweeps.equivalence import mechanics
 from pvdf_fem.sweeps.store import NUMERICAL_FOLDERS, code_version
 
@@ -52,10 +51,7 @@ def mechanics_of(scene: Scene) -> str:
         raise ValueError(f"load.depth_mm = {depth_mm:g}: a response is of forces; remove it")
     scene.require_plain_charges("a response")
     observable = {"observable": scene.numerics.observable}
-    alone = scene.with_(
-        **dict.fromkeys(PLACE, 0.0), **{"load.force_N": 1.0, "numerics": observable}
-    )
-    return f"{mechanics(alone).given} {observable}"
+    return f"{mechanics(centred(scene).with_(numerics=observable)).given} {observable}"
 
 
 def response_key(scene: Scene, domain: Domain, tolerance: float) -> str:

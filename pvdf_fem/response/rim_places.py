@@ -31,8 +31,7 @@ from pvdf_fem.scene.scene import Probe
 
 #: Gauss's points along a side of an electrode, at least; else one for each step of the raster.
 LEAST_POINTS = 6
-#: Positions whose integrals are one sparse matrix.
-CHUNK = 2000
+CHUNK = 2000  #: Positions whose integrals are one sparse matrix.
 
 
 class Image(NamedTuple):
@@ -185,12 +184,6 @@ class ProbeCharges:
         spline = UniformSpline.through(raster.axes, values, np.float32)
         return cls(places, spline, raster.stretch_mm, amplitudes)
 
-    @cached_property
-    def _trace(self) -> UniformSpline:
-        """The traces alone of the modes."""
-        coefficients = self.modes.coefficients[..., : self.amplitudes.shape[-1]]
-        return UniformSpline(self.modes.axes, np.ascontiguousarray(coefficients))
-
     def charges_pC(
         self,
         electrodes: Sequence[Outline],
@@ -200,10 +193,9 @@ class ProbeCharges:
     ) -> Array:
         """Charges (n, forces, electrodes) with the probe at positions (n, 2), turned in radians.
 
-        `d_pC_N` are d31 and d32; the deviator counts only where they differ.
+        `d_pC_N` are d31 and d32.
         """
         d31, d32 = d_pC_N
-        modes = self._trace if d31 == d32 else self.modes
         c, s = np.cos(rotation), np.sin(rotation)
         turned = np.array([[c, -s], [s, c]])
         weights = self.places.weights(-positions_mm @ turned, rotation)
@@ -211,28 +203,25 @@ class ProbeCharges:
         charges = []
         for electrode in electrodes:
             chunks = [positions_mm[i : i + CHUNK] for i in range(0, len(positions_mm), CHUNK)]
-            forces = np.concatenate([self._forces(modes, electrode, at, turned) for at in chunks])
+            forces = np.concatenate([self._forces(electrode, at, turned) for at in chunks])
+            # the deviator is turned into the film's axes
+            c, s = np.cos(2.0 * rotation), np.sin(2.0 * rotation)
             by_mode = 0.5 * (d31 + d32) * forces[:, 0]
-            if d31 != d32:
-                # the deviator, turned into the film's axes
-                c, s = np.cos(2.0 * rotation), np.sin(2.0 * rotation)
-                by_mode += (d31 - d32) * (c * forces[:, 1] - s * forces[:, 2])
+            by_mode += (d31 - d32) * (c * forces[:, 1] - s * forces[:, 2])
             charges.append(np.einsum("nm,nfm->nf", by_mode, amplitudes))
         return np.stack(charges, axis=-1)
 
-    def _forces(
-        self, modes: UniformSpline, electrode: Outline, positions_mm: Array, turned: Array
-    ) -> Array:
+    def _forces(self, electrode: Outline, positions_mm: Array, turned: Array) -> Array:
         """Integrals (n, components, modes) in N of the stress over an electrode."""
         side_mm = 1e3 * electrode.perimeter / max(4, len(electrode.boundary))
-        count = max(LEAST_POINTS, int(np.ceil(side_mm / modes.axes[0].step)))
+        count = max(LEAST_POINTS, int(np.ceil(side_mm / self.modes.axes[0].step)))
         points, normals = electrode.boundary_rule(count)
         from_probe = (1e3 * points - positions_mm[:, None]) @ turned
         factors = 0.5e-3 * np.einsum("nqi,qi->nq", from_probe, normals @ turned)
         s = stretched(np.linalg.norm(from_probe, axis=-1), self.stretch_mm)
         theta = np.arctan2(from_probe[..., 1], from_probe[..., 0])
-        forces = modes.sums(np.stack([s, theta], axis=-1), factors)
-        return forces.reshape(len(positions_mm), -1, self.amplitudes.shape[-1])
+        forces = self.modes.sums(np.stack([s, theta], axis=-1), factors)
+        return forces.reshape(len(positions_mm), 3, -1)
 
 
 def _all_places(places: RimPlaces, fields: Sequence[Array]) -> tuple[Array, Array]:

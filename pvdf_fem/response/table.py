@@ -19,8 +19,7 @@ from pvdf_fem.scene.scene import Scene
 #: Charges are smooth in this power of the force, both where the pretension carries it and where the
 #: tension that it makes itself does.
 POWER = 1.0 / 6.0
-#: Cells by which the table goes beyond the domain.
-MARGIN = 3
+MARGIN = 3  #: Cells by which the table goes beyond the domain.
 #: Cells from one to the next of the three places of a parabola that continues charges outwards.
 APART = 2.0
 #: Cells beyond which it is continued by a constant, as nothing there counts within the domain.

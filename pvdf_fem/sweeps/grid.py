@@ -50,11 +50,8 @@ class Range(Section):
         return self.count
 
     def __iter__(self) -> Iterator[float]:  # type: ignore[override]
-        """The numbers; ends are exact."""
-        if self.spacing == "linear":
-            return iter(np.linspace(self.start, self.stop, self.count).tolist())
-        inner = np.geomspace(self.start, self.stop, self.count)[1:-1]
-        return iter([self.start, *inner.tolist(), self.stop])
+        space = np.linspace if self.spacing == "linear" else np.geomspace
+        return iter(space(self.start, self.stop, self.count).tolist())
 
 
 class Lines(Section):

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from pvdf_fem.arrays import Array, Indices, Mask
+from pvdf_fem.calibration.unknowns import value_of
 from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.response.model import Domain
 from pvdf_fem.scene.change import plain, steps_of
@@ -39,13 +40,11 @@ LONGEST = {
     "force_N": 0.5,
     "tangential_N": 1.0,
 }
-#: Searches that are closer than this share of the longest step go on as one.
-CLOSE = 0.15
+CLOSE = 0.15  #: Searches that are closer than this share of the longest step go on as one.
 #: Charges of touches are those of single ones, added up, with each force times this power of the
 #: sum of all shares: their common tension makes the film stiffer.
 STIFFENING = 0.35
-#: Residual over its deviation of a scene that cannot be solved.
-FAR = 1e6
+FAR = 1e6  #: Residual over its deviation of a scene that cannot be solved.
 
 
 @dataclass(frozen=True)
@@ -88,7 +87,7 @@ class Touches(Fit):
     @property
     def values(self) -> dict[str, float]:
         """Of the unknown, by key."""
-        return {key: _value(self.scene, key) for key in self.unknown}
+        return {key: value_of(self.scene, key) for key in self.unknown}
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -308,7 +307,7 @@ def _starts(search: Search, options: SolveOptions) -> Array:
         known = {f"probe[{i}].force_N": np.log(force) for i, force in enumerate(forces)}
         for i, (x, y) in enumerate(there):
             known |= {f"probe[{i}].x_mm": x, f"probe[{i}].y_mm": y}
-        values = [known[key] if key in known else _value(scene, key) for key in search.keys]
+        values = [known[key] if key in known else value_of(scene, key) for key in search.keys]
         at = np.append(at, [values], axis=0)
         if len(at) == options.starts:
             break
@@ -401,10 +400,3 @@ def _mistakes(scene: Scene, touches: int, unknown: Sequence[str]) -> Iterator[st
 
 def _name(key: str) -> str:
     return str(steps_of(key)[2])
-
-
-def _value(scene: Scene, key: str) -> float:
-    value: Any = scene
-    for step in steps_of(key):
-        value = value[step] if isinstance(step, int) else getattr(value, step)
-    return float(value)

@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Any
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.touch.measurement import READINGS
+from pvdf_fem.readout.channel import READINGS
 from pvdf_fem.touch.posterior import Posterior, posterior
 from pvdf_fem.touch.problem import Problem
 from pvdf_fem.touch.touch import Touch
@@ -31,7 +31,7 @@ class Location:
     log_evidence: float
     #: The charges, and what explains them.
     problem: Problem
-    #: What the readings were taken for, of `measurement.READINGS`.
+    #: What the readings were taken for, of `READINGS`.
     reading: str = "total"
     #: The likeliest touch if they are the other, where only that explains them.
     other_reading: Touch | None = None

@@ -16,13 +16,10 @@ import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.charges.rest import rest_charges
-from pvdf_fem.readout.channel import channels
+from pvdf_fem.readout.channel import READINGS, channels
 from pvdf_fem.response.model import Model
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.touch.problem import Problem, along_stage
-
-#: What a reading may be of, and how that is called.
-READINGS = {"total": "total charges", "change": "changes by the touch"}
 
 #: Standard deviations, one for all electrodes or one by electrode.
 Deviations = float | Mapping[str, float]

@@ -6,9 +6,10 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from pvdf_fem.readout.channel import READINGS
 from pvdf_fem.response.model import QUANTITIES, Domain
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.touch.measurement import READINGS, Deviations, electrode_columns
+from pvdf_fem.touch.measurement import Deviations, electrode_columns
 
 LARGEST_PC = 1e12  #: Readings beyond this many pC are in another unit, or none.
 LEAST_PC = 1e-12  #: Charges or changes below this many pC count as zero.

@@ -26,8 +26,7 @@ from pvdf_fem.touch.problem import Adapted, Problem, along_stage
 
 #: Rounds of polishing end when a touch moves by less than this share of a standard deviation.
 SETTLED = 1e-2
-#: Rounds after which a touch counts as unsettled.
-MAX_ROUNDS = 5
+MAX_ROUNDS = 5  #: Rounds after which a touch counts as unsettled.
 
 
 class PolishError(RuntimeError):
