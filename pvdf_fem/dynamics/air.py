@@ -20,7 +20,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import LinearOperator
 from scipy.special import eval_jacobi, poch
 
 from pvdf_fem.arrays import Array
@@ -63,20 +62,6 @@ class AirLoad:
         degrees = np.concatenate([of for of, _ in blocks])
         radiation = air.density_kg_m3 / (np.pi * SOUND_SPEED) if air.baffle else 0.0
         return cls(root, degrees, onto @ np.ones(weights.size), radiation)
-
-    def with_mass(self, mass: sp.csc_matrix) -> LinearOperator:
-        """The added mass and a mass of the unknowns, kg."""
-        moving = np.flatnonzero(self.root.any(axis=1))
-        root = self.root[moving]
-
-        def times(q: Array) -> Array:
-            if np.iscomplexobj(q):  # or a complex copy of R would be made
-                return times(q.real) + 1j * times(q.imag)
-            total = np.asarray(mass @ q)
-            total[moving] += root @ (root.T @ q[moving])
-            return total
-
-        return LinearOperator(mass.shape, times, matmat=times, dtype=float)
 
     def lacking(self, shapes: Array) -> Array:
         """About what the polynomials leave of phi^T R R^T phi, of each of the shapes (unknowns, n):

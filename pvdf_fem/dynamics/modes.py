@@ -27,6 +27,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.dynamics.air import AirLoad
 from pvdf_fem.film.bending_effect import bending_effect, layer_size
 from pvdf_fem.film.electric.coupling import coupling_remarks
+from pvdf_fem.film.electric.raised import Raised
 from pvdf_fem.film.equilibrium import Equilibrium, prolongation
 from pvdf_fem.film.loads.kinds import presses_rigidly
 from pvdf_fem.film.models import film_model
@@ -53,7 +54,7 @@ EIGEN_ITERATIONS = 3  #: Newton iterations that an eigenvalue problem costs as m
 #: Relative imaginary part above which an eigenvalue of an unsymmetric tangent is complex; rounding
 #: splits a pair of modes into complex ones by the square root of the machine's precision.
 COMPLEX = 1e-6
-Pencil = tuple[sp.csc_matrix, Any]  #: Stiffness and mass; that of air is a `LinearOperator`.
+Pencil = tuple[sp.csc_matrix, Any]  #: Stiffness and mass; that of air is a `Raised`.
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,7 +298,7 @@ class _ModalProblem:
         """The spectrum in vacuum with that in air beside it."""
         coarse = vacuum.equilibrium
         airs = [AirLoad.of(equilibrium) for equilibrium in (coarse, rich)]
-        loaded = [(K, air.with_mass(M)) for air, (K, M) in zip(airs, pencils, strict=True)]
+        loaded = [(K, Raised(M, air.root)) for air, (K, M) in zip(airs, pencils, strict=True)]
         found = self._spectrum(coarse, rich, vacuum.q, loaded)
         assert isinstance(found, Spectrum)  # the stiffness has modes in vacuum
         inertia = (found.vectors * (loaded[0][1] @ found.vectors)).sum(axis=0)

@@ -27,6 +27,7 @@ from pvdf_fem.charges.forces import goal_gradients
 from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.dynamics.air import AirLoad
 from pvdf_fem.dynamics.modes import pencil_of
+from pvdf_fem.film.electric.raised import Raised
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.pressure import UP, DeadPressure
 from pvdf_fem.film.term import State
@@ -63,7 +64,8 @@ class Oscillation:
         f, g = (equilibrium.on_unknowns(state, forces) for forces in (force, rates))
         loss = equilibrium.film.loss_tangent or 0.0
         elastic = _elastic(equilibrium, state) if loss else 0.0 * stiffness
-        return cls(stiffness, elastic, air.with_mass(mass), f, g, air.volume, air.radiation, loss)
+        moving = Raised(mass, air.root)
+        return cls(stiffness, elastic, moving, f, g, air.volume, air.radiation, loss)
 
     def projected(self, vectors: Any) -> Oscillation:
         """The equations of the amplitudes of `vectors` (unknowns, n), as dense matrices."""

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 from pvdf_fem.film.loads.contact import guessed_press
 from pvdf_fem.film.loads.kinds import LOADS
-from pvdf_fem.film.point_load import cube_at, part_by_force, tension_at
+from pvdf_fem.film.point_load import part_by_force, tension_at
 from pvdf_fem.scene.film import Film, Layer
 from pvdf_fem.scene.outlines.outline import TOUCH, Outline, overlaps
 from pvdf_fem.scene.scene import LoadedProbe, Scene
@@ -175,7 +175,7 @@ def _by_patch(scene: Scene, layer: Layer, force: float, probe: Outline | None) -
     width = 2.0 * outline.area / outline.perimeter * math.sqrt(N / D)
     bent = e * e * A / D * (math.tanh(width) / width if width > 0.0 else 1.0)
     if layer.patch.bonded == "at rest":
-        bent *= min(cube_at(film, force, r) / N**3, 1.0) if force > 0.0 else 0.0
+        bent *= part_by_force(film, force, r)
     shares = [0.0]
     for electrode in (electrode.outline for electrode in scene.electrode_list):
         far = math.dist(electrode.centroid, outline.centroid)

@@ -125,10 +125,8 @@ class FilmModel:
     @property
     def remark(self) -> tuple[bool, str]:
         """Whether bending is included, and a text with the estimate of its effect."""
-        return (
-            self.bends,
-            f"bending (film.bending = {quote(self.scene.film.bending)}): {self.effect}",
-        )
+        bending = quote(self.scene.film.bending)
+        return self.bends, f"bending (film.bending = {bending}): {self.effect}"
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -234,17 +234,12 @@ class Film(Section):
         return {f"film patch {i}": self._layer(p) for i, p in enumerate(self.patches or (), 1)}
 
     def _layer(self, patch: Patch) -> Layer:
-        C, E, nu, alpha = (
-            self.stiffness,
-            patch.youngs_modulus_GPa,
-            patch.poisson_ratio,
-            patch.thermal_expansion_per_K,
-        )
+        C, E, nu = self.stiffness, patch.youngs_modulus_GPa, patch.poisson_ratio
         if E is not None:
             nu = float(C[0, 1] / np.sqrt(C[0, 0] * C[1, 1])) if nu is None else nu
             C = 1e9 * plane_stress(E, E, nu)
         strain = self.zeroed.strain_at_rest * (patch.bonded != "at rest")
-        if alpha is not None:
+        if (alpha := patch.thermal_expansion_per_K) is not None:
             strain[:2] = -alpha * (self.temperature_change_K or 0.0)
         alpha = self.thermal_expansion_per_K if alpha is None else alpha
         strain[:2] -= alpha * (self.warming_K or 0.0)

@@ -152,9 +152,7 @@ def coupling_effect(scene: Scene) -> float:
 def coupling_remarks(scene: Scene) -> Iterator[tuple[bool, str]]:
     """Whether coupling is included, and its size; nothing without floating electrodes."""
     if names := ", ".join(electrode.name for electrode in floating(scene)):
-        yield (
-            bool(coupled(scene)),
-            f"coupling (film.coupling = {quote(scene.film.coupling)}): could change a charge by up"
-            f" to {coupling_effect(scene):.1e} of it; no charge amplifier keeps {names} at zero"
-            " voltage",
-        )
+        size = f"could change a charge by up to {coupling_effect(scene):.1e} of it"
+        why = f"no charge amplifier keeps {names} at zero voltage"
+        coupling = f"coupling (film.coupling = {quote(scene.film.coupling)})"
+        yield bool(coupled(scene)), f"{coupling}: {size}; {why}"

@@ -1,4 +1,4 @@
-"""A sparse matrix that few dense columns raise: A + B Bᵀ, and its factors by those of A."""
+"""A sparse matrix raised by dense columns: A + B Bᵀ, and its factors by those of A."""
 
 from __future__ import annotations
 
@@ -15,9 +15,15 @@ class Raised(LinearOperator):  # type: ignore[misc]
     def __init__(self, sparse: sp.csc_matrix, columns: Array) -> None:
         super().__init__(sparse.dtype, sparse.shape)
         self.sparse, self.columns = sparse, columns
+        self._where = np.flatnonzero(columns.any(axis=1))
+        self._rows = columns[self._where]
 
     def _matmat(self, x: Array) -> Array:
-        return np.asarray(self.sparse @ x + self.columns @ (self.columns.T @ x))
+        if np.iscomplexobj(x):  # or a complex copy of B would be made
+            return self._matmat(x.real) + 1j * self._matmat(x.imag)
+        total = np.asarray(self.sparse @ x)
+        total[self._where] += self._rows @ (self._rows.T @ x[self._where])
+        return total
 
 
 class RaisedFactors:

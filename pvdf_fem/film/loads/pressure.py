@@ -241,9 +241,8 @@ class Punch(DeadPressure):
 def shared(space: Space, patch: Indices, forces: Array) -> Array:
     """Forces along z of the nodes of a patch, which its elements share equally, (n,)."""
     nodes = space.nodes[patch]
-    return (forces[2::3] / np.maximum(np.bincount(nodes.ravel(), minlength=space.basis.N), 1))[
-        nodes
-    ].sum(axis=1)
+    sharing = np.maximum(np.bincount(nodes.ravel(), minlength=space.basis.N), 1)
+    return (forces[2::3] / sharing)[nodes].sum(axis=1)
 
 
 def _normal(deformation_gradient: Array) -> Array:
