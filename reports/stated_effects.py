@@ -11,6 +11,7 @@ Prints the estimate over the largest change of a charge, and which scenes have i
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -189,8 +190,12 @@ def _layered(random: Random) -> Tables:
     layer = {**_layer(random), "x_mm": 0.0, "y_mm": 0.0}
     if random.random() < 0.3:
         layer["bonded"] = "before stretching"
-    electrode = {"name": "A", "shape": "circle", "radius_mm": float(random.uniform(0.5, 4.0))}
-    electrode |= {"x_mm": float(random.uniform(0.0, 15.0)), "y_mm": 0.0}
+    electrodes = []
+    for name, angle in zip("ABC", (0.0, 2.1, 4.2), strict=True):
+        r = float(random.uniform(2.0, 15.0))
+        place = {"x_mm": r * math.cos(angle), "y_mm": r * math.sin(angle)}
+        radius = float(random.uniform(0.5, 0.8 * min(r, 5.0)))
+        electrodes.append({"name": name, "shape": "circle", "radius_mm": radius, **place})
     return {
         "film.youngs_modulus_GPa": log_uniform(random, 1.0, 6.0),
         "film.d31_pC_N": 8.0,
@@ -198,7 +203,7 @@ def _layered(random: Random) -> Tables:
         "film.patches": [layer],
         "probe": {"shape": "circle", "radius_mm": log_uniform(random, 1.0, 10.0)},
         "load": {"kind": "dead", "force_N": log_uniform(random, 0.05, 5.0)},
-        "electrodes": [electrode],
+        "electrodes": electrodes,
         "numerics.tolerance": 1e-2,
     }
 
@@ -208,7 +213,7 @@ def _bent_layer(scene: Scene) -> Pair:
     estimate, effects = said(solve(scene), "bending"), []
     for side in (1.0, -1.0):
         disc = _laminated(scene, side)
-        effects.append(abs(disc.charge(1.0) / disc.as_membrane().charge(1.0) - 1.0))
+        effects.append(np.abs(disc.charges(1.0) / disc.as_membrane().charges(1.0) - 1.0).max())
     return None if estimate is None else (estimate, max(effects), max(effects) > 1e-4)
 
 
@@ -220,9 +225,10 @@ def _laminated(scene: Scene, side: float) -> LaminatedDisc:
         Ply(film.stiffness[:2, :2], film.thickness, 0.0, rest, film.radius),
         Ply(layer.stiffness[:2, :2], layer.patch.thickness, height, above, _radius(layer.patch)),
     )
-    electrode = scene.electrode_list[0]
-    place = 1e-3 * electrode.x_mm, _radius(electrode)
-    return LaminatedDisc(plies, _radius(probe), scene.load.force_N, *place)
+    electrodes = [
+        [math.dist(e.outline.centroid, (0.0, 0.0)), _radius(e)] for e in scene.electrode_list
+    ]
+    return LaminatedDisc(plies, _radius(probe), scene.load.force_N, np.array(electrodes))
 
 
 def _radius(shape: Any) -> float:

@@ -34,10 +34,9 @@ class LaminatedDisc:
     plies: tuple[Ply, ...]
     load_radius: float
     force: float
-    #: electrode_distance, electrode_radius: Of a round electrode from the centre, and its own, m.
-    electrode_distance: float
-    electrode_radius: float
-    elements: int = 12  #: Between two of the centre, the ends of layers and load, and the rim.
+    #: Round electrodes: distances from the centre and radii, m, (n, 2).
+    electrodes: Array
+    elements: int = 8  #: Between two of the centre, the ends of layers and load, and the rim.
 
     def as_membrane(self) -> LaminatedDisc:
         """Without bending stiffness, all layers in one plane."""
@@ -45,10 +44,14 @@ class LaminatedDisc:
 
     @cached_property
     def _nodes(self) -> Array:
-        d, radius = self.electrode_distance, self.electrode_radius
-        ends = sorted(
-            {0.0, self.load_radius, abs(d - radius), d + radius, *(p.radius for p in self.plies)}
-        )
+        d, radius = self.electrodes.T
+        edges = {
+            self.load_radius,
+            *(ply.radius for ply in self.plies),
+            *abs(d - radius),
+            *(d + radius),
+        }
+        ends = sorted({0.0, *edges})
         t = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, self.elements + 1)))
         pieces = [a + (b - a) * t[:-1] for a, b in pairwise(ends)]
         return np.concatenate([*pieces, ends[-1:]])
@@ -144,12 +147,12 @@ class LaminatedDisc:
                 return strains(q)
         raise RuntimeError("a laminated disc did not converge")
 
-    def charge(self, d31: float) -> float:
-        """Charge in C of the electrode, whose d31 = d32 in C/N."""
+    def charges(self, d31: float) -> Array:
+        """Charges in C of the electrodes, (n,), whose d31 = d32 in C/N."""
         r, areas, *_ = self._points
         film, (e_r, e_t, *_) = self.plies[0], self._strains.T
         traces = film.thickness * film.stiffness[0].sum() * (e_r + e_t + 2.0 * film.strain_at_rest)
-        d = max(self.electrode_distance, 1e-9)
-        cosine = (r**2 + d**2 - self.electrode_radius**2) / (2.0 * r * d)
+        d, radius = self.electrodes.T[..., None]
+        cosine = (r**2 + d**2 - radius**2) / (2.0 * r * np.maximum(d, 1e-9))
         inside = np.arccos(np.clip(cosine, -1.0, 1.0)) / np.pi
-        return float(d31 / film.thickness * (areas * inside * traces).sum())
+        return np.asarray(d31 / film.thickness * (inside * areas) @ traces)
