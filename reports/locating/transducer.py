@@ -88,10 +88,10 @@ def transducer_changes(
         {"film.d33_pC_N": c.d33_pC_N},
         {"film.coupling": True, "readout.kind": "voltage"},
         warm,
-        {"film.patches": _tapes(scene)},
+        {"film.patches": tapes(scene, c.overlap_mm)},
     )
     jobs: list[Job] = [partial(_change, scene.with_(**tables), scene) for tables in changed]
-    jobs += [partial(_air, scene, force) for force in c.forces_N]
+    jobs += [partial(air, scene, force) for force in c.forces_N]
     jobs += [partial(_change, *_displaced(scene, term)) for term in (1, 2, 5, 6)]
     across, open_, heat, covered, *others = workers(jobs)
     air, varied = np.split(np.array(others), [len(c.forces_N)])
@@ -115,33 +115,39 @@ def _change(changed: Scene, plain: Scene) -> Array:
     return np.log(charges / solved_charges(plain, mesh))
 
 
-def _air(scene: Scene, force_N: float) -> Array:
+def air(scene: Scene, force_N: float) -> Array:
+    """Logarithms of charges of a small force that oscillates about another one, over slow ones."""
     in_air = scene.with_(air={"baffle": True}, **{"load.force_N": force_N})
-    charges = np.array(list(respond(in_air, [0.0, CONDITIONS.frequency_Hz]).charges_pC_N.values()))
-    return np.log(np.abs(charges[:, 1] / charges[:, 0]))
+    charges = respond(in_air, [0.0, CONDITIONS.frequency_Hz]).charges_pC_N.values()
+    slow, fast = np.abs(list(charges)).T
+    return np.asarray(np.log(fast / slow))
 
 
-def _tapes(scene: Scene) -> list[dict[str, Any]]:
-    """A tape on the outer part of each electrode, a square with edges along the radius."""
-    tapes = []
+def tapes(scene: Scene, overlap_mm: float) -> list[dict[str, Any]]:
+    """Patches over the outer part of each electrode, with edges along the radius."""
+    glued = {"thickness_um": CONDITIONS.tape_um, "both_sides": True}
+    glued |= {"youngs_modulus_GPa": CONDITIONS.tape_GPa, "poisson_ratio": 0.3}
+    patches = []
     for electrode in scene.electrode_list:
         x, y = electrode.x_mm, electrode.y_mm
         side = 1e3 * float(np.sqrt(electrode.outline.area))
-        outwards = 1.0 + 0.5 * (side - CONDITIONS.overlap_mm) / float(np.hypot(x, y))
+        outwards = 1.0 + 0.5 * (side - overlap_mm) / float(np.hypot(x, y))
         place = {"x_mm": x * outwards, "y_mm": y * outwards}
         turn = {"rotation_deg": float(np.degrees(np.arctan2(y, x)))}
-        sizes = {"width_mm": CONDITIONS.overlap_mm, "height_mm": side}
-        material = {"youngs_modulus_GPa": CONDITIONS.tape_GPa, "poisson_ratio": 0.3}
-        glued = {"thickness_um": CONDITIONS.tape_um, "both_sides": True, **material}
-        tapes.append({"shape": "rectangle", **place, **turn, **sizes, **glued})
-    return tapes
+        sizes = {"width_mm": overlap_mm, "height_mm": side}
+        patches.append({"shape": "rectangle", **place, **turn, **sizes, **glued})
+    return patches
+
+
+def rim_displaced(scene: Scene, term: int, times: float = 0.5) -> dict[str, Any]:
+    """A displacement of the rim in a term of its series, over that of the simulated stretch."""
+    stretch_um = 1e3 * scene.film.radius_mm * float(scene.film.strain_at_rest[0])
+    outwards = [0.0] * 7
+    outwards[term] = times * stretch_um
+    return {"film.rim_displacement_um": outwards}
 
 
 def _displaced(scene: Scene, term: int) -> tuple[Scene, Scene]:
-    """The scene with half the displacement at the rim, in a term of its series, and minus that."""
-    stretch_um = 1e3 * scene.film.radius_mm * float(scene.film.strain_at_rest[0])
-    outwards = [0.0] * 7
-    outwards[term] = 0.5 * stretch_um
-    signs = (outwards, [-u for u in outwards])
-    there, back = (scene.with_(**{"film.rim_displacement_um": u}) for u in signs)
+    """The scene with half a stretch by the rim's displacement in a term, and with minus that."""
+    there, back = (scene.with_(**rim_displaced(scene, term, t)) for t in (0.5, -0.5))
     return there, back

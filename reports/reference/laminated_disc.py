@@ -34,7 +34,7 @@ class LaminatedDisc:
     plies: tuple[Ply, ...]
     load_radius: float
     force: float
-    #: Round electrodes: distances from the centre and radii, m, (n, 2).
+    #: Round electrodes, (n, 3): distances from the centre in m, directions in rad, radii in m.
     electrodes: Array
     elements: int = 8  #: Between two of the centre, the ends of layers and load, and the rim.
 
@@ -44,14 +44,9 @@ class LaminatedDisc:
 
     @cached_property
     def _nodes(self) -> Array:
-        d, radius = self.electrodes.T
-        edges = {
-            self.load_radius,
-            *(ply.radius for ply in self.plies),
-            *abs(d - radius),
-            *(d + radius),
-        }
-        ends = sorted({0.0, *edges})
+        d, _, radius = self.electrodes.T
+        layers = (ply.radius for ply in self.plies)
+        ends = sorted({0.0, self.load_radius, *layers, *abs(d - radius), *(d + radius)})
         t = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, self.elements + 1)))
         pieces = [a + (b - a) * t[:-1] for a, b in pairwise(ends)]
         return np.concatenate([*pieces, ends[-1:]])
@@ -93,66 +88,74 @@ class LaminatedDisc:
         r = self._points[0]
         stiffness, rest = np.zeros((len(r), 4, 4)), np.zeros((len(r), 4))
         for ply in self.plies:
-            A, z, bends = (
-                ply.thickness * ply.stiffness,
-                np.nan_to_num(ply.height),
-                np.isfinite(ply.height),
-            )
-            D = A * (z * z + bends * ply.thickness**2 / 12.0)
-            on = r < ply.radius
+            A, z = ply.thickness * ply.stiffness, np.nan_to_num(ply.height)
+            D = A * (z * z + np.isfinite(ply.height) * ply.thickness**2 / 12.0)
+            N, on = ply.strain_at_rest * A.sum(axis=1), r < ply.radius
             stiffness[on] += np.block([[A, z * A], [z * A, D]])
-            N = ply.strain_at_rest * A.sum(axis=1)
             rest[on] += np.concatenate([N, z * N])
         return stiffness, rest
 
+    @property
+    def deflections(self) -> Array:
+        """At the nodes in m, the first of which is the centre."""
+        return self._balanced[2 * len(self._nodes) - 1 :: 2]
+
+    def _strains(self, q: Array) -> Array:
+        """Strains and curvatures of the film, (m, 4)."""
+        du, hoop, slope, bend, turn = self._points[2] @ q
+        return np.stack([du + 0.5 * slope**2, hoop, -bend, -turn], axis=1)
+
     @cached_property
-    def _strains(self) -> Array:
-        """Strains and curvatures of the film in balance, (m, 4)."""
-        r, areas, (du, hoop, slope, bend, turn), w = self._points
-        stiffness, rest = self._laminate
-        nodes = len(self._nodes)
+    def _load(self) -> Array:
+        r, areas, _, w = self._points
         pressed = (r < self.load_radius) * areas
-        load = self.force * (pressed @ w) / pressed.sum()
-        free = np.ones(w.shape[1], dtype=bool)
-        free[[0, 2 * nodes - 2, 2 * nodes, -2]] = False  # u = 0 and w' = 0 on the axis, u = w = 0
+        return self.force * (pressed @ w) / pressed.sum()
+
+    def _energy(self, q: Array) -> float:
+        e, (stiffness, rest) = self._strains(q), self._laminate
+        density = 0.5 * np.einsum("mi,mij,mj->m", e, stiffness, e) + (rest * e).sum(axis=1)
+        return float(self._points[1] @ density - self._load @ q)
+
+    def _equations(self, q: Array) -> tuple[Array, Array]:
+        """Residual, and tangent without what compression takes away, so that steps go downhill."""
+        _, areas, (du, hoop, slope, bend, turn), _ = self._points
+        stiffness, rest = self._laminate
+        forces = np.einsum("mij,mj->mi", stiffness, self._strains(q)) + rest
+        B = np.stack([du + (slope @ q)[:, None] * slope, hoop, -bend, -turn], axis=1)
+        residual = np.einsum("m,mi,mid->d", areas, forces, B) - self._load
+        weighted = np.einsum("m,mij,mjd->mid", areas, stiffness, B)
+        tensions = (areas * np.maximum(forces[:, 0], 0.0))[:, None]
+        tangent = np.tensordot(B, weighted, axes=([0, 1], [0, 1]))
+        return residual, tangent + (slope * tensions).T @ slope
+
+    @cached_property
+    def _balanced(self) -> Array:
+        """The dofs in balance, by Newton's method that goes back by halves."""
+        nodes, q = len(self._nodes), np.zeros(len(self._load))
+        free = np.ones(len(q), dtype=bool)
+        free[[0, 2 * nodes - 2, 2 * nodes, -2]] = False  # u = w' = 0 on the axis, u = w = 0
         free[-1] = not np.isfinite(self.plies[0].height)  # a membrane turns on the rim
-
-        def strains(q: Array) -> Array:
-            phi = slope @ q
-            return np.stack([du @ q + 0.5 * phi**2, hoop @ q, -bend @ q, -turn @ q], axis=1)
-
-        def energy(q: Array) -> float:
-            e = strains(q)
-            density = 0.5 * np.einsum("mi,mij,mj->m", e, stiffness, e) + (rest * e).sum(axis=1)
-            return float(areas @ density - load @ q)
-
-        q = np.zeros(w.shape[1])
         for _ in range(200):
-            e, phi = strains(q), slope @ q
-            forces = np.einsum("mij,mj->mi", stiffness, e) + rest
-            B = np.stack([du + phi[:, None] * slope, hoop, -bend, -turn], axis=1)
-            residual = np.einsum("m,mi,mid->d", areas, forces, B) - load
-            weighted = np.einsum("m,mij,mjd->mid", areas, stiffness, B)
-            tangent = np.tensordot(B, weighted, axes=([0, 1], [0, 1]))
-            tangent += (slope * (areas * np.maximum(forces[:, 0], 0.0))[:, None]).T @ slope
+            residual, tangent = self._equations(q)
             step = np.zeros_like(q)
             step[free] = np.linalg.solve(tangent[np.ix_(free, free)], -residual[free])
-            size, before = 1.0, energy(q)
-            while (
-                energy(q + size * step) > before + 1e-4 * size * (residual @ step) and size > 1e-6
-            ):
-                size *= 0.5
-            q = q + size * step
-            if abs(residual @ step) < 1e-16 * max(abs(before), 1e-12):
-                return strains(q)
+            slope, before = float(residual @ step), self._energy(q)
+            while self._energy(q + step) > before + 1e-4 * slope and abs(slope) > 1e-18:
+                step, slope = 0.5 * step, 0.5 * slope
+            q = q + step
+            if abs(slope) < 1e-16 * max(abs(before), 1e-12):
+                return q
         raise RuntimeError("a laminated disc did not converge")
 
-    def charges(self, d31: float) -> Array:
-        """Charges in C of the electrodes, (n,), whose d31 = d32 in C/N."""
+    def charges(self, d31: float, d32: float) -> Array:
+        """Charges in C of the electrodes, (n,), by coefficients in C/N along x and y."""
         r, areas, *_ = self._points
-        film, (e_r, e_t, *_) = self.plies[0], self._strains.T
-        traces = film.thickness * film.stiffness[0].sum() * (e_r + e_t + 2.0 * film.strain_at_rest)
-        d, radius = self.electrodes.T[..., None]
+        film, strains = self.plies[0], self._strains(self._balanced)[:, :2]
+        radial, hoop = film.stiffness @ (strains + film.strain_at_rest).T
+        d, direction, radius = self.electrodes.T[..., None]
         cosine = (r**2 + d**2 - radius**2) / (2.0 * r * np.maximum(d, 1e-9))
-        inside = np.arccos(np.clip(cosine, -1.0, 1.0)) / np.pi
-        return np.asarray(d31 / film.thickness * (inside * areas) @ traces)
+        half_arc = np.arccos(np.clip(cosine, -1.0, 1.0))
+        even = (d31 + d32) * (radial + hoop) * half_arc
+        along = 0.5 * np.cos(2.0 * direction) * np.sin(2.0 * half_arc)
+        uneven = (d31 - d32) * (radial - hoop) * along
+        return np.asarray((even + uneven) @ areas / (2.0 * np.pi))

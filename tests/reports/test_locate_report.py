@@ -160,13 +160,15 @@ def test_the_transducer_changes_charges_as_it_must():
     charges = np.array(list(solve(scene).charges_pC.values()))
     found = transducer_changes(scene, lambda jobs: [job() for job in jobs])
     pressed_pC = 15.0 * 0.5 * 9.0 / (9.0 * np.pi)
-    assert np.expm1(found.across) * charges == pytest.approx([pressed_pC, 0, 0, 0], rel=5e-2, abs=1e-6)
+    assert np.expm1(found.across) * charges == pytest.approx(
+        [pressed_pC, 0, 0, 0], rel=5e-2, abs=1e-6
+    )
     assert np.all((found.open > 5e-4) & (found.open < 2e-3))
     assert abs(np.expm1(found.warm[0]) * charges[0] + 25.0 * 9.0) < 25.0
     assert np.all(np.diff(found.air, axis=0) < 0.0)
     assert np.all((found.covered > -0.4) & (found.covered < -0.1))
     for changes in (found.open, found.covered, found.air[0], found.varied[0], found.varied[2]):
-        assert changes[1] == pytest.approx(changes[3], rel=0.1)
+        assert changes[1] == pytest.approx(changes[3], rel=0.1, abs=3e-4)
 
 
 @pytest.fixture
