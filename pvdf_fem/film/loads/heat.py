@@ -46,9 +46,7 @@ def heat_remarks(scene: Scene) -> Iterator[tuple[bool, str]]:
     seconds = film.thickness * film.density * HEAT_CAPACITY / (2.0 * HEAT_TRANSFER)
     for touch in scene.loaded_probes:
         if touch.probe.temperature_K:
-            # a square corner gives 2.5 κ t less heat
-            excess = 0.6 * len(touch.outline.corners) * spread(film, touch) ** 2
-            part = f"{excess / touch.outline.area:.1e}"
+            part = f"{_misplaced(touch.outline, spread(film, touch)):.1e}"
             yield False, f"heat of the {touch.patch}: how it spreads at corners, about {part} of it"
             lost = f"heat that the air takes beside the {touch.patch}, within some {seconds:.2g} s"
             yield False, lost
@@ -62,6 +60,15 @@ def heat_remarks(scene: Scene) -> Iterator[tuple[bool, str]]:
             f"pyroelectricity (film.pyroelectric_uC_m2K = {said}): about {charge:.2g} pC on {name}"
         )
         yield given is not None, text
+
+
+def _misplaced(outline: Outline, reach: float) -> float:
+    """About the heat that has spread too far over that below the probe. A square corner gives
+    2.5 κ t less, and round outlines are the further off the less they are discs."""
+    area = outline.area
+    bulge = outline.perimeter**2 / (4.0 * np.pi * area) - 1.0
+    curved = 1.6 * bulge + 0.06 * reach / float(np.sqrt(area / np.pi))
+    return (0.6 * len(outline.corners) or curved) * reach**2 / area
 
 
 def _heated(scene: Scene, outline: Outline, lines: int = 24) -> float:
