@@ -23,10 +23,12 @@ from reports.common.options import add_out, add_processes
 from reports.common.page import Page
 from reports.common.results import Results
 from reports.design_study import page
+from reports.design_study.budget import budget
 from reports.design_study.checks import checks
 from reports.design_study.choice import recommend
 from reports.design_study.sensor import Lattice, Sensor
 from reports.design_study.study import (
+    THESIS,
     Axes,
     Study,
     light,
@@ -75,13 +77,16 @@ def _page(study: Study, solve: Solve, options: argparse.Namespace) -> Page:
         recommended = recommend(study, solve)
     except ValueError as error:
         raise InputError(str(error)) from error
-    out = options.out
+    out, compared = options.out, {"the thesis's": THESIS}
+    if not options.quick:
+        compared["recommended"] = recommended.sensor
     sections = [
         page.recommendation(recommended, out),
         page.maps(study, recommended.sensor, out),
         page.number_of_electrodes(study, out),
         page.film(study, recommended, out),
         page.future_work(study, recommended),
+        budget(study, compared, quick=options.quick),
         checks(study, recommended, quick=options.quick),
     ]
     for section in sections:

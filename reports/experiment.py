@@ -38,7 +38,8 @@ from reports.locating.models import (
     sensor,
     triangulated_mm,
 )
-from reports.locating.sources import SOURCES, Job, MeasuredScene, Source, changes
+from reports.locating.sources import SOURCES, MeasuredScene, Source, changes
+from reports.locating.transducer import Job
 
 Array = NDArray[np.float64]
 
@@ -348,7 +349,7 @@ def _source_row(name: str, predictions: Sequence[Predicted], names: Sequence[str
 def _share_picture(predictions: Sequence[Predicted], names: Sequence[str], path: Path) -> None:
     measured = _measured(predictions)
     with style():
-        figure = new_figure(160, 90)
+        figure = new_figure(160, 130)
         ax = figure.subplots()
         ax.set_axisbelow(True)
         for y, name in enumerate(names):

@@ -23,6 +23,7 @@ from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 #: d33 of PVDF in pC/N, by which charges that are left out are estimated.
 TYPICAL_PC_N = -15.0
+AT_CORNER = 0.05  #: Part of what a rigid probe's edge bears that the tip of each corner does.
 
 
 def thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
@@ -59,4 +60,6 @@ def _about(scene: Scene, touch: LoadedProbe, polygons: NDArray[np.object_]) -> A
     probe, at_edge = outline.polygon, LOADS[touch.load.kind].edge_share
     inside, edge = (shapely.intersection(polygons, x) for x in (probe, probe.exterior))
     along, over = shapely.length(edge) / probe.length, shapely.area(inside) / probe.area
-    return np.asarray(force * (at_edge * along + (1.0 - at_edge) * over))
+    x, y = outline.corners.T
+    tips = AT_CORNER * shapely.contains_xy(polygons[:, None], x, y).sum(axis=1)
+    return np.asarray(force * (at_edge * (along + tips) + (1.0 - at_edge) * over))

@@ -23,7 +23,7 @@ from pvdf_fem.film.loads.contact import guessed_press
 from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.film.point_load import part_by_force, tension_at
 from pvdf_fem.scene.film import Film, Layer
-from pvdf_fem.scene.outlines.outline import TOUCH, Outline, overlaps
+from pvdf_fem.scene.outlines.outline import TOUCH, Outline
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 #: A layer is resolved where leaving it out would change a charge by more tolerances than this.
@@ -39,6 +39,7 @@ class BendingFit:
     rim_at_centre: float = 0.4
     rim_outside: float = 4.0
     probe: float = 0.4  #: Change over l/b, or (l/b)^2, by the probe.
+    even: float = 0.1  #: Least part of what is unlike along x and y, beside a layer.
     least_gap: float = 0.1  #: Distance of a probe that touches the rim, over the probe's radius.
 
 
@@ -102,7 +103,7 @@ def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
     film = scene.film
     C, h, a = film.stiffness[:2, :2], film.thickness, film.radius
     stiffness = float(C.max())
-    D = h**3 / 12.0 * stiffness
+    D = rim_D = probe_D = h**3 / 12.0 * stiffness
     rest = h * float(film.stress_at_rest[:2].mean())
     force, probe = 0.0, None
     if touch is not None:
@@ -110,11 +111,14 @@ def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
     b = _radius(probe) if probe else a
     for layer in film.layers.values():
         outline = layer.patch.outline
-        if outline.reach >= a * (1.0 - TOUCH) or (probe and overlaps(outline, probe)):
-            D = max(D, _laminate(film, layer)[0])
+        if outline.reach >= a * (1.0 - TOUCH):
+            rim_D = max(rim_D, _laminate(film, layer)[0])
+        if probe and outline.polygon.intersects(probe.polygon.exterior):
+            probe_D = max(probe_D, _laminate(film, layer)[0])
     tensions = (max(rest, 0.0), tension_at(film, force, a), tension_at(film, force, b))
     rest_length, rim_length, probe_length = (
-        math.sqrt(D / N) if N > 0.0 else math.inf for N in tensions
+        math.sqrt(D / N) if N > 0.0 else math.inf
+        for D, N in zip((D, rim_D, probe_D), tensions, strict=True)
     )
     electrodes = [electrode.outline for electrode in scene.electrode_list]
     changes = [(0.0, 0.0)]
@@ -164,24 +168,37 @@ def _by_patch(scene: Scene, layer: Layer, force: float, probe: Outline | None) -
     """Relative change of the worst charge by a layer.
 
     The tension N off the laminate's neutral axis by e bends a strip of half width b by
-    κ = N e/D cosh(x/l)/cosh(b/l), which adds κ e to the film's strain N/A. Electrodes beside a
-    patch have of that what falls with the square of the distance.
+    κ = N e/D cosh(x/l)/cosh(b/l), which adds κ e to the film's strain N/A, as does the curvature
+    F/(2π N r²) of the load's deflection where the layer is not too stiff to follow. Electrodes
+    beside a patch have of the former what falls with the square of the distance. It stretches them
+    one way as much as it shrinks them the other.
     """
     film, outline, (D, A, e) = scene.film, layer.patch.outline, _laminate(scene.film, layer)
     r = film.radius
     if probe:
         r = max(math.dist(outline.centroid, probe.centroid), _radius(probe))
     N = tension_at(film, force, r)
-    width = 2.0 * outline.area / outline.perimeter * math.sqrt(N / D)
+    half = 2.0 * outline.area / outline.perimeter
+    width = half * math.sqrt(N / D)
     bent = e * e * A / D * (math.tanh(width) / width if width > 0.0 else 1.0)
     if layer.patch.bonded == "at rest":
         bent *= part_by_force(film, force, r)
-    shares = [0.0]
+    d31, d32 = abs(film.d31), abs(film.d32)
+    uneven = max(abs(film.d31 - film.d32) / (d31 + d32), FIT.even) if d31 + d32 else 0.0
+    changes = [0.0]
     for electrode in (electrode.outline for electrode in scene.electrode_list):
-        far = math.dist(electrode.centroid, outline.centroid)
-        covers = overlaps(electrode, outline)
-        shares.append(1.0 if covers else min(_radius(outline) / far, 1.0) ** 2)
-    return bent * max(shares)
+        covered = electrode.polygon.intersection(outline.polygon).area / electrode.polygon.area
+        far = max(math.dist(electrode.centroid, outline.centroid), _radius(outline))
+        beside = uneven * (_radius(outline) / far) ** 2
+        r = film.radius
+        if probe:
+            between = math.dist(electrode.centroid, probe.centroid) - _radius(electrode)
+            r = max(between, _radius(probe))
+        N = tension_at(film, force, r)
+        stiff = N * r * r + D * (1.0 + (r / half) ** 2)
+        pressed = e * A * force / (2.0 * math.pi * N * stiff) if N else 0.0
+        changes.append(max(bent * covered, min(bent, 1.0) * beside) + pressed * covered)
+    return max(changes)
 
 
 def layer_size(length: float, change: float, tolerance: float) -> float:

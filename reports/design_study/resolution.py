@@ -161,6 +161,14 @@ class Linearisation:
         covariance[regular] = np.linalg.inv(information[regular])
         return covariance
 
+    def shifts(self, noise: Noise, changes_pC: Array) -> Array:
+        """By how much changes of the charges (points, electrodes) that are not known of move the
+        weighted least squares' x and y in mm and the force over `force_N`, (points, 3)."""
+        scaled = self.jacobian * np.array([1.0, 1.0, self.force_N])
+        weighted = changes_pC / noise.deviations_pC(self.charges_pC) ** 2
+        slopes = np.einsum("pei,pe->pi", scaled, weighted)
+        return np.asarray(np.einsum("pij,pj->pi", self.covariance(noise), slopes))
+
     def position_errors_mm(self, noise: Noise) -> Array:
         """Root mean square distance of the estimated place from the true one, (points,)."""
         covariance = self.covariance(noise)

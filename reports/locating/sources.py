@@ -15,18 +15,23 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from pvdf_fem import Scene, solve
+from pvdf_fem import Scene
 from pvdf_fem.response.model import Model
-from pvdf_fem.solvers.status import Status
 from reports.chapters.contact import pressed
 from reports.common.thesis_data import Position
 from reports.locating.errors import over_disc
 from reports.locating.film import taped, uneven_charges
 from reports.locating.models import rows_of
+from reports.locating.transducer import (
+    CONDITIONS,
+    Job,
+    TransducerChanges,
+    solved_charges,
+    transducer_changes,
+)
 from reports.thesis_methods.circuit import Circuit
 
 Array = NDArray[np.float64]
-Job = Callable[[], Array]
 Draw = Callable[["MeasuredScene", np.random.Generator, int], Array]
 
 
@@ -44,8 +49,13 @@ class Assumptions:
         Smallest and largest load resistance.
     tape_factors : tuple of float
         Stiffness of the tapes over the film's: adhesive, a value between, copper of 50 µm.
-    frequency_Hz : float
-        Frequency at which charges are read.
+    kelvins : float
+        Standard deviation of the probe's temperature over that of the film.
+    d33_pC_N : (float, float)
+        Smallest and largest size of d33, in pC/N.
+    varied : float
+        Standard deviation of the rim's displacements that are not the same all round, over the one
+        by which the simulated cooling stretches the film.
     """
 
     probe_mm: float = 1.0
@@ -53,7 +63,9 @@ class Assumptions:
     force_share: float = 0.02
     load_MOhm: tuple[float, float] = (250.0, 1000.0)
     tape_factors: tuple[float, ...] = (4.0, 30.0, 100.0)
-    frequency_Hz: float = 20.0
+    kelvins: float = 1.0
+    d33_pC_N: tuple[float, float] = (10.0, 30.0)
+    varied: float = 0.5
 
 
 ASSUMED = Assumptions()
@@ -76,6 +88,8 @@ class Changed:
         Logarithms for tapes of stiffness 1 and of the `Assumptions.tape_factors`.
     rigid : ndarray, shape (2, electrodes)
         Logarithms for a rigid probe, sliding and stuck.
+    transducer : TransducerChanges
+        Of coupling, heat, air, the thickness direction, tapes on electrodes and the rim.
     """
 
     rest: Array
@@ -83,6 +97,7 @@ class Changed:
     stretched: Array
     taped: Array
     rigid: Array
+    transducer: TransducerChanges
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +167,8 @@ def changes(scene: Scene, workers: Callable[[Sequence[Job]], list[Array]]) -> Ch
     rigid = [pressed(scene, contact) for contact in ("sliding", "stuck")]
     resting = scene.with_(probe=None)
     jobs = [
-        partial(_solved, changed_scene) for changed_scene in (scene, resting, *displaced, *rigid)
+        partial(solved_charges, changed_scene)
+        for changed_scene in (scene, resting, *displaced, *rigid)
     ]
     jobs += [partial(_stretched, scene, step) for step in steps]
     jobs.append(partial(uneven_charges, taped(scene), factors=(1.0, *ASSUMED.tape_factors)))
@@ -166,14 +182,8 @@ def changes(scene: Scene, workers: Callable[[Sequence[Job]], list[Array]]) -> Ch
         stretched[:3] - stretched[3:],
         np.log(with_tapes / with_tapes[0]),
         punched - np.log(simulated),
+        transducer_changes(scene, workers),
     )
-
-
-def _solved(scene: Scene) -> Array:
-    solution = solve(scene)
-    if solution.status is not Status.CONVERGED:
-        raise RuntimeError(f"a scene did not converge: {solution.status}")
-    return np.array(list(solution.charges_pC.values()))
 
 
 def _powers(offsets_mm: Array) -> Array:
@@ -214,7 +224,7 @@ def _capacitance(scene: MeasuredScene, random: np.random.Generator, count: int) 
     """Read two random electrodes with the capacitance of theory instead of the measured one."""
     small = Circuit(1e-12 * scene.capacitance_pF, scene.circuit.load_resistance)
     small_voltage, voltage = (
-        abs(circuit.voltage(1.0, ASSUMED.frequency_Hz)) for circuit in (small, scene.circuit)
+        abs(circuit.voltage(1.0, CONDITIONS.frequency_Hz)) for circuit in (small, scene.circuit)
     )
     number = len(scene.electrodes)
     pairs = np.ones((number * (number - 1) // 2, number))
@@ -226,9 +236,9 @@ def _capacitance(scene: MeasuredScene, random: np.random.Generator, count: int) 
 def _load(scene: MeasuredScene, random: np.random.Generator, count: int) -> Array:
     """Read all electrodes with a load resistance that is not the true one."""
     lowest, highest = ASSUMED.load_MOhm
-    assumed = abs(scene.circuit.parallel_load(ASSUMED.frequency_Hz))
+    assumed = abs(scene.circuit.parallel_load(CONDITIONS.frequency_Hz))
     ratios = [
-        abs(Circuit(scene.circuit.capacitance, 1e6 * R).parallel_load(ASSUMED.frequency_Hz))
+        abs(Circuit(scene.circuit.capacitance, 1e6 * R).parallel_load(CONDITIONS.frequency_Hz))
         / assumed
         for R in lowest * (highest / lowest) ** random.random(count)
     ]
@@ -267,7 +277,39 @@ def _rest(scene: MeasuredScene, random: np.random.Generator, count: int) -> Arra
     return np.tile(np.exp(scene.changed.rest), (count, 1))
 
 
-#: Sources that the thesis names, and last one that it does not name.
+def _across(scene: MeasuredScene, random: np.random.Generator, count: int) -> Array:
+    low, high = ASSUMED.d33_pC_N
+    times = (low + (high - low) * random.random((count, 1))) / abs(CONDITIONS.d33_pC_N)
+    return 1.0 + times * np.expm1(scene.changed.transducer.across)
+
+
+def _open(scene: MeasuredScene, random: np.random.Generator, count: int) -> Array:
+    return np.exp(random.random((count, 1)) * scene.changed.transducer.open)
+
+
+def _warm(scene: MeasuredScene, random: np.random.Generator, count: int) -> Array:
+    kelvins = ASSUMED.kelvins * random.standard_normal((count, 1))
+    return 1.0 + kelvins * np.expm1(scene.changed.transducer.warm)
+
+
+def _air(scene: MeasuredScene, random: np.random.Generator, count: int) -> Array:
+    forces = np.log(CONDITIONS.forces_N)
+    mean_force = forces[0] + (forces[-1] - forces[0]) * random.random(count)
+    columns = scene.changed.transducer.air.T
+    return np.exp(np.stack([np.interp(mean_force, forces, logs) for logs in columns], axis=1))
+
+
+def _covered(scene: MeasuredScene, random: np.random.Generator, count: int) -> Array:
+    overlaps = random.random((count, len(scene.electrodes)))
+    return np.exp(overlaps * scene.changed.transducer.covered)
+
+
+def _varied(scene: MeasuredScene, random: np.random.Generator, count: int) -> Array:
+    steps = ASSUMED.varied * random.standard_normal((count, 4))
+    return np.exp(steps @ scene.changed.transducer.varied)
+
+
+#: Sources that the thesis names, and last those that it does not name.
 SOURCES = (
     Source(
         "probe placed",
@@ -312,6 +354,47 @@ SOURCES = (
         "6.1, item 8",
         "principal strains of 0 to 2 times the simulated one, any direction, no wrinkles",
         _pretension,
+    ),
+    Source(
+        "tapes on electrodes",
+        "6.1, item 9",
+        f"over the outer 0 to {CONDITIONS.overlap_mm:g} mm of each electrode, each by itself, "
+        f"50 µm of {CONDITIONS.tape_GPa:g} GPa on both sides",
+        _covered,
+    ),
+    Source(
+        "pretension varies",
+        "6.1, item 8",
+        "the rim moved by cos θ, sin θ, cos 3θ, sin 3θ, each normal, half as far as the simulated "
+        "cooling stretches",
+        _varied,
+    ),
+    Source(
+        "thickness direction",
+        "3.1, 6.2",
+        f"d33 of -{ASSUMED.d33_pC_N[0]:g} to -{ASSUMED.d33_pC_N[1]:g} pC/N under the probe, "
+        "simulated without",
+        _across,
+    ),
+    Source(
+        "voltages of electrodes",
+        "App. 2",
+        "from short to open, simulated short; they stiffen the film",
+        _open,
+    ),
+    Source(
+        "touch is warm",
+        "6.1, item 15",
+        f"normal, {ASSUMED.kelvins:g} K over the film, {1e3 * CONDITIONS.contact_s:g} ms (half a "
+        "period)",
+        _warm,
+    ),
+    Source(
+        "air and time",
+        "6.1, item 6",
+        f"{CONDITIONS.frequency_Hz:g} Hz in air about {CONDITIONS.forces_N[0]:g} to "
+        f"{CONDITIONS.forces_N[-1]:g} N, simulated as static",
+        _air,
     ),
     Source("rigid probe", "5.2", "between sliding and stuck, simulated as a pressure", _rigid),
     Source("charge at rest", "not named", "not seen at 20 Hz, but in the simulated charges", _rest),

@@ -33,13 +33,13 @@ def usual_scene(group: str, number: int, seed: int) -> Scene:
     kinds = KINDS[group]
     kind = kinds[number % len(kinds)]
     while True:
-        film = _film(random)
-        probe = _probe(random, film["film.radius_mm"])
+        film = draw_film(random)
+        probe = draw_probe(random, film["film.radius_mm"])
         load = {"load.force_N": log_uniform(random, 0.05, 5.0)}
         tolerance = {"numerics.tolerance": float(random.choice(TOLERANCES))}
         changes = {**film, **load, **tolerance, **_kind(random, kind, film)}
         odd = kind != "thesis-edge" and random.random() < 0.4
-        electrodes = _odd_electrodes(random, probe) if odd else _squares(random, probe)
+        electrodes = draw_odd_electrodes(random, probe) if odd else draw_squares(random, probe)
         try:
             return Scene().with_(**changes, probe=probe, electrodes=electrodes)
         except SceneError:
@@ -54,7 +54,7 @@ _NAMED: dict[str, Tables] = {
 }
 
 
-def _film(random: np.random.Generator) -> Tables:
+def draw_film(random: np.random.Generator) -> Tables:
     modulus = log_uniform(random, 1.0, 6.0)
     film: Tables = {
         "film.radius_mm": float(random.uniform(30.0, 60.0)),
@@ -80,7 +80,7 @@ def _kind(random: np.random.Generator, kind: str, film: Tables) -> Tables:
     return {"film.temperature_change_K": heating, "film.compression": "tension-field"}
 
 
-def _probe(random: np.random.Generator, radius: float) -> Tables:
+def draw_probe(random: np.random.Generator, radius: float) -> Tables:
     shape = str(random.choice(SHAPES))
     size = log_uniform(random, 3.0, 0.5 * radius)
     sizes: dict[str, Tables] = {
@@ -99,7 +99,7 @@ def _probe(random: np.random.Generator, radius: float) -> Tables:
     }
 
 
-def _squares(random: np.random.Generator, probe: Tables) -> list[Tables]:
+def draw_squares(random: np.random.Generator, probe: Tables) -> list[Tables]:
     """Three or four squares on a ring, of which one may be moved to a corner of the probe."""
     count, ring, side = int(random.integers(3, 5)), random.uniform(6.0, 18.0), random.uniform(1, 5)
     angles = np.arange(count) * 2.0 * np.pi / count
@@ -113,10 +113,10 @@ def _squares(random: np.random.Generator, probe: Tables) -> list[Tables]:
     ]
 
 
-def _odd_electrodes(random: np.random.Generator, probe: Tables) -> list[Tables]:
+def draw_odd_electrodes(random: np.random.Generator, probe: Tables) -> list[Tables]:
     """The places of `_squares` with other shapes, turned at random."""
     electrodes = []
-    for square in _squares(random, probe):
+    for square in draw_squares(random, probe):
         side = square.pop("side_mm")
         shapes: list[Tables] = [
             {"shape": "circle", "radius_mm": 0.5 * side},

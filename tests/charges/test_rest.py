@@ -88,7 +88,7 @@ def test_warming_makes_a_charge_and_loosens_the_film(stretched: dict[str, object
     assert rest_charges(warm) == pytest.approx(rest_charges(cold), rel=1e-12)
     assert any("film.pyroelectric_uC_m2K = -25" in text for text in solution.included)
     left = solve(warm.with_(**{"film.pyroelectric_uC_m2K": None}), mesh=loose.mesh).left_out
-    assert any("10 pC/mm2" in text for text in left)
+    assert any("about 90 pC on" in text for text in left)
     key = "film.youngs_modulus_GPa"
     rate = gradients(solution, [key])[key]
     ahead, behind = (solve(warm.with_(**{key: E}), mesh=loose.mesh) for E in (2.01, 1.99))

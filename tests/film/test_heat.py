@@ -76,6 +76,21 @@ def test_heat_spreads_at_corners_as_well_as_is_stated():
     assert found / expected - 1.0 == pytest.approx(0.036, rel=0.3)
 
 
+@pytest.mark.parametrize(
+    ("shape", "excess"),
+    [
+        ({"shape": "circle", "radius_mm": 3.0}, 1.11e-2),
+        ({"shape": "ellipse", "semi_axes_mm": [4.0, 1.5]}, 0.192),
+        ({"shape": "triangle", "side_mm": 7.0}, 0.331),
+    ],
+)
+def test_heat_beside_other_outlines_is_off_as_stated(shape, excess):
+    """Against finite elements of the heat equation on meshes with these outlines, after 30 s."""
+    scene = Scene().with_(probe={**shape, "temperature_K": 1.0, "contact_time_s": 30.0})
+    told = float(next(heat_remarks(scene))[1].split("about ")[1].split()[0])
+    assert 0.6 * excess < told < 2.0 * excess
+
+
 def test_a_film_that_is_warm_all_over_is_one_that_was_cooled_less():
     disc = {"shape": "circle", "radius_mm": 45.0}
     warm = Scene().with_(

@@ -66,6 +66,12 @@ def test_covariance_is_that_of_weighted_least_squares() -> None:
     )
 
 
+def test_a_change_that_a_touch_would_make_is_taken_for_it() -> None:
+    linearised, step = made_up(), np.array([0.3, -0.2, 0.05])
+    found = linearised.shifts(Noise(), linearised.jacobian @ step)
+    np.testing.assert_allclose(found, np.tile(step, (5, 1)), rtol=1e-9)
+
+
 def test_two_electrodes_do_not_tell_three_unknowns_and_a_failed_solve_is_no_number() -> None:
     pair = part(made_up(), slice(0, 2))
     assert np.isinf(pair.position_errors_mm(Noise())).all()
@@ -163,6 +169,10 @@ def test_the_page_is_complete_and_a_second_run_solves_nothing(
     assert_links_work(tmp_path / "index.html")
     text = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "Recommended: " in text
+    with (tmp_path / "budget.csv").open(encoding="utf-8") as file:
+        budget = {row["disturbance"]: row for row in csv.DictReader(file)}
+    assert budget["open electrodes, not charge amplifiers"]["verdict_0"] == "negligible"
+    assert budget["tapes over 1 mm of the electrodes"]["verdict_0"] == "matters"
     assert "nan" not in text
     with (tmp_path / "films.csv").open(encoding="utf-8") as file:
         thin, thick = sorted(csv.DictReader(file), key=lambda row: float(row["thickness_um"]))[:2]

@@ -88,6 +88,8 @@ def test_first_modes_and_static_charges(tmp_path: Path) -> None:
     assert modes["no force"][2] == pytest.approx(117.06, abs=0.02)
     assert modes["about 1 N"][2] == pytest.approx(554.4, rel=2e-3)
     assert modes["about 1 N"][3] == pytest.approx(1.0013, abs=1e-4)
+    assert modes["no force"][4] == pytest.approx(69.304, rel=2e-3)
+    assert modes["no force"][5] == pytest.approx(1.0909, abs=1e-3)
     pyro = table(content, "static_charges").rows[2]
     assert pyro[1] == pytest.approx(225.0)
     assert "42.7 MPa" in " ".join(content.paragraphs)

@@ -15,6 +15,7 @@ from reports.locating.errors import FREE, LOCATED, TURNED, Trial, bounds_mm, loc
 from reports.locating.film import taped, uneven_charges
 from reports.locating.models import electrodes_of, sensor
 from reports.locating.sources import SOURCES, Changed, MeasuredScene
+from reports.locating.transducer import TransducerChanges, transducer_changes
 from reports.thesis_methods.circuit import Circuit
 from tests.helpers.touch_models import DOMAIN, POINTS, Bumps
 
@@ -152,11 +153,30 @@ def test_tapes_take_load_from_the_rim():
     assert np.all(stiff > 1.05 * soft)
 
 
+def test_the_transducer_changes_charges_as_it_must():
+    """A disc over electrode A, on the mirror line of B and D."""
+    disc = {"shape": "circle", "radius_mm": 3.0, "x_mm": 10.0, "y_mm": 0.0}
+    scene = SCENE.with_(probe=disc, **{"numerics.tolerance": 2e-2})
+    charges = np.array(list(solve(scene).charges_pC.values()))
+    found = transducer_changes(scene, lambda jobs: [job() for job in jobs])
+    pressed_pC = 15.0 * 0.5 * 9.0 / (9.0 * np.pi)
+    assert np.expm1(found.across) * charges == pytest.approx(
+        [pressed_pC, 0, 0, 0], rel=5e-2, abs=1e-6
+    )
+    assert np.all((found.open > 5e-4) & (found.open < 2e-3))
+    assert abs(np.expm1(found.warm[0]) * charges[0] + 25.0 * 9.0) < 25.0
+    assert np.all(np.diff(found.air, axis=0) < 0.0)
+    assert np.all((found.covered > -0.4) & (found.covered < -0.1))
+    for changes in (found.open, found.covered, found.air[0], found.varied[0], found.varied[2]):
+        assert changes[1] == pytest.approx(changes[3], rel=0.1, abs=3e-4)
+
+
 @pytest.fixture
 def pressed():
     row = next(p for p in THESIS.positions if p.case == "Table 5.1 row 2, 4 electrodes")
     none, five = np.zeros(4), np.zeros((5, 4))
-    changed = Changed(none, five, np.zeros((3, 4)), np.zeros((4, 4)), np.zeros((2, 4)))
+    transducer = TransducerChanges(none, none, none, np.zeros((3, 4)), none, np.zeros((4, 4)))
+    changed = Changed(none, five, np.zeros((3, 4)), np.zeros((4, 4)), np.zeros((2, 4)), transducer)
     model = model_of(sensor(THESIS, row.probe))
     return MeasuredScene(row, model, electrodes_of("4"), Circuit(35e-12, 500e6), 23.0, changed)
 

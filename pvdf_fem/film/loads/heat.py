@@ -12,10 +12,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from scipy.special import erfc
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 HEAT_CAPACITY = 1300.0  #: Of PVDF, J/(kg K).
@@ -40,23 +42,44 @@ def spread(film: Film, touch: LoadedProbe) -> float:
 
 def heat_remarks(scene: Scene) -> Iterator[tuple[bool, str]]:
     """Whether what heat does is included, and its size."""
-    film, warmest = scene.film, scene.film.warming_K or 0.0
+    film = scene.film
     seconds = film.thickness * film.density * HEAT_CAPACITY / (2.0 * HEAT_TRANSFER)
     for touch in scene.loaded_probes:
-        if kelvins := touch.probe.temperature_K:
-            # a square corner gives 2.5 κ t less heat
-            excess = 0.6 * len(touch.outline.corners) * spread(film, touch) ** 2
-            part = f"{excess / touch.outline.area:.1e}"
+        if touch.probe.temperature_K:
+            part = f"{_misplaced(touch.outline, spread(film, touch)):.1e}"
             yield False, f"heat of the {touch.patch}: how it spreads at corners, about {part} of it"
             lost = f"heat that the air takes beside the {touch.patch}, within some {seconds:.2g} s"
             yield False, lost
-            warmest = max(warmest, (film.warming_K or 0.0) + kelvins, key=abs)
-    if warmest:
-        given, typical = film.pyroelectric_uC_m2K, TYPICAL_UC_M2K
+    given, typical = film.pyroelectric_uC_m2K, TYPICAL_UC_M2K
+    heated = {e.name: _heated(scene, e.outline) for e in scene.electrode_list}
+    name, most = max(heated.items(), key=lambda item: abs(item[1]), default=("", 0.0))
+    if most:
         said = f"{given:g}" if given is not None else f"not given; it would be about {typical:g}"
-        density = warmest * (typical if given is None else given)
-        text = f"pyroelectricity (film.pyroelectric_uC_m2K = {said}): {density:.3g} pC/mm2"
+        charge = most * (typical if given is None else given)
+        text = (
+            f"pyroelectricity (film.pyroelectric_uC_m2K = {said}): about {charge:.2g} pC on {name}"
+        )
         yield given is not None, text
+
+
+def _misplaced(outline: Outline, reach: float) -> float:
+    """About the heat that has spread too far over that below the probe. A square corner gives
+    2.5 κ t less, and round outlines are the further off the less they are discs."""
+    area = outline.area
+    bulge = outline.perimeter**2 / (4.0 * np.pi * area) - 1.0
+    curved = 1.6 * bulge + 0.06 * reach / float(np.sqrt(area / np.pi))
+    return (0.6 * len(outline.corners) or curved) * reach**2 / area
+
+
+def _heated(scene: Scene, outline: Outline, lines: int = 24) -> float:
+    """About the integral of the temperature over an electrode, in K mm²."""
+    added, mean = AddedStrain.of(scene), scene.film.warming_K or 0.0
+    if added and added.warm:
+        low, high = np.reshape(outline.polygon.bounds, (2, 2))
+        grid = low + (high - low) * (np.indices((lines, lines)).reshape(2, -1).T + 0.5) / lines
+        inside = shapely.contains_xy(outline.polygon, grid)
+        mean += float(added.temperature(grid[inside]).mean())
+    return 1e6 * outline.area * mean
 
 
 @dataclass(frozen=True)

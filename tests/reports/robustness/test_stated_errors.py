@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene
-from reports import stated_errors
+from reports import stated_effects, stated_errors
 from reports.robustness import runs
 from reports.robustness.runs import Ending
 from reports.robustness.usual_scenes import KINDS, usual_scene
@@ -56,3 +56,23 @@ def test_the_page_counts_and_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert (tmp_path / "stated-errors.png").stat().st_size > 10_000
     lines = (tmp_path / "stated-errors.csv").read_text().splitlines()
     assert [line.split(",")[:3] for line in lines[1:]] == [["rigid", "6", "6"], ["other", "6", "6"]]
+
+
+def test_estimates_of_bending_by_layers_are_of_the_size_of_the_effect() -> None:
+    """Scenes of another seed than that by which the estimate was made."""
+    pairs = stated_effects.compared("bending of a layer on one side", 5, 2)
+    assert len(pairs) == 2
+    for estimate, change, _ in pairs.values():
+        assert stated_effects.LEAST <= estimate / change <= stated_effects.MOST
+
+
+def test_the_report_of_effects_returns_1_for_a_wrong_estimate(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def pairs(name: str, *_: object) -> dict[int, tuple[float, float, bool]]:
+        return {3: (1.0, 0.5, True), 7: (1.0, 1e-9, False), 8: (0.1, 1.0, name == "bending")}
+
+    monkeypatch.setattr(stated_effects, "compared", pairs)
+    assert stated_effects.main(["--only", "coupling"]) == 0
+    assert stated_effects.main(["--only", "bending"]) == 1
+    assert "1 [8]" in capsys.readouterr().out
