@@ -7,11 +7,13 @@ direction, air, tapes, an uneven tension. Each is turned on by keys of the scene
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from pvdf_fem import Scene
+from reports.chapters.transducer import moving
 from reports.chapters.transducer.effects import (
     BESIDE_MM,
     D33_PC_N,
@@ -22,12 +24,10 @@ from reports.chapters.transducer.effects import (
     Effect,
     Found,
     Place,
-    charges_pC,
     finger,
-    touch,
 )
 from reports.chapters.transducer.figures import Bar, heat_picture, sizes_picture
-from reports.chapters.transducer.moving import AIR, LOADS_N, TAP_S, TAPPED, Motion, motion
+from reports.chapters.transducer.moving import AIR, LOADS_N, TAP_S, TAPPED, Motion
 from reports.chapters.transducer.taped import Explained, contour_scenes, explained, measured_rows
 from reports.common.chapter import Chapter, Content
 from reports.common.page import Cell, Column, Picture, Table, joined, signed
@@ -40,7 +40,7 @@ ON_ELECTRODE = tuple(e for e in EFFECTS if e.key.startswith(("film.d33", "probe.
 FINGERS = tuple(effect for effect in EFFECTS if effect.key == "probe.temperature_K")
 WARM = BY_NAME["film 1 K warmer"]
 #: Times of contact in s of the figure.
-CURVE_S = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
+CURVE_S = (0.001, 0.01, 0.03, 0.1, 0.3, 1.0)
 PLACES = {
     "on the whole of A": ON_WHOLE_MM,
     "on a part of A": ON_PART_MM,
@@ -68,11 +68,14 @@ def _compose(thesis: Thesis, results: Results, out: Path) -> Content:
     if _quick(thesis):
         return Content([text], [_few_table()])
     frequency_Hz = thesis.parameters["experiment"]["excitation_frequency"]["value"]
-    motions = [motion(force_N, frequency_Hz) for force_N in LOADS_N]
+    motions = [moving.motion(force_N, frequency_Hz) for force_N in LOADS_N]
     by_tape = explained(thesis, results)
     error_mm, error_percent = _measuring_error(thesis)
     sizes_picture(_bars(), error_percent, error_mm, out / "transducer.svg")
-    shares = {name: [heat_share(place, t) for t in CURVE_S] for name, place in PLACES.items()}
+    shares = {
+        name: [float(finger(t).percent(place)[0]) for t in CURVE_S]
+        for name, place in PLACES.items()
+    }
     heat_picture(CURVE_S, shares, NOISE, out / "finger_heat.svg")
     return Content(
         [
@@ -103,12 +106,6 @@ def _measuring_error(thesis: Thesis) -> tuple[float, float]:
     errors = [row.error_mm for row in measured_rows(thesis)]
     stated = thesis.parameters["experiment"]["theory_experiment_discrepancy"]["value"]
     return float(np.sqrt(np.nanmean(np.square(errors)))), float(stated)
-
-
-def heat_share(place: Place, seconds: float) -> float:
-    """A's charge by a finger's heat over that of its force."""
-    cold = touch(place)
-    return float((charges_pC(cold.with_(**finger(seconds))) / charges_pC(cold) - 1.0)[0])
 
 
 # ------------------------------------------------------------------------------------- overview
@@ -207,33 +204,33 @@ def _electric_text() -> str:
 def pressure_pC(place: Place) -> tuple[float, float]:
     """A's charge by d33 in pC, and in percent of that by the force."""
     effect = BY_NAME["thickness direction"]
-    percent = float(effect.percent(place)[0])
-    return 0.01 * percent * float(charges_pC(effect.model(place))[0]), percent
+    added = (effect.charges_pC(place) - effect.plain_pC(place))[0]
+    return float(added), float(effect.percent(place)[0])
 
 
 # ----------------------------------------------------------------------------------------- heat
 
 
 def _heat_text() -> str:
-    on = joined([f"{e.name.split(', ')[1]} {e.percent(ON_PART_MM)[0]:.0f} %" for e in FINGERS])
-    whole = [100.0 * heat_share(ON_WHOLE_MM, t) for t in (0.01, 1.0)]
-    late, warm = FINGERS[-1], WARM.found(BESIDE_MM)
-    centre = WARM.found((0.0, 0.0))
-    tension = BY_NAME["film 1 K warmer: tension alone"].percent(BESIDE_MM)
+    on = [f"{signed(e.percent(ON_PART_MM)[0], 0)} %" for e in FINGERS]
+    whole = [f"{signed(finger(t).percent(ON_WHOLE_MM)[0], 0)} %" for t in (0.01, 1.0)]
+    others = max(np.abs(e.percent(p)[1:]).max() for e in FINGERS for p in (BESIDE_MM, ON_PART_MM))
+    late, warm, centre = FINGERS[-1], WARM.found(BESIDE_MM), WARM.found((0.0, 0.0))
+    loose = BY_NAME["film 1 K warmer: tension alone"].percent(BESIDE_MM)
     return (
-        "Heat (6.1, item 15: it may dominate). A finger that is 10 K warmer, on a part of A, "
-        f"changes A's charge within {on}; on the whole of A it takes away {-whole[0]:.0f} and "
-        f"{-whole[1]:.0f} % of it within 10 ms and 1 s. So it dominates where a finger is on an "
-        "electrode, and only there: what the loss of tension under it does to the others is "
-        f"below 0.3 %. With a cold film, locate takes the finger on a part of A for one "
-        f"{late.shift_mm(ON_PART_MM):.2f} mm away after 1 s, and beside A for one "
-        f"{late.shift_mm(BESIDE_MM):.2f} mm away, and the fit shows nothing of it "
-        f"(p = {late.found(ON_PART_MM).p_value:.2f} and {late.found(BESIDE_MM).p_value:.2f}). A "
-        f"film that is 1 K warmer as a whole loses {_span(WARM.percent(BESIDE_MM))} % of its "
-        f"charges, by its tension alone {_span(tension)} %. Beside A the fit tells that the model "
-        f"is wrong (p = {_rounded(warm.p_value):g}; {WARM.shift_mm(BESIDE_MM):.1f} mm away, "
-        f"{warm.force_N:.2f} N); at the centre, where all charges are alike, it reads "
-        f"{centre.force_N:.2f} N with p = {centre.p_value:.2f}."
+        "Heat (6.1, item 15: it may dominate). A finger that is 10 K warmer and covers a part of A "
+        f"changes A's charge by {joined(on)} in 10 ms, 100 ms and 1 s; at the centre of A by "
+        f"{joined(whole)} in 10 ms and 1 s, as much as 1 N makes. So it dominates where a finger "
+        "is on an electrode, and only there: the loss of tension below it changes the charges of "
+        f"the others by {others:.2f} % at most. With a cold film, locate takes the finger after "
+        f"1 s for one {late.shift_mm(ON_PART_MM):.2f} mm away where it covers a part of A, and for "
+        f"one {late.shift_mm(BESIDE_MM):.2f} mm away beside A, and the fit does not show it (p = "
+        f"{late.found(ON_PART_MM).p_value:.2f} and {late.found(BESIDE_MM).p_value:.2f}). A film "
+        f"that is 1 K warmer as a whole loses {_span(WARM.percent(BESIDE_MM))} % of its charges, "
+        f"by its tension alone {_span(loose)} %. Beside A the fit tells that the model is wrong "
+        f"(p = {warm.p_value:.2g}; {WARM.shift_mm(BESIDE_MM):.1f} mm away, {warm.force_N:.2f} N). "
+        f"At the centre, where all charges are alike, 1 N reads as {centre.force_N:.2f} N, with "
+        f"p = {centre.p_value:.2f}."
     )
 
 
@@ -246,8 +243,8 @@ def _span(percent: np.ndarray) -> str:
 def _heat_caption() -> str:
     return (
         "A finger 10 K warmer than the film: charge of A by its heat, over that of its force of "
-        "1 N, sizes; the signs are opposite but in the first moments beside A, where the loss of "
-        f"tension adds some charge. Dashed: {100 * NOISE:g} % of noise."
+        "1 N. At first the loss of tension adds some charge beside A, before the heat arrives "
+        f"there. Grey: {100 * NOISE:g} % of noise."
     )
 
 
@@ -265,11 +262,13 @@ def _heat_table() -> Table:
     rows: list[list[Cell]] = []
     for effect in (*FINGERS, WARM):
         for name, place in list(PLACES.items())[1:]:
-            force, share = float(charges_pC(effect.model(place))[0]), effect.percent(place)[0]
+            force, share = float(effect.plain_pC(place)[0]), effect.percent(place)[0]
             best: Found = effect.found(place)
             row: list[Cell] = [effect.name, name, force, 0.01 * share * force, float(share)]
             rows.append([*row, effect.shift_mm(place), best.force_N, _rounded(best.p_value)])
-    caption = "Charge of A by heat, and the touch of 1 N as it is found with a model of a cold film."
+    caption = (
+        "Charge of A by heat, and the touch of 1 N as it is found with a model of a cold film."
+    )
     return Table("transducer_heat", caption, columns, rows)
 
 
@@ -323,23 +322,14 @@ def _motion_table(motions: list[Motion], frequency_Hz: float) -> Table:
 
 
 def _tape_text(by_tape: dict[str, Explained]) -> str:
-    said, better = [], False
-    for name, found in by_tape.items():
-        (r, chance), (share, by_mean) = found.correlation, found.shares
-        better |= share > by_mean
-        said.append(
-            f"{name}: places move by {_rms(found.shifts_mm):.2f} mm (root mean square), errors "
-            f"become {_rms(found.taped_mm):.2f} mm where {_rms(found.measured_mm):.2f} mm were "
-            f"measured and {_rms(found.plain_mm):.2f} mm are the method's own, and correlate with "
-            f"the measured ones by {signed(r, 2)} (p = {chance:.2f}). They take away "
-            f"{100.0 * share:.0f} % of the squares that the method's own errors leave; one and the "
-            f"same error in all rows takes away {100.0 * by_mean:.0f} %"
-        )
     over, beyond = (BY_NAME[f"tape {where} each electrode"] for where in ("over", "beyond"))
+    shares = [found.shares for found in by_tape.values()]
+    errors = [_rms(found.taped_mm) for found in by_tape.values()]
+    first = next(iter(by_tape.values()))
     verdict = (
-        "So tapes explain a part of the pattern of errors."
-        if better
-        else "So tapes explain how large errors are, but not which touch errs by how much."
+        "and so explain a part of it"
+        if any(share > by_mean for share, by_mean in shares)
+        else "and so do not explain which touch errs by how much"
     )
     return (
         "Tapes (6.1, item 9: they could well account for the differences). A tape of 50 µm and "
@@ -347,8 +337,23 @@ def _tape_text(by_tape: dict[str, Explained]) -> str:
         "each nearly the same; one that begins beyond it draws stress onto it, and adds "
         f"{_span(beyond.percent(BESIDE_MM))} %. The thesis prints distances of the places found "
         "from those meant, no charges: so its touches are computed with tapes, and its method "
-        f"finds their places after one common factor. {'; '.join(said)}. {verdict}"
+        "finds their places after one common factor has been taken out. Tapes make its errors "
+        f"{min(errors):.2f} to {max(errors):.2f} mm (root mean square), where "
+        f"{_rms(first.measured_mm):.2f} mm were measured and {_rms(first.plain_mm):.2f} mm are its "
+        "own: in size they could well be the cause. Of the squares that its own errors leave they "
+        f"take away {_percents([share for share, _ in shares])}; one and the same error in all "
+        f"rows would take away {_percents([max(by_mean for _, by_mean in shares)])}. They follow "
+        f"the measured ones with a correlation of {_correlations(by_tape)}, {verdict}."
     )
+
+
+def _percents(shares: Sequence[float]) -> str:
+    return joined([f"{100.0 * share:.0f} %" for share in shares])
+
+
+def _correlations(by_tape: dict[str, Explained]) -> str:
+    pairs = [found.correlation for found in by_tape.values()]
+    return joined([f"{signed(r, 2)} (p = {chance:.2f})" for r, chance in pairs])
 
 
 def _rms(values: np.ndarray) -> float:
@@ -369,11 +374,16 @@ def _tape_table(thesis: Thesis, by_tape: dict[str, Explained]) -> Table:
     ]
     rows: list[list[Cell]] = []
     for i, row in enumerate(measured_rows(thesis)):
-        plain = float(next(iter(by_tape.values())).plain_mm[i])
-        line: list[Cell] = [row.case, f"{row.probe}, {row.position}", row.error_mm, plain]
+        own = float(next(iter(by_tape.values())).plain_mm[i])
+        line: list[Cell] = [row.case, f"{row.probe}, {row.position}", row.error_mm, own]
         for found in by_tape.values():
             line += [float(found.taped_mm[i]), float(found.shifts_mm[i])]
         rows.append(line)
+    plain = next(iter(by_tape.values()))
+    total: list[Cell] = ["root mean square", "", _rms(plain.measured_mm), _rms(plain.plain_mm)]
+    for found in by_tape.values():
+        total += [_rms(found.taped_mm), _rms(found.shifts_mm)]
+    rows.append(total)
     caption = "Tables 5.1 and 5.2: errors of places by the thesis's method from charges with tapes."
     return Table("transducer_tapes", caption, columns, rows)
 

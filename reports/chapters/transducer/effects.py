@@ -30,7 +30,7 @@ TOLERANCE = 1e-4
 #: Relative standard deviation of a charge.
 NOISE = 0.01
 #: One start: nearly all touches found are near the true one.
-QUICK = SolveOptions(tolerance=3e-4, pitch_mm=5.0, starts=1, rounds=0, arrived=1e-3)
+QUICK = SolveOptions(3e-4, 3e-4, pitch_mm=5.0, starts=1, first_steps=1, rounds=0, arrived=1e-3)
 #: Coefficients of PVDF beside the thesis's d31 = 8: d33 (App. 1) and a larger d31 in pC/N, the
 #: pyroelectric one in µC/(m² K) with the sign that goes with a positive d31.
 D33_PC_N, HIGH_D31_PC_N, PYRO_UC_M2K = -15.0, 23.0, -25.0
@@ -77,7 +77,8 @@ def found(model: Scene, *charges: float, starts: int = QUICK.starts) -> Found:
     named = dict(zip((e.name for e in model.electrode_list), charges, strict=True))
     fits = locate_by_solves(model, named, NOISE, reading="change", options=options)
     best = min(fits, key=lambda fit: fit.chi_square)
-    return Found(*best.values.values(), best.p_value)
+    x_mm, y_mm, force_N = best.values.values()
+    return Found(x_mm, y_mm, force_N, best.p_value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,13 +97,17 @@ class Effect:
         """The touch without the effect."""
         return touch(place, **self.film)
 
+    def plain_pC(self, place: Place) -> Array:
+        """Charges without the effect, (4,)."""
+        return charges_pC(self.model(place))
+
     def charges_pC(self, place: Place) -> Array:
         """Charges with the effect, (4,)."""
         return charges_pC(self.model(place).with_(**self.keys))
 
     def percent(self, place: Place) -> Array:
         """Changes of the charges of a touch, (4,)."""
-        return 100.0 * (self.charges_pC(place) / charges_pC(self.model(place)) - 1.0)
+        return 100.0 * (self.charges_pC(place) / self.plain_pC(place) - 1.0)
 
     def found(self, place: Place) -> Found:
         """The touch that `locate`, which knows nothing of the effect, finds."""
@@ -112,8 +117,8 @@ class Effect:
     def shift_mm(self, place: Place) -> float:
         """Distance from the place that charges without the effect give; the errors of both are
         alike, and cancel."""
-        model = self.model(place)
-        return self.found(place).away_mm(found(model, *charges_pC(model).tolist()))
+        plain = found(self.model(place), *self.plain_pC(place).tolist())
+        return self.found(place).away_mm(plain)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,17 +130,19 @@ class Oscillating(Effect):
     def charges_pC(self, place: Place) -> Array:
         """Those of a static touch times the oscillation's ratio."""
         moving = touch(place, **self.film).with_(**self.keys)
-        return charges_pC(self.model(place)) * oscillating_ratios(moving, self.frequency_Hz)
+        return self.plain_pC(place) * oscillating_ratios(moving, self.frequency_Hz)
 
 
 def _open(pF: float) -> dict[str, Any]:
     return {"film.coupling": True, "readout": {"kind": "voltage", "cable_capacitance_pF": pF}}
 
 
-def finger(seconds: float, kelvins: float = 10.0) -> dict[str, Any]:
-    """A probe that is warmer than the film."""
+def finger(seconds: float, kelvins: float = 10.0) -> Effect:
+    """A probe that is warmer than the film, for a time."""
+    time = f"{seconds:g} s" if seconds >= 1.0 else f"{1e3 * seconds:g} ms"
     heat = {"probe.temperature_K": kelvins, "probe.contact_time_s": seconds}
-    return {**heat, "film.pyroelectric_uC_m2K": PYRO_UC_M2K}
+    keys = {**heat, "film.pyroelectric_uC_m2K": PYRO_UC_M2K}
+    return Effect(f"finger {kelvins:g} K warmer, {time}", "probe.temperature_K", keys)
 
 
 def tapes(inner_mm: float, outer_mm: float = 44.5, **layer: Any) -> list[dict[str, Any]]:
@@ -167,10 +174,7 @@ EFFECTS: tuple[Effect, ...] = (
         {"film.d31_pC_N": HIGH_D31_PC_N, "film.d32_pC_N": HIGH_D31_PC_N},
     ),
     Effect("thickness direction", "film.d33_pC_N", {"film.d33_pC_N": D33_PC_N}),
-    *(
-        Effect(f"finger 10 K warmer, {name}", "probe.temperature_K", finger(seconds))
-        for name, seconds in (("10 ms", 0.01), ("100 ms", 0.1), ("1 s", 1.0))
-    ),
+    *map(finger, (0.01, 0.1, 1.0)),
     Effect("film 1 K warmer: tension alone", "film.warming_K", {"film.warming_K": 1.0}),
     Effect(
         "film 1 K warmer",

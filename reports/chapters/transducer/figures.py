@@ -5,15 +5,25 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.transforms import blended_transform_factory
 
 from pvdf_fem.output.figures import COLOURS, GREY, LABEL_SIZE
-from reports.chapters.transducer.effects import Place
 from reports.common.charge_figures import Series, colours, label_curves
 from reports.common.figures import LEVEL_DASHES, RING, drawing
+from reports.common.page import with_minus
+
+#: Sizes that differ by less than this factor share a label.
+NEAR = 1.5
+_LABEL: dict[str, Any] = {
+    "textcoords": "offset points",
+    "va": "center",
+    "size": LABEL_SIZE,
+    "bbox": {"fc": "white", "ec": "none", "pad": 0.5},
+}
 
 
 @dataclass(frozen=True)
@@ -28,9 +38,7 @@ class Bar:
     on_shift_mm: float
 
 
-def sizes_picture(
-    bars: Sequence[Bar], error_percent: float, error_mm: float, path: Path
-) -> None:
+def sizes_picture(bars: Sequence[Bar], error_percent: float, error_mm: float, path: Path) -> None:
     """Horizontal bars on log axes, beside the thesis's errors."""
     with drawing(path, 180, 20 + 6.2 * len(bars)) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
@@ -52,46 +60,48 @@ def _draw_sizes(
     ax.set_axisbelow(True)
     ax.set_xscale("log")
     ax.set_xlim(low, high)
-    for y, (beside, on) in enumerate(sizes):
-        over = beside > error
-        ax.barh(y, max(beside, low) - low, left=low, height=0.6, color=COLOURS[1 if over else 4])
-        if np.isfinite(on):
-            ax.plot(max(on, low), y, **RING, color=COLOURS[0], mew=1.4)
-        text = f"{beside:.2g} {unit}" if beside > low else f"< {low:g} {unit}"
-        at = (max(beside, on if np.isfinite(on) else 0.0, low), y)
-        ax.annotate(text, at, (6, 0), textcoords="offset points", va="center", size=LABEL_SIZE)
     ax.axvline(error, color=GREY, lw=1.0, ls=LEVEL_DASHES)
+    for y, (beside, on) in enumerate(sizes):
+        ink = COLOURS[1 if beside > error else 4]
+        ax.barh(y, max(beside, low) - low, left=low, height=0.6, color=ink)
+        ends = [beside]
+        if np.isfinite(on) and on > low:
+            ax.plot(on, y, **RING, color=COLOURS[0], mew=1.4)
+            apart = on > NEAR * beside
+            ends = [beside, on] if apart else [max(beside, on)]
+        for end, own in zip(ends, (beside, on), strict=False):
+            text = _in_words(own, low, unit)
+            ax.annotate(text, (max(end, low), y), (6, 0), **_LABEL)
     above = blended_transform_factory(ax.transData, ax.transAxes)
-    ax.text(
-        error, 1.01, f"thesis's error, {error:.2g} {unit}",
-        transform=above, ha="center", size=LABEL_SIZE, color=GREY,
-    )  # fmt: skip
+    label = f"thesis's error, {error:.2g} {unit}"
+    ax.text(error, 1.01, label, transform=above, ha="center", size=LABEL_SIZE, color=GREY)
     ax.grid(axis="y", visible=False)
+
+
+def _in_words(size: float, low: float, unit: str) -> str:
+    """A size with its unit, in µm where mm are too large."""
+    less, size = ("< ", low) if size < low else ("", size)
+    if unit == "mm" and size < 0.1:
+        return f"{less}{1e3 * size:.2g} µm"
+    return f"{less}{size:.2g} {unit}"
 
 
 def heat_picture(
     times_s: Sequence[float], shares: Mapping[str, Sequence[float]], noise: float, path: Path
 ) -> None:
-    """Share that a finger's heat has of the force's charge of A, over the time of contact."""
-    with drawing(path, 130, 80) as figure:
+    """A's charge by a finger's heat, in percent of that by its force, over the time of contact."""
+    with drawing(path, 140, 85) as figure:
         ax = figure.subplots()
-        lines = [
-            Series(name, np.array(times_s), 100.0 * np.abs(values))
-            for name, values in shares.items()
-        ]
+        lines = [Series(name, np.array(times_s), np.array(Q)) for name, Q in shares.items()]
         inks = colours(len(lines))
+        ax.axhspan(-100.0 * noise, 100.0 * noise, color="0.9", lw=0)
         for line, ink in zip(lines, inks, strict=True):
             ax.plot(line.x, line.y, color=ink, marker="o", ms=3.0)
-        ax.axhline(100.0 * noise, color=GREY, lw=1.0, ls=LEVEL_DASHES)
-        ax.annotate(
-            "noise", (times_s[0], 100.0 * noise), (0, 3), textcoords="offset points", color=GREY
-        )
-        ax.set(xscale="log", yscale="log")
-        ax.set_xlabel("time of contact (s)")
-        ax.set_ylabel("charge of A by heat over that of the force (%)")
+        ax.set_xscale("log")
+        ax.set_yscale("symlog", linthresh=100.0 * noise)
+        ticks = (-100, -30, -10, -3, -1, 0, 1)
+        ax.set_yticks(ticks, [with_minus(str(tick)) for tick in ticks])
+        ax.set(ylim=(-200.0, 2.0), xlabel="time of contact (s)")
+        ax.set_ylabel("charge by heat over that by force (%)")
+        ax.xaxis.set_major_formatter("{x:g}")
         label_curves(ax, lines, inks)
-
-
-def places_in_words(place: Place) -> str:
-    """A place for text and tables."""
-    return f"({place[0]:g}, {place[1]:g}) mm"

@@ -50,7 +50,7 @@ class Motion:
 def motion(force_N: float, frequency_Hz: float) -> Motion:
     """Motion about a load."""
     surrounded = {air: scene(force_N, air) for air in AIR}
-    first = {}
+    first: dict[str, float] = {}
     for air in list(AIR)[1:]:
         result = modes(surrounded[air], count=1, loaded=force_N > 0.0)
         in_air = result.frequencies_in_air_Hz

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.stats import pearsonr
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.arrays import Array
+from pvdf_fem.arrays import Array, Indices
 from reports.chapters.calibration import calibration_scenes
 from reports.chapters.film_placement.sensor import ThesisContours
 from reports.chapters.positions.location import PositionCase
@@ -65,7 +65,7 @@ class Explained:
     shifts_mm: Array
 
     @property
-    def rows(self) -> Array:
+    def rows(self) -> Indices:
         """The rows that count, since all have a number."""
         return np.flatnonzero(np.isfinite(self.measured_mm + self.plain_mm + self.taped_mm))
 
@@ -94,9 +94,7 @@ def explained(thesis: Thesis, results: Results) -> dict[str, Explained]:
     """What each of `TAPES` explains of the measured errors."""
     rows = measured_rows(thesis)
     cases = [PositionCase.of(row) for row in rows]
-    contours = {
-        case.setting.unturned: ThesisContours.of(thesis, results, case) for case in cases
-    }
+    contours = {case.setting.unturned: ThesisContours.of(thesis, results, case) for case in cases}
 
     def places(tape: str | None) -> Array:
         return np.array([_place(case, contours[case.setting.unturned], tape) for case in cases])
