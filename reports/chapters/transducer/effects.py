@@ -194,3 +194,9 @@ EFFECTS: tuple[Effect, ...] = (
     Effect("tension 10 % less along x, more along y", "film.pretension_N_m", _UNEVEN),
     Effect("rim displaced by 1 µm cos 2θ", "film.rim_displacement_um", _OVAL),
 )
+
+BY_NAME = {effect.name: effect for effect in EFFECTS}
+#: Effects that are not the same with the probe on an electrode.
+ON_ELECTRODE = tuple(e for e in EFFECTS if e.key.startswith(("film.d33", "probe.", "film.warming")))
+FINGERS = tuple(effect for effect in EFFECTS if effect.key == "probe.temperature_K")
+WARM = BY_NAME["film 1 K warmer"]

@@ -16,8 +16,8 @@ from reports.common.charge_figures import Series, colours, label_curves
 from reports.common.figures import LEVEL_DASHES, RING, drawing
 from reports.common.page import with_minus
 
-#: Sizes that differ by less than this factor share a label.
-NEAR = 1.5
+#: Sizes that differ by less than this factor share a label, that of the bar first.
+NEAR = 15.0
 _LABEL: dict[str, Any] = {
     "textcoords": "offset points",
     "va": "center",
@@ -64,14 +64,15 @@ def _draw_sizes(
     for y, (beside, on) in enumerate(sizes):
         ink = COLOURS[1 if beside > error else 4]
         ax.barh(y, max(beside, low) - low, left=low, height=0.6, color=ink)
-        ends = [beside]
-        if np.isfinite(on) and on > low:
-            ax.plot(on, y, **RING, color=COLOURS[0], mew=1.4)
-            apart = on > NEAR * beside
-            ends = [beside, on] if apart else [max(beside, on)]
-        for end, own in zip(ends, (beside, on), strict=False):
-            text = _in_words(own, low, unit)
-            ax.annotate(text, (max(end, low), y), (6, 0), **_LABEL)
+        ends, texts = [max(beside, low)], [_in_words(beside, low, unit)]
+        if np.isfinite(on):
+            ax.plot(max(on, low), y, **RING, color=COLOURS[0], mew=1.4, clip_on=False)
+            ends.append(max(on, low))
+            texts.append(_in_words(on, low, unit))
+        if ends[-1] < NEAR * ends[0]:
+            ends, texts = [max(ends)], ["; ".join(texts)]
+        for end, text in zip(ends, texts, strict=True):
+            ax.annotate(text, (end, y), (6, 0), **_LABEL)
     above = blended_transform_factory(ax.transData, ax.transAxes)
     label = f"thesis's error, {error:.2g} {unit}"
     ax.text(error, 1.01, label, transform=above, ha="center", size=LABEL_SIZE, color=GREY)
