@@ -81,7 +81,7 @@ def span(percent: np.ndarray) -> str:
 
 
 def air_text(motions: list[Motion], frequency_Hz: float) -> str:
-    rest, *_, lightest, full = motions[0], motions[1], motions[-1]
+    rest, light, full = motions[0], motions[1], motions[-1]
     free, baffled = list(AIR)[1:]
     return (
         f"Air (6.1, item 6: 117 Hz, so that {frequency_Hz:g} Hz is quasi-static). The untouched "
@@ -90,10 +90,10 @@ def air_text(motions: list[Motion], frequency_Hz: float) -> str:
         f"baffle. Under 1 N it is at {full.first_Hz[free]:.0f} and {full.first_Hz[baffled]:.0f} "
         f"Hz: the conclusion holds, since the force stretches the film. A force that oscillates "
         f"about 1 N at {frequency_Hz:g} Hz makes {full.excess_percent[baffled]:.2f} % more charge "
-        f"than a static one, about {lightest.force_N:g} N {lightest.excess_percent[baffled]:.1f} "
-        f"%. A light tap of {1e3 * TAP_S:g} ms, a half-sine, peaks {full.tap_percent:.0f} % above "
-        f"a static force about 1 N, and {lightest.tap_percent:.0f} % above it about "
-        f"{lightest.force_N:g} N."
+        f"than a static one, about {light.force_N:g} N {light.excess_percent[baffled]:.1f} %. What "
+        f"a small further tap adds, a half-sine of {1e3 * TAP_S:g} ms, peaks {full.tap_percent:.0f}"
+        f" % above what a static force adds to 1 N, and {light.tap_percent:.0f} % above what it "
+        f"adds to {light.force_N:g} N: light taps are not quasi-static."
     )
 
 
@@ -112,7 +112,8 @@ def tape_text(by_tape: dict[str, Explained]) -> str:
         f"3 GPa over an electrode takes {span(over.percent(BESIDE_MM))} % of its charge, from "
         "each nearly the same; one that begins beyond it draws stress onto it, and adds "
         f"{span(beyond.percent(BESIDE_MM))} %. The thesis prints distances of the places found "
-        "from those meant, no charges: so its touches are computed with tapes, and its method "
+        "from those meant, no charges: so its touches are computed with tapes (as membranes: the "
+        "bending of tapes on one side may change charges as much again), and its method "
         "finds their places after one common factor has been taken out. Tapes make its errors "
         f"{min(errors):.2f} to {max(errors):.2f} mm (root mean square), where "
         f"{rms(first.measured_mm):.2f} mm were measured and {rms(first.plain_mm):.2f} mm are its "
