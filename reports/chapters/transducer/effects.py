@@ -30,7 +30,15 @@ TOLERANCE = 1e-4
 #: Relative standard deviation of a charge.
 NOISE = 0.01
 #: One start: nearly all touches found are near the true one.
-QUICK = SolveOptions(3e-4, 3e-4, pitch_mm=5.0, starts=1, first_steps=1, rounds=0, arrived=1e-3)
+QUICK = SolveOptions(
+    first_tolerance=3e-4,
+    tolerance=3e-4,
+    pitch_mm=5.0,
+    starts=1,
+    first_steps=1,
+    rounds=0,
+    arrived=1e-3,
+)
 #: Coefficients of PVDF beside the thesis's d31 = 8: d33 (App. 1) and a larger d31 in pC/N, the
 #: pyroelectric one in µC/(m² K) with the sign that goes with a positive d31.
 D33_PC_N, HIGH_D31_PC_N, PYRO_UC_M2K = -15.0, 23.0, -25.0
