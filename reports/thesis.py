@@ -51,6 +51,7 @@ from reports.chapters.force_and_angle import (
     surface,
 )
 from reports.chapters.positions import positions
+from reports.chapters.transducer.chapter import TRANSDUCER_CHAPTER
 from reports.common.chapter import Chapter
 from reports.common.options import add_out, add_processes
 from reports.common.page import Page, Section, pages_below
@@ -92,6 +93,7 @@ CHAPTERS = (
     contact.CONTACT_CHAPTER,
     shear.SHEAR_CHAPTER,
     spheres.SPHERES_CHAPTER,
+    TRANSDUCER_CHAPTER,
     experiments.CHARGE_PARTS_CHAPTER,
     experiments.CIRCUIT_CHAPTER,
     summary.MESH_CHAPTER,

@@ -21,6 +21,9 @@ from reports.chapters.experiments import CIRCUIT_CHAPTER, MEASURED_POSITIONS_CHA
 from reports.chapters.force_and_angle.force_law import rest_charge_pC
 from reports.chapters.spheres import BESIDE_MM, SPHERES_CHAPTER, contrast, faked_mm, sphere
 from reports.chapters.thickness import PLACE_MM, THICKNESS_CHAPTER
+from reports.chapters.transducer import effects, moving
+from reports.chapters.transducer.chapter import TRANSDUCER_CHAPTER
+from reports.chapters.transducer.texts import pressure_pC, span
 from reports.common.chapter import Chapter, Content
 from reports.common.page import Cell, Column, Table
 from reports.common.results import MATERIAL, THESIS_EDGE, Results
@@ -430,6 +433,76 @@ def _round(evidence: Evidence) -> Finding:
     )
 
 
+# ------------------------------------------------------------------------------- the transducer
+
+
+def _pressure(evidence: Evidence) -> Finding:
+    _require_whole(evidence)
+    part, whole = pressure_pC(effects.ON_PART_MM), pressure_pC(effects.ON_WHOLE_MM)
+    return Finding(
+        "3.1.1, remark 1",
+        "There is no stress in the thickness direction of a thin film, so d33 makes no charge.",
+        "The pressure of the probe runs through the film, half of it in the mean, however thin "
+        f"the film is. With d33 of App. 1, 1 N on the whole of A makes {whole[0]:.1f} pC, "
+        f"{whole[1]:.2f} % of its charge, and {part[0]:.2f} pC on a part of it. It may be left out "
+        "since it is small.",
+        TRANSDUCER_CHAPTER.title,
+    )
+
+
+def _quasi_static(evidence: Evidence) -> Finding:
+    _require_whole(evidence)
+    free, baffled = list(moving.AIR)[1:]
+    experiment = evidence.thesis.parameters["experiment"]
+    frequency_Hz = experiment["excitation_frequency"]["value"]
+    rest, loaded = (moving.motion(F, frequency_Hz) for F in (0.0, 1.0))
+    return Finding(
+        "6.1, items 2 to 6",
+        "The film's mass and its damping by air are negligible; its first mode is at 117 Hz, so "
+        f"that {frequency_Hz:g} Hz is quasi-static.",
+        f"The air that moves with the film puts the mode at {rest.first_Hz[free]:.1f} Hz, or at "
+        f"{rest.first_Hz[baffled]:.1f} Hz in a baffle. But 1 N stretches the film, to "
+        f"{loaded.first_Hz[baffled]:.0f} Hz, so that charges are "
+        f"{loaded.excess_percent[baffled]:.2f} % off the static ones.",
+        TRANSDUCER_CHAPTER.title,
+    )
+
+
+def _tapes(evidence: Evidence) -> Finding:
+    _require_whole(evidence)
+    over, beyond = (effects.BY_NAME[f"tape {where} each electrode"] for where in ("over", "beyond"))
+    place = effects.BESIDE_MM
+    return Finding(
+        "6.1, item 9",
+        "The stiffness of the tapes could well account for the differences.",
+        f"A tape of 50 µm over an electrode takes {span(over.percent(place))} % of its charge, one "
+        f"that begins beyond it adds {span(beyond.percent(place))} %. The section tells how little "
+        "of the pattern of measured errors that explains.",
+        TRANSDUCER_CHAPTER.title,
+    )
+
+
+def _dominates(evidence: Evidence) -> Finding:
+    _require_whole(evidence)
+    late = effects.FINGERS[-1]
+    whole, part = (late.percent(place)[0] for place in (effects.ON_WHOLE_MM, effects.ON_PART_MM))
+    early = effects.finger(0.01).percent(effects.BESIDE_MM)[0]
+    return Finding(
+        "3.1.1, remark 2; 6.1, item 15",
+        "Heat of what touches may dominate other sources.",
+        f"On an electrode only. A finger 10 K warmer changes A's charge by {whole:+.0f} % in 1 s "
+        f"if it covers A, by {part:+.0f} % if it covers a part of A, and beside A by {early:+.1f} "
+        f"% in 10 ms and {late.percent(effects.BESIDE_MM)[0]:+.0f} % in 1 s.".replace("-", "−"),
+        TRANSDUCER_CHAPTER.title,
+    )
+
+
+def _require_whole(evidence: Evidence) -> None:
+    """A quick report has no solves of effects that the thesis left out."""
+    if len(evidence.thesis.contours) < 20:
+        raise KeyError("contours")
+
+
 def _labels(evidence: Evidence) -> Finding:
     return Finding(
         "captions",
@@ -464,6 +537,10 @@ FINDINGS: tuple[Callable[[Evidence], Finding], ...] = (
     _theory,
     _rigid,
     _round,
+    _pressure,
+    _dominates,
+    _quasi_static,
+    _tapes,
     _labels,
 )
 

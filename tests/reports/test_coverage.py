@@ -14,6 +14,7 @@ from pvdf_fem.sweeps.store import Record
 from reports import thesis
 from reports.chapters import shear
 from reports.chapters.film_placement import chapter as film_placement
+from reports.chapters.transducer import effects, moving, taped
 from reports.common.thesis_data import Thesis
 from tests.reports.test_page import Links, assert_links_work
 
@@ -33,6 +34,17 @@ def made_up(scene: Scene) -> Record:
     return Record("converged", "", names, forces, forces, 3.0, (), 0.0)
 
 
+def cost_nothing(patched: pytest.MonkeyPatch) -> None:
+    """The solves of effects that no store keeps."""
+    charges = np.array([1100.0, 700.0, 500.0, 600.0])
+    air = dict.fromkeys(moving.AIR, 100.0)
+    patched.setattr(effects, "charges_pC", lambda scene: charges)
+    patched.setattr(taped, "totals_pC", lambda scene: charges)
+    patched.setattr(effects, "oscillating_ratios", lambda *of: np.full(4, 1.01))
+    patched.setattr(effects, "found", lambda *of, **how: effects.Found(5.0, 1.0, 1.0, 0.5))
+    patched.setattr(moving, "motion", lambda force_N, f: moving.Motion(force_N, air, air, 5.0))
+
+
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Links]:
     out = tmp_path_factory.mktemp("report")
@@ -41,6 +53,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Links]:
         patched.setattr(film_placement, "DRAWS", 5)
         patched.setattr(shear, "deviations_N", lambda *of: (np.full(2, 0.1), np.full(2, 0.2)))
         patched.setattr(shear, "telling_noise", lambda *of: 0.02)
+        cost_nothing(patched)
         thesis.main(["--out", str(out), "--processes", "1", "--quiet"])
     return out, assert_links_work(out / "index.html")
 

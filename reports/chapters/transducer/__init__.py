@@ -1,0 +1,1 @@
+"""The whole transducer: what each effect that the thesis left out does to its sensor."""
