@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.constants import epsilon_0
 
 from pvdf_fem.arrays import Array
@@ -42,6 +42,20 @@ class Channel:
     def reading(self, charge: ArrayLike) -> Array:
         """Readings in V of charges in C that have just come."""
         return self.offset + self.gain * np.asarray(charge, dtype=float) / self.capacitance
+
+    def step(self, charge: float, time: ArrayLike) -> Array:
+        """Readings in V at times in s after a charge in C has come at once and stayed."""
+        time = np.asarray(time, dtype=float)
+        decay = np.where(time < 0.0, 0.0, np.exp(-np.maximum(time, 0.0) / self.time_constant))
+        return self.offset + self.gain * charge / self.capacitance * decay
+
+    def harmonic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+        """Amplitudes of the reading over those of the charge, complex, in V/C, by frequency in Hz.
+        i ω R/(1 + i ω R C): a high-pass filter, whose phase leads."""
+        turn = 2j * np.pi * np.asarray(frequency, dtype=float)
+        if math.isinf(self.resistance):
+            return np.where(turn == 0.0, 0.0, self.gain / self.capacitance + 0j)
+        return self.gain * turn * self.resistance / (1.0 + turn * self.time_constant)
 
 
 def electrode_capacitance(area: float, thickness: float, permittivity: float) -> float:

@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from pvdf_fem.readout.channel import Channel
+
 
 @dataclass(frozen=True)
 class Circuit:
@@ -57,8 +59,8 @@ class Circuit:
         the voltage is measured where an amplifier measures it.
         """
         _require_positive(frequency=frequency)
-        turn = 2j * math.pi * frequency * self.time_constant
-        return turn / (1 + turn)
+        channel = Channel("", self.capacitance, self.load_resistance)
+        return complex(self.capacitance * channel.harmonic(frequency))
 
     def series_load(self, frequency: float) -> complex:
         """Voltage across the capacitance over the source's, at a frequency in Hz.

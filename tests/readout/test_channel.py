@@ -1,10 +1,12 @@
-"""Channels of electrodes, and the thesis's circuit."""
+"""Channels: the circuit's equation in time and by frequency, and the thesis's circuit."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from pvdf_fem import Scene
 from pvdf_fem.readout.channel import Channel, channels
@@ -18,6 +20,9 @@ def test_the_thesis_circuit_is_a_voltage_readout() -> None:
     (channel, *_) = channels(Scene().with_(**THESIS))
     assert channel.capacitance == pytest.approx(35.062e-12, rel=1e-4)
     assert channel.time_constant == pytest.approx(17.531e-3, rel=1e-4)
+    # App. 5 with the load in parallel at 15 and 20 Hz
+    shares = abs(channel.harmonic([15.0, 20.0])) * channel.capacitance
+    assert shares == pytest.approx([0.856, 0.911], abs=5e-4)
 
 
 def test_charge_amplifiers_know_neither_electrode_nor_cable() -> None:
@@ -36,6 +41,29 @@ def test_without_a_readout_channels_are_ideal() -> None:
 
 def test_a_charge_is_read_through_gain_and_offset() -> None:
     assert TAP.reading(135e-12) == pytest.approx(0.01 - 2.0)
+
+
+def test_the_step_solves_the_circuits_equation() -> None:
+    """A charge that comes within 1 µs, against C dV/dt = dQ/dt - V/R; after it V decays."""
+    ramp, charge = 1e-6, 1e-9
+    times = ramp + np.linspace(0.0, 3.0, 7) * TAP.time_constant
+
+    def rate(t: float, V: np.ndarray) -> np.ndarray:
+        return (charge / ramp * (t < ramp) - V / TAP.resistance) / TAP.capacitance
+
+    V = solve_ivp(rate, (0.0, times[-1]), [0.0], t_eval=times, rtol=1e-9, atol=1e-9, max_step=1e-7)
+    expected = TAP.offset + TAP.gain * V.y[0]
+    assert TAP.step(charge, times - ramp / 2) == pytest.approx(expected, rel=1e-4)
+    assert TAP.step(charge, -1.0) == TAP.offset
+
+
+def test_the_harmonic_response_is_the_transform_of_the_step() -> None:
+    """The Fourier integral of the impulse response, which is the step's derivative."""
+    frequency = 0.7 / TAP.time_constant
+    t = np.linspace(0.0, 40.0 * TAP.time_constant, 400_001)
+    step = (TAP.step(1.0, t) - TAP.offset) * np.exp(-2j * np.pi * frequency * t)
+    transform = 2j * np.pi * frequency * np.trapezoid(step, t)
+    assert complex(TAP.harmonic(frequency)) == pytest.approx(transform, rel=1e-6)
 
 
 def test_values_by_channel() -> None:
