@@ -94,8 +94,8 @@ def transducer_changes(
     jobs += [partial(air, scene, force) for force in c.forces_N]
     jobs += [partial(_change, *_displaced(scene, term)) for term in (1, 2, 5, 6)]
     across, open_, heat, covered, *others = workers(jobs)
-    air, varied = np.split(np.array(others), [len(c.forces_N)])
-    return TransducerChanges(across, open_, heat, air, covered, varied)
+    oscillating, varied = np.split(np.array(others), [len(c.forces_N)])
+    return TransducerChanges(across, open_, heat, oscillating, covered, varied)
 
 
 def solved_charges(scene: Scene, mesh: Any = None) -> Array:
