@@ -23,6 +23,7 @@ MOST_OUTLIERS = 0.2  #: Largest part of the touches that may be bad.
 MOST_STEPS = 25  #: Rounds of Gauss-Newton between solves.
 MOST_ROUNDS = 12  #: Rounds of solves.
 SETTLED = 0.02  #: Readings that change by this part of their deviations are settled.
+LEAST_SIGMA = 1e-4  #: Relative deviation below which readings are not settled any better.
 LONGEST_STEP = 2.0  #: Largest step of a parameter between solves, over its prior's deviation.
 MOST_MOVE = 4.0  #: Longest correction of a place, over its deviation.
 MISSING = 1e6  #: A deviation of a reading that is missing, over the reading.
@@ -201,37 +202,29 @@ class Fit:
 def fitted(model: TouchModel, noise: Noise, most_scatter: float = np.inf) -> Fit:
     """The fit of solves: touches are solved anew until linear steps between solves are small. It
     ends without convergence where the first steps leave a scatter above `most_scatter`."""
-    count = len(model.touches)
-    values, moves, stepped = model.unknowns.start.copy(), np.zeros((count, 2)), np.zeros(count)
-    pending, curvature = ~model.solved, np.full(count, np.inf)
+    values, moves = model.unknowns.start.copy(), np.zeros((len(model.touches), 2))
+    pending = ~model.solved
     for number in range(MOST_ROUNDS):
-        predicted = model.predict(values, moves).readings
-        last = model.at.copy()
         model.solve(values, moves, pending)
         fit = Fit(model, noise, values, moves, model.solved)
-        if 2 * model.solved.sum() < count:
+        if 2 * model.solved.sum() < len(model.touches):
             return replace(fit, converged=False)
-        if np.isfinite(last).any():
-            missed = (fit.prediction.readings - predicted) / fit.deviations
-            with np.errstate(invalid="ignore", divide="ignore"):
-                new = np.linalg.norm(missed, axis=1) / stepped**2
-            curvature = np.where(pending, np.where(np.isfinite(new), new, np.inf), curvature)
         fit = fit.without_bad()
         if number == 0 and fit.scale > most_scatter:
             return replace(fit, converged=False)
         values, moves = fit.values, fit.moves
-        stepped = _change(model, fit)
-        error = np.where(stepped < SETTLED, 0.0, curvature * np.maximum(stepped, SETTLED) ** 2)
-        pending = model.solved & ~(error < SETTLED)
+        # the relative error of a linear step is about its square
+        error = np.square(_change(fit)) / max(noise.sigma, LEAST_SIGMA)
+        pending = model.solved & (error >= SETTLED)
         if not (pending & fit.kept).any():
             return fit
     return replace(fit, converged=False)
 
 
-def _change(model: TouchModel, fit: Fit) -> Array:
-    """Change of readings since the solves over their deviations, (touches,)."""
-    steps = fit.model.arguments(fit.values, fit.moves) - model.at
-    forces = np.einsum("tk,tkex->tex", np.nan_to_num(steps), model.rates)
-    size = np.abs(model.forces)
+def _change(fit: Fit) -> Array:
+    """Relative change of the forces since the solves, (touches,)."""
+    steps = fit.model.arguments(fit.values, fit.moves) - fit.model.at
+    forces = np.einsum("tk,tkex->tex", np.nan_to_num(steps), fit.model.rates)
+    size = np.abs(fit.model.forces)
     size = np.maximum(size, 1e-3 * size.max(axis=(1, 2), keepdims=True))
-    return np.asarray(np.linalg.norm(forces / size, axis=(1, 2)) / max(fit.noise.sigma, 1e-4))
+    return np.asarray(np.linalg.norm(forces / size, axis=(1, 2)))
