@@ -170,6 +170,8 @@ OVER_MM, BEYOND_MM = 8.5, 11.7
 TENSION_N_M = 25.0 / 3.0
 _UNEVEN = {"film.pretension_N_m": [0.9 * TENSION_N_M, 1.1 * TENSION_N_M]}
 _OVAL = {"film.rim_displacement_um": [0.0, 0.0, 0.0, 1.0, 0.0]}
+#: For effects of tens of percent.
+_COARSE = {"numerics.tolerance": 2e-3}
 _VOLTAGE = 'readout.kind = "voltage", film.coupling'
 
 EFFECTS: tuple[Effect, ...] = (
@@ -197,14 +199,18 @@ EFFECTS: tuple[Effect, ...] = (
         {"air": {"baffle": True}},
         {"load.force_N": 0.1},
     ),
-    Effect("tape over each electrode", "[[film.patches]]", {"film.patches": tapes(OVER_MM)}),
-    Effect("tape beyond each electrode", "[[film.patches]]", {"film.patches": tapes(BEYOND_MM)}),
+    *(
+        Effect(
+            f"tape {where} each electrode", "[[film.patches]]", {"film.patches": strips}, _COARSE
+        )
+        for where, strips in (("over", tapes(OVER_MM)), ("beyond", tapes(BEYOND_MM)))
+    ),
     Effect("tension 10 % less along x, more along y", "film.pretension_N_m", _UNEVEN),
     Effect("rim displaced by 1 µm cos 2θ", "film.rim_displacement_um", _OVAL),
 )
 
 BY_NAME = {effect.name: effect for effect in EFFECTS}
-#: Effects that are not the same with the probe on an electrode.
-ON_ELECTRODE = tuple(e for e in EFFECTS if e.key.startswith(("film.d33", "probe.", "film.warming")))
 FINGERS = tuple(effect for effect in EFFECTS if effect.key == "probe.temperature_K")
 WARM = BY_NAME["film 1 K warmer"]
+#: Effects that are also shown with the probe on an electrode.
+ON_ELECTRODE = (BY_NAME["thickness direction"], *FINGERS, WARM)
