@@ -34,6 +34,8 @@ from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES, Load
 from pvdf_fem.scene.scene_file import (
     SceneError,
+    example_text,
+    examples,
     parse_toml,
     problem,
     read_scene_text,
@@ -307,6 +309,12 @@ class Scene(Section):
     def _read(cls, path: Path | str) -> Scene:
         """Scene from a scene file; raises `SceneError` for whatever keeps it from being one."""
         return cls.parse(read_scene_text(Path(path)), str(path))
+
+    @classmethod
+    def example(cls, name: str) -> Scene:
+        """A scene that comes with the package: ``"triangle"``; SceneError tells the names."""
+        scenes = {key: text for key, text in examples().items() if "[[axes]]" not in text}
+        return cls.parse(example_text(name, scenes), name)
 
     def with_(self, /, **changes: Any) -> Scene:
         """Another scene, with some values changed.

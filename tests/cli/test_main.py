@@ -22,6 +22,7 @@ from pvdf_fem.dynamics.modes import modes
 from pvdf_fem.files import printable
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.scene import Air, Load, Numerics, Readout, Stage
+from pvdf_fem.scene.scene_file import examples
 from pvdf_fem.scene.shapes import ELECTRODES, PROBES, RINGS, Layout
 from pvdf_fem.solvers.newton import NewtonOptions
 
@@ -54,6 +55,16 @@ def scene(tmp_path: Path) -> Path:
     path = tmp_path / "scene.toml"
     path.write_text(SCENE)
     return path
+
+
+def test_examples_are_listed_and_printed(capsys):
+    lines = Run(["example"], capsys).out.splitlines()
+    assert [line.split()[0] for line in lines] == sorted(examples())
+    assert "triangle           Four electrodes and a triangular probe" in "\n".join(lines)
+    text = Run(["example", "triangle"], capsys).out
+    assert Scene.parse(text) == Scene.example("triangle")
+    told = ['"triangel": is no example; did you mean triangle?']
+    assert Run(["example", "triangel"], capsys).mistakes == told
 
 
 def _untimed(result: dict[str, Any]) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import re
 import pickle
 import subprocess
 import sys
@@ -124,7 +125,8 @@ def test_files_of_the_geometry_folder():
     for name in sweeps:
         assert Grid.load(GEOMETRY / f"{name}.toml").scenes()
     paths = [path for path in GEOMETRY.glob("*.toml") if path.stem not in sweeps]
-    found = {path.stem: Scene.load(path) for path in paths}
+    found = {path.stem: Scene.example(path.stem) for path in paths}
+    assert found["triangle"] == Scene.load(GEOMETRY / "triangle.toml")
     assert found["four_electrodes"] == Scene()
     assert [e.name for e in found["three_electrodes"].electrode_list] == ["A", "B", "C"]
     assert found["uniaxial"].film.d31 == 18e-12
@@ -141,6 +143,15 @@ def test_files_of_the_geometry_folder():
         }
     )
     assert found["triangle"].probe.outline.centroid == pytest.approx([5.0714e-3, 0.8757e-3])
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [("triangel", "did you mean triangle?"), ("mapping_lines", "choose from disc, four_electr")],
+)
+def test_what_is_no_example_scene_is_refused_with_those_there_are(name, told):
+    with pytest.raises(SceneError, match=f'"{name}": is no example; {re.escape(told)}'):
+        Scene.example(name)
 
 
 def test_scenes_built_directly_are_checked_too():
