@@ -26,7 +26,6 @@ from pvdf_fem.cli.program import (
     run_program,
     scene_of,
 )
-
 from pvdf_fem.scene.scene_file import example_text, examples
 
 if TYPE_CHECKING:
