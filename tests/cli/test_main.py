@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import re
 import signal
@@ -26,6 +27,7 @@ from pvdf_fem.scene.scene_file import examples
 from pvdf_fem.scene.shapes import ELECTRODES, PROBES, RINGS, Layout
 from pvdf_fem.solvers.newton import NewtonOptions
 
+ROOT = Path(__file__).parents[2]
 SCENE = '[probe]\nshape = "rectangle"\nx_mm = 3.0\n'
 
 
@@ -55,6 +57,26 @@ def scene(tmp_path: Path) -> Path:
     path = tmp_path / "scene.toml"
     path.write_text(SCENE)
     return path
+
+
+def test_solve_imports_only_what_it_needs(tmp_path):
+    scene = tmp_path / "triangle.toml"
+    scene.write_text(examples()["triangle"])
+    code = (
+        "import sys\n"
+        "from pvdf_fem.__main__ import main\n"
+        f"sys.argv = ['pvdf-fem', 'solve', {str(scene)!r}, '--set', 'numerics.tolerance=0.05']\n"
+        "assert main() == 0\n"
+        "print({name for m in sys.modules for name in (m, m.partition('.')[0])})"
+    )
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
+    imported = ast.literal_eval(done.stdout.splitlines()[-1])
+    assert imported >= {"gmsh", "pydantic", "scipy.sparse.linalg", "skfem"}
+    rest = "constants fft integrate interpolate ndimage optimize signal spatial special stats"
+    slow = {f"scipy.{name}" for name in rest.split()}
+    slow |= {"contourpy", "dask", "jinja2", "joblib", "matplotlib", "meshio", "multiprocessing"}
+    assert not imported & {*slow, "pandas", "sqlite3", "tqdm", "xarray"}
 
 
 def test_examples_are_listed_and_printed(capsys):
