@@ -265,6 +265,7 @@ def _write_files(solution: Solution, vtu: Path | None, plot: Path | None) -> Non
 
         with figures.style():
             figure = figures.new_figure(120.0, 100.0)
+            figure.set_layout_engine("compressed")  # the other one cuts labels beside a colour bar
             figures.deflection_map(figure.subplots(), solution)
             figures.save(figure, plot)
 
@@ -275,5 +276,7 @@ def _print(result: dict[str, Any], as_json: bool, text: Callable[[], str]) -> No
         print(json.dumps(result, allow_nan=False))
     elif "reason" in result:
         print(f"not converged: {result['status']}: {result['reason']}", file=sys.stderr)
+        for text in result.get("warnings", ()):
+            print(f"warning: {text}", file=sys.stderr)
     else:
         print(text())

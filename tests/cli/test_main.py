@@ -15,6 +15,7 @@ from typing import Any
 
 import meshio
 import pytest
+from matplotlib.image import imread
 from pydantic import BaseModel
 
 from pvdf_fem import Scene, __version__, solve
@@ -324,6 +325,28 @@ def test_a_change_of_one_key_in_two_spellings_is_one_change(
     changes = [word for value in values for word in ("--set", value)]
     (mistake,) = Run(["solve", path, *changes], capsys).mistakes
     assert mistake.startswith("electrodes[0].x_mm = 2000000000.0: ")
+
+
+def test_a_plot_s_labels_are_complete(scene, tmp_path, capsys):
+    plot = tmp_path / "a.png"
+    assert Run(["solve", scene, "--plot", plot], capsys).code == 0
+    pixels = imread(plot)[..., :3]
+    border = [pixels[:3], pixels[-3:], pixels[:, :3].swapaxes(0, 1), pixels[:, -3:].swapaxes(0, 1)]
+    assert all((strip == 1.0).all() for strip in border)
+
+
+def test_doubts_are_told_with_and_without_charges(tmp_path, capsys, monkeypatch):
+    scene = tmp_path / "flat.toml"
+    scene.write_text("[load]\nforce_N = 2.0\n")
+    run = Run(["solve", scene], capsys)
+    assert "warning: load: nothing presses, since there is no probe" in run.out
+    monkeypatch.setattr(
+        "pvdf_fem.solvers.ladder.NewtonOptions", partial(NewtonOptions, max_iterations=2)
+    )
+    scene.write_text('[film]\nd31_pC_N = 23e-12\n[probe]\nshape = "circle"\n')
+    run = Run(["solve", scene], capsys)
+    assert (run.code, run.out) == (3, "")
+    assert run.err.splitlines()[-1].startswith("warning: film.d31_pC_N = 2.3e-11: is in pC/N")
 
 
 def test_files_are_written(scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
