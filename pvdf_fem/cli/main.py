@@ -18,6 +18,7 @@ from pvdf_fem.cli import calibrate, locate, respond, sweep, track
 from pvdf_fem.cli.program import (
     ArgumentParser,
     ExitCode,
+    add_command,
     add_scene_command,
     add_texts,
     output_mistakes,
@@ -25,6 +26,7 @@ from pvdf_fem.cli.program import (
     run_program,
     scene_of,
 )
+from pvdf_fem.scene.scene_file import example_text, examples
 
 if TYPE_CHECKING:
     from pvdf_fem.solution.solution import Solution
@@ -35,7 +37,7 @@ probe presses on the stretched film, by nonlinear finite elements."""
 
 _EPILOG = """\
 example:
-  printf '[probe]\\nshape = "rectangle"\\nx_mm = 5.0\\n' > scene.toml
+  pvdf-fem example triangle > scene.toml
   pvdf-fem solve scene.toml --set load.force_N=2 --plot scene.png
 
 scene files are TOML. Their keys, each with a default:
@@ -87,6 +89,16 @@ files.
 
 exit codes: 0 converged, 2 bad input or an output that cannot be written,
 3 not converged, 130 interrupted"""
+
+_EXAMPLE = """\
+Print a scene or sweep file that comes with the package, or without a name the
+list of them. `four_electrodes` explains every key."""
+
+_EXAMPLE_EPILOG = """\
+example:
+  pvdf-fem example triangle > triangle.toml
+
+exit codes: 0 printed, 2 no example of this name"""
 
 _SOLVE = """\
 Charges of the electrodes in pC, each with its estimated discretisation error,
@@ -153,6 +165,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"pvdf-fem {__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
+    summary = "files to begin with"
+    example = add_command(commands, "example", _example, summary, _EXAMPLE, _EXAMPLE_EPILOG)
+    example.add_argument("name", metavar="NAME", nargs="?", help="without it the names are listed")
     solve = add_scene_command(
         commands, "solve", _solve, "charges of a scene", _SOLVE, _SOLVE_EPILOG
     )
@@ -174,6 +189,16 @@ def _parser() -> argparse.ArgumentParser:
     for command in (respond, sweep, locate, track, calibrate):
         command.add_to(commands)
     return parser
+
+
+def _example(options: argparse.Namespace) -> int:
+    files = examples()
+    if options.name is not None:
+        print(example_text(options.name, files), end="")
+        return ExitCode.CONVERGED
+    for name, text in files.items():
+        print(f"{name:<{max(map(len, files))}}  {text.splitlines()[0].lstrip('# ')}")
+    return ExitCode.CONVERGED
 
 
 def _solve(options: argparse.Namespace) -> int:
@@ -240,6 +265,7 @@ def _write_files(solution: Solution, vtu: Path | None, plot: Path | None) -> Non
 
         with figures.style():
             figure = figures.new_figure(120.0, 100.0)
+            figure.set_layout_engine("compressed")  # the other one cuts labels beside a colour bar
             figures.deflection_map(figure.subplots(), solution)
             figures.save(figure, plot)
 
@@ -250,5 +276,7 @@ def _print(result: dict[str, Any], as_json: bool, text: Callable[[], str]) -> No
         print(json.dumps(result, allow_nan=False))
     elif "reason" in result:
         print(f"not converged: {result['status']}: {result['reason']}", file=sys.stderr)
+        for text in result.get("warnings", ()):
+            print(f"warning: {text}", file=sys.stderr)
     else:
         print(text())

@@ -42,8 +42,8 @@ or the places of the thesis's mapping scheme, lines from an electrode's centre:
 Optional there: name, reach_mm (from the film's centre).
 
 examples:
-  pvdf-fem sweep geometry/thickness_spacing.toml --plan
-  pvdf-fem sweep geometry/thickness_spacing.toml --output charges.nc
+  pvdf-fem sweep thickness_spacing.toml --plan
+  pvdf-fem sweep thickness_spacing.toml --output charges.nc
   dask scheduler & dask worker tcp://localhost:8786 --nworkers 8 --nthreads 1 &
   pvdf-fem sweep sweep.toml --scheduler tcp://localhost:8786
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array, Indices, Mask
@@ -19,6 +18,8 @@ def nearest_elements(
     """Elements (n,) of points (2, n), and the points' local coordinates (2, n) there. Elements
     count as straight-sided. A point is sought in the `candidates` with the nearest centroids; a
     point in none of them gets the one whose sides it oversteps least, with coordinates outside."""
+    from scipy.spatial import cKDTree  # many scenes are solved without
+
     corners = mesh.p[:, mesh.t]
     _, near = cKDTree(corners.mean(axis=1).T).query(points.T, k=min(candidates, mesh.nelements))
     near = near.reshape(points.shape[1], -1)

@@ -81,7 +81,8 @@ def _line(details: ErrorDetails, model: type[BaseModel]) -> str:
         known = _quoted(context["expected"]) + ["ring"] * (key == "electrodes.layout")
         reason = f"is not known; {choose(value, known)}"
     elif kind == "union_tag_invalid":
-        key, value = f"{key}.shape", value["shape"]
+        shape = value["shape"] if isinstance(value, Mapping) else value.shape
+        key, value = f"{key}.shape", shape
         reason = f"is not known; {choose(value, _quoted(context['expected_tags']))}"
     elif kind == "float_type" and isinstance(value, int) and not isinstance(value, bool):
         reason = "is too large; give a smaller number"

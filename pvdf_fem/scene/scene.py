@@ -34,6 +34,8 @@ from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES, Load
 from pvdf_fem.scene.scene_file import (
     SceneError,
+    example_text,
+    examples,
     parse_toml,
     problem,
     read_scene_text,
@@ -144,14 +146,17 @@ class LoadedProbe:
         return self.pressure is None and self.load.profile_entry.is_symmetric
 
 
+_THINNEST_UM = 0.5  #: A thinner film in µm was probably meant in mm.
+_LEAST_PC_N = 1e-6  #: A smaller piezoelectric coefficient in pC/N was probably meant in C/N.
+
+
 class Scene(Section):
     """One film with its electrodes, probes or none, a load, and what reads and positions them.
 
     A list of probes may have a load for each; see `loaded_probes`.
 
-    Built directly, a scene with mistakes raises pydantic's `ValidationError`; `load`, `parse` and
-    `with_` raise `SceneError`, which lists all mistakes under the keys of the scene file. Both
-    are `ValueError`.
+    Mistakes raise `SceneError`, which lists them under the keys of the scene file; what is no
+    mistake and probably meant otherwise is among the `doubts`.
     """
 
     film: Film = Film()
@@ -167,6 +172,14 @@ class Scene(Section):
     air: Air | None = None
     _pressure: Pressure | None = PrivateAttr(None)
     _step: Step = PrivateAttr(Step())
+
+    if not TYPE_CHECKING:  # type checkers have the keys from the fields
+
+        def __init__(self, /, **tables: Any) -> None:
+            try:
+                super().__init__(**tables)
+            except ValidationError as error:
+                raise SceneError(mistakes(error, tables, type(self))) from None
 
     @model_validator(mode="after")
     def _shapes_have_their_places(self) -> Self:
@@ -223,6 +236,22 @@ class Scene(Section):
         for key, clashing in found.items():
             for name, value in clashing:
                 yield problem(name, value, f"is not for {key}; change it or remove that")
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What a scene may say and hardly means: a load on nothing, and units of other keys."""
+        film, found = self.film, []
+        if self.probe is None and self.load != Load():
+            found.append("load: nothing presses, since there is no probe; add [probe]")
+        for key in ("d31_pC_N", "d32_pC_N", "d33_pC_N"):
+            d = getattr(film, key) or 0.0
+            if 0.0 < abs(d) < _LEAST_PC_N:
+                meant = f"were {1e12 * d:g} pC/N meant, which are {d:g} C/N?"
+                found.append(f"{problem(f'film.{key}', d, 'is in pC/N')}; {meant}")
+        if (h := film.thickness_um) < _THINNEST_UM:
+            meant = f"were {1e3 * h:g} µm meant, which are {h:g} mm?"
+            found.append(f"{problem('film.thickness_um', h, 'is in µm')}; {meant}")
+        return tuple(found)
 
     @property
     def _probes(self) -> dict[str, Probe]:
@@ -320,6 +349,12 @@ class Scene(Section):
         """Scene from a scene file; raises `SceneError` for whatever keeps it from being one."""
         return cls.parse(read_scene_text(Path(path)), str(path))
 
+    @classmethod
+    def example(cls, name: str) -> Scene:
+        """A scene that comes with the package: ``"triangle"``; SceneError tells the names."""
+        scenes = {key: text for key, text in examples().items() if "[[axes]]" not in text}
+        return cls.parse(example_text(name, scenes), name)
+
     def with_(self, /, **changes: Any) -> Scene:
         """Another scene, with some values changed.
 
@@ -352,9 +387,9 @@ class Scene(Section):
         cls, tables: dict[str, Any], source: str, problems: Sequence[str] = ()
     ) -> Scene:
         try:
-            scene = cls.model_validate(tables)
-        except ValidationError as error:
-            raise SceneError([*problems, *mistakes(error, tables, cls)], source) from None
+            scene = cls(**tables)
+        except SceneError as error:
+            raise SceneError([*problems, *error.problems], source) from None
         if problems:
             raise SceneError(problems, source)
         return scene

@@ -50,6 +50,19 @@ def read_scene_text(path: Path) -> str:
         raise SceneError([str(error)], str(path)) from None
 
 
+def examples() -> dict[str, str]:
+    """The texts of the example files, scenes and sweeps, by name."""
+    paths = sorted(Path(__file__).parents[1].joinpath("examples").glob("*.toml"))
+    return {path.stem: path.read_text("utf-8") for path in paths}
+
+
+def example_text(name: str, files: Mapping[str, str]) -> str:
+    """The text of one of the example files; SceneError, which names the others, for none."""
+    if name not in files:
+        raise SceneError([f"{quote(name)}: is no example; {choose(name, list(files))}"])
+    return files[name]
+
+
 def parse_toml(text: str, source: str) -> dict[str, Any]:
     """The table in a TOML text; SceneError naming source and line for what is not TOML."""
     if len(text) > MOST_BYTES:

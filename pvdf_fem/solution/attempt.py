@@ -8,7 +8,6 @@ from functools import cached_property, partial
 
 import numpy as np
 from scipy.sparse.linalg import SuperLU
-from scipy.spatial import cKDTree
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array
@@ -361,6 +360,8 @@ def _sizes_at_corners(
     if len(
         corners_m := np.concatenate([np.empty((0, 2)), *(p.corners for p in punches)]) @ frame.T
     ):
+        from scipy.spatial import cKDTree  # many scenes are solved without
+
         near = cKDTree(mesh.p.T).query(corners_m)[1]
         corners = np.isin(mesh.t, near).any(axis=0)
         share = max(0.5 * reduction * shares.sum() / corners.sum(), np.finfo(float).tiny)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial import cKDTree
 from skfem import Basis, MeshTri2
 
 from pvdf_fem.arrays import Array, Indices
@@ -133,6 +132,8 @@ def _subdomains(mesh: MeshTri2, part: MirroredPart) -> dict[str, Indices]:
 
 def unfolded_dofs(solved: Equilibrium, x: Array, whole: Equilibrium) -> Array:
     """The displacement `x` of a part at the dofs of the whole film."""
+    from scipy.spatial import cKDTree  # many scenes are solved without
+
     part = solved.part
     places = part.frame @ whole.space.basis.doflocs
     mirrored = np.array([[axis in part.mirrored] for axis in (0, 1)])

@@ -93,10 +93,10 @@ def solve(
         mesh = read_mesh(mesh, scene)
     scene = scene.under(pressure)
     solution = solve_goals(scene, goals_of(scene), mesh=mesh, order=order, budget=budget)
-    if solution.status is not Status.CONVERGED:
-        return solution
-    cancelled = admissible.cancelled_charges(scene, solution.fields.forces)
-    return replace(solution, warnings=(*solution.warnings, *cancelled))
+    warnings = [*scene.doubts, *solution.warnings]
+    if solution.status is Status.CONVERGED:
+        warnings += admissible.cancelled_charges(scene, solution.fields.forces)
+    return replace(solution, warnings=tuple(warnings))
 
 
 def solve_goals(

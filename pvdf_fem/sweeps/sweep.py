@@ -6,6 +6,7 @@ import itertools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.arrays import Array
@@ -38,7 +39,7 @@ def silent(done: int, total: int) -> None:
 def sweep(
     scene: Scene,
     axes: Sequence[Mapping[str, Any]],
-    store: Store | None = None,
+    store: Store | Path | str | None = None,
     *,
     processes: int = -1,
     scheduler: str | None = None,
@@ -52,7 +53,7 @@ def sweep(
         The base scene.
     axes : sequence of mapping
         See `pvdf_fem.sweeps.grid.Grid.of`: ``[{"film.thickness_um": [9, 25, 110]}, ...]``.
-    store : Store, optional
+    store : Store or path of its file, optional
         Scenes in the store are not solved; the others join it, but for those that crashed.
     processes : int
         Number of processes, -1 for all cores; 1 solves in this one.
@@ -65,9 +66,12 @@ def sweep(
     """
     from pvdf_fem.sweeps.dataset import dataset  # xarray is slow to import
 
+    how: dict[str, Any] = {"processes": processes, "scheduler": scheduler, "progress": progress}
+    if isinstance(store, Path | str):
+        with Store(Path(store)) as opened:
+            return sweep(scene, axes, opened, **how)
     grid = Grid.of(scene, axes)
     todo = planned(grid.scenes(), store)
-    how: dict[str, Any] = {"processes": processes, "scheduler": scheduler, "progress": progress}
     return dataset(grid, todo, records(todo, store, **how))
 
 

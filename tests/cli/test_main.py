@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import re
 import signal
@@ -14,6 +15,7 @@ from typing import Any
 
 import meshio
 import pytest
+from matplotlib.image import imread
 from pydantic import BaseModel
 
 from pvdf_fem import Scene, __version__, solve
@@ -22,9 +24,11 @@ from pvdf_fem.dynamics.modes import modes
 from pvdf_fem.files import printable
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.scene import Air, Load, Numerics, Readout, Stage
+from pvdf_fem.scene.scene_file import examples
 from pvdf_fem.scene.shapes import ELECTRODES, PROBES, RINGS, Layout
 from pvdf_fem.solvers.newton import NewtonOptions
 
+ROOT = Path(__file__).parents[2]
 SCENE = '[probe]\nshape = "rectangle"\nx_mm = 3.0\n'
 
 
@@ -56,6 +60,36 @@ def scene(tmp_path: Path) -> Path:
     return path
 
 
+def test_solve_imports_only_what_it_needs(tmp_path):
+    scene = tmp_path / "triangle.toml"
+    scene.write_text(examples()["triangle"])
+    code = (
+        "import sys\n"
+        "from pvdf_fem.__main__ import main\n"
+        f"sys.argv = ['pvdf-fem', 'solve', {str(scene)!r}, '--set', 'numerics.tolerance=0.05']\n"
+        "assert main() == 0\n"
+        "print({name for m in sys.modules for name in (m, m.partition('.')[0])})"
+    )
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
+    imported = ast.literal_eval(done.stdout.splitlines()[-1])
+    assert imported >= {"gmsh", "pydantic", "scipy.sparse.linalg", "skfem"}
+    rest = "constants fft integrate interpolate ndimage optimize signal spatial special stats"
+    slow = {f"scipy.{name}" for name in rest.split()}
+    slow |= {"contourpy", "dask", "jinja2", "joblib", "matplotlib", "meshio", "multiprocessing"}
+    assert not imported & {*slow, "pandas", "sqlite3", "tqdm", "xarray"}
+
+
+def test_examples_are_listed_and_printed(capsys):
+    lines = Run(["example"], capsys).out.splitlines()
+    assert [line.split()[0] for line in lines] == sorted(examples())
+    assert "triangle           Four electrodes and a triangular probe" in "\n".join(lines)
+    text = Run(["example", "triangle"], capsys).out
+    assert Scene.parse(text) == Scene.example("triangle")
+    told = ['"triangel": is no example; did you mean triangle?']
+    assert Run(["example", "triangel"], capsys).mistakes == told
+
+
 def _untimed(result: dict[str, Any]) -> dict[str, Any]:
     """A result without its times."""
     meshes = [{**mesh, "seconds": 0} for mesh in result.get("history", [])]
@@ -70,11 +104,11 @@ def no_solve(monkeypatch: pytest.MonkeyPatch) -> None:
         pytest.fail("computed in spite of mistakes")
 
     for place in (
+        "dynamics.forced.respond",  # first, since it imports the others
+        "dynamics.modes.modes",
         "solution.solve.solve",
         "solution.refinement.mesh_scene",
         "mesh.gmsh_mesh.mesh_scene",
-        "dynamics.modes.modes",
-        "dynamics.forced.respond",
     ):
         monkeypatch.setattr(f"pvdf_fem.{place}", fail)
 
@@ -291,6 +325,28 @@ def test_a_change_of_one_key_in_two_spellings_is_one_change(
     changes = [word for value in values for word in ("--set", value)]
     (mistake,) = Run(["solve", path, *changes], capsys).mistakes
     assert mistake.startswith("electrodes[0].x_mm = 2000000000.0: ")
+
+
+def test_a_plot_s_labels_are_complete(scene, tmp_path, capsys):
+    plot = tmp_path / "a.png"
+    assert Run(["solve", scene, "--plot", plot], capsys).code == 0
+    pixels = imread(plot)[..., :3]
+    border = [pixels[:3], pixels[-3:], pixels[:, :3].swapaxes(0, 1), pixels[:, -3:].swapaxes(0, 1)]
+    assert all((strip == 1.0).all() for strip in border)
+
+
+def test_doubts_are_told_with_and_without_charges(tmp_path, capsys, monkeypatch):
+    scene = tmp_path / "flat.toml"
+    scene.write_text("[load]\nforce_N = 2.0\n")
+    run = Run(["solve", scene], capsys)
+    assert "warning: load: nothing presses, since there is no probe" in run.out
+    monkeypatch.setattr(
+        "pvdf_fem.solvers.ladder.NewtonOptions", partial(NewtonOptions, max_iterations=2)
+    )
+    scene.write_text('[film]\nd31_pC_N = 23e-12\n[probe]\nshape = "circle"\n')
+    run = Run(["solve", scene], capsys)
+    assert (run.code, run.out) == (3, "")
+    assert run.err.splitlines()[-1].startswith("warning: film.d31_pC_N = 2.3e-11: is in pC/N")
 
 
 def test_files_are_written(scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 import pickle
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -124,7 +125,8 @@ def test_files_of_the_geometry_folder():
     for name in sweeps:
         assert Grid.load(GEOMETRY / f"{name}.toml").scenes()
     paths = [path for path in GEOMETRY.glob("*.toml") if path.stem not in sweeps]
-    found = {path.stem: Scene.load(path) for path in paths}
+    found = {path.stem: Scene.example(path.stem) for path in paths}
+    assert found["triangle"] == Scene.load(GEOMETRY / "triangle.toml")
     assert found["four_electrodes"] == Scene()
     assert [e.name for e in found["three_electrodes"].electrode_list] == ["A", "B", "C"]
     assert found["uniaxial"].film.d31 == 18e-12
@@ -143,9 +145,42 @@ def test_files_of_the_geometry_folder():
     assert found["triangle"].probe.outline.centroid == pytest.approx([5.0714e-3, 0.8757e-3])
 
 
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [("triangel", "did you mean triangle?"), ("mapping_lines", "choose from disc, four_electr")],
+)
+def test_what_is_no_example_scene_is_refused_with_those_there_are(name, told):
+    with pytest.raises(SceneError, match=f'"{name}": is no example; {re.escape(told)}'):
+        Scene.example(name)
+
+
 def test_scenes_built_directly_are_checked_too():
-    with pytest.raises(ValidationError, match="over the rim"):
+    with pytest.raises(SceneError, match="over the rim"):
         Scene(film=Film(radius_mm=11.0))
+    with pytest.raises(SceneError) as caught:
+        Scene(film={"thickness_um": -1, "thicknes": 2}, probe=Scene().electrode_list[0])
+    thickness, unknown, shape = caught.value.problems
+    assert thickness.startswith("film.thickness_um = -1: must be positive; give")
+    assert unknown.startswith("film.thicknes = 2: is no key there; did you mean")
+    assert shape.startswith('probe.shape = "square": is not known; choose from triangle')
+    assert Scene(film={"thickness_um": 9}).film.thickness_um == 9.0
+
+
+@pytest.mark.parametrize(
+    ("text", "doubt"),
+    [
+        ("[load]\nforce_N = 2.0", "nothing presses, since there is no probe"),
+        ("[film]\nd31_pC_N = 23e-12", "were 23 pC/N meant, which are 2.3e-11 C/N?"),
+        ("[film]\nd33_pC_N = -30e-12", "film.d33_pC_N = -3e-11: is in pC/N; were -30 pC/N meant"),
+        ("[film]\nthickness_um = 0.04", "were 40 µm meant, which are 0.04 mm?"),
+        ("[film]\nd31_pC_N = 0.0\nthickness_um = 0.5", None),
+        ('[probe]\nshape = "circle"\n[load]\nforce_N = 2.0', None),
+    ],
+)
+def test_doubts_ask_what_was_meant(text, doubt):
+    doubts = Scene.parse(text).doubts
+    assert len(doubts) == (doubt is not None)
+    assert all(doubt in told for told in doubts)
 
 
 def test_scenes_are_frozen():

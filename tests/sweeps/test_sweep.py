@@ -161,6 +161,14 @@ def test_a_scene_that_fails_is_stored_and_the_rest_goes_on(tmp_path):
         assert all(scene in store for scene in sweep.Grid.of(BASE, axes).scenes())
 
 
+def test_a_store_may_be_a_path(tmp_path, monkeypatch):
+    path = tmp_path / "x.db"
+    axes = [{"load.force_N": [1.0]}]
+    first = sweep.sweep(BASE, axes, str(path), processes=1)
+    monkeypatch.setattr(sweep, "records_of", None)  # nothing is left to solve
+    assert first.identical(sweep.sweep(BASE, axes, path, processes=1))
+
+
 def test_a_crashed_scene_is_tried_again(monkeypatch, tmp_path):
     def broken(scenes, frames):
         if scenes[0].load.force_N == 1.0:

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from scipy.special import erfc
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.film import Film
@@ -98,6 +97,8 @@ class AddedStrain:
 
     def temperature(self, places: Array) -> Array:
         """Mean through the film in K over that of the untouched film, (...)."""
+        from scipy.special import erfc  # most scenes have no heat
+
         points = places.reshape(-1, 2)
         total = np.zeros(len(points))
         for touch in self.warm:

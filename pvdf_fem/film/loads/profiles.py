@@ -7,12 +7,12 @@ class here and a line in `pvdf_fem.scene.registry`.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from pkgutil import resolve_name
 
 import numpy as np
-from scipy.interpolate import RegularGridInterpolator
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.files import FileError, read_text
@@ -104,7 +104,7 @@ def profile_of(touch: LoadedProbe) -> Profile:
     return profile
 
 
-def _read(name: str) -> RegularGridInterpolator:
+def _read(name: str) -> Callable[[Array], Array]:
     try:
         return _grid(name, Path(name).stat().st_mtime_ns)
     except (FileError, KeyError, OSError, ValueError) as error:
@@ -113,8 +113,10 @@ def _read(name: str) -> RegularGridInterpolator:
 
 
 @lru_cache(maxsize=8)
-def _grid(name: str, changed: int) -> RegularGridInterpolator:
+def _grid(name: str, changed: int) -> Callable[[Array], Array]:
     """What a file held when it was `changed`."""
+    from scipy.interpolate import RegularGridInterpolator  # slow to import
+
     x, y, values = _of_netcdf(name) if name.endswith(".nc") else _of_csv(name)
     return RegularGridInterpolator((x, y), values, bounds_error=False, fill_value=0.0)
 
