@@ -322,7 +322,7 @@ CATASTROPHES = {
 def test_catastrophic_files_are_refused_quickly_and_briefly(text):
     started = time.process_time()
     told = problems(text)
-    assert time.process_time() - started < 2.0
+    assert time.process_time() - started < 10.0  # not the minutes of a parser that is trapped
     assert len(told) <= 101
     assert max(map(len, told)) < 400
 
