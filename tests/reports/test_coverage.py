@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene
+from pvdf_fem.arrays import Array
 from pvdf_fem.sweeps import sweep
 from pvdf_fem.sweeps.store import Record
 from reports import thesis
-from reports.chapters import shear
+from reports.chapters import shear, summary
 from reports.chapters.film_placement import chapter as film_placement
+from reports.chapters.film_placement import fits
+from reports.chapters.film_placement.sensor import SensorStates, ThesisContours, Touch
 from reports.chapters.transducer import effects, moving, taped
 from reports.common.thesis_data import Thesis
 from tests.reports.test_page import Links, assert_links_work
@@ -34,8 +37,19 @@ def made_up(scene: Scene) -> Record:
     return Record("converged", "", names, forces, forces, 3.0, (), 0.0)
 
 
+def made_up_errors_mm(touch: Touch, contours: ThesisContours, states: SensorStates) -> Array:
+    """Errors of positions that grow with the film's shift and turn, differently by touch."""
+    weights = 1.0 + 0.1 * np.array(touch.case.target_mm)
+    return 1.0 + 0.1 * np.abs(states.turns_deg) + np.abs(states.shifts_mm @ weights)
+
+
 def cost_nothing(patched: pytest.MonkeyPatch) -> None:
-    """The solves of effects that no store keeps."""
+    """The solves of effects that no store keeps, and the crossings of contours in hundreds."""
+    patched.setattr(shear, "deviations_N", lambda *of: (np.full(2, 0.1), np.full(2, 0.2)))
+    patched.setattr(shear, "telling_noise", lambda *of: 0.02)
+    patched.setattr(fits, "position_errors_mm", made_up_errors_mm)
+    on_its_mesh = {name: 600.0 for name in "ABCD"}
+    patched.setattr(summary, "charges_on_thesis_mesh", lambda s, _: dict.fromkeys(s, on_its_mesh))
     charges = np.array([1100.0, 700.0, 500.0, 600.0])
     air = dict.fromkeys(moving.AIR, 100.0)
     patched.setattr(effects, "charges_pC", lambda scene: charges)
@@ -51,8 +65,6 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Links]:
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(sweep, "records_of", lambda scenes, frames: list(map(made_up, scenes)))
         patched.setattr(film_placement, "DRAWS", 5)
-        patched.setattr(shear, "deviations_N", lambda *of: (np.full(2, 0.1), np.full(2, 0.2)))
-        patched.setattr(shear, "telling_noise", lambda *of: 0.02)
         cost_nothing(patched)
         thesis.main(["--out", str(out), "--processes", "1", "--quiet"])
     return out, assert_links_work(out / "index.html")

@@ -32,6 +32,7 @@ from reports.common.results import MATERIAL, THESIS_EDGE, Results
 from reports.common.section_cache import TABLE_OF_ERRORS, cached_section
 from reports.common.thesis_data import DEFECTS, Thesis
 from reports.common.thesis_scene import scene_of, thesis_scene
+from tests.reports.test_coverage import cost_nothing
 from tests.reports.test_page import assert_links_work
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -254,6 +255,7 @@ def test_all_chapters_survive_failed_solves(
 ) -> None:
     failed = Record("unstable", "no", tuple("ABCD"), {}, {}, 0.0, (), 0.0)
     monkeypatch.setattr(sweep, "records_of", lambda scenes, frames: [failed] * len(scenes))
+    cost_nothing(monkeypatch)
     arguments = ["--out", str(tmp_path), "--processes", "1", "--quiet", "--quick"]
     assert thesis.main(arguments) == 1
     text = assert_links_work(tmp_path / "index.html").text
