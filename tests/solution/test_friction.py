@@ -127,7 +127,7 @@ def test_a_tip_slides_off_where_friction_bears_too_little():
 def test_film_sticks_to_one_tip_and_slides_on_another():
     probes = [{**SPHERE, "x_mm": x, "force_N": 0.3} for x in (-9.0, 9.0)]
     probes[0]["load"] = {"kind": "contact", "friction": "stuck"}
-    numerics = {"numerics.load_steps": 3, "numerics.tolerance": 0.05}
+    numerics = {"numerics.load_steps": 3, "numerics.tolerance": 0.1}
     solution = solved(Scene().with_(probe=probes, **RUBBED, **numerics))
     stuck, slides = solution.contacts.values()
     assert stuck.lateral_N[0] < 0.0 < slides.lateral_N[0]
