@@ -86,6 +86,35 @@ def test_a_stiff_disc_at_the_centre_is_that_of_the_axisymmetric_film(bonded):
         assert solution.deflection_max_mm == pytest.approx(1e3 * depth, rel=1e-4)
 
 
+def test_a_stiff_ring_is_that_of_the_axisymmetric_film():
+    """Of two halves, whose edges are polygons of 180 sides for the whole circle."""
+    turns = np.linspace(0.0, np.pi, 91)
+    arc = np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    half = np.concatenate([8.0 * arc, 5.0 * arc[::-1]])
+    layer = {"shape": "polygon", "thickness_um": 50.0, "youngs_modulus_GPa": 3.0}
+    layer |= {"x_mm": 0.0, "y_mm": 0.0}
+    halves = [{**layer, "vertices_mm": (sign * half).tolist()} for sign in (1.0, -1.0)]
+    electrode = {"name": "E", "shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": 10.0}
+    probe = {"shape": "circle", "radius_mm": 3.0}
+    numerics = {"numerics.tolerance": 1e-4}
+    solution = solve(patched(*halves, probe=probe, electrodes=[electrode], **numerics))
+    film = solution.scene.film
+    reference = LayeredDisc(
+        radius=45e-3,
+        layer_radius=8e-3,
+        layer_hole=5e-3,
+        stiffness=(2e9 * 25e-6, 3e9 * 50e-6),
+        poisson_ratio=film.poisson_ratio,
+        rest=(film.thickness * film.stress_at_rest[0], 0.0),
+        load_radius=3e-3,
+        force=1.0,
+    )
+    total, depth = reference.sums([10e-3])
+    (charge,) = solution.charges_pC.values()
+    assert charge == pytest.approx(8.0 * total / film.thickness, rel=1e-4)
+    assert solution.deflection_max_mm == pytest.approx(1e3 * depth, rel=1e-4)
+
+
 def test_an_untouched_film_moves_where_a_stretched_layer_ends():
     layer = {**WHOLE_FILM, "radius_mm": 6.0, "thickness_um": 50.0, "bonded": BEFORE}
     disc = {"name": "A", "shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": 4.0}

@@ -1,4 +1,4 @@
-"""A centred round layer on a film under a centred disc, axisymmetric, by shooting.
+"""A centred round or ring-shaped layer on a film under a centred disc, axisymmetric, by shooting.
 
 Green-Lagrange membrane under a dead pressure; it shares nothing with the finite elements. Forces
 per length along r and z, X = N_r (1 + u') and Z = N_r w', do not jump where the layer ends.
@@ -27,6 +27,7 @@ class LayeredDisc:
     rest: tuple[float, float]
     load_radius: float
     force: float
+    layer_hole: float = 0.0
 
     def sums(self, radii: list[float]) -> Array:
         """Integrals of the film's own N_r + N_t over discs of these radii, N m, and last the
@@ -36,7 +37,7 @@ class LayeredDisc:
         def rim(c: float) -> float:
             return float(self._shoot(c, [])[-1][0])
 
-        high, low = 5e-3, 0.99 * taut
+        high, low = 2e-2, 0.99 * taut
         if self.force:  # with too little tension there is no film to the rim
             while rim(low := 0.7 * high) > 0.0:
                 high = low
@@ -54,7 +55,7 @@ class LayeredDisc:
         first = sum(k / (1 - self.poisson_ratio) * e + n for k, n in self._parts(0.0))
         y = np.array([c * start, 0.0, first * (1.0 + c), 0.0])
         at, r, ends = [], start, []
-        kinks = {self.layer_radius, self.load_radius, self.radius, *radii}
+        kinks = {self.layer_hole, self.layer_radius, self.load_radius, self.radius, *radii} - {0.0}
         for end in sorted(kink for kink in kinks if kink <= self.radius):
             inside = 0.5 * (r + end)
             y = solve_ivp(
@@ -75,7 +76,7 @@ class LayeredDisc:
     def _parts(self, r: float) -> list[tuple[float, float]]:
         """Stiffness and tension at rest of what there is at a radius."""
         parts = list(zip(self.stiffness, self.rest, strict=True))
-        return parts if r < self.layer_radius else parts[:1]
+        return parts if self.layer_hole <= r < self.layer_radius else parts[:1]
 
     def _rates(self, r: float, y: Array, inside: float) -> list[float]:
         nu, (u, _, X, _) = self.poisson_ratio, y
