@@ -146,11 +146,14 @@ def locate_by_solves(
 
 def _searched(search: Search, options: SolveOptions) -> Descent:
     """Distinct ends of searches from the likeliest starts, and along the valleys of the best."""
-    how = search.how(options)
-    first = replace(how, max_steps=options.first_steps)
-    ends = descend(search, _starts(search, options), options=first)
-    best = ends.take(np.argsort(ends.chi_square)[: options.followed])
-    ends = search.distinct(descend(search, best.at, options=how), options)
+    how, starts = search.how(options), []
+    for cold in search.of_cold_touches():
+        first = replace(cold.how(options), max_steps=options.first_steps)
+        ends = descend(cold, _starts(cold, options), options=first)
+        best = ends.at[np.argsort(ends.chi_square)[: options.followed]]
+        starts.append(np.zeros((len(best), len(search.keys))))
+        starts[-1][:, np.isin(search.keys, cold.keys)] = best
+    ends = search.distinct(descend(search, np.concatenate(starts), options=how), options)
     for _ in range(options.rounds if ends.arrived.size else 0):
         least, steps = ends.chi_square[0], np.array(options.valley)[:, None]
         weak = np.linalg.svd(ends.slopes[0] * search.longest)[2][-1]
@@ -201,6 +204,16 @@ class Search:
         ends: dict[str, float] = {"arrived": options.arrived, "short": 0.04, "relief": 0.3}
         lengths = tuple(self.longest), tuple(CLOSE * self.longest)
         return SearchOptions(options.max_steps, longest=lengths[0], close=lengths[1], **ends)
+
+    def of_cold_touches(self) -> Iterator[Search]:
+        """The searches that give starts: itself, or those by the charges of cold touches, all of
+        them and all but one, which may be that of an electrode under a warm touch."""
+        keys = tuple(key for key in self.keys if _name(key) != "temperature_K")
+        yield replace(self, keys=keys)
+        for electrode in self.electrodes if keys != self.keys else ():
+            others = self.electrodes != electrode
+            known = {"charges_pC": self.charges_pC[others], "spread_pC": self.spread_pC[others]}
+            yield replace(self, keys=keys, electrodes=self.electrodes[others], **known)
 
     def evaluate(self, touches: Array) -> tuple[Array, Array]:
         """Charges (n, electrodes) and slopes (n, electrodes, keys) at coordinates, NaN if none."""
