@@ -131,15 +131,15 @@ def test_a_part_of_a_symmetric_film_has_the_heat_of_all_of_it(monkeypatch):
 def test_derivatives_by_place_and_temperature_of_a_warm_probe_are_those_of_solves():
     """On a triangle that lies on a part of an electrode; those by stiffness are refused."""
     probe = {**TRIANGLE, "x_mm": 6.5, "rotation_deg": 20.0, **WARM, "contact_time_s": 0.1}
-    scene = Scene().with_(probe=probe, **PYROELECTRIC, **{"numerics.tolerance": 3e-5})
-    steps = {"probe.x_mm": 0.05, "probe.rotation_deg": 0.5, "probe.temperature_K": 1.0}
+    scene = Scene().with_(probe=probe, **PYROELECTRIC, **{"numerics.tolerance": 1e-4})
+    steps = {"probe.x_mm": 0.1, "probe.rotation_deg": 1.0, "probe.temperature_K": 1.0}
     found, values = gradients(scene), {"probe.x_mm": 6.5, "probe.rotation_deg": 20.0}
     assert not any("modulus" in key for key in found)
     for key, step in steps.items():
         middle = values.get(key, 10.0)
         there, back = (charges(scene.with_(**{key: middle + h})) for h in (step, -step))
         slope = (there - back) / (2.0 * step)
-        assert [*found[key].values()] == pytest.approx(slope, abs=1e-3 * np.abs(slope).max())
+        assert [*found[key].values()] == pytest.approx(slope, abs=1e-2 * np.abs(slope).max())
 
 
 def test_what_has_no_heat_refuses_it():

@@ -170,7 +170,7 @@ def test_a_scene_without_an_equilibrium_ends_for_that():
 
 def test_more_budget_gives_a_finer_result():
     by_unknowns = [within(SLOW, max_unknowns=count) for count in (2000, 5000, 12_000)]
-    by_seconds = [within(SLOW, max_seconds=seconds) for seconds in (0.1, 0.5, 2.5)]
+    by_seconds = [within(SLOW, max_seconds=seconds) for seconds in (0.1, 1.0, 10.0)]
     for solutions in (by_unknowns, by_seconds):
         errors = [worst(solution) for solution in solutions]
         assert errors[0] > 2.0 * errors[1] > 4.0 * errors[2]
