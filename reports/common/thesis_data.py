@@ -241,7 +241,7 @@ class Thesis:
             positions=tuple(row for row in self.positions if row.case in _QUICK_CASES),
             triangulation=tuple(row for row in self.triangulation if row.case in _QUICK_CASES),
             angles_deg={"A": (85.0,), "B": (150.0,)},
-            step_mm=12.0,
+            step_mm=8.0,
         )
 
     @cached_property
