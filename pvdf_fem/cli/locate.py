@@ -7,12 +7,18 @@ import json
 import math
 import sys
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.cli import response_model
 from pvdf_fem.cli.locate_request import NAMES, SOUGHT, Request, require
-from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, scene_of
+from pvdf_fem.cli.program import (
+    ExitCode,
+    InputError,
+    add_plot,
+    add_scene_command,
+    add_texts,
+    scene_of,
+)
 from pvdf_fem.cli.response_model import model_of
 
 if TYPE_CHECKING:
@@ -118,9 +124,7 @@ def add_to(commands: Any) -> None:
         "weighed by likelihood; may be given several times",
     )
     response_model.add_options(parser)
-    parser.add_argument(
-        "--plot", metavar="FILE", type=Path, help="draw the likelihood of places of the touch"
-    )
+    add_plot(parser, "the likelihood of places of the touch")
     parser.add_argument(
         "--polish",
         action="store_true",

@@ -12,8 +12,9 @@ from pvdf_fem.cli.program import (
     ExitCode,
     InputError,
     add_command,
+    add_plot,
     output_mistakes,
-    plot_extensions,
+    plot_mistakes,
 )
 from pvdf_fem.files import require_distinct
 
@@ -83,9 +84,7 @@ def add_to(commands: Any) -> None:
     where.add_argument(
         "--scheduler", metavar="ADDRESS", help="of a Dask cluster that solves (see below)"
     )
-    parser.add_argument(
-        "--plot", metavar="FILE", type=Path, help="draw the charges over one or two axes"
-    )
+    add_plot(parser, "the charges over one or two axes")
     parser.add_argument("--plan", action="store_true", help="only print what there is to solve")
     parser.add_argument("--quiet", action="store_true", help="print complaints only")
 
@@ -96,8 +95,7 @@ def _sweep(options: argparse.Namespace) -> int:
     output = options.output or Path(f"{options.sweep.stem}.nc")
     unused = options.plan and not options.output
     mistakes = [] if unused else output_mistakes(output, [".nc"], options.sweep)
-    if options.plot:
-        mistakes += output_mistakes(options.plot, plot_extensions(), options.sweep, output)
+    mistakes += plot_mistakes(options, options.sweep, output)
     if options.processes == 0 or options.processes < -1:
         mistakes.append(f"--processes {options.processes}: give 1 or more, or -1 for all cores")
     from pvdf_fem.sweeps.grid import Grid
