@@ -26,6 +26,7 @@ from pvdf_fem.cli.program import (
     output_mistakes,
     plot_mistakes,
     run_program,
+    save_plot,
     scene_of,
 )
 from pvdf_fem.scene.scene_file import example_text, examples
@@ -179,11 +180,9 @@ def _parser() -> argparse.ArgumentParser:
         ("--vtu", "write deflection, stresses, patches for ParaView"),
     ):
         solve.add_argument(name, metavar="FILE", type=Path, help=about)
-    shown = (
-        "what --plot shows: deflection, stress, charge density, principal directions, mesh, error"
-    )
+    shown = "deflection, stress, charge density, principal directions, mesh, error or contact"
     add_plot(solve, "a map of the film")
-    add_texts(solve, ("--quantity", "NAME", "deflection", f"{shown} or contact"))
+    add_texts(solve, ("--quantity", "NAME", "deflection", f"what --plot shows: {shown}"))
     summary = "write the mesh of a scene"
     mesh = add_scene_command(commands, "mesh", _mesh, summary, _MESH, _MESH_EPILOG, as_json="")
     mesh.add_argument("file", metavar="FILE", type=Path, help="mesh file to write")
@@ -269,9 +268,7 @@ def _modes(options: argparse.Namespace) -> int:
     _print(result.to_json(), options.json, lambda: modes_text(result))
     converged = result.status is Status.CONVERGED
     if options.plot and converged:
-        from pvdf_fem.output.figures import save
-
-        save(result.plot(), options.plot)
+        save_plot(result.plot(), options)
     return ExitCode.CONVERGED if converged else ExitCode.NOT_CONVERGED
 
 
@@ -279,9 +276,7 @@ def _write_files(solution: Solution, options: argparse.Namespace) -> None:
     if options.vtu:
         solution.to_vtu(options.vtu)
     if options.plot:
-        from pvdf_fem.output.figures import save
-
-        save(solution.plot(options.quantity), options.plot)
+        save_plot(solution.plot(options.quantity), options)
 
 
 def _print(result: dict[str, Any], as_json: bool, text: Callable[[], str]) -> None:

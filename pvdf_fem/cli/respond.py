@@ -14,6 +14,7 @@ from pvdf_fem.cli.program import (
     add_scene_command,
     add_texts,
     plot_mistakes,
+    save_plot,
     scene_of,
 )
 from pvdf_fem.cli.response_model import number_of
@@ -61,9 +62,8 @@ def run(options: argparse.Namespace) -> int:
         table.writerows([columns, *zip(*columns.values(), strict=True)])
     if options.plot:
         from pvdf_fem.output.charts import frequency_response
-        from pvdf_fem.output.figures import save
 
-        save(frequency_response(response), options.plot)
+        save_plot(frequency_response(response), options)
     return ExitCode.CONVERGED
 
 

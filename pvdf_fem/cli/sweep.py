@@ -8,14 +8,8 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pvdf_fem.cli.program import (
-    ExitCode,
-    InputError,
-    add_command,
-    add_plot,
-    output_mistakes,
-    plot_mistakes,
-)
+from pvdf_fem.cli import program
+from pvdf_fem.cli.program import ExitCode, InputError, add_command, output_mistakes
 from pvdf_fem.files import require_distinct
 
 if TYPE_CHECKING:
@@ -84,7 +78,7 @@ def add_to(commands: Any) -> None:
     where.add_argument(
         "--scheduler", metavar="ADDRESS", help="of a Dask cluster that solves (see below)"
     )
-    add_plot(parser, "the charges over one or two axes")
+    program.add_plot(parser, "the charges over one or two axes")
     parser.add_argument("--plan", action="store_true", help="only print what there is to solve")
     parser.add_argument("--quiet", action="store_true", help="print complaints only")
 
@@ -95,7 +89,7 @@ def _sweep(options: argparse.Namespace) -> int:
     output = options.output or Path(f"{options.sweep.stem}.nc")
     unused = options.plan and not options.output
     mistakes = [] if unused else output_mistakes(output, [".nc"], options.sweep)
-    mistakes += plot_mistakes(options, options.sweep, output)
+    mistakes += program.plot_mistakes(options, options.sweep, output)
     if options.processes == 0 or options.processes < -1:
         mistakes.append(f"--processes {options.processes}: give 1 or more, or -1 for all cores")
     from pvdf_fem.sweeps.grid import Grid
@@ -155,9 +149,8 @@ def _run(
     write_netcdf(data, output)
     if options.plot:
         from pvdf_fem.output.charts import sweep_chart
-        from pvdf_fem.output.figures import save
 
-        save(sweep_chart(data), options.plot)
+        program.save_plot(sweep_chart(data), options)
     if not options.quiet:
         sizes = ", ".join(f"{count} {name}" for name, count in data.sizes.items())
         print(f"{output}: {sizes}")

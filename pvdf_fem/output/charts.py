@@ -104,7 +104,7 @@ def _along(data: Dataset, axis: str) -> DataArray:
 
 def _places(along: DataArray) -> Array:
     """Where values stand on an axis: numbers at themselves, texts in a row."""
-    return along.values if along.dtype.kind == "f" else np.arange(along.size)
+    return along.values if along.dtype.kind == "f" else np.arange(float(along.size))
 
 
 def _label(axis: Axis, along: DataArray, set_scale: Callable[[str], None]) -> None:
@@ -128,8 +128,10 @@ def _curves(data: Dataset, along: DataArray) -> Figure:
         charge, error = data.charge_pC.values[:, j], data.charge_error_pC.values[:, j]
         ax.errorbar(x, charge, error, marker=MARKERS[j % len(MARKERS)], label=str(name))
     status, foot = data.status.values, ax.get_xaxis_transform()
-    for i in np.flatnonzero(status != "converged"):
-        words = ax.text(x[i], 0.03, f"× {status[i]}", rotation=90, transform=foot)
+    failed = np.flatnonzero(status != "converged")
+    ax.plot(x[failed], np.full(failed.size, 0.03), "x", color="black", transform=foot)
+    for i in failed:
+        words = ax.text(x[i], 0.06, status[i], rotation=90, transform=foot, clip_on=True)
         words.set(ha="center", va="bottom")
     ax.legend(title="electrode")
     ax.set_ylabel("total charge (pC)")
@@ -140,7 +142,8 @@ def _curves(data: Dataset, along: DataArray) -> Figure:
 def _maps(data: Dataset, down: DataArray, across: DataArray) -> Figure:
     charges, status = data.charge_pC.values, data.status.values
     figure, panels = _panels(data.electrode.size, 4)
-    x, y, norm = _places(across), _places(down), Normalize(np.nanmin(charges), np.nanmax(charges))
+    x, y, known = _places(across), _places(down), charges[np.isfinite(charges)]
+    norm = Normalize(min(known, default=0.0), max(known, default=1.0))
     for ax, name, j in zip(panels, data.electrode.values, range(len(panels)), strict=True):
         drawn = ax.pcolormesh(x, y, charges[..., j], shading="nearest", norm=norm)
         for marker, word in zip("xsd^v", sorted({*status.flat} - {"converged"}), strict=False):

@@ -128,8 +128,8 @@ def draw_electrode(ax: Axes, outline: Outline, words: Sequence[str], veil: float
     way = np.array([sideways, not sideways]) * (1.0 if (x if sideways else y) >= 0.0 else -1.0)
     ax.annotate(
         ("\n" if sideways else "  ").join(words),
-        0.5 * (low + high + way * (high - low)),
-        4.0 * way,
+        tuple(0.5 * (low + high + way * (high - low))),
+        (4.0 * way[0], 4.0 * way[1]),
         textcoords="offset points",
         ha=("right", "center", "left")[1 + round(way[0])],
         va=("top", "center", "bottom")[1 + round(way[1])],

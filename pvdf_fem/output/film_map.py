@@ -129,7 +129,7 @@ def _contact(ax: Axes, solution: Solution, quantity: Quantity) -> ScalarMappable
     norm = Normalize(least, max(touchdown.largest_pressure_MPa for touchdown in touchdowns))
     for contact in fields.solved.contacts:
         _, pressure = contact.traction(fields.solved_state, solution.scene.film.thickness)
-        grid = Triangulation(*places[:, contact.patch].reshape(2, -1))  # type: ignore[call-arg]
+        grid = Triangulation(*places[:, contact.patch].reshape(2, -1))
         drawn = _shaded(ax, grid, 1e-6 * pressure.ravel(), norm, quantity.colours)
     edges = np.concatenate([touchdown.edge_mm for touchdown in touchdowns])
     x, y = (edges.max(axis=0) + edges.min(axis=0)) / 2.0

@@ -277,14 +277,9 @@ class Solution:
         """Charges in pC and, with ``[readout]``, readings in V, by electrode."""
         from pandas import DataFrame
 
-        columns = {
-            "charge_pC": self.charges_pC,
-            "charge_error_pC": self.charge_errors_pC,
-            "rest_charge_pC": self.rest_charges_pC,
-            "charge_change_pC": self.charge_changes_pC,
-        }
-        readings = {} if self.scene.readout is None else {"reading_V": self.readings_V}
-        return DataFrame({**columns, **readings}).rename_axis("electrode")
+        names = ["charges_pC", "charge_errors_pC", "rest_charges_pC", "charge_changes_pC"]
+        names += ["readings_V"] if self.scene.readout else []
+        return DataFrame({name: getattr(self, name) for name in names}).rename_axis("electrode")
 
     def to_vtu(self, path: str | Path) -> None:
         """Write displacement, stresses, patches, charges and the scene to a VTU file."""

@@ -141,5 +141,5 @@ def test_a_quantity_that_there_is_not_is_refused(solution: Solution) -> None:
 def test_charges_as_a_table_of_pandas(solution: Solution) -> None:
     table = solution.to_dataframe()
     assert table.index.tolist() == list("ABCD")
-    assert table.charge_pC.to_dict() == solution.charges_pC
-    assert table.charge_change_pC["A"] == solution.charge_changes_pC["A"]
+    assert table.charges_pC.to_dict() == solution.charges_pC
+    assert table.charge_changes_pC["A"] == solution.charge_changes_pC["A"]
