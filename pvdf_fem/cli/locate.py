@@ -9,7 +9,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from pvdf_fem.cli import response_model
+from pvdf_fem.cli import program, response_model
 from pvdf_fem.cli.locate_request import NAMES, SOUGHT, Request, require
 from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, scene_of
 from pvdf_fem.cli.response_model import model_of
@@ -52,6 +52,7 @@ examples:
   pvdf-fem locate scene.toml --charges A=905.1,B=731.4,C=600.2,D=640.9
   pvdf-fem locate scene.toml --charges A=905.1,B=731.4,C=600.2,D=640.9 \\
       --unknown x,y,force,rotation --sigma 0.005 --polish --json
+  pvdf-fem locate scene.toml --charges A=905.1,B=731.4,C=600.2,D=640.9 --plot touch.png
   pvdf-fem locate eight.toml --touches 2 --charges A=1164,B=906,C=860,D=1009,...
   pvdf-fem locate sensor.toml --changes A=0.857,B=0.683,C=0.552,D=0.593 --unit V
   pvdf-fem locate sensor.toml --csv readings.csv --output touches.csv
@@ -116,6 +117,7 @@ def add_to(commands: Any) -> None:
         "weighed by likelihood; may be given several times",
     )
     response_model.add_options(parser)
+    program.add_plot(parser, "the likelihood of places of the touch")
     parser.add_argument(
         "--polish",
         action="store_true",
@@ -154,6 +156,8 @@ def run(options: argparse.Namespace) -> int:
         print(error, file=sys.stderr)
         return ExitCode.NOT_CONVERGED
     print_matches(choices, options.json)
+    if options.plot and choices[0].location.touches:
+        program.save_plot(choices[0].location.plot(), options)
     return ExitCode.CONVERGED if choices[0].location.touches else ExitCode.NOT_CONVERGED
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from pvdf_fem.cli.program import plot_mistakes
 from pvdf_fem.cli.response_model import ModelChoice, number_of, positive
 
 if TYPE_CHECKING:
@@ -54,10 +55,13 @@ class Request:
             noise = positive("--noise", noise, wrong, zero=True)
         unknown = sought(options.unknown, wrong)
         if (options.touches > 1 or not set(unknown) <= {*NAMES.values()}) and (
-            options.csv is not None or options.others or options.polish
+            options.csv is not None or options.others or options.polish or options.plot
         ):
             alone = "are for --charges or --changes alone"
             wrong.append(f"--touches, --unknown tangential or temperature: {alone}")
+        wrong += plot_mistakes(options, options.scene)
+        if options.plot and not {"x_mm", "y_mm"} <= set(unknown):
+            wrong.append("--plot: draws places; have x and y among --unknown")
         model = ModelChoice.of(options, wrong)
         if options.model and options.others:
             wrong.append("--model: is of one scene; leave it out with --or")
@@ -98,7 +102,7 @@ def _misplaced(options: argparse.Namespace) -> list[str]:
         wrong.append(f"--output: {single}")
     if not table:
         return wrong
-    each = {"--or": options.others, "--polish": options.polish}
+    each = {"--or": options.others, "--polish": options.polish, "--plot": options.plot}
     return [f"{name}: is for single touches; leave it out" for name, used in each.items() if used]
 
 

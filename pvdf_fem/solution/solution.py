@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +24,12 @@ from pvdf_fem.solution.history import MeshRecord, Stop
 from pvdf_fem.solution.summary import solution_html, solution_text
 from pvdf_fem.solvers.newton import Iteration
 from pvdf_fem.solvers.status import Status
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+    from pyvista import Plotter
 
 
 class NotConvergedError(RuntimeError):
@@ -236,8 +242,47 @@ class Solution:
     def _repr_html_(self) -> str:
         return solution_html(self.to_json())
 
+    # What draws and writes is above, and slow to import.
+    def plot(
+        self, quantity: str = "deflection", ax: Axes | None = None, reach_mm: float | None = None
+    ) -> Figure:
+        """Draw a map of the film with electrodes, charges and probes, on `ax` or a new figure.
+
+        `quantity` is ``deflection``, ``stress`` (S11 + S22), ``charge density``, ``principal
+        directions``, ``mesh``, ``error`` (elements' shares in errors of charges) or ``contact``
+        (pressure of tips); ValueError for another, or none in this scene. `reach_mm` is half the
+        width of what is shown, by default all of the film.
+        """
+        from pvdf_fem.output.film_map import film_map
+
+        return film_map(self, quantity, ax, reach_mm)
+
+    def view(
+        self,
+        quantity: str = "deflection",
+        scale: float | None = None,
+        html: str | Path | None = None,
+    ) -> Plotter:
+        """The deflected film in 3-D, coloured by a field of `plot`; ``pip install pvdf-fem[view]``.
+
+        `scale` multiplies the displacements, by default so that the film is a quarter of its radius
+        deep. `html` is where a page is written that any browser shows without a server. ``show()``
+        of what is returned opens a window, or shows the film in a notebook.
+        """
+        from pvdf_fem.output.film_view import film_view
+
+        return film_view(self, quantity, scale, html)
+
+    def to_dataframe(self) -> DataFrame:
+        """Charges in pC and, with ``[readout]``, readings in V, by electrode."""
+        from pandas import DataFrame
+
+        names = ["charges_pC", "charge_errors_pC", "rest_charges_pC", "charge_changes_pC"]
+        names += ["readings_V"] if self.scene.readout else []
+        return DataFrame({name: getattr(self, name) for name in names}).rename_axis("electrode")
+
     def to_vtu(self, path: str | Path) -> None:
-        """Write displacement, stresses and patches to a VTU file."""
-        from pvdf_fem.output.export import write_vtu  # output/ is above, and meshio slow to import
+        """Write displacement, stresses, patches, charges and the scene to a VTU file."""
+        from pvdf_fem.output.export import write_vtu
 
         write_vtu(self, Path(path))
