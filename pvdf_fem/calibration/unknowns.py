@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.scene.change import steps_of
+from pvdf_fem.scene.change import number_at
 from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import choose
-from pvdf_fem.scene.stage import Stage
 from pvdf_fem.solution.gradients import COEFFICIENTS, parameters_of
 
 GAIN = "gain."
@@ -79,11 +78,7 @@ def value_of(scene: Scene, key: str) -> float:
     section, _, name = key.partition(".")
     if section in READOUT_KEYS:
         return float((scene.readout or Readout()).of(READOUT_KEYS[section], name))
-    first, *steps = steps_of(key)
-    value: Any = getattr(scene, first) or Stage()
-    for step in steps:
-        value = value[step] if isinstance(step, int) else getattr(value, step)
-    return float(value)
+    return number_at(scene if scene.stage else scene.with_(stage={}), key)
 
 
 def unknowns_of(scene: Scene, words: Sequence[str], priors: Mapping[str, float]) -> Unknowns:

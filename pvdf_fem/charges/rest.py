@@ -8,6 +8,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.charges.forces import area_integrals
 from pvdf_fem.charges.goals import areas_of, coefficients_of, goals_of
 from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.film.loads.heat import AddedStrain
 from pvdf_fem.film.models import film_model
 from pvdf_fem.scene.scene import Scene
 
@@ -35,8 +36,8 @@ def _solved(untouched: Scene) -> Array:
 
 def heat_charges(scene: Scene, solved: Equilibrium) -> Array:
     """Pyroelectric charge in C of each electrode, (electrodes,), of the film that warms as a whole
-    and under warm probes."""
-    goals, film, added = goals_of(scene), scene.film, solved.membrane.added
+    and under warm probes, on the mesh of `solved`."""
+    goals, film, added = goals_of(scene), scene.film, AddedStrain.of(scene)
     kelvins = (film.warming_K or 0.0) * areas_of(goals)
     if added is not None:
         mesh, part = solved.space.mesh, solved.part

@@ -36,9 +36,9 @@ A model of the charges is needed, over all places within --reach and forces in
 shown on standard error, and kept beside the scene file; later calls take a
 moment. A call that was stopped goes on where it was.
 
-Two touches at once (--touches 2) and tangential forces (--unknown with
-tangential) are found by full solves instead, without a model, which takes up to
-a minute; the scene's list of probes, or its probe twice, is what touches.
+Two touches at once (--touches 2), tangential forces and temperatures (--unknown
+with tangential or temperature) are found by full solves instead, without a
+model, which takes up to a minute; the scene's list of probes, or its probe twice, is what touches.
 
 With --csv every row of a file is located. Its header has names of electrodes,
 and may have rotation_deg and force_N, which are then known. Other columns are

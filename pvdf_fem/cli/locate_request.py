@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 #: What may be sought, as on the command line.
 NAMES = {"x": "x_mm", "y": "y_mm", "force": "force_N", "rotation": "rotation_deg"}
 #: What full solves find besides.
-BY_SOLVES = {**NAMES, "tangential": "tangential_N"}
+BY_SOLVES = {**NAMES, "tangential": "tangential_N", "temperature": "temperature_K"}
 SOUGHT = f"what is sought, of {', '.join(BY_SOLVES)}"
 
 
@@ -54,10 +54,11 @@ class Request:
         if noise is not None:
             noise = positive("--noise", noise, wrong, zero=True)
         unknown = sought(options.unknown, wrong)
-        if (options.touches > 1 or "tangential_N" in unknown) and (
+        if (options.touches > 1 or not set(unknown) <= {*NAMES.values()}) and (
             options.csv is not None or options.others or options.polish or options.plot
         ):
-            wrong.append("--touches, --unknown tangential: are for --charges or --changes alone")
+            alone = "are for --charges or --changes alone"
+            wrong.append(f"--touches, --unknown tangential or temperature: {alone}")
         wrong += plot_mistakes(options, options.scene)
         if options.plot and not {"x_mm", "y_mm"} <= set(unknown):
             wrong.append("--plot: draws places; have x and y among --unknown")
@@ -70,7 +71,7 @@ class Request:
     @property
     def by_solves(self) -> bool:
         """Whether no model of a single touch serves it."""
-        return self.touches > 1 or "tangential_N" in self.unknown
+        return self.touches > 1 or not set(self.unknown) <= {*NAMES.values()}
 
     def unit_pC(self, scene: Scene) -> dict[str, float]:
         """The unit of readings in nominal pC, by electrode."""

@@ -39,6 +39,14 @@ def steps_of(key: str) -> tuple[Any, ...]:
     return tuple(int(step) if re.fullmatch("[0-9]{1,9}", step) else step for step in steps)
 
 
+def number_at(scene: Any, key: str) -> float:
+    """The number that a scene has by a key."""
+    value = scene
+    for step in steps_of(key):
+        value = value[step] if isinstance(step, int) else getattr(value, step)
+    return float(value)
+
+
 def spelled(key: str) -> str:
     """The one spelling of a key: ``electrodes.0.x_mm`` becomes ``electrodes[0].x_mm``."""
     rest = (f"[{step}]" if isinstance(step, int) else f".{step}" for step in steps_of(key))

@@ -20,8 +20,7 @@ from pvdf_fem.film.term import State
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.attempt import Attempt
 from pvdf_fem.solution.fields import Fields
-from pvdf_fem.solvers.arc_length import beyond_limit
-from pvdf_fem.solvers.newton import balanced, compressed, factorise, is_stable
+from pvdf_fem.solvers.newton import balanced, beyond_limit, compressed, factorise, is_stable
 from pvdf_fem.solvers.status import Status
 
 #: Strength of biaxially stretched PVDF film in Pa: data sheets give 160 to 220 MPa along either

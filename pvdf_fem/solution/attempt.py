@@ -295,8 +295,8 @@ def _equilibrated(
 def _from_below(equilibrium: Equilibrium, budget: Budget) -> Array | Status | None:
     """The solution of the order below: a start that costs less than the iterations it saves.
 
-    None where it would not help or was not found. A status where the order below is unstable or at
-    a limit point in a film that bends: so is this one, whose displacements contain those.
+    None where it would not help or was not found. A status where the order below is unstable in a
+    film that bends: so is this one, whose displacements contain those.
     """
     order = equilibrium.space.order
     if order == equilibrium.model.lowest_order:
@@ -309,7 +309,7 @@ def _from_below(equilibrium: Equilibrium, budget: Budget) -> Array | Status | No
         return start
     result = equilibrate(lower, start, LOWER_TOLERANCE, budget=budget)
     budget.spend(lower, result.fresh_count)
-    if result.status in (Status.UNSTABLE, Status.LIMIT) and lower.plate is not None:
+    if result.status is Status.UNSTABLE and lower.plate is not None:
         return result.status
     return prolonged(lower, equilibrium, result.q) if result.converged else None
 

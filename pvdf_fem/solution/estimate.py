@@ -27,7 +27,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium, prolongation, prolonged
 from pvdf_fem.film.term import State
 from pvdf_fem.solvers.budget import Budget
-from pvdf_fem.solvers.ladder import PATH_ITERATIONS, equilibrate
+from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.newton import FullSteps, NewtonResult, compressed, is_stable, newton
 from pvdf_fem.solvers.settled import Settled
 from pvdf_fem.solvers.status import Status
@@ -93,10 +93,7 @@ def corrected(
     last = settled and replace(settled, start=start)
     affordable = budget.iterations(rich)
     if rich.model.wrinkles or affordable >= RICH_ITERATIONS:
-        follow_path = affordable >= PATH_ITERATIONS
-        result = equilibrate(
-            rich, start, RICH_TOLERANCE, budget=budget, settled=last, follow_path=follow_path
-        )
+        result = equilibrate(rich, start, RICH_TOLERANCE, budget=budget, settled=last)
     else:
         result = _undamped(rich, start)
     if not result.converged:

@@ -18,13 +18,14 @@ reference area: e_z for a dead load, F1 x F2 for a follower load.
 A film on a tip moves with it: the displacement is x(q, θ) of the unknowns q, and R = P^T f with the
 film's forces f and P = ∂x/∂q. Then ∂Q/∂θ and ∂R/∂θ have ∂x/∂θ in them, and ∂R/∂θ what turns P, the
 slope of the tip at its nodes. That the contact's edge moves too counts only in the second order.
+
+The heat of a warm probe moves with it; what that does to Q and R on the same mesh is differenced.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.sparse.linalg import SuperLU
@@ -32,17 +33,19 @@ from scipy.sparse.linalg import SuperLU
 from pvdf_fem.arrays import COMPLEX_STEP, Array
 from pvdf_fem.charges.forces import charges_of, goal_forces, goal_gradients
 from pvdf_fem.charges.goals import Goal, goals_of
+from pvdf_fem.charges.rest import heat_charges
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.laws import StVenantKirchhoff
 from pvdf_fem.film.loads.contact import Contact
+from pvdf_fem.film.loads.heat import AddedStrain
 from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.film.loads.pressure import DeadPressure
-from pvdf_fem.film.membrane import IDENTITY, Membrane
+from pvdf_fem.film.membrane import IDENTITY, Membrane, UnevenMembrane
 from pvdf_fem.film.models import film_model
 from pvdf_fem.film.space import shape_values
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.points import facet_quadrature
-from pvdf_fem.scene.change import steps_of
+from pvdf_fem.scene.change import number_at
 from pvdf_fem.scene.film import Film, plane_stress
 from pvdf_fem.scene.scene import LoadedProbe, Probe, Scene
 from pvdf_fem.scene.shapes import FORCES
@@ -57,6 +60,7 @@ from pvdf_fem.solvers.status import Status
 _PLACE = ("x_mm", "y_mm", "rotation_deg")
 PLACE = tuple(f"probe.{name}" for name in _PLACE)
 _IN_PLANE = ("tangential_N[0]", "tangential_N[1]")
+_HEAT = "temperature_K"
 COEFFICIENTS = ("film.d31_pC_N", "film.d32_pC_N")
 #: Error over what the next order takes away, of which corners leave it the least.
 SATURATION = 1.5
@@ -193,10 +197,7 @@ def _scale(scene: Scene, key: str) -> float:
         return 1e3 * probe.outline.perimeter / (2.0 * np.pi)
     if touches and "_N" in key:
         return max(float(np.linalg.norm(touch.load.components)) for touch, *_ in touches) or 1.0
-    value: Any = scene
-    for name in steps_of(key):
-        value = value[name] if isinstance(name, int) else getattr(value, name)
-    return abs(value) or 1.0
+    return abs(number_at(scene, key)) or 1.0
 
 
 def parameters_of(scene: Scene) -> tuple[str, ...]:
@@ -206,13 +207,13 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
     ``film.pretension_N_m`` has that, or its ``.0`` and ``.1``, in place of
     ``film.temperature_change_K``, and the others at this pretension. A rigid probe has no
     derivative by its place, as the tractions along its edge are singular. Of a film that bends or
-    wrinkles, is uneven, or touches a tip with friction, there is none by what its stiffness depends
-    on; of one that feels the voltages of electrodes none by d31 and d32 either.
+    wrinkles, is uneven or warm, or touches a tip with friction, there is none by what its stiffness
+    depends on; of one that feels the voltages of electrodes none by d31 and d32 either.
     """
-    scene.require_plain_charges("derivatives", "coupling", "warming_K")
+    scene.require_plain_charges("derivatives", "coupling", "warming_K", _HEAT)
     probes = tuple(key for key in _touched(scene) if not _hindrance(scene, key))
     rubs = any(touch.load.friction for touch in scene.loaded_probes)
-    model, uneven = film_model(scene), scene.film.is_uneven
+    model, uneven = film_model(scene), scene.film.is_uneven or scene.warm_probes
     differentiable = model.film_is_differentiable and model.electrodes_only_read
     differentiable = differentiable and not (rubs or uneven)
     film = _film_keys(scene.film) if differentiable else ()
@@ -225,9 +226,11 @@ def _touched(scene: Scene) -> dict[str, list[tuple[LoadedProbe, int, str]]]:
     for i, touch in enumerate(scene.loaded_probes):
         prefix = f"probe[{i}]" if isinstance(scene.probe, tuple) else "probe"
         own = getattr(touch.probe, "load", None)
-        for name in (*_PLACE, "force_N" if touch.load.depth_mm is None else "depth_mm", *_IN_PLANE):
+        heat = () if touch.probe.temperature_K is None else (_HEAT,)
+        force = "force_N" if touch.load.depth_mm is None else "depth_mm"
+        for name in (*_PLACE, *heat, force, *_IN_PLANE):
             key, _, component = name.partition("[")
-            where = prefix if key in _PLACE else f"{prefix}.load" if own else "load"
+            where = prefix if key in (*_PLACE, _HEAT) else f"{prefix}.load" if own else "load"
             if key in FORCES and getattr(touch.probe, key, None) is not None:
                 where = prefix
             if not component or touch.load.tangential_N is not None:
@@ -258,8 +261,16 @@ def _refusal(scene: Scene, key: str) -> str:
     if key in _touched(scene):
         return _hindrance(scene, key)
     if key in (*_film_keys(scene.film), *COEFFICIENTS):
-        return "of a film that bends, wrinkles, sticks or feels voltages has no derivative here"
+        return "of a film that bends, wrinkles, sticks, warms or feels voltages has no derivative"
     return "is not a parameter of this scene that charges are differentiated by"
+
+
+def charge_rates(solution: Solution, keys: Sequence[str]) -> Array:
+    """Derivatives of the charges of a converged solution, without errors, in C per unit of the
+    keys, which are of `parameters_of` its scene, (keys, electrodes)."""
+    solved, q, factors = factorised(solution)
+    adjoint = _Adjoint.of(solved, goals_of(solution.scene), q, factors)
+    return np.array([_rate(adjoint, key) for key in keys])
 
 
 def force_rates(solution: Solution, keys: Sequence[str]) -> Array:
@@ -359,7 +370,11 @@ def _rate(adjoint: _Adjoint, key: str) -> Array:
     equilibrium, state = adjoint.equilibrium, adjoint.state
     film, membrane = equilibrium.film, equilibrium.membrane
     if touches := _touched(equilibrium.scene).get(key):
-        return sum((_touch_rate(adjoint, i, name) for _, i, name in touches), np.zeros(1))
+        rate = sum((_touch_rate(adjoint, i, n) for _, i, n in touches if n != _HEAT), np.zeros(1))
+        moves_heat = any(
+            n == _HEAT or (n in _PLACE and t.probe.temperature_K) for t, _, n in touches
+        )
+        return rate + _heat_rate(adjoint, key) if moves_heat else rate
     if key in COEFFICIENTS:
         return 1e-12 * adjoint.forces[:, COEFFICIENTS.index(key)]
     rate = adjoint.of_stress(Membrane(membrane.space, film, _stress_rate(film, key)))
@@ -424,6 +439,18 @@ def _touch_rate(adjoint: _Adjoint, i: int, name: str) -> Array:
     actions = (term.action(state, moved) for term in equilibrium.terms)
     stiff = sum((a for a in actions if a is not None), np.zeros(len(moved)))
     return moved @ adjoint.goal_rates - stiff @ adjoint.dofs + turned
+
+
+def _heat_rate(adjoint: _Adjoint, key: str, step: float = 0.01) -> Array:
+    """The part of dQ/dθ by how the heat of warm probes changes with a key, (electrodes,), from
+    central differences over twice the `step` in mm, degrees or K."""
+    equilibrium = adjoint.equilibrium
+    scene, space, by_heat = equilibrium.scene, equilibrium.space, []
+    for change in (step, -step):
+        moved = scene.with_(**{key: number_at(scene, key) + change})
+        membrane = UnevenMembrane(space, scene.film, AddedStrain.of(moved))
+        by_heat.append(adjoint.of_stress(membrane) + heat_charges(moved, equilibrium))
+    return (by_heat[0] - by_heat[1]) / (2.0 * step)
 
 
 def _swept(adjoint: _Adjoint, load: DeadPressure, name: str, gauss_points: int = 5) -> Array:

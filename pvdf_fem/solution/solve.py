@@ -224,7 +224,7 @@ def _status(attempt: Attempt, stop: Stop, change: float | None) -> Status:
         return status
     if status is Status.CONVERGED and attempt.worst > scene.numerics.tolerance:
         status = Status.TOLERANCE
-    missed = status in (Status.MAX_ITERATIONS, Status.LIMIT, Status.UNBALANCED)
+    missed = status in (Status.MAX_ITERATIONS, Status.UNBALANCED)
     unknown = status is Status.TOLERANCE and attempt.worst > UNKNOWN_CHARGE
     slack = film_model(scene).wrinkles and barely_loaded(scene)
     return Status.SLACK if slack and (missed or unknown) else status

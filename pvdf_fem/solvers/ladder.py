@@ -15,8 +15,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.pressure import FollowerPressure
-from pvdf_fem.solvers.arc_length import follow, turned
+from pvdf_fem.film.loads.pressure import DeadPressure, FollowerPressure
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.newton import (
     STEP_TOLERANCE,
@@ -24,6 +23,7 @@ from pvdf_fem.solvers.newton import (
     FullSteps,
     NewtonOptions,
     NewtonResult,
+    beyond_limit,
     factorise,
     negative_pivots,
     newton,
@@ -45,8 +45,6 @@ ON_TIP = 1e-2
 MOST_ON_TIP = 25
 #: Relative size of a step after which friction's direction does not lag any more.
 LAGGED_STEP = 1e-4
-#: A path of equilibria is followed only where the budget pays for this number of iterations.
-PATH_ITERATIONS = 50
 
 
 @dataclass
@@ -60,7 +58,6 @@ class Task:
     settled: Settled | None = None  #: Charges to be settled where the film wrinkles.
     #: Makes a start from another mesh, in case that `start` turns out to be far away.
     other_start: Callable[[], Array | None] | None = None
-    follow_path: bool = True
     tried: list[tuple[str, NewtonResult]] = field(default_factory=list)
 
     @property
@@ -221,35 +218,32 @@ class InteriorPoints(Rung):
             return NewtonResult(start, Status.MAX_ITERATIONS, (), None)
 
 
-class ArcLength(Rung):
-    """The path of equilibria from the dead pressure to one that follows the film."""
+class FromDeadPressure(Rung):
+    """A pressure that follows the film, from the equilibrium under the dead one."""
 
-    name = "arc length"
+    name = "Newton from the dead pressure"
 
     def applies(self, task: Task) -> bool:
-        """Under a pressure that follows, where the budget pays for it."""
-        return (
-            any(isinstance(load, FollowerPressure) for load in task.equilibrium.loads)
-            and not task.equilibrium.conservative
-            and task.follow_path
-            and (task.other_start is None or task.iterations >= PATH_ITERATIONS)
-        )
+        """Under a pressure that follows."""
+        return any(isinstance(load, FollowerPressure) for load in task.equilibrium.loads)
 
     def solve(self, task: Task) -> NewtonResult:
-        """From the equilibrium under the dead pressure."""
-        equilibrium = task.equilibrium
-        dead_task = Task(turned(equilibrium, 0.0), task.budget, tolerance=task.tolerance)
-        dead = climb(dead_task)
+        """Without a line search, since no energy exists."""
+        dead_film = following = task.equilibrium
+        for load in following.loads:
+            if isinstance(load, FollowerPressure):
+                dead_load = DeadPressure(load.touch, load.space, load.part)
+                dead_film = dead_film.replacing(load, dead_load)
+        dead = climb(Task(dead_film, task.budget, tolerance=task.tolerance))
         if not dead.converged:
             return dead
-
-        def near_by(start: Array) -> NewtonResult:
-            if not task.wrinkles:
-                return newton(FullSteps(equilibrium, task.tolerance), start)
-            return newton(PredictedStress(equilibrium, task.last_step, task.settled), start)
-
-        followed = follow(equilibrium, dead.q, near_by, task.iterations)
-        return replace(followed, tried=dead.as_tried("dead pressure"))
+        if task.wrinkles:
+            result = newton(PredictedStress(following, task.last_step, task.settled), dead.q)
+        else:
+            result = newton(FullSteps(following, task.tolerance), dead.q)
+        if beyond_limit(result.factors):
+            result = replace(result, status=Status.MAX_ITERATIONS)
+        return replace(result, tried=dead.as_tried("dead pressure"))
 
 
 LADDER: tuple[Rung, ...] = (
@@ -260,7 +254,7 @@ LADDER: tuple[Rung, ...] = (
     NearNewton(),
     OtherStart(),
     InteriorPoints(),
-    ArcLength(),
+    FromDeadPressure(),
 )
 
 
@@ -272,11 +266,10 @@ def equilibrate(
     budget: Budget | None = None,
     settled: Settled | None = None,
     other_start: Callable[[], Array | None] | None = None,
-    follow_path: bool = True,
 ) -> NewtonResult:
     """The equilibrium of a scene, whatever its film and load are; see `Task` for the parameters."""
     budget = Budget.of(equilibrium.scene) if budget is None else budget
-    task = Task(equilibrium, budget, start, tolerance, settled, other_start, follow_path)
+    task = Task(equilibrium, budget, start, tolerance, settled, other_start)
     return climb(task)
 
 

@@ -12,7 +12,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any, Protocol
 
 import numpy as np
 import scipy.sparse as sp
@@ -98,6 +97,11 @@ def negative_pivots(factors: SuperLU) -> int:
     return int((factors.U.diagonal() < 0).sum())
 
 
+def beyond_limit(factors: SuperLU | None) -> bool:
+    """Whether a tangent's determinant is negative."""
+    return factors is not None and negative_pivots(factors) % 2 == 1
+
+
 def compressed(state: State) -> bool:
     """Whether a principal stress is compressive anywhere."""
     s11, s22, s12 = np.moveaxis(state.stress, -1, 0)
@@ -151,21 +155,12 @@ class Tangent:
         self.steps.append(step)
 
 
-class Direction(Protocol):
-    """What a variant's tangent has to offer."""
-
-    @property
-    def convex(self) -> bool: ...
-    def step(self, residual: Array) -> Array: ...
-    def remember(self, residual: Array, step: Array) -> None: ...
-
-
 @dataclass(frozen=True)
 class Step:
     """A Newton step about to be made."""
 
     q: Array  #: Where it starts, (unknowns,).
-    state: Any  #: The fields there.
+    state: State  #: The fields there.
     change: Array  #: The full step, (unknowns,).
     slope: float  #: Derivative of the energy along it, J.
     size: float  #: Relative size in the energy norm.
@@ -177,31 +172,26 @@ class Variant(ABC):
     max_iterations = 60
     factors: SuperLU | None = None  #: Factorised tangent of the solution, once it is found.
 
-    @abstractmethod
-    def state(self, q: Array) -> Any:
-        """The fields of the unknowns."""
+    def __init__(self, equilibrium: Equilibrium) -> None:
+        self.equilibrium = equilibrium
 
     @abstractmethod
-    def residual(self, state: Any) -> Array:
-        """What has to vanish."""
-
-    @abstractmethod
-    def tangent(self, state: Any, table: Sequence[Iteration]) -> tuple[Direction, bool]:
+    def tangent(self, state: State, table: Sequence[Iteration]) -> tuple[Tangent, bool]:
         """The tangent to step with, and whether it is that of this state."""
 
-    @abstractmethod
-    def size(self, q: Array, state: Any, slope: float, change: Array) -> float:
-        """Relative size of a full step."""
+    def size(self, q: Array, state: State, slope: float) -> float:
+        """Energy norm of a full step over that of the displacement."""
+        return float(np.sqrt(abs(slope / self.equilibrium.work(state, q))))
 
     def length(self, step: Step) -> float:
         """How much of a step is made; 0 of a hopeless one."""
         return 1.0
 
     @abstractmethod
-    def ended(self, step: Step, state: Any, table: Sequence[Iteration]) -> Status | None:
+    def ended(self, step: Step, state: State, table: Sequence[Iteration]) -> Status | None:
         """Status after a step that led to `state`; None to go on."""
 
-    def exhausted(self, state: Any) -> Status:
+    def exhausted(self, state: State) -> Status:
         """Status after `max_iterations`."""
         return Status.MAX_ITERATIONS
 
@@ -210,19 +200,20 @@ class Variant(ABC):
 def newton(variant: Variant, q: Array) -> NewtonResult:
     """Iterate from the unknowns `q` until the variant ends."""
     table: list[Iteration] = []
-    state = variant.state(q)
+    equilibrium = variant.equilibrium
+    state = equilibrium.state(q)
     try:
         while len(table) < variant.max_iterations:
             tangent, fresh = variant.tangent(state, table)
-            residual = variant.residual(state)
+            residual = equilibrium.residual(state)
             change = tangent.step(residual)
-            slope = float(residual @ change[: len(residual)])
-            step = Step(q, state, change, slope, variant.size(q, state, slope, change))
+            slope = float(residual @ change)
+            step = Step(q, state, change, slope, variant.size(q, state, slope))
             length = variant.length(step)
             table.append(Iteration(step.size, length, tangent.convex, fresh))
             tangent.remember(residual, length * change)
             q = q + length * change
-            state = variant.state(q)
+            state = equilibrium.state(q)
             if status := variant.ended(replace(step, change=length * change), state, table):
                 factors = variant.factors if status is Status.CONVERGED else None
                 return NewtonResult(q, status, tuple(table), factors)
@@ -231,23 +222,6 @@ def newton(variant: Variant, q: Array) -> NewtonResult:
     except RuntimeError:  # SuperLU: exactly singular
         return NewtonResult(q, Status.SINGULAR, tuple(table), None)
     return NewtonResult(q, variant.exhausted(state), tuple(table), None)
-
-
-class OfEquilibrium(Variant):
-    """A variant for the equations of an equilibrium, with its energy norm."""
-
-    def __init__(self, equilibrium: Equilibrium) -> None:
-        self.equilibrium = equilibrium
-
-    def state(self, q: Array) -> State:
-        return self.equilibrium.state(q)
-
-    def residual(self, state: State) -> Array:
-        return self.equilibrium.residual(state)
-
-    def size(self, q: Array, state: State, slope: float, change: Array) -> float:
-        """Energy norm of a step over that of the displacement."""
-        return float(np.sqrt(abs(slope / self.equilibrium.work(state, q))))
 
 
 @dataclass(frozen=True)
@@ -263,8 +237,7 @@ class NewtonOptions:
     defer_size: float = 0.3  #: A tangent serves on after a smaller step ...
     contraction: float = 0.5  #: ... as long as each step is at most this part of the one before.
     max_iterations: int = 60
-    #: The same under a load that follows the film, whose energy along a step is not known, and for
-    #: which there is another way (`pvdf_fem.solvers.arc_length`).
+    #: The same under a load that follows the film, whose energy along a step is not known.
     max_following: int = 25
     #: A film that is still in compression after this number of iterations, and moves or has an
     #: indefinite tangent, has no equilibrium that is a minimum.
@@ -272,7 +245,7 @@ class NewtonOptions:
     least_patience: int = 9  #: New tangents that are tried however small the budget is.
 
 
-class DeferredNewton(OfEquilibrium):
+class DeferredNewton(Variant):
     """Newton's method with an exact line search, whose tangents serve on near the solution. `near`
     says that the start is a solution of less resolution, not a mere seed."""
 
@@ -346,7 +319,7 @@ class DeferredNewton(OfEquilibrium):
         return Status.UNSTABLE if stuck else Status.MAX_ITERATIONS
 
 
-class FullSteps(OfEquilibrium):
+class FullSteps(Variant):
     """Undamped Newton from a near start. It gives up after eight steps, at a step of relative size
     above 3, or when a step grows from the third on."""
 

@@ -12,7 +12,6 @@ class Status(StrEnum):
     MAX_ITERATIONS = "max_iterations"
     SINGULAR = "singular_tangent"
     UNSTABLE = "unstable"
-    LIMIT = "limit_point"
     UNBALANCED = "unbalanced"
     TOLERANCE = "tolerance_not_reached"
     SLACK = "slack"
@@ -30,11 +29,9 @@ class Status(StrEnum):
 _TENSION = "(film.temperature_change_K below zero, or film.pretension_N_m above)"
 ADVICE = {
     Status.CONVERGED: "every result is within the tolerance",
-    Status.MAX_ITERATIONS: "Newton's method found no equilibrium; lower load.force_N, or give the"
-    f" film more tension {_TENSION}",
-    Status.LIMIT: "the pressure, which follows the film, blows its patch up or turns it over until"
-    " no equilibrium is found any more; lower load.force_N, make the probe larger, or let it press"
-    ' along z (load.kind = "dead")',
+    Status.MAX_ITERATIONS: "Newton's method found no equilibrium; lower load.force_N, give the film"
+    f" more tension {_TENSION}, or let a pressure that follows the film, and may blow it up or turn"
+    ' it over, press along z (load.kind = "dead")',
     Status.SINGULAR: f"the tangent is singular: the film has no tension; stretch it {_TENSION}",
     Status.UNBALANCED: "the forces on the film do not balance to 1e-6 of the load, which rounding"
     " does to a film of extreme proportions; make the probe larger",

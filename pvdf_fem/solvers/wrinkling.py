@@ -23,9 +23,9 @@ from pvdf_fem.solvers.interior_point import Iterate, interior_points
 from pvdf_fem.solvers.newton import (
     Iteration,
     NewtonResult,
-    OfEquilibrium,
     Step,
     Tangent,
+    Variant,
     balanced,
     factorise,
     newton,
@@ -76,7 +76,7 @@ class WrinklingOptions:
     line_search_trials: int = 6
 
 
-class PredictedStress(OfEquilibrium):
+class PredictedStress(Variant):
     """Newton's method for the exact law with predicted stresses, of a film that wrinkles.
     `predicted` (elements, points, 3) is the stress to start with, by default that of the strain;
     the last steps must leave the charges of `settled` as they are."""
@@ -112,7 +112,7 @@ class PredictedStress(OfEquilibrium):
         mixed = self.membrane.predicted(state, predicted, damping)
         return Tangent(factorise(self.equilibrium.tangent(mixed))), True
 
-    def size(self, q: Array, state: State, slope: float, change: Array) -> float:
+    def size(self, q: Array, state: State, slope: float) -> float:
         """Energy norm of a step over the smaller of the load's work and twice the energy."""
         work, energy = self.equilibrium.work(state, q), self.membrane.energy(state)
         scale = abs(min(work, 2.0 * energy))

@@ -1,4 +1,4 @@
-"""One or two touches, with tangential forces where they are sought, from charges by full solves.
+"""One or two touches from charges by full solves, with tangential forces or temperatures.
 
 No model of the charges is built: each step of a Levenberg-Marquardt search solves the scene, and
 its slopes are the adjoint derivatives. Searches start where charges of single touches, added up,
@@ -17,13 +17,13 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from pvdf_fem.arrays import Array, Indices, Mask
-from pvdf_fem.calibration.unknowns import value_of
 from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.response.model import Domain
-from pvdf_fem.scene.change import plain, steps_of
+from pvdf_fem.scene.change import number_at, plain, steps_of
+from pvdf_fem.scene.outlines.shape import HEAT
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.shapes import FORCES, Pressing
-from pvdf_fem.solution.gradients import force_rates, parameters_of
+from pvdf_fem.solution.gradients import charge_rates, parameters_of
 from pvdf_fem.solution.solution import NotConvergedError
 from pvdf_fem.solution.solve import solve
 from pvdf_fem.sweeps.sweep import solve_all
@@ -32,13 +32,14 @@ from pvdf_fem.touch.measurement import Deviations, Measurement
 from pvdf_fem.touch.mistakes import charge_mistakes
 from pvdf_fem.touch.touch import Fit, p_values
 
-#: What may be sought, with the longest step of a search in mm, degrees, factors e and N.
+#: What may be sought, with the longest step of a search in mm, degrees, factors e, N and K.
 LONGEST = {
     "x_mm": 2.5,
     "y_mm": 2.5,
     "rotation_deg": 20.0,
     "force_N": 0.5,
     "tangential_N": 1.0,
+    "temperature_K": 5.0,
 }
 CLOSE = 0.15  #: Searches that are closer than this share of the longest step go on as one.
 #: Charges of touches are those of single ones, added up, with each force times this power of the
@@ -87,7 +88,7 @@ class Touches(Fit):
     @property
     def values(self) -> dict[str, float]:
         """Of the unknown, by key."""
-        return {key: value_of(self.scene, key) for key in self.unknown}
+        return {key: number_at(self.scene, key) for key in self.unknown}
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -109,16 +110,16 @@ def locate_by_solves(
     """All touches that may have given some charges, the likeliest first; none where no search ends.
 
     `touches`, 1 or 2, is the number of probes that touch at once: those of the scene's list, or
-    its one probe. `unknown`, of x_mm, y_mm, rotation_deg, force_N and tangential_N, is sought of
-    each, the rest is the scene's. Readings, `sigma`, `noise_pC` and `reading` are as in `locate`.
-    Places are sought within a third of the film's radius.
+    its one probe. `unknown`, of x_mm, y_mm, rotation_deg, force_N, tangential_N and temperature_K,
+    is sought of each, the rest is the scene's. Readings, `sigma`, `noise_pC` and `reading` are as
+    in `locate`. Places are sought within a third of the film's radius.
 
     Raises `ValueError` with a line for each mistake.
     """
     mistakes = [*charge_mistakes(scene, charges_pC, sigma, noise_pC, reading)]
     if mistakes := [*mistakes, *_mistakes(scene, touches, unknown)]:
         raise ValueError("\n".join(mistakes))
-    listed = _listed(scene, touches, "tangential_N" in unknown)
+    listed = _listed(scene, touches, unknown)
     keys = _keys(listed, unknown)
     if len(charges_pC) < len(keys):
         raise ValueError(
@@ -145,11 +146,14 @@ def locate_by_solves(
 
 def _searched(search: Search, options: SolveOptions) -> Descent:
     """Distinct ends of searches from the likeliest starts, and along the valleys of the best."""
-    how = search.how(options)
-    first = replace(how, max_steps=options.first_steps)
-    ends = descend(search, _starts(search, options), options=first)
-    best = ends.take(np.argsort(ends.chi_square)[: options.followed])
-    ends = search.distinct(descend(search, best.at, options=how), options)
+    how, starts = search.how(options), []
+    for cold in search.of_cold_touches():
+        first = replace(cold.how(options), max_steps=options.first_steps)
+        ends = descend(cold, _starts(cold, options), options=first)
+        best = ends.at[np.argsort(ends.chi_square)[: options.followed]]
+        starts.append(np.zeros((len(best), len(search.keys))))
+        starts[-1][:, np.isin(search.keys, cold.keys)] = best
+    ends = search.distinct(descend(search, np.concatenate(starts), options=how), options)
     for _ in range(options.rounds if ends.arrived.size else 0):
         least, steps = ends.chi_square[0], np.array(options.valley)[:, None]
         weak = np.linalg.svd(ends.slopes[0] * search.longest)[2][-1]
@@ -201,16 +205,25 @@ class Search:
         lengths = tuple(self.longest), tuple(CLOSE * self.longest)
         return SearchOptions(options.max_steps, longest=lengths[0], close=lengths[1], **ends)
 
+    def of_cold_touches(self) -> Iterator[Search]:
+        """The searches that give starts: itself, or those by the charges of cold touches, all of
+        them and all but one, which may be that of an electrode under a warm touch."""
+        keys = tuple(key for key in self.keys if _name(key) != "temperature_K")
+        yield replace(self, keys=keys)
+        for electrode in self.electrodes if keys != self.keys else ():
+            others = self.electrodes != electrode
+            known = {"charges_pC": self.charges_pC[others], "spread_pC": self.spread_pC[others]}
+            yield replace(self, keys=keys, electrodes=self.electrodes[others], **known)
+
     def evaluate(self, touches: Array) -> tuple[Array, Array]:
         """Charges (n, electrodes) and slopes (n, electrodes, keys) at coordinates, NaN if none."""
         charges, slopes = zip(*map(self._solved, touches), strict=True)
         return np.stack(charges), np.stack(slopes)
 
     def _solved(self, at: Array) -> tuple[Array, Array]:
-        film = self.scene.film
         try:
             solution = solve(self.at(at))
-            rates = 1e12 * force_rates(solution, self.keys) @ [film.d31, film.d32]
+            rates = 1e12 * charge_rates(solution, self.keys)
         except (SceneError, NotConvergedError):
             none = np.full((len(self.names), len(self.keys)), np.nan)
             return none[:, 0], none
@@ -307,7 +320,7 @@ def _starts(search: Search, options: SolveOptions) -> Array:
         known = {f"probe[{i}].force_N": np.log(force) for i, force in enumerate(forces)}
         for i, (x, y) in enumerate(there):
             known |= {f"probe[{i}].x_mm": x, f"probe[{i}].y_mm": y}
-        values = [known[key] if key in known else value_of(scene, key) for key in search.keys]
+        values = [known[key] if key in known else number_at(scene, key) for key in search.keys]
         at = np.append(at, [values], axis=0)
         if len(at) == options.starts:
             break
@@ -340,9 +353,11 @@ def _single(scene: Scene, reach_mm: float, pitch_mm: float, fine_mm: float) -> t
 
 
 def _alone(scene: Scene, number: int) -> Scene:
-    """One of a scene's probes on the centre, under 1 N."""
+    """One of a scene's probes on the centre, under 1 N and cold."""
     touch = scene.loaded_probes[number]
-    probe = {k: v for k, v in plain(touch.probe).items() if k not in Pressing.model_fields}
+    probe = {
+        k: v for k, v in plain(touch.probe).items() if k not in (*Pressing.model_fields, *HEAT)
+    }
     probe |= {"x_mm": 0.0, "y_mm": 0.0, "rotation_deg": 0.0}
     load = {**plain(touch.load), "force_N": 1.0}
     load.pop("tangential_N", None)
@@ -350,14 +365,17 @@ def _alone(scene: Scene, number: int) -> Scene:
     return scene.with_(probe=probe, load=load, numerics=numerics, readout=None)
 
 
-def _listed(scene: Scene, touches: int, oblique: bool) -> Scene:
-    """The scene with a list of probes, each with a force of its own, apart where one is two."""
+def _listed(scene: Scene, touches: int, unknown: Sequence[str]) -> Scene:
+    """The scene with a list of probes, each with a force of its own, apart where one is two, and
+    cold where its temperature is sought."""
     probes = [*scene.loaded_probes] * (touches // len(scene.loaded_probes))
     tables = [{**plain(touch.probe), "force_N": touch.load.force_N} for touch in probes]
     for touch, table in zip(probes, tables, strict=True):
         for key in FORCES:
             table.get("load", {}).pop(key, None)
-        if oblique or touch.load.tangential_N:
+        if "temperature_K" in unknown:
+            table["temperature_K"] = 0.0
+        if "tangential_N" in unknown or touch.load.tangential_N:
             table["tangential_N"] = touch.load.tangential_N or (0.0, 0.0)
     if len(probes) > len(scene.loaded_probes):
         width_mm = 1e3 * probes[0].outline.perimeter
@@ -391,6 +409,11 @@ def _mistakes(scene: Scene, touches: int, unknown: Sequence[str]) -> Iterator[st
         yield "stage: places by full solves are those of the film; remove the table"
     if any(touch.load.depth_mm is not None for touch in scene.loaded_probes):
         yield "load.depth_mm: forces are sought here; give load.force_N"
+    if "temperature_K" in unknown:
+        if scene.film.pyroelectric_uC_m2K is None:
+            yield "film.pyroelectric_uC_m2K: not given; it tells temperature_K, so give it"
+        if any(touch.probe.contact_time_s is None for touch in scene.loaded_probes):
+            yield "probe.contact_time_s: not given; heat spreads meanwhile, so give it"
     for name in unknown:
         if name not in LONGEST:
             yield f"{name}: no quantity of a touch; choose from {', '.join(LONGEST)}"

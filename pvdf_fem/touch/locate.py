@@ -87,7 +87,8 @@ def locate(  # type: ignore[misc]  # the overloads leave its keywords out
     ----------
     model : Model or Scene
         A scene is solved again and again, which takes up to a minute, and serves two `touches` at
-        once and the unknown ``"tangential_N"`` too: see `by_solves.locate_by_solves`.
+        once and the unknown ``"tangential_N"`` and ``"temperature_K"`` too: see
+        `by_solves.locate_by_solves`.
     charges_pC : mapping
         Readings in nominal pC of some or all of the model's electrodes: charges, if the channels
         of the scene's readout have no gain or offset.

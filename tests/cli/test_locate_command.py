@@ -167,7 +167,7 @@ def test_all_mistakes_are_told_before_anything_is_built(built, file, capsys):
         "--charges B: write NAME=CHARGE, such as A=905.1",
         "--sigma x: give a number that is not negative",
         "--noise -1: give a number that is not negative",
-        "--unknown mass: choose from x, y, force, rotation, tangential",
+        "--unknown mass: choose from x, y, force, rotation, tangential, temperature",
         "--reach 0: give a positive number",
         "--force-range 5,1: give two forces in N, such as 0.1,5",
         "--tolerance none: give a positive number",

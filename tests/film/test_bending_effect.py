@@ -57,7 +57,7 @@ def test_decision_is_never_wrong_by_three_times_the_tolerance(seed):
         (False, 1e-3, False),
         (True, 1e-3, True),
         ("auto", 1e-2, False),
-        ("auto", 1e-4, True),
+        ("auto", 2e-3, True),
     ],
 )
 def test_what_was_decided_is_said(bending, tolerance, joins):

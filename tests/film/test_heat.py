@@ -128,10 +128,38 @@ def test_a_part_of_a_symmetric_film_has_the_heat_of_all_of_it(monkeypatch):
     assert part_of(unlike).mirrored == (1,)
 
 
+@pytest.mark.parametrize(
+    ("key", "middle", "step", "allowed"),
+    [
+        ("x_mm", 6.5, 0.1, 0.01),
+        ("rotation_deg", 20.0, 1.0, 0.04),
+        ("temperature_K", 10.0, 1.0, 1e-3),
+    ],
+)
+def test_derivatives_of_a_warm_probe_are_those_of_solves(
+    warm_gradients, key, middle, step, allowed
+):
+    """On a part of an electrode. Elements are not fine where the heat falls beside the probe."""
+    scene, key = warm_gradients.solution.scene, f"probe.{key}"
+    there, back = (charges(scene.with_(**{key: middle + h})) for h in (step, -step))
+    slope = (there - back) / (2.0 * step)
+    found = [*warm_gradients[key].values()]
+    assert found == pytest.approx(slope, abs=allowed * np.abs(slope).max())
+
+
+@pytest.fixture(scope="module")
+def warm_gradients():
+    probe = {**TRIANGLE, "x_mm": 6.5, "rotation_deg": 20.0, **WARM}
+    scene = Scene().with_(probe=probe, **PYROELECTRIC, **{"numerics.tolerance": 1e-4})
+    found = gradients(scene)
+    assert not any("modulus" in key for key in found)
+    return found
+
+
 def test_what_has_no_heat_refuses_it():
     scene = Scene().with_(probe={**TRIANGLE, **WARM})
     assert any("pyroelectric_uC_m2K" in text for text in solve(scene).left_out)
-    for refuses in (build_response, gradients, mechanics):
+    for refuses in (build_response, mechanics):
         with pytest.raises(SceneError, match=r"probe\.temperature_K = 10\.0"):
             refuses(scene)
 

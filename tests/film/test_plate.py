@@ -277,7 +277,7 @@ HONEST = {
     "thick": RECTANGLE.with_(**{"film.thickness_um": 110.0}),
     "plate": TRIANGLE.with_(**{"film.thickness_um": 1000.0}),
     "punch": RECTANGLE.with_(**{"film.thickness_um": 110.0}, **LOADS["sliding"]),
-    "stuck": TRIANGLE.with_(**LOADS["stuck"]),
+    "stuck": RECTANGLE.with_(**LOADS["stuck"]),
 }
 
 

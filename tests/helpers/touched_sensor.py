@@ -40,7 +40,7 @@ def _solved(count: int, place_sd: float, seed: int) -> tuple[dict[str, np.ndarra
     for (x, y), rotation, force in zip(on_film, turned, forces, strict=True):
         probe = {"probe.x_mm": x, "probe.y_mm": y, "probe.rotation_deg": rotation}
         film = {"film.pretension_N_m": TRUE["film.pretension_N_m"], "load.force_N": force}
-        changes = solve(SCENE.with_(**probe, **film, **{"numerics.tolerance": 1e-5}))
+        changes = solve(SCENE.with_(**probe, **film, **{"numerics.tolerance": 1e-4}))
         rows.append([TRUE[f"gain.{n}"] * q for n, q in changes.charge_changes_pC.items()])
     columns = {"x_mm": places[:, 0], "y_mm": places[:, 1], "rotation_deg": rotations}
     columns |= {"force_N": forces, **dict(zip(NAMES, np.array(rows).T, strict=True))}

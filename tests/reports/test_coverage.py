@@ -19,6 +19,7 @@ from reports.chapters.film_placement import fits
 from reports.chapters.film_placement.sensor import SensorStates, ThesisContours, Touch
 from reports.chapters.transducer import effects, moving, taped
 from reports.common.thesis_data import Thesis
+from reports.maps import carried
 from tests.reports.test_page import Links, assert_links_work
 
 DATA = Thesis.read()
@@ -44,10 +45,13 @@ def made_up_errors_mm(touch: Touch, contours: ThesisContours, states: SensorStat
 
 
 def cost_nothing(patched: pytest.MonkeyPatch) -> None:
-    """The solves of effects that no store keeps, and the crossings of contours in hundreds."""
+    """The solves of effects that no store keeps, fine meshes of the others, and the crossings of
+    contours in hundreds."""
     patched.setattr(shear, "deviations_N", lambda *of: (np.full(2, 0.1), np.full(2, 0.2)))
     patched.setattr(shear, "telling_noise", lambda *of: 0.02)
     patched.setattr(fits, "position_errors_mm", made_up_errors_mm)
+    for size, coarse in (("_PROBE_SIZE", 0.5), ("_FILM_SIZE", 0.4), ("_PLACES_ACROSS", 121)):
+        patched.setattr(carried, size, coarse)
     on_its_mesh = {name: 600.0 for name in "ABCD"}
     patched.setattr(summary, "charges_on_thesis_mesh", lambda s, _: dict.fromkeys(s, on_its_mesh))
     charges = np.array([1100.0, 700.0, 500.0, 600.0])
@@ -56,6 +60,9 @@ def cost_nothing(patched: pytest.MonkeyPatch) -> None:
     patched.setattr(taped, "totals_pC", lambda scene: charges)
     patched.setattr(effects, "oscillating_ratios", lambda *of: np.full(4, 1.01))
     patched.setattr(effects, "found", lambda *of, **how: effects.Found(5.0, 1.0, 1.0, 0.5))
+    warm = {"x_mm": 5.0, "y_mm": 1.0, "force_N": 1.0, "temperature_K": 10.0}
+    patched.setattr(effects.Effect, "found_with_temperature", lambda *of: warm)
+    patched.setattr(effects.Effect, "deviations_with_temperature", lambda *of: np.full(4, 0.1))
     patched.setattr(moving, "motion", lambda force_N, f: moving.Motion(force_N, air, air, 5.0))
 
 

@@ -183,4 +183,5 @@ def test_the_page_is_complete_and_a_second_run_solves_nothing(
         raise AssertionError("solved again")
 
     monkeypatch.setattr("pvdf_fem.sweeps.sweep.records_of", solved)
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda *_, **__: None)
     assert design.main(arguments) == 0

@@ -45,7 +45,7 @@ def test_the_reference_has_known_digits_without_friction(radius, edge, force, de
 def test_a_stuck_sphere_is_that_of_the_reference():
     """The digits are those of `Sphere.stuck` at 1e-9, which takes a minute for them."""
     film, force, depth, narrow = ONE.film, 1.0002778, 3.1429630, 2031.1154
-    loose = Sphere(film, 5e-3, rtol=1e-5).stuck(0.9070138e-3)
+    loose = Sphere(film, 5e-3, rtol=1e-4).stuck(0.9070138e-3)
     found = loose.force, 1e3 * loose.depth, loose.charge_pC(1.5, film)
     assert found == pytest.approx([force, depth, narrow], rel=1e-3)
     solution = solved(ONE.with_(**{"load.force_N": force}))

@@ -210,7 +210,7 @@ def balloon(monkeypatch):
     return solve(BALLOON)
 
 
-def test_what_failed_before_the_arc_length_stays_in_the_history(balloon):
+def test_what_failed_before_stays_in_the_history(balloon):
     assert balloon.status is Status.CONVERGED
     newton, dead = balloon.history[0].tried
     assert newton == ("Newton", "max_iterations", 1)

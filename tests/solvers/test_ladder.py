@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 
+from pvdf_fem import solve
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.mesh.gmsh_mesh import mesh_scene
 from pvdf_fem.solution.first_sizes import first_sizes
@@ -69,14 +70,19 @@ def test_a_pressure_that_follows_is_reached_from_a_dead_one(monkeypatch):
     assert result.fresh_count == newton.tangents + dead.tangents + tangents
 
 
-def test_without_a_path_the_dead_pressure_is_not_asked(monkeypatch):
-    scene = free_disc(0.3, poisson_ratio=0.3, patch_radius=0.05, **{"load.kind": "follower"})
-    equilibrium = Equilibrium(scene, mesh_scene(scene, first_sizes(scene, 2)), 2)
-    monkeypatch.setattr(ladder, "NewtonOptions", partial(NewtonOptions, max_following=3))
-    result = equilibrate(equilibrium, follow_path=False)
-    assert result.status is Status.MAX_ITERATIONS
-    assert len(result.iterations) == 3
-    assert result.tried == ()
+def test_a_pressure_that_turns_its_patch_over_has_no_equilibrium():
+    """By the rim, under 2.9 E h a."""
+    loaded = free_disc(
+        2.87,
+        poisson_ratio=0.179,
+        patch_radius=0.078,
+        centre=(0.2068, 0.7046),
+        **{"load.kind": "follower", "film.compression": "tension-field"},
+    )
+    solution = solve(loaded)
+    assert solution.status is Status.MAX_ITERATIONS
+    assert "load.kind" in solution.reason
+    assert not solution.to_json().get("charges_pC")
 
 
 def test_a_film_that_wrinkles_falls_back_on_interior_points(mesh):

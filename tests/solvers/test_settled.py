@@ -91,7 +91,7 @@ def test_a_start_too_far_away_is_left_for_another(film: Equilibrium, solution: A
 
 def test_a_film_that_is_loaded_by_the_rim_needs_no_second_start() -> None:
     """Interior points from afar made its last charges a tenth wrong before these had to settle."""
-    solution = solve(BY_THE_RIM)
+    solution = solve(BY_THE_RIM.with_(**{"numerics.tolerance": 5e-3}))
     assert solution.status is Status.CONVERGED
     assert not any(iteration.convex for iteration in solution.iterations)
 

@@ -20,6 +20,8 @@ PAIR = EIGHT.with_(
         {**DISC, "x_mm": 5.0, "y_mm": -4.0, "force_N": 1.1},
     ]
 )
+WARM = {**DISC, "x_mm": 8.0, "contact_time_s": 0.1}
+FINGER = Scene().with_(probe=WARM, **{"film.pyroelectric_uC_m2K": -25.0})
 FEW = SolveOptions(pitch_mm=7.5, fine_mm=2.5, starts=3, followed=1, rounds=0, tolerance=1e-3)
 
 
@@ -30,6 +32,36 @@ def test_shear_of_a_touch_is_found_with_its_place():
     best, *_ = locate(EIGHT, charges, 1e-3, unknown=unknown, options=FEW)
     assert [*best.values.values()] == pytest.approx([5.0, 3.0, 1.0, 0.4, -0.2], abs=0.03)
     assert best.deviations["probe[0].force_N"] < 0.01
+
+
+def test_a_warm_touch_is_found_with_its_temperature():
+    """Half of it on an electrode of four, from the place that a cold film would have."""
+    truth = {"probe.x_mm": 8.0, "probe.y_mm": 1.0, "probe.temperature_K": 10.0}
+    fine = {"numerics.tolerance": 1e-4}
+    charges = np.array([*solve(FINGER.with_(**truth, **fine)).charges_pC.values()])
+    listed = FINGER.with_(probe=[{**WARM, "force_N": 1.0, "temperature_K": 0.0}])
+    keys = tuple(f"probe[0].{name}" for name in ("x_mm", "y_mm", "force_N", "temperature_K"))
+    domain = Domain(15.0, (0.1, 10.0))
+    search = Search(listed, keys, domain, 3e-4, np.arange(4), charges, 1e-3 * charges)
+    assert {cold.keys for cold in search.of_cold_touches()} == {keys[:3]}
+    assert [len(cold.electrodes) for cold in search.of_cold_touches()] == [4, 3, 3, 3, 3]
+    ends = descend(search, np.array([[8.1, 0.9, 0.02, 5.0]]), options=search.how(FEW))
+    (best,) = search.fits(ends)
+    x, y, force, kelvins = best.values.values()
+    assert [x, y] == pytest.approx([8.0, 1.0], abs=0.01)
+    assert force == pytest.approx(1.0, rel=2e-3)
+    assert kelvins == pytest.approx(10.0, abs=0.1)
+    # deviations are those of slopes by solves
+    scene, slopes = best.scene.with_(**fine), []
+    for key, step in zip(keys, (0.1, 0.1, 0.03, 3.0), strict=True):
+        ends = [
+            np.array([*solve(scene.with_(**{key: best.values[key] + h})).charges_pC.values()])
+            for h in (step, -step)
+        ]
+        slopes.append((ends[0] - ends[1]) / (2.0 * step) / (1e-3 * charges))
+    normal = np.array(slopes) @ np.transpose(slopes)
+    told = np.linalg.inv(normal + np.diag((4.0 * search.longest) ** -2.0))
+    assert [*best.deviations.values()] == pytest.approx(np.sqrt(told.diagonal()), rel=0.03)
 
 
 def test_two_touches_are_found_from_near_by_whatever_their_order():
@@ -55,6 +87,30 @@ def test_two_touches_are_found_from_near_by_whatever_their_order():
         (PAIR, {}, "probe: the scene has 2; give 1"),
         (EIGHT, {"touches": 2, "unknown": ("force_N",)}, "need x_mm and y_mm"),
         (EIGHT.with_(**{"load.kind": "rigid"}), {}, "no derivative by probe"),
+        (
+            FINGER,
+            {
+                "unknown": (
+                    "x_mm",
+                    "y_mm",
+                    "rotation_deg",
+                    "force_N",
+                    "temperature_K",
+                    "tangential_N",
+                )
+            },
+            "4 channels do not tell 6",
+        ),
+        (
+            FINGER.with_(**{"film.pyroelectric_uC_m2K": None}),
+            {"unknown": ("temperature_K",)},
+            "film.pyroelectric_uC_m2K: not given",
+        ),
+        (
+            FINGER.with_(**{"probe.contact_time_s": None}),
+            {"unknown": ("temperature_K",)},
+            "probe.contact_time_s: not given",
+        ),
         (EIGHT, {"known": {"x_mm": 1.0}}, "known: a scene has what is known"),
     ],
 )

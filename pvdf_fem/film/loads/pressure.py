@@ -135,46 +135,21 @@ class DeadPressure(Term):
 class FollowerPressure(DeadPressure):
     """A pressure that stays normal to the deformed film."""
 
-    #: Part of the traction that follows the film, from 0, a dead load, to 1. Continuation by arc
-    #: length raises it where Newton's method does not reach 1 directly.
-    following = 1.0
-
-    @property
-    def conservative(self) -> bool:  # type: ignore[override]
-        """Whether nothing of the traction follows the film."""
-        return self.following == 0.0
-
-    def turned(self, following: float) -> FollowerPressure:
-        """The same load of which another part follows the film."""
-        other = copy(self)
-        other.following = following
-        return other
-
-    def forces_of(self, direction: Array) -> Array:
-        """Forces in N, (dofs,), of tractions in the directions (patch elements, points, 3)."""
-        values, weights = self.space.values[self.patch], self.space.weights[self.patch]
-        traction = self.pressure * weights[..., None] * direction
-        return self.space.sum(np.matmul(values.swapaxes(1, 2), traction), self.patch)
+    conservative = False
 
     def direction(self, deformation_gradient: Array) -> Array:
         """Traction per reference area over the pressure, (..., 3)."""
-        normal = _normal(deformation_gradient)
-        return (1.0 - self.following) * UP + self.following * normal
+        return _normal(deformation_gradient)
 
     def forces(self, state: State) -> Array:
         """External forces in N, (dofs,)."""
-        if self.conservative:
-            return self._dead_forces
-        return self.forces_of(self.direction(state.deformation_gradient[self.patch]))
-
-    def turning_forces(self, state: State) -> Array:
-        """Derivative of `forces` by `following` in N, (dofs,)."""
-        return self.forces_of(_normal(state.deformation_gradient[self.patch]) - UP)
+        values, weights = self.space.values[self.patch], self.space.weights[self.patch]
+        direction = self.direction(state.deformation_gradient[self.patch])
+        traction = self.pressure * weights[..., None] * direction
+        return self.space.sum(np.matmul(values.swapaxes(1, 2), traction), self.patch)
 
     def element_tangent(self, state: State) -> tuple[Selection, Array] | None:
-        if self.conservative or not len(self.patch):
-            return None
-        return self.patch, -self._stiffness(state)
+        return (self.patch, -self._stiffness(state)) if len(self.patch) else None
 
     def _stiffness(self, state: State) -> Array:
         """Derivative of `forces` in N/m, (patch elements, dofs, dofs of an element)."""
@@ -185,7 +160,7 @@ class FollowerPressure(DeadPressure):
         normal = np.einsum("epij,epb->epibj", turned[0], gradients[..., 1]) - np.einsum(
             "epij,epb->epibj", turned[1], gradients[..., 0]
         )
-        weights = self.following * self.pressure * self.space.weights[self.patch]
+        weights = self.pressure * self.space.weights[self.patch]
         stiffness = np.einsum("epa,epibj->eaibj", values * weights[..., None], normal)
         dofs = 3 * values.shape[-1]
         return stiffness.reshape(len(self.patch), dofs, dofs)

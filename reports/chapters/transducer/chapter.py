@@ -38,6 +38,7 @@ from reports.chapters.transducer.texts import (
     heat_text,
     rms,
     tape_text,
+    temperature_text,
     tension_text,
 )
 from reports.common.chapter import Chapter, Content
@@ -88,6 +89,7 @@ def _compose(thesis: Thesis, results: Results, out: Path) -> Content:
             text,
             electric_text(),
             heat_text(),
+            temperature_text(),
             air_text(motions, frequency_Hz),
             tape_text(by_tape),
             tension_text(),

@@ -16,6 +16,7 @@ import numpy as np
 
 from pvdf_fem import Scene, respond, solve
 from pvdf_fem.arrays import Array
+from pvdf_fem.solution.gradients import charge_rates
 from pvdf_fem.touch.by_solves import SolveOptions, locate_by_solves
 from reports.common.results import MATERIAL
 from reports.common.thesis_scene import thesis_scene
@@ -29,6 +30,9 @@ BESIDE_MM, ON_PART_MM, ON_WHOLE_MM = (5.0714, 0.8757), (6.0, 0.0), (10.0, 0.0)
 TOLERANCE = 1e-4
 #: Relative standard deviation of a charge.
 NOISE = 0.01
+#: That of an amplifier that is good enough to tell a temperature.
+FINE_NOISE = 1e-3
+WITH_TEMPERATURE = ("x_mm", "y_mm", "force_N", "temperature_K")
 #: One start: nearly all touches found are near the true one.
 QUICK = SolveOptions(
     first_tolerance=3e-4,
@@ -127,6 +131,25 @@ class Effect:
         alike, and cancel."""
         plain = found(self.model(place), *self.plain_pC(place).tolist())
         return self.found(place).away_mm(plain)
+
+    def found_with_temperature(self, place: Place) -> dict[str, float]:
+        """The touch that `locate` finds where the probe's temperature is sought, too."""
+        film = self.model(place).with_(**self.keys)
+        names = [electrode.name for electrode in film.electrode_list]
+        charges = dict(zip(names, self.charges_pC(place).tolist(), strict=True))
+        fits = locate_by_solves(
+            film, charges, NOISE, unknown=WITH_TEMPERATURE, reading="change", options=QUICK
+        )
+        best = min(fits, key=lambda fit: fit.chi_square)
+        return dict(zip(WITH_TEMPERATURE, best.values.values(), strict=True))
+
+    def deviations_with_temperature(self, place: Place) -> Array:
+        """Cramér-Rao deviations of x and y in mm, force in N and temperature in K, sought together
+        from charges with `FINE_NOISE`."""
+        keys = ("probe.x_mm", "probe.y_mm", "load.force_N", "probe.temperature_K")
+        solution = solve(self.model(place).with_(**self.keys))
+        slopes = 1e12 * charge_rates(solution, keys) / (FINE_NOISE * self.charges_pC(place))
+        return np.sqrt(np.linalg.inv(slopes @ slopes.T).diagonal())
 
 
 @dataclass(frozen=True, eq=False)
