@@ -40,6 +40,7 @@ from reports.chapters import (
     spheres,
     summary,
     thickness,
+    unexplained,
 )
 from reports.chapters.film_placement.chapter import FILM_PLACEMENT_CHAPTER
 from reports.chapters.force_and_angle import (
@@ -97,6 +98,7 @@ CHAPTERS = (
     experiments.CHARGE_PARTS_CHAPTER,
     experiments.CIRCUIT_CHAPTER,
     summary.MESH_CHAPTER,
+    unexplained.UNEXPLAINED_CHAPTER,
     summary.ALL_CHAPTER,
 )
 PACKAGES = ("gmsh", "matplotlib", "numpy", "scikit-fem", "scipy")
