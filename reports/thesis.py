@@ -101,6 +101,7 @@ CHAPTERS = (
     unexplained.UNEXPLAINED_CHAPTER,
     summary.ALL_CHAPTER,
 )
+CHAPTERS += (summary.contents_chapter(CHAPTERS),)
 PACKAGES = ("gmsh", "matplotlib", "numpy", "scikit-fem", "scipy")
 TITLE = "A membrane PVDF tactile sensor: this work beside the thesis"
 INTRODUCTION = (
