@@ -351,11 +351,12 @@ def _mode_texts(thesis: Thesis, table: Table) -> list[str]:
         f"The first natural frequency of {printed:g} Hz (6.1, item 6) is right for a film cooled "
         f"by 1 K in a vacuum: {first:.2f} Hz, which makes the response at 20 Hz "
         f"{100 * (factor - 1):.1f} % larger than a static one. But the air that moves with the "
-        f"film is heavier than the film itself. In air, in a rigid baffle, it is {first_in_air:.1f} Hz and "
-        f"{100 * (factor_in_air - 1):.1f} %. Item 8 says that the cooling could not be done, so "
-        "the film tested did not have this tension. But the force itself stretches it, cooled or "
-        "not: while the probe presses, the response is static for another reason than the "
-        "thesis's. Tapes as heavy as the film (item 9) are not in these numbers."
+        "film is heavier than the film itself. In air, in a rigid baffle, it is "
+        f"{first_in_air:.1f} Hz and {100 * (factor_in_air - 1):.1f} %. Item 8 says that the "
+        "cooling could not be done, so the film tested did not have this tension. But the force "
+        "itself stretches it, cooled or not: while the probe presses, the response is static for "
+        "another reason than the thesis's. Tapes as heavy as the film (item 9) are not in these "
+        "numbers."
     ]
 
 
