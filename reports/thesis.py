@@ -62,7 +62,7 @@ from reports.common.thesis_data import Thesis
 from reports.common.thesis_scene import TOLERANCE
 
 #: All chapters in the order of the page.
-CHAPTERS = (
+CHAPTERS: tuple[Chapter, ...] = (
     summary.SUMMARY_CHAPTER,
     findings.FINDINGS_CHAPTER,
     drawings.DRAWINGS_CHAPTER,

@@ -344,7 +344,8 @@ def _mode_table(thesis: Thesis) -> Table:
 
 def _mode_texts(thesis: Thesis, table: Table) -> list[str]:
     printed = thesis.parameters["experiment"]["first_natural_frequency"]["value"]
-    first, factor, first_in_air, factor_in_air = (float(c or "nan") for c in table.rows[0][2:6])
+    cells = [cell if isinstance(cell, float) else math.nan for cell in table.rows[0][2:6]]
+    first, factor, first_in_air, factor_in_air = cells
     if math.isnan(first):
         return []
     return [
