@@ -393,13 +393,13 @@ def _static_texts(thesis: Thesis, results: Results) -> list[str]:
     largest = max(thesis.from_("Table 4.5"), key=lambda charge: charge.charge_pC, default=None)
     if largest is not None:
         mean_MPa = 0.5 * largest.charge_pC / d31 / area  # pC / (pC/N · mm²) = MPa
-        below_MPa = largest_stress_MPa(scene_of(largest))
+        largest_MPa = largest_stress_MPa(scene_of(largest))
         texts.append(
             f"Section 2.1.4 takes the film as linear up to a stress of {limit:g} MPa in one "
             f"direction. At {largest.force_N:g} N the charge of {largest.charge_pC:.1f} pC means "
             f"{mean_MPa:.1f} MPa at the electrode, the mean of σx and σy, and the largest "
-            f"principal stress, below the probe, is {below_MPa:.1f} MPa here: "
-            f"{100.0 * mean_MPa / limit:.0f} and {100.0 * below_MPa / limit:.0f} % of the limit."
+            f"principal stress of the film is {largest_MPa:.1f} MPa here: "
+            f"{100.0 * mean_MPa / limit:.0f} and {100.0 * largest_MPa / limit:.0f} % of the limit."
         )
     return texts
 
