@@ -40,6 +40,7 @@ from reports.chapters import (
     spheres,
     summary,
     thickness,
+    unexplained,
 )
 from reports.chapters.film_placement.chapter import FILM_PLACEMENT_CHAPTER
 from reports.chapters.force_and_angle import (
@@ -61,7 +62,7 @@ from reports.common.thesis_data import Thesis
 from reports.common.thesis_scene import TOLERANCE
 
 #: All chapters in the order of the page.
-CHAPTERS = (
+CHAPTERS: tuple[Chapter, ...] = (
     summary.SUMMARY_CHAPTER,
     findings.FINDINGS_CHAPTER,
     drawings.DRAWINGS_CHAPTER,
@@ -97,8 +98,10 @@ CHAPTERS = (
     experiments.CHARGE_PARTS_CHAPTER,
     experiments.CIRCUIT_CHAPTER,
     summary.MESH_CHAPTER,
+    unexplained.UNEXPLAINED_CHAPTER,
     summary.ALL_CHAPTER,
 )
+CHAPTERS += (summary.contents_chapter(CHAPTERS),)
 PACKAGES = ("gmsh", "matplotlib", "numpy", "scikit-fem", "scipy")
 TITLE = "A membrane PVDF tactile sensor: this work beside the thesis"
 INTRODUCTION = (

@@ -12,15 +12,17 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+from matplotlib.lines import Line2D
 
 from pvdf_fem import Scene
+from pvdf_fem.output.figures import GREY
 from reports.chapters.mapping_curves import FARTHEST_MM, REACH_MM, Family, LineCurve, plain
 from reports.common.chapter import Chapter, Content
 from reports.common.charge_figures import Series, charge_against_distance, colours
-from reports.common.figures import drawing
+from reports.common.figures import LEVEL_DASHES, drawing
 from reports.common.page import Cell, Column, Picture, Table
 from reports.common.results import MATERIAL, THESIS_EDGE, Results
-from reports.common.thesis_data import ContourPoint, Thesis
+from reports.common.thesis_data import SHAPES, ContourPoint, Thesis
 
 #: Angles in degrees of the lines whose curves section 3.1.1 calls uppermost and lowermost.
 EXTREMES_DEG = {"A": (35.0, 90.0), "B": (140.0, 240.0)}
@@ -204,7 +206,8 @@ def _cut_table(
     family: Family, cuts: Sequence[ContourPoint], line_curves: Sequence[LineCurve]
 ) -> Table:
     columns = [
-        Column("case", "contour"),
+        Column("case", "contour", on_page=False),
+        Column("contour_of", "contour of"),
         Column("angle_deg", "line (°)", 0),
         Column("charge_pC", "charge (pC)", 4),
         Column("thesis_mm", "thesis (mm)", 3, "distance of that charge"),
@@ -223,7 +226,13 @@ def _cut_table(
             for candidate in (curve, plain(curve.line))
         )
         charge_there = float(curve(np.array(cut.radius_mm)))
-        row: list[Cell] = [cut.contour, cut.angle_deg, cut.charge_pC, cut.radius_mm]
+        row: list[Cell] = [
+            cut.contour,
+            cut.contour[-1],
+            cut.angle_deg,
+            cut.charge_pC,
+            cut.radius_mm,
+        ]
         row += [ours, ours - cut.radius_mm, simple]
         rows.append([*row, charge_there, 100.0 * (charge_there / cut.charge_pC - 1.0)])
     return Table(
@@ -290,7 +299,7 @@ def _point_rows(family: Family, thesis: Thesis, results: Results) -> list[list[C
                 record.charge_pC(family.electrode, observable, *d)
                 for observable in (THESIS_EDGE, MATERIAL)
             ]
-            cells: list[Cell] = [family.layout, family.probe, family.electrode, family.film]
+            cells: list[Cell] = [family.layout, SHAPES[family.probe], family.electrode, family.film]
             rows.append([*cells, angle, distance, *place, *charges, record.status])
     return rows
 
@@ -335,9 +344,9 @@ def _other_picture(thesis: Thesis, results: Results, path: Path) -> None:
     with drawing(path, 170, 200) as figure:
         axes = figure.subplots(3, 2)
         for ax, biaxial, uniaxial in zip(axes.flat, OTHERS[::2], OTHERS[1::2], strict=True):
-            probe = {"tri7": "triangle", "rect14x7": "rectangle"}[biaxial.probe]
+            probe = SHAPES[biaxial.probe]
             ax.set_title(f"{biaxial.layout} electrodes, {probe}, electrode {biaxial.electrode}")
-            for family, dashes in ((biaxial, "-"), (uniaxial, (0, (4, 2)))):
+            for family, dashes in ((biaxial, "-"), (uniaxial, LEVEL_DASHES)):
                 line_curves = family.curves(thesis, results, MATERIAL, fields[family.probe])
                 for curve, ink in zip(line_curves, colours(len(line_curves)), strict=True):
                     smooth, points = curve.series, curve.points
@@ -347,6 +356,10 @@ def _other_picture(thesis: Thesis, results: Results, path: Path) -> None:
             ax.set(xlabel="distance (mm)", ylabel="charge (pC)", xlim=(0.0, FARTHEST_MM))
             ax.set_ylim(bottom=0.0)
             ax.legend()  # at the upper right, where the charges have fallen
+        films = (("biaxial film", "-"), ("uniaxial film", LEVEL_DASHES))
+        keys = [Line2D([], [], color=GREY, lw=1.1, ls=ls, label=label) for label, ls in films]
+        keys.append(Line2D([], [], color=GREY, ls="none", marker=".", ms=3, label="solved places"))
+        figure.legend(handles=keys, loc="outside lower center", ncols=3)
 
 
 def _chapter(family: Family) -> Chapter:

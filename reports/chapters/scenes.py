@@ -16,7 +16,7 @@ from reports.common.thesis_scene import scene_of
 
 def _compose(comparisons: list[Comparison], out: Path) -> Content:
     _picture(comparisons, out / "scenes.svg")
-    keys = [CASE, Column("source", "place in the thesis"), Column("probe", "probe")]
+    keys = [CASE, Column("source", "place in the thesis"), Column("shape", "probe")]
     keys += [Column("x_mm", "x (mm)", 4), Column("y_mm", "y (mm)", 4), ROTATION]
     caption = "Charges printed in sections 3.1 and 3.2, 1 N."
     return Content(
@@ -26,7 +26,12 @@ def _compose(comparisons: list[Comparison], out: Path) -> Content:
             "along x unless the thesis calls it rotated.",
         ],
         [
-            Picture("scenes.svg", "Deflection and charges of the first and the last scene."),
+            Picture(
+                "scenes.svg",
+                "Deflection of the film under the probe (orange) in the first and in the last of "
+                "these scenes, up to 30 mm from the centre. Charges are those of the electrodes' "
+                "areas (material); the table compares averages along the edges.",
+            ),
             wide_table("scenes", caption, keys, comparisons),
         ],
     )

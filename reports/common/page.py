@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from html import unescape
+from html import escape, unescape
 from itertools import groupby
 from pathlib import Path
 from typing import TypeAlias
@@ -24,7 +24,20 @@ from pvdf_fem.files import replacing
 #: Cells with more characters than this are broken into lines.
 PROSE_CHARACTERS = 60
 
-Cell: TypeAlias = str | int | float | None
+
+@dataclass(frozen=True)
+class Link:
+    """A cell that leads to a section of the same page."""
+
+    section: str
+    text: str
+
+    def __html__(self) -> str:
+        """The link for a page, which does not escape it again."""
+        return f'<a href="#{escape(self.section)}">{escape(self.text)}</a>'
+
+
+Cell: TypeAlias = str | int | float | Link | None
 
 
 @dataclass(frozen=True)
@@ -52,8 +65,10 @@ class Column:
     signed: bool = False
     on_page: bool = True
 
-    def show(self, cell: Cell) -> str:
+    def show(self, cell: Cell) -> str | Link:
         """The text of a cell on the page; a missing value is an en dash."""
+        if isinstance(cell, Link):
+            return cell
         if cell is None or (isinstance(cell, float) and math.isnan(cell)):
             return "–"
         if isinstance(cell, str):
@@ -89,7 +104,7 @@ class Table:
         return spans if any(name for name, _ in spans) else []
 
     @property
-    def shown_rows(self) -> list[list[tuple[str, str]]]:
+    def shown_rows(self) -> list[list[tuple[str | Link, str]]]:
         """The cells on the page, each with its class: ``number``, ``text`` or ``prose``."""
         return [
             [
@@ -211,10 +226,14 @@ def joined(words: Sequence[str]) -> str:
 
 
 def _plain(cell: Cell) -> Cell:
+    if isinstance(cell, Link):
+        return cell.text
     return None if isinstance(cell, float) and math.isnan(cell) else cell
 
 
 def _kind(cell: Cell) -> str:
-    if not isinstance(cell, str):
+    if not isinstance(cell, str | Link):
         return "number"
+    if isinstance(cell, Link):
+        return "prose"
     return "prose" if len(cell) > PROSE_CHARACTERS else "text"

@@ -14,9 +14,15 @@ from pvdf_fem import Scene
 from pvdf_fem.output.figures import COLOURS, GREY
 from reports.chapters.force_and_angle.force_law import finite, law_through, swing
 from reports.common.chapter import Chapter, Content, comparing
-from reports.common.charge_figures import Series, charge_against_force, colours, label_curves
+from reports.common.charge_figures import (
+    EQUATION_DASHES,
+    Series,
+    charge_against_force,
+    colours,
+    label_curves,
+)
 from reports.common.comparison import Comparison, compare, curves, group_by, select, series
-from reports.common.figures import EQUATION_DASHES, RING, draw_compared, draw_differences, drawing
+from reports.common.figures import RING, draw_compared, draw_differences, drawing
 from reports.common.page import Picture, Table, signed
 from reports.common.polynomial import PrintedPolynomial
 from reports.common.results import THESIS_EDGE, Results
@@ -196,11 +202,11 @@ def _degree_six_picture(
             left.plot(equation.x, equation.y, **look)
             _over_law(right, equation, law, label=label, **look)
         charge_against_force(left, [ours], [printed])
-        _over_law(right, ours, law, color=COLOURS[0], marker=".")
-        _over_law(right, printed, law, color=COLOURS[0], **RING)
+        _over_law(right, ours, law, color=COLOURS[0], marker=".", label="this work")
+        _over_law(right, printed, law, color=COLOURS[0], **RING, label="thesis")
         right.set(xlabel="force (N)", ylabel="above the law (%)", xlim=left.get_xlim())
         if law is not None:
-            right.legend(loc="upper left")
+            left.legend(*right.get_legend_handles_labels(), loc="upper left")
 
 
 def _over_law(ax: Axes, curve: Series, law: MembraneLaw | None, **look: Any) -> None:

@@ -71,7 +71,9 @@ def scene_outlines(ax: Axes, scene: Scene, *, probe: bool = True) -> None:
         draw_outline(ax, electrode.outline, fc="0.93", ec=ink, lw=1.0)
         centre = 1e3 * electrode.outline.centroid
         x, y = centre * (1.0 + 2.9 / np.linalg.norm(centre))
-        ax.text(x, y, electrode.name, color=ink, ha="center", va="center", clip_on=True)
+        box = {"fc": "white", "ec": "none", "pad": 1.0}
+        look: dict[str, Any] = {"ha": "center", "va": "center", "bbox": box, "zorder": 5}
+        ax.text(x, y, electrode.name, color=ink, clip_on=True, **look)
     if probe and scene.single_probe is not None:
         draw_outline(ax, scene.single_probe.outline, fc="none", ec=GREY, lw=1.0)
 
@@ -137,8 +139,8 @@ def _name(ax: Axes, place: Array, name: str, offset: tuple[float, float]) -> Non
         ha="left" if across > 0 else "right" if across < 0 else "center",
         va="center",
         fontsize=LABEL_SIZE - 1.0,
-        zorder=1.9,
-        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.5},
+        zorder=2.5,
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.9, "pad": 0.5},
     )
 
 
