@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pvdf_fem import __version__
-from pvdf_fem.cli import calibrate, locate, respond, sweep, track
+from pvdf_fem.cli import calibrate, explore, locate, respond, sweep, track
 from pvdf_fem.cli.program import (
     ArgumentParser,
     ExitCode,
@@ -186,7 +186,7 @@ def _parser() -> argparse.ArgumentParser:
         "--loaded", action="store_true", help="about the film under its load, not the flat film"
     )
     add_texts(modes, ("--count", "N", "6", "how many frequencies"))
-    for command in (respond, sweep, locate, track, calibrate):
+    for command in (respond, sweep, locate, track, calibrate, explore):
         command.add_to(commands)
     return parser
 

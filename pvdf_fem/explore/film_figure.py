@@ -1,0 +1,138 @@
+"""The film as a Bokeh figure, on which probes are dragged and turned."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from bokeh import palettes
+from bokeh.models import ColorBar, ColumnDataSource, CustomJS, LinearColorMapper, SaveTool
+from bokeh.plotting import figure
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.explore.finding import Found
+from pvdf_fem.explore.picture import QUANTITIES
+from pvdf_fem.explore.state import View
+from pvdf_fem.output.figures import COLOURS
+from pvdf_fem.scene.outlines.outline import Outline
+
+DIMMED = 0.2  #: Opacity of results that are not those of the scene that is shown.
+KNOB = 1.4  #: Distance of the knob that turns a probe from its centre, over the probe's radius.
+_LINE = {"xs": "xs", "ys": "ys"}
+_TEXT = {
+    "text": "name",
+    "text_align": "center",
+    "text_baseline": "middle",
+    "text_font_size": "12px",
+}
+_PROBE = {"line_color": COLOURS[1], "line_width": 2}
+_FOUND = {"line_color": COLOURS[2], "line_width": 2}
+#: What is drawn, from below: the columns, the kind of glyph and its look.
+_LAYERS: tuple[tuple[str, str, dict[str, Any]], ...] = (
+    ("rim", "multi_polygons", {**_LINE, "fill_color": "white", "line_color": "black"}),
+    ("electrodes", "patches", {**_LINE, "fill_color": "#ffffff80", "line_color": "black"}),
+    ("electrodes", "text", _TEXT),
+    ("lines", "multi_line", {**_LINE, "line_color": "colour", "line_width": 1.5}),
+    ("ellipses", "patches", {**_LINE, **_FOUND, "fill_color": COLOURS[2], "fill_alpha": "weight"}),
+    ("ellipses", "scatter", {"marker": "x", "size": 9, **_FOUND}),
+    ("probes", "patches", {**_LINE, **_PROBE, "fill_color": COLOURS[1], "fill_alpha": 0.1}),
+    (
+        "probes",
+        "scatter",
+        {"x": "knob_x", "y": "knob_y", "size": 11, "fill_color": "white", **_PROBE},
+    ),
+)
+
+
+class FilmFigure:
+    """The figure, and the columns of what it shows."""
+
+    def __init__(self) -> None:
+        names = ("image", "dropped", "held", *dict.fromkeys(name for name, *_ in _LAYERS))
+        self.sources = {name: ColumnDataSource(name=name) for name in names}
+        size = {"sizing_mode": "scale_width", "aspect_ratio": 1.15}
+        self.model = plot = figure(**size, tools="wheel_zoom,reset", name="film")
+        plot.xaxis.axis_label, plot.yaxis.axis_label = "x (mm)", "y (mm)"
+        plot.grid.visible = False
+        self.save = SaveTool(filename="pvdf_film")
+        plot.add_tools(self.save)
+        self.colours = LinearColorMapper(palette="Blues256", low=0.0, high=1.0)
+        self.bar = ColorBar(color_mapper=self.colours)
+        plot.add_layout(self.bar, "right")
+        square = {"x": "x", "y": "x", "dw": "width", "dh": "width", "source": self.sources["image"]}
+        self.sources["image"].data = {"image": [np.zeros((1, 1))], "x": [0.0], "width": [0.0]}
+        self.image = plot.image("image", **square, color_mapper=self.colours)
+        for name, glyph, look in _LAYERS:
+            getattr(plot, glyph)(source=self.sources[name], **look)
+        drag = CustomJS(args=self.sources, code=Path(__file__).with_name("drag.js").read_text())
+        for event in ("panstart", "pan", "panend"):
+            plot.js_on_event(event, drag)
+
+    def show_scene(self, view: View) -> None:
+        """Draw film, electrodes and probes, and dim the picture, which is that of another scene."""
+        scene, radius = view.scene, view.scene.film.radius_mm
+        turns, far = np.linspace(0.0, 2.0 * np.pi, 361), 1.5 * radius
+        circle = radius * np.column_stack([np.cos(turns), np.sin(turns)])
+        square = far * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        beyond = _columns([square]), _columns([circle])
+        rim = {name: [[[beyond[0][name][0], beyond[1][name][0]]]] for name in _LINE}
+        self.sources["rim"].data = rim
+        for span in (self.model.x_range, self.model.y_range):
+            span.update(start=-1.05 * radius, end=1.05 * radius)
+        self.bar.title = QUANTITIES[view.quantity].label
+        self.colours.palette = getattr(palettes, QUANTITIES[view.quantity].palette)[::-1]
+        electrodes, names = scene.electrode_list, [e.name for e in scene.electrode_list]
+        self.sources["electrodes"].data = {
+            **_outlines([e.outline for e in electrodes]),
+            "name": names,
+        }
+        self.sources["probes"].data = _probes(view)
+        self.image.glyph.global_alpha = DIMMED
+        self.show_found(Found((), ()))
+
+    def show_image(self, image: Array, radius_mm: float) -> None:
+        """Draw the field of a solve."""
+        low, high = min(0.0, float(image.min())), float(image.max())
+        self.colours.update(low=low, high=high if high > low else low + 1e-9)
+        square = {"image": [image], "x": [-radius_mm], "width": [2.0 * radius_mm]}
+        self.sources["image"].data = square
+        self.image.glyph.global_alpha = 1.0
+
+    def show_found(self, found: Found) -> None:
+        """Draw likely touches with their ellipses, and isocharge lines."""
+        ellipses, weights = [e for e, _ in found.ellipses], [0.6 * w for _, w in found.ellipses]
+        centres = np.array([e[:-1].mean(axis=0) for e in ellipses]).reshape(-1, 2).T
+        places = dict(zip("xy", centres, strict=True))
+        self.sources["ellipses"].data = {**_columns(ellipses), **places, "weight": weights}
+        colours = [colour_of(i) for i, lines in enumerate(found.lines.values()) for _ in lines]
+        lines = [line for lines in found.lines.values() for line in lines]
+        self.sources["lines"].data = {**_columns(lines), "colour": colours}
+
+
+def colour_of(electrode: int) -> str:
+    """The colour of an electrode's bars and isocharge lines, by its number."""
+    return COLOURS[electrode % len(COLOURS)]
+
+
+def _columns(paths_mm: list[Array]) -> dict[str, list[Any]]:
+    """Columns of lines or polygons of points (n, 2)."""
+    return {name: [path[:, i].tolist() for path in paths_mm] for i, name in enumerate(_LINE)}
+
+
+def _outlines(outlines: list[Outline]) -> dict[str, list[Any]]:
+    """Columns of outlines and their centroids."""
+    centres = 1e3 * np.array([outline.centroid for outline in outlines]).reshape(-1, 2)
+    paths = [1e3 * np.array(outline.shape.exterior.coords) for outline in outlines]
+    return {**_columns(paths), **dict(zip("xy", centres.T.tolist(), strict=True))}
+
+
+def _probes(view: View) -> dict[str, list[Any]]:
+    """Columns of probes, with the knobs that turn them."""
+    touches = view.scene.loaded_probes
+    columns = _outlines([touch.outline for touch in touches])
+    corners = zip(columns["xs"], columns["ys"], columns["x"], columns["y"], strict=True)
+    radii = np.array([np.hypot(np.subtract(xs, x), np.subtract(ys, y)).max() for xs, ys, x, y in corners])
+    turns = np.radians([touch.probe.rotation_deg + 90.0 for touch in touches])
+    knobs = columns["x"] + KNOB * radii * np.cos(turns), columns["y"] + KNOB * radii * np.sin(turns)
+    return {**columns, "radius": radii, "knob_x": knobs[0], "knob_y": knobs[1]}
