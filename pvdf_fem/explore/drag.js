@@ -3,8 +3,8 @@
 const p = probes.data
 if (cb_obj.event_name == "panstart") {
     const near = (x, y, r) => Math.hypot(cb_obj.x - x, cb_obj.y - y) < r
-    const knob = p.x.findIndex((_, i) => near(p.knob_x[i], p.knob_y[i], 0.3 * p.radius[i] + 0.6))
-    const body = p.x.findIndex((_, i) => near(p.x[i], p.y[i], 1.1 * p.radius[i]))
+    const knob = p.x.findIndex((_, i) => near(p.knob_x[i], p.knob_y[i], 0.2 * p.reach[i] + 0.6))
+    const body = p.x.findIndex((_, i) => near(p.x[i], p.y[i], 0.9 * p.reach[i]))
     const i = knob < 0 ? body : knob
     held.from = i < 0 ? null : {i, turns: knob >= 0, x: cb_obj.x, y: cb_obj.y, was: structuredClone(p)}
 }

@@ -18,30 +18,22 @@ from pvdf_fem.output.figures import COLOURS
 from pvdf_fem.scene.outlines.outline import Outline
 
 DIMMED = 0.2  #: Opacity of results that are not those of the scene that is shown.
-KNOB = 1.4  #: Distance of the knob that turns a probe from its centre, over the probe's radius.
-_LINE = {"xs": "xs", "ys": "ys"}
-_TEXT = {
-    "text": "name",
-    "text_align": "center",
-    "text_baseline": "middle",
-    "text_font_size": "12px",
-}
+NONE = Found([], {}, ())
+_PATH = {"xs": "xs", "ys": "ys"}
+_TEXT = {"text": "name", "text_align": "center", "text_baseline": "middle"}
 _PROBE = {"line_color": COLOURS[1], "line_width": 2}
 _FOUND = {"line_color": COLOURS[2], "line_width": 2}
+_KNOB = {"x": "knob_x", "y": "knob_y", "size": 11, "fill_color": "white"}
 #: What is drawn, from below: the columns, the kind of glyph and its look.
 _LAYERS: tuple[tuple[str, str, dict[str, Any]], ...] = (
-    ("rim", "multi_polygons", {**_LINE, "fill_color": "white", "line_color": "black"}),
-    ("electrodes", "patches", {**_LINE, "fill_color": "#ffffff80", "line_color": "black"}),
-    ("electrodes", "text", _TEXT),
-    ("lines", "multi_line", {**_LINE, "line_color": "colour", "line_width": 1.5}),
-    ("ellipses", "patches", {**_LINE, **_FOUND, "fill_color": COLOURS[2], "fill_alpha": "weight"}),
-    ("ellipses", "scatter", {"marker": "x", "size": 9, **_FOUND}),
-    ("probes", "patches", {**_LINE, **_PROBE, "fill_color": COLOURS[1], "fill_alpha": 0.1}),
-    (
-        "probes",
-        "scatter",
-        {"x": "knob_x", "y": "knob_y", "size": 11, "fill_color": "white", **_PROBE},
-    ),
+    ("rim", "multi_polygons", {**_PATH, "fill_color": "white", "line_color": "black"}),
+    ("electrodes", "patches", {**_PATH, "fill_color": "#ffffff80", "line_color": "black"}),
+    ("electrodes", "text", {**_TEXT, "text_font_size": "12px"}),
+    ("lines", "multi_line", {**_PATH, "line_color": "colour", "line_width": 1.5}),
+    ("ellipses", "patches", {**_PATH, **_FOUND, "fill_color": COLOURS[2], "fill_alpha": "weight"}),
+    ("ellipses", "scatter", {**_FOUND, "marker": "x", "size": 9}),
+    ("probes", "patches", {**_PATH, **_PROBE, "fill_color": COLOURS[1], "fill_alpha": 0.1}),
+    ("probes", "scatter", {**_KNOB, **_PROBE}),
 )
 
 
@@ -49,7 +41,7 @@ class FilmFigure:
     """The figure, and the columns of what it shows."""
 
     def __init__(self) -> None:
-        names = ("image", "dropped", "held", *dict.fromkeys(name for name, *_ in _LAYERS))
+        names = dict.fromkeys(["image", "dropped", "held", *(name for name, *_ in _LAYERS)])
         self.sources = {name: ColumnDataSource(name=name) for name in names}
         size = {"sizing_mode": "scale_width", "aspect_ratio": 1.15}
         self.model = plot = figure(**size, tools="wheel_zoom,reset", name="film")
@@ -57,12 +49,12 @@ class FilmFigure:
         plot.grid.visible = False
         self.save = SaveTool(filename="pvdf_film")
         plot.add_tools(self.save)
-        self.colours = LinearColorMapper(palette="Blues256", low=0.0, high=1.0)
+        self.colours = LinearColorMapper(low=0.0, high=1.0)
         self.bar = ColorBar(color_mapper=self.colours)
         plot.add_layout(self.bar, "right")
+        self.show_image(np.zeros((1, 1)), 1.0)
         square = {"x": "x", "y": "x", "dw": "width", "dh": "width", "source": self.sources["image"]}
-        self.sources["image"].data = {"image": [np.zeros((1, 1))], "x": [0.0], "width": [0.0]}
-        self.image = plot.image("image", **square, color_mapper=self.colours)
+        self.field = plot.image("image", **square, color_mapper=self.colours).glyph
         for name, glyph, look in _LAYERS:
             getattr(plot, glyph)(source=self.sources[name], **look)
         drag = CustomJS(args=self.sources, code=Path(__file__).with_name("drag.js").read_text())
@@ -72,67 +64,67 @@ class FilmFigure:
     def show_scene(self, view: View) -> None:
         """Draw film, electrodes and probes, and dim the picture, which is that of another scene."""
         scene, radius = view.scene, view.scene.film.radius_mm
-        turns, far = np.linspace(0.0, 2.0 * np.pi, 361), 1.5 * radius
+        turns = np.linspace(0.0, 2.0 * np.pi, 361)
         circle = radius * np.column_stack([np.cos(turns), np.sin(turns)])
-        square = far * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-        beyond = _columns([square]), _columns([circle])
-        rim = {name: [[[beyond[0][name][0], beyond[1][name][0]]]] for name in _LINE}
-        self.sources["rim"].data = rim
+        square = 1.5 * radius * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        paths = _columns([square, circle])
+        self.sources["rim"].data = {name: [[paths[name]]] for name in paths}
         for span in (self.model.x_range, self.model.y_range):
             span.update(start=-1.05 * radius, end=1.05 * radius)
-        self.bar.title = QUANTITIES[view.quantity].label
-        self.colours.palette = getattr(palettes, QUANTITIES[view.quantity].palette)[::-1]
-        electrodes, names = scene.electrode_list, [e.name for e in scene.electrode_list]
-        self.sources["electrodes"].data = {
-            **_outlines([e.outline for e in electrodes]),
-            "name": names,
-        }
+        quantity = QUANTITIES[view.quantity]
+        self.bar.title = quantity.label
+        self.colours.palette = getattr(palettes, quantity.palette)[::-1]
+        names = [electrode.name for electrode in scene.electrode_list]
+        outlines = _outlines([electrode.outline for electrode in scene.electrode_list])
+        self.sources["electrodes"].data = {**outlines, "name": names}
         self.sources["probes"].data = _probes(view)
-        self.image.glyph.global_alpha = DIMMED
-        self.show_found(Found((), ()))
+        self.field.global_alpha = DIMMED
+        self.show_found(NONE)
 
     def show_image(self, image: Array, radius_mm: float) -> None:
-        """Draw the field of a solve."""
+        """Colour the film by the field of a solve."""
         low, high = min(0.0, float(image.min())), float(image.max())
-        self.colours.update(low=low, high=high if high > low else low + 1e-9)
+        self.colours.update(low=low, high=max(high, low + 1e-9))
         square = {"image": [image], "x": [-radius_mm], "width": [2.0 * radius_mm]}
         self.sources["image"].data = square
-        self.image.glyph.global_alpha = 1.0
 
     def show_found(self, found: Found) -> None:
         """Draw likely touches with their ellipses, and isocharge lines."""
         ellipses, weights = [e for e, _ in found.ellipses], [0.6 * w for _, w in found.ellipses]
-        centres = np.array([e[:-1].mean(axis=0) for e in ellipses]).reshape(-1, 2).T
-        places = dict(zip("xy", centres, strict=True))
-        self.sources["ellipses"].data = {**_columns(ellipses), **places, "weight": weights}
+        centres = _points([ellipse[:-1].mean(axis=0) for ellipse in ellipses])
+        self.sources["ellipses"].data = {**_columns(ellipses), **centres, "weight": weights}
         colours = [colour_of(i) for i, lines in enumerate(found.lines.values()) for _ in lines]
         lines = [line for lines in found.lines.values() for line in lines]
         self.sources["lines"].data = {**_columns(lines), "colour": colours}
 
 
 def colour_of(electrode: int) -> str:
-    """The colour of an electrode's bars and isocharge lines, by its number."""
+    """The colour of an electrode's bar and isocharge lines, by its number."""
     return COLOURS[electrode % len(COLOURS)]
 
 
 def _columns(paths_mm: list[Array]) -> dict[str, list[Any]]:
     """Columns of lines or polygons of points (n, 2)."""
-    return {name: [path[:, i].tolist() for path in paths_mm] for i, name in enumerate(_LINE)}
+    return {name: [path[:, i].tolist() for path in paths_mm] for i, name in enumerate(_PATH)}
 
 
-def _outlines(outlines: list[Outline]) -> dict[str, list[Any]]:
+def _points(points_mm: list[Array]) -> dict[str, Any]:
+    """Columns of points (2,)."""
+    return dict(zip("xy", np.array(points_mm).reshape(-1, 2).T, strict=True))
+
+
+def _outlines(outlines: list[Outline]) -> dict[str, Any]:
     """Columns of outlines and their centroids."""
-    centres = 1e3 * np.array([outline.centroid for outline in outlines]).reshape(-1, 2)
     paths = [1e3 * np.array(outline.shape.exterior.coords) for outline in outlines]
-    return {**_columns(paths), **dict(zip("xy", centres.T.tolist(), strict=True))}
+    return {**_columns(paths), **_points([1e3 * outline.centroid for outline in outlines])}
 
 
-def _probes(view: View) -> dict[str, list[Any]]:
-    """Columns of probes, with the knobs that turn them."""
+def _probes(view: View) -> dict[str, Any]:
+    """Columns of probes, with the knobs that turn them just beyond their reach."""
     touches = view.scene.loaded_probes
     columns = _outlines([touch.outline for touch in touches])
-    corners = zip(columns["xs"], columns["ys"], columns["x"], columns["y"], strict=True)
-    radii = np.array([np.hypot(np.subtract(xs, x), np.subtract(ys, y)).max() for xs, ys, x, y in corners])
+    reach = np.array([1e3 * touch.outline.perimeter / 4.0 for touch in touches])
     turns = np.radians([touch.probe.rotation_deg + 90.0 for touch in touches])
-    knobs = columns["x"] + KNOB * radii * np.cos(turns), columns["y"] + KNOB * radii * np.sin(turns)
-    return {**columns, "radius": radii, "knob_x": knobs[0], "knob_y": knobs[1]}
+    knobs = {"knob_x": columns["x"] + reach * np.cos(turns)}
+    knobs["knob_y"] = columns["y"] + reach * np.sin(turns)
+    return {**columns, **knobs, "reach": reach}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,8 +14,10 @@ from pvdf_fem.film.space import shape_values
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import solve
+from pvdf_fem.solvers.status import Status
 
 TOLERANCE = 1e-2  #: Least relative error of charges that pictures are solved to.
+MOST_SECONDS = 5.0  #: Work of one core for a picture, unless the scene says how much.
 PIXELS = 260  #: Pixels along the film's diameter.
 #: A point between the rim and the straight sides there is taken to be in the triangle where this
 #: share of its distance from the centre leads.
@@ -24,55 +25,49 @@ INWARD = 0.95
 
 
 class Quantity(NamedTuple):
-    """What the film may be coloured by: its label, Bokeh's colours, and its values at the dofs."""
+    """What the film may be coloured by."""
 
     label: str
-    palette: str
-    at_dofs: Callable[[Solution], Array]
-
-
-def _deflection(solution: Solution) -> Array:
-    return np.asarray(1e3 * solution.displacement[:, 2])
+    palette: str  #: Of Bokeh, from dark to light.
+    at_dofs: Callable[[Solution], Array]  #: Values at the dofs of a solution's basis.
 
 
 def _stress(solution: Solution) -> Array:
-    equilibrium, state = solution.fields.equilibrium, solution.fields.state
+    """S11 + S22 in MPa, continuous."""
+    membrane, state = solution.fields.equilibrium.membrane, solution.fields.state
     places = np.moveaxis(np.asarray(solution.basis.global_coordinates()), 0, -1)
-    stress = equilibrium.membrane.film_stress(state.strain, places)
+    stress = membrane.film_stress(state.strain, places)
     stress = stress if state.added is None else stress + state.added
     return np.asarray(1e-6 * solution.basis.project(stress[..., 0] + stress[..., 1]))
 
 
-#: A further one is its function and its line here.
+#: A further one is its line here.
 QUANTITIES = {
-    "deflection": Quantity("deflection (mm)", "Blues256", _deflection),
+    "deflection": Quantity("deflection (mm)", "Blues256", lambda s: 1e3 * s.displacement[:, 2]),
     "stress": Quantity("S11 + S22 (MPa)", "Oranges256", _stress),
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Picture:
+class Picture(NamedTuple):
     """What `pvdf-fem solve --json` says of a scene, and its film."""
 
     result: dict[str, Any]
-    #: Values at pixels over the square about the film, from the lowest y, (pixels, pixels); none of
-    #: a solve without a result.
-    image: Array | None
+    image: Array | None  #: Of `image_of`; none without a result.
 
 
 def picture_of(scene: Scene, quantity: str) -> Picture:
-    """The picture of a scene by a solve to `TOLERANCE`, or to that of the scene if it is larger."""
-    tolerance = max(TOLERANCE, scene.numerics.tolerance)
-    solution = solve(scene.with_(**{"numerics.tolerance": tolerance}))
-    result = solution.to_json()
-    if "charges_pC" not in result:
-        return Picture(result, None)
-    return Picture(result, image_of(solution, QUANTITIES[quantity].at_dofs(solution)))
+    """The picture of a scene by a solve to `TOLERANCE`, or the scene's own where that is larger."""
+    limits = {"numerics.tolerance": max(TOLERANCE, scene.numerics.tolerance)}
+    limits["numerics.max_seconds"] = scene.numerics.max_seconds or MOST_SECONDS
+    solution = solve(scene.with_(**limits))
+    converged = solution.status is Status.CONVERGED
+    image = image_of(solution, QUANTITIES[quantity].at_dofs(solution)) if converged else None
+    return Picture(solution.to_json(), image)
 
 
 def image_of(solution: Solution, values: Array, pixels: int = PIXELS) -> Array:
-    """The field with these values at the dofs, at pixels; beyond the rim it has the values there.
-    Elements count as straight-sided."""
+    """The field with values at the dofs, at the pixels of the square about the film, the lowest y
+    first, (pixels, pixels). Beyond the rim it is that at the rim. Elements count as straight."""
     mesh, basis, radius = solution.mesh, solution.basis, solution.scene.film.radius
     ticks = radius * ((np.arange(pixels) + 0.5) / pixels * 2.0 - 1.0)
     points = np.stack(np.meshgrid(ticks, ticks)).reshape(2, -1)
@@ -83,7 +78,7 @@ def image_of(solution: Solution, values: Array, pixels: int = PIXELS) -> Array:
     elements[beyond] = find(*(INWARD * points[:, beyond]))
     straight = MeshTri(mesh.p, mesh.t).mapping()
     local = straight.invF(points[:, :, None], tind=elements)[:, :, 0]
-    functions = shape_values(basis.elem, local)
-    image = np.einsum("pf,fp->p", functions, values[basis.element_dofs[:, elements]])
-    image = image.clip(values.min(), values.max())  # extrapolated at most a little, to the rim
+    nodal = values[basis.element_dofs[:, elements]]
+    image = np.einsum("pf,fp->p", shape_values(basis.elem, local), nodal)
+    image = image.clip(values.min(), values.max())  # at the rim it is extrapolated a little
     return image.reshape(pixels, pixels).astype(np.float32)

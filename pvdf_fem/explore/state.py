@@ -1,16 +1,16 @@
-"""What the page shows, as plain values: a scene with what was changed, undo and redo, its link."""
+"""What the page shows, as plain values: a scene and how it is shown, undo and redo, the link."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Self
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, urlencode
 
 from pvdf_fem.explore.picture import QUANTITIES
 from pvdf_fem.scene.change import plain
 from pvdf_fem.scene.scene import Scene, SceneError
-from pvdf_fem.scene.scene_file import parse_change, problem, toml_value
+from pvdf_fem.scene.scene_file import choose, parse_change, problem, toml_value
 
 MOST_NOISE = 0.5  #: Largest standard deviation of readings, relative to them.
 
@@ -21,47 +21,30 @@ class View:
 
     scene: Scene
     quantity: str = "deflection"
-    #: Standard deviation of readings, relative to them.
-    noise: float = 0.01
+    noise: float = 0.01  #: Standard deviation of readings, relative to them.
 
     def changed(self, changes: Mapping[str, Any]) -> View:
-        """Another view, by keys of the scene; SceneError for values that it refuses."""
-        return replace(self, scene=self.scene.with_(**changes))
+        """Another view, by keys of the view and its scene; SceneError for what is refused."""
+        scene = {**changes}
+        quantity, noise = scene.pop("quantity", self.quantity), scene.pop("noise", self.noise)
+        if quantity not in QUANTITIES:
+            raise SceneError([problem("quantity", quantity, choose(quantity, [*QUANTITIES]))])
+        if not (isinstance(noise, float | int) and 0.0 <= noise <= MOST_NOISE):
+            raise SceneError([problem("noise", noise, f"give a number from 0 to {MOST_NOISE:g}")])
+        return View(self.scene.with_(**scene), quantity, noise)
 
     def query(self, start: Scene) -> str:
-        """The link's query, from which `of_query` makes this view again."""
-        changes = changes_between(start, self.scene).items()
-        words = [(key, toml_value(value)) for key, value in changes]
-        defaults = View(start)
-        words += [
-            (key, str(getattr(self, key)))
-            for key in ("quantity", "noise")
-            if getattr(self, key) != getattr(defaults, key)
-        ]
-        return urlencode(words)
+        """The query of a link, from which `of_query` makes this view again."""
+        changes = changes_between(start, self.scene)
+        own = {"quantity": self.quantity, "noise": self.noise}
+        changes |= {key: value for key, value in own.items() if value != getattr(View, key)}
+        return urlencode({key: toml_value(value) for key, value in changes.items()})
 
     @classmethod
-    def of_query(cls, start: Scene, query: str) -> Self:
+    def of_query(cls, start: Scene, query: str) -> View:
         """The view of a link to the page of a scene; SceneError for what leads to none."""
-        words = dict(parse_qsl(query, keep_blank_values=True))
-        quantity, noise = words.pop("quantity", "deflection"), words.pop("noise", "0.01")
-        if quantity not in QUANTITIES:
-            reason = f"choose from {', '.join(QUANTITIES)}"
-            raise SceneError([problem("quantity", quantity, reason)])
-        changes = dict(parse_change(f"{key}={value}") for key, value in words.items())
-        scene = start.with_(**changes) if changes else start
-        return cls(scene, quantity, noise_of(noise))
-
-
-def noise_of(text: str) -> float:
-    """The noise that a text gives; SceneError for what is none."""
-    try:
-        noise = float(text)
-    except ValueError:
-        noise = -1.0
-    if not 0.0 <= noise <= MOST_NOISE:
-        raise SceneError([problem("noise", text, f"give a number from 0 to {MOST_NOISE:g}")])
-    return noise
+        words = parse_qsl(query, keep_blank_values=True)
+        return cls(start).changed(dict(parse_change(f"{key}={value}") for key, value in words))
 
 
 @dataclass(frozen=True)
@@ -77,61 +60,42 @@ class History:
         return self if view == self.view else History(view, (*self.past, self.view))
 
     def undone(self) -> History:
-        """With the view before, if there is one."""
-        if not self.past:
-            return self
+        """With the view before; there must be one."""
         return History(self.past[-1], self.past[:-1], (*self.future, self.view))
 
     def redone(self) -> History:
-        """With the view that was undone last, if there is one."""
-        if not self.future:
-            return self
+        """With the view that was undone last; there must be one."""
         return History(self.future[-1], (*self.past, self.view), self.future[:-1])
 
 
-def values_by_key(scene: Scene) -> dict[str, Any]:
-    """All values of a scene by dotted key, such as ``probe[0].x_mm``."""
-
-    def walk(key: str, value: Any) -> Iterator[tuple[str, Any]]:
-        if isinstance(value, Mapping):
-            for name, item in value.items():
-                yield from walk(f"{key}.{name}" if key else name, item)
-        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
-            for i, item in enumerate(value):
-                yield from walk(f"{key}[{i}]", item)
-        else:
-            yield key, value
-
-    return dict(walk("", plain(scene)))
-
-
-def value_at(scene: Scene, key: str) -> Any:
-    """The scene's value of a key."""
-    return values_by_key(scene)[key]
+def values_by_key(table: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    """The values in a table or a list of tables that has a key, by dotted key."""
+    if isinstance(table, Mapping):
+        for name, item in table.items():
+            yield from values_by_key(item, f"{key}.{name}".lstrip("."))
+    elif isinstance(table, list) and table and isinstance(table[0], Mapping):
+        for i, item in enumerate(table):
+            yield from values_by_key(item, f"{key}[{i}]")
+    else:
+        yield key, table
 
 
 def changes_between(start: Scene, scene: Scene) -> dict[str, Any]:
-    """Changes that `Scene.with_` makes one scene from another by: of single values, or of the
+    """Changes by which `Scene.with_` makes a scene from another: of single values, or of the whole
     sections that have other keys."""
-    before, after, found = values_by_key(start), values_by_key(scene), {}
-    tables, old = plain(scene), plain(start)
-    for section, table in tables.items():
-        keys = [
-            {key for key in values if key.startswith((f"{section}.", f"{section}["))}
-            for values in (before, after)
-        ]
-        if keys[0] == keys[1] and section in old:
-            found |= {key: after[key] for key in keys[1] if after[key] != before[key]}
-        elif old.get(section) != table:
-            found[section] = table
-    return dict(sorted(found.items()))
+    found, before = {}, plain(start)
+    for section, table in plain(scene).items():
+        tables = table, before.get(section)
+        new, old = (dict(values_by_key(content, section)) for content in tables)
+        changed = {key: value for key, value in new.items() if old.get(key) != value}
+        found |= changed if new.keys() == old.keys() else {section: table}
+    return found
 
 
 class Slider(NamedTuple):
-    """A value of a scene that a slider changes."""
+    """A value of a scene that a slider changes, and its range."""
 
     key: str
-    title: str
     low: float
     high: float
     step: float
@@ -139,30 +103,29 @@ class Slider(NamedTuple):
 
 #: The sliders, of which a scene has those whose keys it has.
 SLIDERS = (
-    Slider("load.force_N", "force (N)", 0.05, 5.0, 0.05),
-    Slider("load.depth_mm", "depth (mm)", 0.05, 5.0, 0.05),
-    Slider("probe.force_N", "force (N)", 0.05, 5.0, 0.05),
-    Slider("probe.rotation_deg", "turned by (°)", -180.0, 180.0, 1.0),
-    Slider("film.thickness_um", "thickness (µm)", 5.0, 120.0, 1.0),
-    Slider("film.temperature_change_K", "temperature change (K)", -20.0, 0.0, 0.1),
-    Slider("film.pretension_N_m", "pretension (N/m)", 0.0, 100.0, 0.5),
-    Slider("film.youngs_modulus_GPa", "Young's modulus (GPa)", 0.5, 8.0, 0.1),
-    Slider("electrodes.ring_radius_mm", "distance from the centre (mm)", 2.0, 30.0, 0.5),
-    Slider("electrodes.side_mm", "side (mm)", 0.5, 8.0, 0.1),
-    Slider("electrodes.radius_mm", "radius (mm)", 0.5, 8.0, 0.1),
+    Slider("load.force_N", 0.05, 5.0, 0.05),
+    Slider("load.depth_mm", 0.05, 5.0, 0.05),
+    Slider("probe.force_N", 0.05, 5.0, 0.05),
+    Slider("probe.rotation_deg", -180.0, 180.0, 1.0),
+    Slider("film.thickness_um", 5.0, 120.0, 1.0),
+    Slider("film.temperature_change_K", -20.0, 0.0, 0.1),
+    Slider("film.pretension_N_m", 0.0, 100.0, 0.5),
+    Slider("film.youngs_modulus_GPa", 0.5, 8.0, 0.1),
+    Slider("electrodes.ring_radius_mm", 2.0, 30.0, 0.5),
+    Slider("electrodes.side_mm", 0.5, 8.0, 0.1),
+    Slider("electrodes.radius_mm", 0.5, 8.0, 0.1),
 )
 
 
 def sliders_of(scene: Scene) -> list[tuple[Slider, float]]:
-    """The sliders of a scene, one for each probe of a list, and its values."""
-    values, found = values_by_key(scene), {}
-    for slider in SLIDERS:
+    """The sliders of a scene, one for each probe of a list, with its values in their ranges."""
+    values, found = dict(values_by_key(plain(scene))), {}
+    for name, *span, step in SLIDERS:
         for probe in probe_keys(scene):
-            key = slider.key.replace("probe.", f"{probe}.")
+            key = name.replace("probe.", f"{probe}.")
             if isinstance(value := values.get(key), float):
-                title = f"{key.rpartition('.')[0]}: {slider.title}"
-                found[key] = slider._replace(key=key, title=title), value
-    return list(found.values())
+                found[key] = Slider(key, min(*span, value), max(*span, value), step), value
+    return [*found.values()]
 
 
 def probe_keys(scene: Scene) -> list[str]:
