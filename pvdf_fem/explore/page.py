@@ -68,9 +68,11 @@ class Page:
         self.undo, self.redo = (pn.widgets.Button(name=name) for name in ("undo", "redo"))
         self.sliders = pn.Column(**WIDE)
         self.results = pn.Column(*(bars.pane for bars in self.bars), self.told, **WIDE)
+        query = pn.state.location.search[1:] if pn.state.location else ""
         self._react()
         self._show()
-        if query := pn.state.location.search[1:] if pn.state.location else "":
+        pn.state.on_session_destroyed(lambda _: setattr(self, "history", History(View(start))))
+        if query:
             self._change(lambda view: View.of_query(start, query))
 
     def _react(self) -> None:
@@ -80,12 +82,22 @@ class Page:
         self._on(self.setting, "value", lambda text: dict([parse_change(text)] if text else []))
         dropped = self.film.sources["dropped"]
         dropped.on_change("data", lambda attr, old, new: self._change(partial(_dropped, new)))
-        self.undo.on_click(lambda _: self._go(self.history.undone()))
-        self.redo.on_click(lambda _: self._go(self.history.redone()))
+        for button, move in ((self.undo, History.undone), (self.redo, History.redone)):
+            button.on_click(
+                partial(self._locked, lambda move, _: self._go(move(self.history)), move)
+            )
 
     def _on(self, control: Any, name: str, changes: Callable[[Any], dict[str, Any]]) -> None:
         """Let a control change the view."""
-        control.param.watch(lambda e: self._change(lambda v: v.changed(changes(e.new))), name)
+
+        def change(event: Any) -> None:
+            self._change(lambda view: view.changed(changes(event.new)))
+
+        control.param.watch(partial(self._locked, change), name)
+
+    def _locked(self, act: Callable[..., Any], *arguments: Any) -> None:
+        """Act with the lock of Bokeh's document, which Panel does not take for events."""
+        self.document.add_next_tick_callback(lambda: act(*arguments))
 
     def layout(self) -> Any:
         """What is on the page."""
@@ -147,7 +159,8 @@ class Page:
         @without_document_lock
         async def ask() -> None:
             answer = await worker.answer(newest, *request)
-            self.document.add_next_tick_callback(lambda: newest() and show(view, answer))
+            if newest():
+                self._locked(lambda: newest() and show(view, answer))
 
         self.document.add_next_tick_callback(ask)
 

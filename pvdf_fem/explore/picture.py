@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.tri import Triangulation
 from skfem import MeshTri
 
-from pvdf_fem.arrays import Array
+from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.film.space import shape_values
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solution import Solution
@@ -18,10 +18,11 @@ from pvdf_fem.solvers.status import Status
 
 TOLERANCE = 1e-2  #: Least relative error of charges that pictures are solved to.
 MOST_SECONDS = 5.0  #: Work of one core for a picture, unless the scene says how much.
-PIXELS = 260  #: Pixels along the film's diameter.
+PIXELS = 200  #: Pixels along the film's diameter.
 #: A point between the rim and the straight sides there is taken to be in the triangle where this
 #: share of its distance from the centre leads.
 INWARD = 0.95
+NEARER = 3  #: Steps to the local coordinates in elements with curved sides.
 
 
 class Quantity(NamedTuple):
@@ -67,18 +68,20 @@ def picture_of(scene: Scene, quantity: str) -> Picture:
 
 def image_of(solution: Solution, values: Array, pixels: int = PIXELS) -> Array:
     """The field with values at the dofs, at the pixels of the square about the film, the lowest y
-    first, (pixels, pixels). Beyond the rim it is that at the rim. Elements count as straight."""
+    first, (pixels, pixels). Beyond the rim it is that at the rim."""
     mesh, basis, radius = solution.mesh, solution.basis, solution.scene.film.radius
     ticks = radius * ((np.arange(pixels) + 0.5) / pixels * 2.0 - 1.0)
     points = np.stack(np.meshgrid(ticks, ticks)).reshape(2, -1)
     points /= np.maximum(np.hypot(*points) / radius, 1.0)
-    find = Triangulation(*mesh.p, mesh.t.T).get_trifinder()
-    elements = find(*points)
+    find = Triangulation(mesh.p[0], mesh.p[1], mesh.t.T).get_trifinder()
+    elements: Indices = find(*points)
     beyond = elements < 0
     elements[beyond] = find(*(INWARD * points[:, beyond]))
-    straight = MeshTri(mesh.p, mesh.t).mapping()
-    local = straight.invF(points[:, :, None], tind=elements)[:, :, 0]
+    curved, straight, target = mesh.mapping(), MeshTri(mesh.p, mesh.t).mapping(), points
+    for _ in range(NEARER):
+        local = straight.invF(target[:, :, None], tind=elements)
+        target = target + points - curved.F(local, tind=elements)[:, :, 0]
     nodal = values[basis.element_dofs[:, elements]]
-    image = np.einsum("pf,fp->p", shape_values(basis.elem, local), nodal)
+    image = np.einsum("pf,fp->p", shape_values(basis.elem, local[:, :, 0]), nodal)
     image = image.clip(values.min(), values.max())  # at the rim it is extrapolated a little
     return image.reshape(pixels, pixels).astype(np.float32)

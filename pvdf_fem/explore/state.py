@@ -83,7 +83,8 @@ def values_by_key(table: Any, key: str = "") -> Iterator[tuple[str, Any]]:
 def changes_between(start: Scene, scene: Scene) -> dict[str, Any]:
     """Changes by which `Scene.with_` makes a scene from another: of single values, or of the whole
     sections that have other keys."""
-    found, before = {}, plain(start)
+    before = plain(start)
+    found: dict[str, Any] = {}
     for section, table in plain(scene).items():
         tables = table, before.get(section)
         new, old = (dict(values_by_key(content, section)) for content in tables)
@@ -119,7 +120,8 @@ SLIDERS = (
 
 def sliders_of(scene: Scene) -> list[tuple[Slider, float]]:
     """The sliders of a scene, one for each probe of a list, with its values in their ranges."""
-    values, found = dict(values_by_key(plain(scene))), {}
+    values = dict(values_by_key(plain(scene)))
+    found: dict[str, tuple[Slider, float]] = {}
     for name, *span, step in SLIDERS:
         for probe in probe_keys(scene):
             key = name.replace("probe.", f"{probe}.")
