@@ -21,7 +21,7 @@ examples:
 
 It needs the packages of `pip install "pvdf-fem[explore]"`. Ctrl-C ends it.
 
-exit codes: 2 bad input, or a port that is taken, 130 interrupted"""
+exit codes: 0 ended by Ctrl-C, 2 bad input, or a port that is taken"""
 
 
 def add_to(commands: Any) -> None:

@@ -25,5 +25,8 @@ p.knob_y[i] = moved_y(was.knob_x[i], was.knob_y[i])
 probes.change.emit()
 if (cb_obj.event_name == "panend") {
     held.from = null
-    dropped.data = {probe: [i], x: [p.x[i]], y: [p.y[i]], turned_deg: [angle * 180 / Math.PI]}
+    const turned = (p.rotation_deg[i] + angle * 180 / Math.PI + 540) % 360 - 180
+    const places = {x_mm: p.x[i], y_mm: p.y[i]}, changes = turns ? {rotation_deg: turned} : places
+    const keys = Object.keys(changes), numbers = Object.values(changes)
+    dropped.data = {key: keys.map(key => `${p.key[i]}.${key}`), value: numbers.map(v => +v.toFixed(4))}
 }

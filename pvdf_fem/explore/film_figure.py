@@ -13,7 +13,7 @@ from bokeh.plotting import figure
 from pvdf_fem.arrays import Array
 from pvdf_fem.explore.finding import Found
 from pvdf_fem.explore.picture import QUANTITIES
-from pvdf_fem.explore.state import View
+from pvdf_fem.explore.state import View, probe_keys
 from pvdf_fem.output.figures import COLOURS
 from pvdf_fem.scene.outlines.outline import Outline
 
@@ -123,8 +123,9 @@ def _probes(view: View) -> dict[str, Any]:
     """Columns of probes, with the knobs that turn them just beyond their reach."""
     touches = view.scene.loaded_probes
     columns = _outlines([touch.outline for touch in touches])
-    reach = np.array([1e3 * touch.outline.perimeter / 4.0 for touch in touches])
-    turns = np.radians([touch.probe.rotation_deg + 90.0 for touch in touches])
-    knobs = {"knob_x": columns["x"] + reach * np.cos(turns)}
-    knobs["knob_y"] = columns["y"] + reach * np.sin(turns)
-    return {**columns, **knobs, "reach": reach}
+    columns["rotation_deg"] = [touch.probe.rotation_deg for touch in touches]
+    columns["reach"] = np.array([1e3 * touch.outline.perimeter / 4.0 for touch in touches])
+    turns = np.radians(columns["rotation_deg"]) + 0.5 * np.pi
+    columns["knob_x"] = columns["x"] + columns["reach"] * np.cos(turns)
+    columns["knob_y"] = columns["y"] + columns["reach"] * np.sin(turns)
+    return {**columns, "key": probe_keys(view.scene)}

@@ -18,7 +18,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.response.build import ResponseOptions, build_response
-from pvdf_fem.response.model import Domain, centred, touch_of
+from pvdf_fem.response.model import Domain, Model, centred, touch_of
 from pvdf_fem.response.probe_stress import ProbeMesh
 from pvdf_fem.response.response import Response
 from pvdf_fem.response.response_file import response_key
@@ -48,9 +48,7 @@ class Found(NamedTuple):
     table: Grid = Grid((), ())  #: The touches with their standard deviations and weights.
 
 
-def _found(
-    touches: Sequence[dict[str, Any]], lines: dict[str, list[Array]], *remarks: str
-) -> Found:
+def _found(touches: Sequence[dict[str, Any]], lines: dict[str, Any], *remarks: str) -> Found:
     """Of touches as JSON: quantities by name, or by key of a scene with several probes."""
     places = [(touch, key) for touch in touches for key in touch if key.endswith("x_mm")]
     ellipses = [(ellipse(touch, key), touch["weight"]) for touch, key in places]
@@ -112,7 +110,7 @@ def _response(file: Path, scene: Scene) -> Response:
     return Response.load(file).for_scene(scene, 1)
 
 
-def isocharge_lines(model: Response, charges_pC: Mapping[str, float]) -> dict[str, list[Array]]:
+def isocharge_lines(model: Model, charges_pC: Mapping[str, float]) -> dict[str, list[Array]]:
     """Lines in mm, (n, 2), by electrode: places where the probe of a model's scene, turned and
     pressed as it is, would give charges. None for a force that the model does not hold for."""
     touch, (low, high) = touch_of(model.scene), DOMAIN.force_N
@@ -123,7 +121,8 @@ def isocharge_lines(model: Response, charges_pC: Mapping[str, float]) -> dict[st
     x, y = radii[:, None] * np.cos(turns), radii[:, None] * np.sin(turns)
     pressed = np.full((2, x.size), [[touch["rotation_deg"]], [touch["force_N"]]])
     charges = model.evaluate(np.stack([x.ravel(), y.ravel(), *pressed], axis=-1))[0]
-    return {
-        name: contourpy.contour_generator(x, y, values.reshape(x.shape)).lines(charges_pC[name])
-        for name, values in zip(model.names, charges.T, strict=True)
-    }
+    lines: dict[str, Any] = {}
+    for name, values in zip(model.names, charges.T, strict=True):
+        contours = contourpy.contour_generator(x, y, values.reshape(x.shape))
+        lines[name] = contours.lines(charges_pC[name])
+    return lines

@@ -19,7 +19,7 @@ from bokeh.plotting import curdoc, figure
 from pvdf_fem.explore.film_figure import DIMMED, FilmFigure, colour_of
 from pvdf_fem.explore.finding import Found, build, find, response_file
 from pvdf_fem.explore.picture import QUANTITIES, Picture, picture_of
-from pvdf_fem.explore.state import History, View, probe_keys, sliders_of
+from pvdf_fem.explore.state import History, View, sliders_of
 from pvdf_fem.explore.worker import Worker
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import parse_change
@@ -73,29 +73,30 @@ class Page:
         self._show()
         pn.state.on_session_destroyed(lambda _: setattr(self, "history", History(View(start))))
         if query:
-            self._change(lambda view: View.of_query(start, query))
+            self._go(lambda history: history.to(View.of_query(start, query)))
 
     def _react(self) -> None:
         """Let the controls do something."""
-        self._on(self.quantity, "value", lambda name: {"quantity": name})
-        self._on(self.noise, "value", lambda text: dict([parse_change(f"noise={text}")]))
-        self._on(self.setting, "value", lambda text: dict([parse_change(text)] if text else []))
-        dropped = self.film.sources["dropped"]
-        dropped.on_change("data", lambda attr, old, new: self._change(partial(_dropped, new)))
-        for button, move in ((self.undo, History.undone), (self.redo, History.redone)):
-            button.on_click(
-                partial(self._locked, lambda move, _: self._go(move(self.history)), move)
-            )
+        self._on(self.quantity, "value", lambda h, name: h.changed({"quantity": name}))
+        self._on(self.noise, "value", lambda h, text: _typed(h, f"noise={text}"))
+        self._on(self.setting, "value", _typed)
+        self._on(self.undo, "clicks", lambda h, _: h.undone())
+        self._on(self.redo, "clicks", lambda h, _: h.redone())
 
-    def _on(self, control: Any, name: str, changes: Callable[[Any], dict[str, Any]]) -> None:
-        """Let a control change the view."""
+        def dropped(attr: str, old: Any, new: Any) -> None:
+            self._go(lambda h: h.changed(dict(zip(new["key"], new["value"], strict=True))))
 
-        def change(event: Any) -> None:
-            self._change(lambda view: view.changed(changes(event.new)))
+        self.film.sources["dropped"].on_change("data", dropped)
 
-        control.param.watch(partial(self._locked, change), name)
+    def _on(self, control: Any, name: str, move: Callable[[History, Any], History]) -> None:
+        """Let a control's value change the view."""
 
-    def _locked(self, act: Callable[..., Any], *arguments: Any) -> None:
+        def changed(event: Any) -> None:
+            self._locked(self._go, lambda history: move(history, event.new))
+
+        control.param.watch(changed, name)
+
+    def _locked(self, act: Callable[..., None], *arguments: Any) -> None:
         """Act with the lock of Bokeh's document, which Panel does not take for events."""
         self.document.add_next_tick_callback(lambda: act(*arguments))
 
@@ -114,18 +115,15 @@ class Page:
         right.styles = {"flex": "0 1 440px"}
         return pn.FlexBox(left, right, **WIDE)
 
-    def _change(self, change: Callable[[View], View]) -> None:
-        """Go to a changed view, or tell why there is none."""
+    def _go(self, move: Callable[[History], History]) -> None:
+        """Show another view, or tell why there is none."""
         try:
-            self._go(self.history.to(change(self.history.view)))
+            history, refused = move(self.history), ""
         except SceneError as error:
             told = "<br>".join(map(escape, error.problems))
-            self.message.object = f"<b>refused</b>: {told}"
-            self._show()
-
-    def _go(self, history: History) -> None:
-        if history is not self.history:
-            self.history, self.message.object = history, ""
+            history, refused = self.history, f"<b>refused</b>: {told}"
+        if refused or history is not self.history:
+            self.history, self.message.object = history, refused
             self._show()
 
     def _show(self) -> None:
@@ -139,7 +137,8 @@ class Page:
         if [slider.key for slider, _ in wanted] != [widget.name for widget in self.sliders]:
             self.sliders.objects = [pn.widgets.FloatSlider(name=s.key, **WIDE) for s, _ in wanted]
             for widget in self.sliders:
-                self._on(widget, "value_throttled", lambda x, key=widget.name: {key: x})
+                slid = partial(_slid, widget.name)
+                self._on(widget, "value_throttled", slid)
         for (slider, value), widget in zip(wanted, self.sliders, strict=True):
             limits = {"start": slider.low, "end": slider.high, "step": slider.step}
             widget.param.update(**limits, value=value)
@@ -156,13 +155,16 @@ class Page:
         def newest() -> bool:
             return view is self.history.view
 
-        @without_document_lock
+        def shown(answer: Any) -> None:
+            if newest():
+                show(view, answer)
+
         async def ask() -> None:
             answer = await worker.answer(newest, *request)
             if newest():
-                self._locked(lambda: newest() and show(view, answer))
+                self._locked(shown, answer)
 
-        self.document.add_next_tick_callback(ask)
+        self.document.add_next_tick_callback(without_document_lock(ask))
 
     def _solved(self, view: View, picture: Picture | Exception) -> None:
         if isinstance(picture, Exception):
@@ -198,14 +200,12 @@ class Page:
         self.located.object = f"<b>locate</b>{told}{found.table.html()}"
 
 
-def _dropped(data: dict[str, Any], view: View) -> View:
-    """The view in which a probe is where it was dropped, or turned."""
-    i, x, y, turned = (data[name][0] for name in ("probe", "x", "y", "turned_deg"))
-    key, probe = probe_keys(view.scene)[i], view.scene.loaded_probes[i].probe
-    if turned:
-        turned = (probe.rotation_deg + turned + 180.0) % 360.0 - 180.0
-        return view.changed({f"{key}.rotation_deg": round(turned, 2)})
-    return view.changed({f"{key}.x_mm": round(x, 4), f"{key}.y_mm": round(y, 4)})
+def _slid(key: str, history: History, value: float) -> History:
+    return history.changed({key: value})
+
+
+def _typed(history: History, text: str) -> History:
+    return history.changed(dict([parse_change(text)])) if text else history
 
 
 class Bars:

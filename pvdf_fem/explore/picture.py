@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.tri import Triangulation
 from skfem import MeshTri
 
-from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.arrays import Array
 from pvdf_fem.film.space import shape_values
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solution import Solution
@@ -74,7 +74,7 @@ def image_of(solution: Solution, values: Array, pixels: int = PIXELS) -> Array:
     points = np.stack(np.meshgrid(ticks, ticks)).reshape(2, -1)
     points /= np.maximum(np.hypot(*points) / radius, 1.0)
     find = Triangulation(mesh.p[0], mesh.p[1], mesh.t.T).get_trifinder()
-    elements: Indices = find(*points)
+    elements: Any = find(*points)
     beyond = elements < 0
     elements[beyond] = find(*(INWARD * points[:, beyond]))
     curved, straight, target = mesh.mapping(), MeshTri(mesh.p, mesh.t).mapping(), points

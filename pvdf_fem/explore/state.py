@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, urlencode
 
+from pvdf_fem.calibration.unknowns import value_of
 from pvdf_fem.explore.picture import QUANTITIES
 from pvdf_fem.scene.change import plain
 from pvdf_fem.scene.scene import Scene, SceneError
@@ -34,8 +36,9 @@ class View:
         return View(self.scene.with_(**scene), quantity, noise)
 
     def query(self, start: Scene) -> str:
-        """The query of a link, from which `of_query` makes this view again."""
-        changes = changes_between(start, self.scene)
+        """The query of a link with what differs from the scene of the file: whole sections."""
+        before = plain(start)
+        changes = {key: t for key, t in plain(self.scene).items() if t != before.get(key)}
         own = {"quantity": self.quantity, "noise": self.noise}
         changes |= {key: value for key, value in own.items() if value != getattr(View, key)}
         return urlencode({key: toml_value(value) for key, value in changes.items()})
@@ -59,6 +62,10 @@ class History:
         """With another view."""
         return self if view == self.view else History(view, (*self.past, self.view))
 
+    def changed(self, changes: Mapping[str, Any]) -> History:
+        """With the changed view, see `View.changed`."""
+        return self.to(self.view.changed(changes))
+
     def undone(self) -> History:
         """With the view before; there must be one."""
         return History(self.past[-1], self.past[:-1], (*self.future, self.view))
@@ -66,31 +73,6 @@ class History:
     def redone(self) -> History:
         """With the view that was undone last; there must be one."""
         return History(self.future[-1], (*self.past, self.view), self.future[:-1])
-
-
-def values_by_key(table: Any, key: str = "") -> Iterator[tuple[str, Any]]:
-    """The values in a table or a list of tables that has a key, by dotted key."""
-    if isinstance(table, Mapping):
-        for name, item in table.items():
-            yield from values_by_key(item, f"{key}.{name}".lstrip("."))
-    elif isinstance(table, list) and table and isinstance(table[0], Mapping):
-        for i, item in enumerate(table):
-            yield from values_by_key(item, f"{key}[{i}]")
-    else:
-        yield key, table
-
-
-def changes_between(start: Scene, scene: Scene) -> dict[str, Any]:
-    """Changes by which `Scene.with_` makes a scene from another: of single values, or of the whole
-    sections that have other keys."""
-    before = plain(start)
-    found: dict[str, Any] = {}
-    for section, table in plain(scene).items():
-        tables = table, before.get(section)
-        new, old = (dict(values_by_key(content, section)) for content in tables)
-        changed = {key: value for key, value in new.items() if old.get(key) != value}
-        found |= changed if new.keys() == old.keys() else {section: table}
-    return found
 
 
 class Slider(NamedTuple):
@@ -120,17 +102,20 @@ SLIDERS = (
 
 def sliders_of(scene: Scene) -> list[tuple[Slider, float]]:
     """The sliders of a scene, one for each probe of a list, with its values in their ranges."""
-    values = dict(values_by_key(plain(scene)))
-    found: dict[str, tuple[Slider, float]] = {}
+    found = []
     for name, *span, step in SLIDERS:
-        for probe in probe_keys(scene):
-            key = name.replace("probe.", f"{probe}.")
-            if isinstance(value := values.get(key), float):
-                found[key] = Slider(key, min(*span, value), max(*span, value), step), value
-    return [*found.values()]
+        of_probe = name.startswith("probe.")
+        for key in (
+            [name.replace("probe", probe) for probe in probe_keys(scene)] if of_probe else [name]
+        ):
+            with suppress(AttributeError, TypeError):  # the scene has none, or a pair
+                value = value_of(scene, key)
+                found.append((Slider(key, min(*span, value), max(*span, value), step), value))
+    return found
 
 
 def probe_keys(scene: Scene) -> list[str]:
     """The keys of a scene's probes."""
-    count = len(scene.probe) if isinstance(scene.probe, tuple) else 0
-    return [f"probe[{i}]" for i in range(count)] or ["probe"]
+    if isinstance(scene.probe, tuple):
+        return [f"probe[{i}]" for i in range(len(scene.probe))]
+    return ["probe"] if scene.probe else []

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pvdf_fem.explore.finding import ellipse, isocharge_lines
 from pvdf_fem.explore.picture import PIXELS, image_of, picture_of
+from pvdf_fem.response.model import SCENE_KEYS
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solve import solve
+from tests.helpers.touch_models import bumps
 
 SCENE = Scene.example("triangle").with_(**{"numerics.tolerance": 1e-2})
 
@@ -50,3 +54,19 @@ def test_ellipse_has_the_covariance():
     points = ellipse(touch, "x_mm") - [1.0, -3.0]
     inverse = np.linalg.inv([[4.0, 1.0], [1.0, 1.0]])
     assert np.einsum("ni,ij,nj->n", points, inverse, points) == pytest.approx(1.0)
+
+
+def test_isocharge_lines_go_through_the_touch():
+    model = bumps()
+    touch = np.array([[3.0, -2.0, 20.0, 1.5]])
+    values = dict(zip(SCENE_KEYS, touch[0].tolist(), strict=True))
+    pressed = replace(model, scene=model.scene.with_(**values))
+    charges = dict(zip(model.names, model.evaluate(touch)[0][0].tolist(), strict=True))
+    lines = isocharge_lines(pressed, charges)
+    assert set(lines) == set(model.names)
+    for name in lines:
+        points = np.concatenate(lines[name])
+        assert np.hypot(*(points - touch[0, :2]).T).min() < 0.3
+        assert np.hypot(*points.T).max() > 8.0  # they go on
+    hard = pressed.scene.with_(**{"load.force_N": 50.0})
+    assert isocharge_lines(replace(pressed, scene=hard), charges) == {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from urllib.parse import urlparse
 
 import pytest
 
+from pvdf_fem.explore.state import View
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solve import solve
 
@@ -57,7 +59,8 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         try:
             yield server.stdout.readline().split()[0]
         finally:
-            server.terminate()
+            server.send_signal(signal.SIGINT)
+            assert server.wait(30) == 0
 
 
 @pytest.fixture(scope="module")
@@ -128,22 +131,24 @@ def test_a_dragged_and_turned_probe_gives_the_charges_of_solve(
 ) -> None:
     visit.reads(SCENE)
     visit.drags((5.0, 1.0), (-4.0, 3.0))
-    visit.page.wait_for_url("**probe.x_mm=**")
+    visit.page.wait_for_url("**probe=**")
     data = "Bokeh.documents[0].get_model_by_name('dropped').data"
-    x, y = visit.page.evaluate(f"[{data}.x[0], {data}.y[0]]")
+    x, y = visit.page.evaluate(f"{data}.value")
     assert (x, y) == pytest.approx((-4.0, 3.0), abs=0.2)
-    moved = SCENE.with_(**{"probe.x_mm": round(x, 4), "probe.y_mm": round(y, 4)})
+    moved = SCENE.with_(**{"probe.x_mm": x, "probe.y_mm": y})
     visit.reads(moved)
     knob = "Bokeh.documents[0].get_model_by_name('probes').data"
     start = visit.page.evaluate(f"[{knob}.knob_x[0], {knob}.knob_y[0]]")
+    before = visit.page.url
     visit.drags(start, (x - 5.25, y))
-    visit.page.wait_for_url("**rotation_deg=**")
+    visit.page.wait_for_function("(before) => location.href != before", arg=before)
     query = urlparse(visit.page.url).query
-    turned = dict(part.split("=") for part in query.split("&"))["probe.rotation_deg"]
-    assert float(turned) == pytest.approx(90.0, abs=3.0)
-    visit.reads(moved.with_(**{"probe.rotation_deg": float(turned)}))
+    turned = View.of_query(SCENE, query).scene
+    assert turned.single_probe is not None
+    assert turned.single_probe.rotation_deg == pytest.approx(90.0, abs=3.0)
+    visit.reads(turned)
     other = Visit(browser, f"{address}?{query}")
-    other.reads(moved.with_(**{"probe.rotation_deg": float(turned)}))
+    other.reads(turned)
     other.page.close()
     visit.clicks("undo")
     visit.reads(moved)
