@@ -44,7 +44,7 @@ class FilmFigure:
         names = dict.fromkeys(["image", "dropped", "held", *(name for name, *_ in _LAYERS)])
         self.sources = {name: ColumnDataSource(name=name) for name in names}
         size = {"sizing_mode": "scale_width", "aspect_ratio": 1.15}
-        self.model = plot = figure(**size, tools="wheel_zoom,reset", name="film")
+        self.model = plot = figure(**size, match_aspect=True, tools="wheel_zoom,reset", name="film")
         plot.xaxis.axis_label, plot.yaxis.axis_label = "x (mm)", "y (mm)"
         plot.grid.visible = False
         self.save = SaveTool(filename="pvdf_film")
@@ -54,7 +54,8 @@ class FilmFigure:
         plot.add_layout(self.bar, "right")
         self.show_image(np.zeros((1, 1)), 1.0)
         square = {"x": "x", "y": "x", "dw": "width", "dh": "width", "source": self.sources["image"]}
-        self.field = plot.image("image", **square, color_mapper=self.colours).glyph
+        field = plot.image("image", **square, color_mapper=self.colours)
+        self.field, plot.x_range.renderers, plot.y_range.renderers = field.glyph, [field], [field]
         for name, glyph, look in _LAYERS:
             getattr(plot, glyph)(source=self.sources[name], **look)
         drag = CustomJS(args=self.sources, code=Path(__file__).with_name("drag.js").read_text())
@@ -69,8 +70,6 @@ class FilmFigure:
         square = 1.5 * radius * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
         paths = _columns([square, circle])
         self.sources["rim"].data = {name: [[paths[name]]] for name in paths}
-        for span in (self.model.x_range, self.model.y_range):
-            span.update(start=-1.05 * radius, end=1.05 * radius)
         quantity = QUANTITIES[view.quantity]
         self.bar.title = quantity.label
         self.colours.palette = getattr(palettes, quantity.palette)[::-1]

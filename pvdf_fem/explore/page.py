@@ -59,7 +59,9 @@ class Page:
         self.solver, self.finder, self.builder = workers
         self.history = History(View(start))
         self.film, self.bars = FilmFigure(), [Bars(*bars) for bars in BARS]
-        self.message, self.told, self.located, self.link = (pn.pane.HTML("") for _ in range(4))
+        panes = (pn.pane.HTML("", styles={"overflow-x": "auto"}, **WIDE) for _ in range(3))
+        self.message, self.told, self.located = panes
+        self.link = pn.pane.HTML("")
         self.quantity = pn.widgets.RadioButtonGroup(
             options={quantity.label: name for name, quantity in QUANTITIES.items()}
         )
@@ -80,8 +82,8 @@ class Page:
         self._on(self.quantity, "value", lambda h, name: h.changed({"quantity": name}))
         self._on(self.noise, "value", lambda h, text: _typed(h, f"noise={text}"))
         self._on(self.setting, "value", _typed)
-        self._on(self.undo, "clicks", lambda h, _: h.undone())
-        self._on(self.redo, "clicks", lambda h, _: h.redone())
+        self._on(self.undo, "clicks", lambda h, _: h.undone() if h.past else h)
+        self._on(self.redo, "clicks", lambda h, _: h.redone() if h.future else h)
 
         def dropped(attr: str, old: Any, new: Any) -> None:
             self._go(lambda h: h.changed(dict(zip(new["key"], new["value"], strict=True))))
@@ -131,22 +133,22 @@ class Page:
         history, view = self.history, self.history.view
         self.film.show_scene(view)
         self.undo.disabled, self.redo.disabled = not history.past, not history.future
-        self.quantity.value, self.noise.value = view.quantity, f"{view.noise:g}"
+        self.quantity.value, self.noise.value = view.quantity, str(view.noise)
         self.setting.value = ""
-        wanted = sliders_of(view.scene)
-        if [slider.key for slider, _ in wanted] != [widget.name for widget in self.sliders]:
-            self.sliders.objects = [pn.widgets.FloatSlider(name=s.key, **WIDE) for s, _ in wanted]
-            for widget in self.sliders:
-                slid = partial(_slid, widget.name)
-                self._on(widget, "value_throttled", slid)
-        for (slider, value), widget in zip(wanted, self.sliders, strict=True):
-            limits = {"start": slider.low, "end": slider.high, "step": slider.step}
-            widget.param.update(**limits, value=value)
+        sliders = sliders_of(view.scene)
+        if [*sliders] != [widget.name for widget in self.sliders]:
+            self.sliders.objects = [pn.widgets.FloatSlider(name=key, **WIDE) for key in sliders]
+            for key, widget in zip(sliders, self.sliders, strict=True):
+                self._on(widget, "value_throttled", partial(_slid, key))
+        for slider, widget in zip(sliders.values(), self.sliders, strict=True):
+            widget.param.update(**slider)
         query = f"?{view.query(self.start)}".removesuffix("?")
         self.link.object = f'<a href="{escape(query or "?")}">link to this</a>'
         if pn.state.location:
             pn.state.location.search = query
-        self.results.styles, self.located.object = {"opacity": str(DIMMED)}, "solving …"
+        if self.told.object:
+            self.results.styles = {"opacity": str(DIMMED)}
+        self.located.object = "solving …"
         self._ask(self.solver, self._solved, view, view.scene, view.quantity)
 
     def _ask(self, worker: Worker, show: Callable[..., None], view: View, *request: Any) -> None:
@@ -201,7 +203,7 @@ class Page:
 
 
 def _slid(key: str, history: History, value: float) -> History:
-    return history.changed({key: value})
+    return history.changed({key: round(value, 6)})  # without the rounding of steps
 
 
 def _typed(history: History, text: str) -> History:
@@ -226,5 +228,5 @@ class Bars:
         values = result.get(self.key, {})
         self.pane.visible, self.plot.x_range.factors = bool(values), [*values]
         columns = {"name": [*values], "value": [*values.values()]}
-        columns["text"] = [f"{value:.5g}" for value in values.values()]
+        columns["text"] = [f"{value:.4g}" for value in values.values()]
         self.source.data = {**columns, "colour": [colour_of(i) for i in range(len(values))]}

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any
 from urllib.parse import parse_qsl, urlencode
 
 from pvdf_fem.calibration.unknowns import value_of
@@ -75,42 +77,19 @@ class History:
         return History(self.future[-1], (*self.past, self.view), self.future[:-1])
 
 
-class Slider(NamedTuple):
-    """A value of a scene that a slider changes, and its range."""
-
-    key: str
-    low: float
-    high: float
-    step: float
+SLIDERS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("sliders.toml").read_text("utf-8"))
 
 
-#: The sliders, of which a scene has those whose keys it has.
-SLIDERS = (
-    Slider("load.force_N", 0.05, 5.0, 0.05),
-    Slider("load.depth_mm", 0.05, 5.0, 0.05),
-    Slider("probe.force_N", 0.05, 5.0, 0.05),
-    Slider("probe.rotation_deg", -180.0, 180.0, 1.0),
-    Slider("film.thickness_um", 5.0, 120.0, 1.0),
-    Slider("film.temperature_change_K", -20.0, 0.0, 0.1),
-    Slider("film.pretension_N_m", 0.0, 100.0, 0.5),
-    Slider("film.youngs_modulus_GPa", 0.5, 8.0, 0.1),
-    Slider("electrodes.ring_radius_mm", 2.0, 30.0, 0.5),
-    Slider("electrodes.side_mm", 0.5, 8.0, 0.1),
-    Slider("electrodes.radius_mm", 0.5, 8.0, 0.1),
-)
-
-
-def sliders_of(scene: Scene) -> list[tuple[Slider, float]]:
-    """The sliders of a scene, one for each probe of a list, with its values in their ranges."""
-    found = []
-    for name, *span, step in SLIDERS:
-        of_probe = name.startswith("probe.")
-        for key in (
-            [name.replace("probe", probe) for probe in probe_keys(scene)] if of_probe else [name]
-        ):
+def sliders_of(scene: Scene) -> dict[str, dict[str, float]]:
+    """The sliders of a scene by key: value, limits that enclose it, and step."""
+    found = {}
+    for name, (*limits, step) in SLIDERS.items():
+        for probe in probe_keys(scene) if name.startswith("probe.") else [""]:
+            key = name.replace("probe", probe) if probe else name
             with suppress(AttributeError, TypeError):  # the scene has none, or a pair
                 value = value_of(scene, key)
-                found.append((Slider(key, min(*span, value), max(*span, value), step), value))
+                span = {"start": min(*limits, value), "end": max(*limits, value)}
+                found[key] = {**span, "step": step, "value": value}
     return found
 
 

@@ -74,12 +74,9 @@ def test_what_is_refused_is_named(query, told):
 
 
 def test_sliders_are_those_of_the_scene_and_reach_its_values():
-    thick = TRIANGLE.with_(**{"film.thickness_um": 500.0})
-    found = {slider.key: (slider, value) for slider, value in sliders_of(thick)}
-    slider, value = found["film.thickness_um"]
-    assert slider.high == value == 500.0
+    found = sliders_of(TRIANGLE.with_(**{"film.thickness_um": 500.0}))
+    assert found["film.thickness_um"]["end"] == found["film.thickness_um"]["value"] == 500.0
     assert "electrodes.side_mm" in found
-    assert not {"electrodes.radius_mm", "load.depth_mm"} & set(found)
-    assert not any("probe" in slider.key for slider, _ in sliders_of(Scene()))
-    keys = [slider.key for slider, _ in sliders_of(TWO)]
-    assert {"probe[0].force_N", "probe[1].rotation_deg"} <= set(keys)
+    assert not {"electrodes.radius_mm", "load.depth_mm", "probe.force_N"} & found.keys()
+    assert not any("probe" in key for key in sliders_of(Scene()))
+    assert {"probe[0].force_N", "probe[1].rotation_deg"} <= sliders_of(TWO).keys()
