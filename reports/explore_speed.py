@@ -29,6 +29,7 @@ from playwright.sync_api import sync_playwright
 
 from pvdf_fem.scene.scene_file import example_text, examples
 
+LOCATED = re.compile("by a response|by full solves")  #: What the page says of a touch.
 #: Watches drops and pictures; a message comes after the frame that it was posted in is painted.
 WATCH = """() => {
   window.drops = [], window.pictures = []
@@ -102,16 +103,18 @@ def main() -> None:
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
             assert server.stdout is not None
             path, flags = shutil.which("chromium"), ["--no-sandbox", "--disable-gpu"]
-            browser = driver.chromium.launch(executable_path=path, args=flags)
-            page = browser.new_page(viewport={"width": 1300, "height": 1000})
-            page.set_default_timeout(600_000)
-            page.goto(server.stdout.readline().split()[0])
-            page.get_by_text(re.compile("by a response|by full solves")).first.wait_for()
-            before, load = processor_seconds(server.pid), os.getloadavg()[0]
-            milliseconds = measure(page, options.drops)
-            spent = (processor_seconds(server.pid) - before) / options.drops
-            browser.close()
-            server.send_signal(signal.SIGINT)
+            try:
+                browser = driver.chromium.launch(executable_path=path, args=flags)
+                page = browser.new_page(viewport={"width": 1300, "height": 1000})
+                page.set_default_timeout(300_000)
+                page.goto(server.stdout.readline().split()[0])
+                page.get_by_text(LOCATED).first.wait_for()
+                before, load = processor_seconds(server.pid), os.getloadavg()[0]
+                milliseconds = measure(page, options.drops)
+                spent = (processor_seconds(server.pid) - before) / options.drops
+                browser.close()
+            finally:
+                server.send_signal(signal.SIGINT)
     result = {
         "drops": options.drops,
         "median_ms": round(float(np.median(milliseconds))),

@@ -40,12 +40,14 @@ def serve(scene: Scene, file: Path, port: int, browser: bool) -> None:
         port = test.getsockname()[1]
     workers = Worker(picture_of), Worker(find, 5), Worker(build, 10)  # pictures come first
     with TemporaryDirectory() as folder:
-        print(f"http://{ADDRESS}:{port}/ shows {file}; Ctrl-C ends it", flush=True)
         origins = [f"{name}:{port}" for name in (ADDRESS, "localhost")]
         where = {"port": port, "address": ADDRESS, "websocket_origin": origins, "verbose": False}
         try:
             pages = {"/": lambda: Page(scene, file.name, Path(folder), *workers).layout()}
-            pn.serve(pages, show=browser, title=f"explore {file.name}", **where)
+            look = {"show": browser, "title": f"explore {file.name}", "start": False}
+            server = pn.serve(pages, **look, **where)
+            print(f"http://{ADDRESS}:{port}/ shows {file}; Ctrl-C ends it", flush=True)
+            server.run_until_shutdown()
         finally:
             for worker in workers:
                 worker.close()
