@@ -16,6 +16,7 @@ from pvdf_fem.explore.picture import QUANTITIES
 from pvdf_fem.explore.state import View, probe_keys
 from pvdf_fem.output.figures import COLOURS
 from pvdf_fem.scene.outlines.outline import Outline
+from pvdf_fem.scene.scene import Electrode, Scene
 
 DIMMED = 0.2  #: Opacity of results that are not those of the scene that is shown.
 NONE = Found([], {}, ())
@@ -41,6 +42,8 @@ class FilmFigure:
     """The figure, and the columns of what it shows."""
 
     def __init__(self) -> None:
+        self.drawn: tuple[float, tuple[Electrode, ...]] = 0.0, ()
+        self.found: Found | None = None
         names = dict.fromkeys(["image", "dropped", "held", *(name for name, *_ in _LAYERS)])
         self.sources = {name: ColumnDataSource(name=name) for name in names}
         size = {"sizing_mode": "scale_width", "aspect_ratio": 1.15}
@@ -65,20 +68,27 @@ class FilmFigure:
     def show_scene(self, view: View) -> None:
         """Draw film, electrodes and probes, and dim the picture, which is that of another scene."""
         scene, radius = view.scene, view.scene.film.radius_mm
+        quantity = QUANTITIES[view.quantity]
+        self.bar.title = quantity.label
+        self.colours.palette = getattr(palettes, quantity.palette)[::-1]
+        if (outlines := (radius, scene.electrode_list)) != self.drawn:
+            self.drawn = outlines
+            self._draw_sensor(scene)
+        self.sources["probes"].data = _probes(view)
+        self.field.global_alpha = DIMMED
+        self.show_found(NONE)
+
+    def _draw_sensor(self, scene: Scene) -> None:
+        """Draw the film's rim and the electrodes."""
+        radius = scene.film.radius_mm
         turns = np.linspace(0.0, 2.0 * np.pi, 361)
         circle = radius * np.column_stack([np.cos(turns), np.sin(turns)])
         square = 1.5 * radius * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
         paths = _columns([square, circle])
         self.sources["rim"].data = {name: [[paths[name]]] for name in paths}
-        quantity = QUANTITIES[view.quantity]
-        self.bar.title = quantity.label
-        self.colours.palette = getattr(palettes, quantity.palette)[::-1]
         names = [electrode.name for electrode in scene.electrode_list]
         outlines = _outlines([electrode.outline for electrode in scene.electrode_list])
         self.sources["electrodes"].data = {**outlines, "name": names}
-        self.sources["probes"].data = _probes(view)
-        self.field.global_alpha = DIMMED
-        self.show_found(NONE)
 
     def show_image(self, image: Array, radius_mm: float) -> None:
         """Colour the film by the field of a solve."""
@@ -89,6 +99,9 @@ class FilmFigure:
 
     def show_found(self, found: Found) -> None:
         """Draw likely touches with their ellipses, and isocharge lines."""
+        if found is self.found:
+            return
+        self.found = found
         ellipses, weights = [e for e, _ in found.ellipses], [0.6 * w for _, w in found.ellipses]
         centres = _points([ellipse[:-1].mean(axis=0) for ellipse in ellipses])
         self.sources["ellipses"].data = {**_columns(ellipses), **centres, "weight": weights}

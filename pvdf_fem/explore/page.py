@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 import socket
 from collections.abc import Callable
 from functools import partial
@@ -38,6 +39,7 @@ def serve(scene: Scene, file: Path, port: int, browser: bool) -> None:
         test.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         test.bind((ADDRESS, port))
         port = test.getsockname()[1]
+    logging.getLogger("panel.util").setLevel("ERROR")  # Panel wonders about tables in links
     workers = Worker(picture_of), Worker(find, 5), Worker(build, 10)  # pictures come first
     with TemporaryDirectory() as folder:
         origins = [f"{name}:{port}" for name in (ADDRESS, "localhost")]
