@@ -51,6 +51,7 @@ LIBRARY = (
     "pvdf_fem.touch",
     "pvdf_fem.tracking",
     "pvdf_fem.output",
+    "pvdf_fem.explore",
     "pvdf_fem.cli",
     "pvdf_fem.door",
 )

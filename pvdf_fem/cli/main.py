@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pvdf_fem import __version__
-from pvdf_fem.cli import calibrate, locate, respond, sweep, track
+from pvdf_fem.cli import calibrate, explore, locate, respond, sweep, track
 from pvdf_fem.cli.program import (
     ArgumentParser,
     ExitCode,
@@ -193,7 +193,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_texts(modes, ("--count", "N", "6", "how many frequencies"))
     add_plot(modes, "the shapes of the modes")
-    for command in (respond, sweep, locate, track, calibrate):
+    for command in (respond, sweep, locate, track, calibrate, explore):
         command.add_to(commands)
     return parser
 

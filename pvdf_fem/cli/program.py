@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import io
 import os
-import re
 import sys
 import warnings
 from collections.abc import Callable, Sequence
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from pvdf_fem.files import FileError, printable, require_writable
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
-from pvdf_fem.scene.scene_file import SceneError
+from pvdf_fem.scene.scene_file import SceneError, parse_change
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -91,15 +90,15 @@ def add_scene_command(
 def scene_of(options: argparse.Namespace, *mistakes: str) -> Scene:
     """The scene with its changes; raises `InputError` with the given mistakes and its own."""
     from pvdf_fem.scene.change import spelled
-    from pvdf_fem.scene.scene import Scene, SceneError
+    from pvdf_fem.scene.scene import Scene
 
     problems, changes = list(mistakes), {}
     for text in options.settings:
         try:
-            key, value = _change(text)
+            key, value = parse_change(text)
             changes[spelled(key)] = value
-        except InputError as error:
-            problems += error.args
+        except SceneError as error:
+            problems += [f"--set {told}" for told in error.problems]
     try:
         scene: Scene = Scene.load(options.scene)
         scene = scene.with_(**changes) if changes else scene
@@ -108,26 +107,6 @@ def scene_of(options: argparse.Namespace, *mistakes: str) -> Scene:
     if problems:
         raise InputError(*problems)
     return scene
-
-
-def _change(text: str) -> tuple[str, Any]:
-    from pvdf_fem.scene.scene_file import SceneError, parse_toml
-
-    shown = text if len(text) <= 80 else f"{text[:77]}..."
-    key, equals, value = (part.strip() for part in text.partition("="))
-    if not (key and equals and value):
-        raise InputError(f"--set {shown}: is no change; write KEY=VALUE, such as load.force_N=2")
-    try:
-        table = parse_toml(f"value = {value}", "--set")
-    except SceneError:
-        table = {}
-    if list(table) == ["value"]:
-        return key, table["value"]
-    if re.fullmatch(r"[^\W\d][\w -]*", value):
-        return key, value
-    raise InputError(
-        f"--set {shown}: the value is not TOML; write a number, a word, [...] or '\"...\"'"
-    )
 
 
 def add_texts(parser: Any, *options: tuple[str, str, str | None, str]) -> None:

@@ -93,21 +93,41 @@ def write_toml(table: Mapping[str, Any]) -> str:
             (f"[[{name}]]", content) if isinstance(content, list) else (f"[{name}]", [content])
         )
         for row in rows:
-            lines = [heading, *(f"{key} = {_toml(value)}" for key, value in row.items())]
+            lines = [heading, *(f"{key} = {toml_value(value)}" for key, value in row.items())]
             blocks.append("\n".join(lines) + "\n")
     return "\n".join(blocks)
 
 
-def _toml(value: Any) -> str:
+def parse_change(text: str) -> tuple[str, Any]:
+    """Key and value of ``KEY=VALUE``, a value in TOML or a bare word; SceneError for no change."""
+    shown = text if len(text) <= 80 else f"{text[:77]}..."
+    key, equals, value = (part.strip() for part in text.partition("="))
+    if not (key and equals and value):
+        reason = "is no change; write KEY=VALUE, such as load.force_N=2"
+        raise SceneError([f"{shown}: {reason}"])
+    try:
+        table = parse_toml(f"value = {value}", "")
+    except SceneError:
+        table = {}
+    if list(table) == ["value"]:
+        return key, table["value"]
+    if re.fullmatch(r"[^\W\d][\w -]*", value):
+        return key, value
+    reason = "the value is not TOML; write a number, a word, [...] or '\"...\"'"
+    raise SceneError([f"{shown}: {reason}"])
+
+
+def toml_value(value: Any) -> str:
+    """A scalar, a list or a table as TOML in one line."""
     if isinstance(value, str):
         # the escapes of JSON are TOML's, and other printable characters stand for themselves
         return json.dumps(value, ensure_ascii=False)
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, list):
-        return f"[{', '.join(map(_toml, value))}]"
+        return f"[{', '.join(map(toml_value, value))}]"
     if isinstance(value, Mapping):
-        items = (f"{_toml(str(key))} = {_toml(item)}" for key, item in value.items())
+        items = (f"{toml_value(str(key))} = {toml_value(item)}" for key, item in value.items())
         return f"{{ {', '.join(items)} }}"
     return repr(value)
 

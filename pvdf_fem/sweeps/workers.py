@@ -25,7 +25,7 @@ Result = TypeVar("Result")
 # Deaths of processes without a result between them after which the next task is run alone.
 MOST_DEATHS = 2
 _LIBRARIES = ("OMP", "OPENBLAS", "MKL", "BLIS")
-_ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in _LIBRARIES}
+ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in _LIBRARIES}
 
 
 class ClusterError(RuntimeError):
@@ -101,11 +101,11 @@ def _has_died(future: Any) -> bool:
 def _executor(count: int) -> Any:
     """Processes that stay for later calls for 300 s. They are joblib's own, which a caller's
     `joblib.Parallel` takes over."""
-    ends = {"initializer": _end_with, "initargs": (os.getpid(),)}
-    return get_memmapping_executor(count, timeout=300, env=_ONE_THREAD, **ends)
+    ends = {"initializer": end_with, "initargs": (os.getpid(),)}
+    return get_memmapping_executor(count, timeout=300, env=ONE_THREAD, **ends)
 
 
-def _end_with(parent: int) -> None:
+def end_with(parent: int) -> None:
     """End this process soon after its parent, which may have been killed."""
 
     def watch() -> None:

@@ -1,0 +1,50 @@
+"""The command ``pvdf-fem explore``: a page to play with a scene."""
+
+from __future__ import annotations
+
+import argparse
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, scene_of
+from pvdf_fem.cli.response_model import number_of
+
+DESCRIPTION = """\
+A page in the browser, served on this machine only (127.0.0.1): drag, turn and press
+the probe, change film and electrodes, and see deflection or stress, charges,
+readings, and what `locate` says of these charges. Every picture is a full solve."""
+EPILOG = """\
+examples:
+  pvdf-fem explore scene.toml
+  pvdf-fem explore scene.toml --port 8000 --no-browser
+
+It needs the packages of `pip install "pvdf-fem[explore]"`. Ctrl-C ends it.
+
+exit codes: 0 ended by Ctrl-C, 2 bad input, or a port that is taken"""
+
+
+def add_to(commands: Any) -> None:
+    """Add the command to those of an argument parser."""
+    summary = "a page to play with a scene"
+    parser = add_scene_command(commands, "explore", run, summary, DESCRIPTION, EPILOG, as_json="")
+    add_texts(parser, ("--port", "PORT", "0", "port of the page; 0 is any free one"))
+    parser.add_argument("--no-browser", action="store_true", help="only print the address")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the command until it is interrupted."""
+    port, taken = number_of(options.port), f"--port {options.port[:60]}"
+    mistakes = [] if port in range(65536) else [f"{taken}: is no port; give 0 to 65535"]
+    scene = scene_of(options, *mistakes)
+    for package in ("bokeh", "panel"):
+        if find_spec(package) is None:
+            advice = 'run: pip install "pvdf-fem[explore]"'
+            raise InputError(f"explore: the package {package} is missing; {advice}")
+    from pvdf_fem.explore.page import serve
+
+    try:
+        serve(scene, Path(options.scene), int(port or 0), not options.no_browser)
+    except OSError as error:
+        raise InputError(f"{taken}: {error.strerror}; give another") from error
+    return ExitCode.CONVERGED

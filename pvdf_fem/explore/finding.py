@@ -1,0 +1,128 @@
+"""What `locate` says of the charges of a scene: the likely touches with their ellipses.
+
+Until there is a response of film and probe, touches are located by full solves, which takes some
+seconds. With a response there are also isocharge lines: the places of the probe where an electrode
+would have the charge that it has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import contourpy
+import numpy as np
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.readout.channel import channels
+from pvdf_fem.response.build import ResponseOptions, build_response
+from pvdf_fem.response.model import Domain, Model, centred, touch_of
+from pvdf_fem.response.probe_stress import ProbeMesh
+from pvdf_fem.response.response import Response
+from pvdf_fem.response.response_file import response_key
+from pvdf_fem.scene.scene import Scene
+from pvdf_fem.solution.summary import Grid
+from pvdf_fem.touch.by_solves import locate_by_solves
+from pvdf_fem.touch.locate import locate
+
+DOMAIN = Domain(12.0, (0.1, 5.0))  #: Touches of the response that is built for the page.
+TOLERANCE = 1e-2  #: Its error bound.
+LINE_STEP_MM = 0.5  #: Distance of the places between which isocharge lines are interpolated.
+#: Coarser than those of `pvdf-fem locate`, which take four times as long.
+OPTIONS = ResponseOptions(
+    cell=0.2, largest_cell_mm=1.0, held_out=8, elements=ProbeMesh().scaled(1.5)
+)
+
+
+class Found(NamedTuple):
+    """Touches that explain the charges of a scene, and where its electrodes have these charges."""
+
+    #: Ellipses of one standard deviation in mm, (n, 2), with the weights of their touches.
+    ellipses: list[tuple[Array, float]]
+    #: Isocharge lines in mm, (n, 2), by electrode.
+    lines: dict[str, list[Array]]
+    #: How the touches were found, and what keeps the first from being the answer.
+    remarks: tuple[str, ...]
+    table: Grid = Grid((), ())  #: The touches with their standard deviations and weights.
+
+
+def _found(touches: Sequence[dict[str, Any]], lines: dict[str, Any], *remarks: str) -> Found:
+    """Of touches as JSON: quantities by name, or by key of a scene with several probes."""
+    places = [(touch, key) for touch in touches for key in touch if key.endswith("x_mm")]
+    ellipses = [(ellipse(touch, key), touch["weight"]) for touch, key in places]
+    rows, names = [], list(touches[0]["standard_deviations"]) if touches else []
+    for touch in touches:
+        cells = (f"{touch[key]:.4g} ± {touch['standard_deviations'][key]:.2g}" for key in names)
+        rows.append((f"{100.0 * touch['weight']:.3g} %", *cells))
+    return Found(ellipses, lines, remarks, Grid(("likely", *names), (*rows,)))
+
+
+def ellipse(touch: Mapping[str, Any], x_key: str, points: int = 73) -> Array:
+    """The ellipse in mm, (points, 2), of one standard deviation of a place."""
+    keys = [x_key, x_key.replace("x_mm", "y_mm")]
+    rows = [[*touch["standard_deviations"]].index(key) for key in keys]
+    root = np.linalg.cholesky(np.array(touch["covariance"])[np.ix_(rows, rows)])
+    turns = np.linspace(0.0, 2.0 * np.pi, points)
+    return [touch[key] for key in keys] + np.column_stack([np.cos(turns), np.sin(turns)]) @ root.T
+
+
+def response_file(scene: Scene, folder: Path) -> Path | None:
+    """The file of a scene's response in a folder; None of a scene that can have none."""
+    try:
+        return folder / response_key(scene, DOMAIN, TOLERANCE)
+    except ValueError:  # of several probes, and of loads that are no force
+        return None
+
+
+def build(scene: Scene, file: Path) -> Path:
+    """Build the response of a scene and write its file, which is returned."""
+    limits = DOMAIN.reach_mm, DOMAIN.force_N, TOLERANCE
+    build_response(centred(scene), *limits, processes=1, file=file, options=OPTIONS)
+    return file
+
+
+def find(scene: Scene, result: Mapping[str, Any], noise: float, file: Path | None) -> Found:
+    """The likely touches of a scene by its result, with the response in a file if there is one.
+
+    Readings are changes of charges where the scene's readout reads these, else charges. `noise` is
+    their standard deviation, relative to them, to which the readout's is added. Raises ValueError
+    for what cannot be located.
+    """
+    reading = scene.readout.reading if scene.readout else "total"
+    charges = result["charge_changes_pC" if reading == "change" else "charges_pC"]
+    noise_pC = {c.name: 1e12 * c.noise * c.capacitance / abs(c.gain) for c in channels(scene)}
+    how: dict[str, Any] = {"sigma": noise, "noise_pC": noise_pC, "reading": reading}
+    scene = scene.with_(stage=None, readout=None)  # places are those of the film
+    if file is None:
+        touches = locate_by_solves(scene, charges, touches=len(scene.loaded_probes), **how)
+        return _found([touch.to_json() for touch in touches], {}, "by full solves")
+    model = _response(file, centred(scene)).for_scene(scene)
+    location, lines = locate(model, charges, **how), isocharge_lines(model, result["charges_pC"])
+    told = f"by a response whose charges are off by {100.0 * model.error_bound:.2g} % at most"
+    told += ", as are the lines: places of the probe where an electrode has its charge"
+    return _found(location.to_json()["touches"], lines, told, *location.remarks)
+
+
+@lru_cache(maxsize=8)
+def _response(file: Path, scene: Scene) -> Response:
+    return Response.load(file).for_scene(scene, 1)
+
+
+def isocharge_lines(model: Model, charges_pC: Mapping[str, float]) -> dict[str, list[Array]]:
+    """Lines in mm, (n, 2), by electrode: places where the probe of a model's scene, turned and
+    pressed as it is, would give charges. None for a force that the model does not hold for."""
+    touch, (low, high) = touch_of(model.scene), DOMAIN.force_N
+    if not low <= touch["force_N"] <= high:
+        return {}
+    count = round(2.0 * DOMAIN.reach_mm / LINE_STEP_MM)
+    radii, turns = np.linspace(0.0, DOMAIN.reach_mm, count), np.linspace(0.0, 2 * np.pi, 3 * count)
+    x, y = radii[:, None] * np.cos(turns), radii[:, None] * np.sin(turns)
+    pressed = np.full((2, x.size), [[touch["rotation_deg"]], [touch["force_N"]]])
+    charges = model.evaluate(np.stack([x.ravel(), y.ravel(), *pressed], axis=-1))[0]
+    lines: dict[str, Any] = {}
+    for name, values in zip(model.names, charges.T, strict=True):
+        contours = contourpy.contour_generator(x, y, values.reshape(x.shape))
+        lines[name] = contours.lines(charges_pC[name])
+    return lines
