@@ -37,6 +37,7 @@ from reports.common.options import add_out, add_processes
 from reports.common.page import Cell, Column, Page, Picture, Section, Table
 from reports.common.results import MATERIAL, THESIS_EDGE, Results
 from reports.common.thesis_scene import TOLERANCE
+from reports.front.landing import publish
 
 #: Readings of our charge that a measured charge is compared with.
 READINGS = {
@@ -64,7 +65,7 @@ def _compare(options: argparse.Namespace) -> int:
         results.solve(scenes, lambda solved, total: bar.update(1 if solved else 0))
     compared = [_beside(measurement, options.contact, results) for measurement in measured]
     page = _page(options.file, options.contact, compared, options.out)
-    print(page.write(options.out))
+    print(publish(page, options.out))
     return 0 if all(measurement.status == "converged" for measurement in compared) else 1
 
 

@@ -23,15 +23,18 @@ from tqdm import tqdm
 from pvdf_fem import __version__
 from pvdf_fem.cli.program import ArgumentParser, run_program
 from pvdf_fem.files import make_directory
-from pvdf_fem.output.figures import COLOURS, GREY, new_figure, save, style
+from pvdf_fem.output.figures import COLOURS, GREY, new_figure, style
 from pvdf_fem.response.response import Response
 from pvdf_fem.touch.locate_many import locate_many
 from reports.chapters.experiments import thesis_circuit
+from reports.common.figures import save
 from reports.common.options import add_out, add_processes, number_of
 from reports.common.page import Cell, Column, Page, Picture, Section, Table
 from reports.common.results import MATERIAL
 from reports.common.thesis_data import Position, Thesis
 from reports.common.thesis_scene import scene_of
+from reports.front.catalogue import REPORTS
+from reports.front.landing import publish
 from reports.locating.models import (
     electrodes_of,
     response_of,
@@ -125,10 +128,8 @@ def _predict(options: argparse.Namespace) -> int:
     for section in sections:
         section.write_tables(options.out)
     provenance = {"pvdf_fem": __version__, "Samples": f"{options.samples} of each source and scene"}
-    page = Page(
-        "The thesis's experiments, errors and their causes", _introduction(), sections, provenance
-    )
-    print(page.write(options.out))
+    page = Page(REPORTS["experiment"].title, _introduction(), sections, provenance)
+    print(publish(page, options.out))
     return 0
 
 

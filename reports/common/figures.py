@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Polygon
 
-from pvdf_fem.output.figures import new_figure, save, style
+from pvdf_fem.output import figures
+from pvdf_fem.output.figures import LABEL_SIZE, new_figure, style
 from pvdf_fem.scene.outlines.outline import Outline
 from reports.common.charge_figures import charge_against_force, charge_against_rotation, differences
 from reports.common.comparison import Comparison, curves, sound_differences
@@ -28,6 +31,29 @@ _OVER = {
     "force_N": (charge_against_force, "force (N)"),
     "rotation_deg": (charge_against_rotation, "rotation of the probe (°)"),
 }
+
+_is_preview: ContextVar[bool] = ContextVar("_is_preview", default=False)
+
+
+@contextmanager
+def preview(is_preview: bool) -> Iterator[None]:
+    """A context in which every figure that is saved says so if it belongs to a preview."""
+    token = _is_preview.set(is_preview)
+    try:
+        yield
+    finally:
+        _is_preview.reset(token)
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure; one of a preview gets a line below it that says so."""
+    if _is_preview.get():
+        line = 1.6 * LABEL_SIZE / 72.0 / figure.get_figheight()
+        if isinstance(layout := figure.get_layout_engine(), ConstrainedLayoutEngine):
+            layout.set(rect=(0.0, line, 1.0, 1.0 - line))
+        look: dict[str, Any] = {"fontsize": LABEL_SIZE, "color": "#8a5a00"}
+        figure.text(0.995, 0.2 * line, "preview: no result", ha="right", **look)
+    figures.save(figure, path)
 
 
 @contextmanager

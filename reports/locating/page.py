@@ -9,10 +9,11 @@ import numpy as np
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
-from pvdf_fem.output.figures import COLOURS, new_figure, save, style
+from pvdf_fem.output.figures import COLOURS, new_figure, style
 from pvdf_fem.response.model import QUANTITIES
 from pvdf_fem.response.response import Response
 from pvdf_fem.touch.locate import locate
+from reports.common.figures import save
 from reports.common.page import Cell, Column, Picture, Section, Table
 from reports.common.results import Results
 from reports.common.thesis_data import Position, Thesis

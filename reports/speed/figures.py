@@ -11,7 +11,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from pvdf_fem.output.figures import COLOURS, GREY, LABEL_SIZE, new_figure, save, style
+from pvdf_fem.output.figures import COLOURS, GREY, LABEL_SIZE, new_figure, style
+from reports.common.figures import save
 from reports.speed.cases import BenchmarkCase, Reference
 from reports.speed.growth import Size
 from reports.speed.runs import GOAL, OURS, UNIFORM, TimedRun
