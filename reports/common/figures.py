@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Polygon
 
 from pvdf_fem.output import figures
-from pvdf_fem.output.figures import LABEL_SIZE, new_figure, style
+from pvdf_fem.output.figures import COLOURS, new_figure, style
 from pvdf_fem.scene.outlines.outline import Outline
 from reports.common.charge_figures import charge_against_force, charge_against_rotation, differences
 from reports.common.comparison import Comparison, curves, sound_differences
@@ -46,13 +45,11 @@ def preview(is_preview: bool) -> Iterator[None]:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure; one of a preview gets a line below it that says so."""
+    """Write a figure; that of a preview has the word across it, faintly but large."""
     if _is_preview.get():
-        line = 1.6 * LABEL_SIZE / 72.0 / figure.get_figheight()
-        if isinstance(layout := figure.get_layout_engine(), ConstrainedLayoutEngine):
-            layout.set(rect=(0.0, line, 1.0, 1.0 - line))
-        look: dict[str, Any] = {"fontsize": LABEL_SIZE, "color": "#8a5a00"}
-        figure.text(0.995, 0.2 * line, "preview: no result", ha="right", **look)
+        look: dict[str, Any] = {"rotation": 25, "ha": "center", "va": "center", "zorder": 100}
+        size = 0.16 * min(figure.bbox.width, 1.5 * figure.bbox.height) * 72.0 / figure.dpi
+        figure.text(0.5, 0.5, "preview", fontsize=size, color=COLOURS[1], alpha=0.13, **look)
     figures.save(figure, path)
 
 

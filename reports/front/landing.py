@@ -86,9 +86,9 @@ def _pictures_of(page: Page | None, section_name: str) -> list[Picture]:
 
 
 def _thumbnail(report: str, pages: Pages, section_name: str = "") -> str:
-    """Link to the first picture of a section, or of the page without one; empty if it has none."""
+    """Link to the first picture of a section, or of the page if none is named; else empty."""
     page = pages[report]
-    pictures = _pictures_of(page, section_name) or page.pictures
+    pictures = _pictures_of(page, section_name) if section_name else page.pictures
     folder = REPORTS[report].page.rpartition("/")[0]
     return quote("/".join(filter(None, [folder, pictures[0].file]))) if pictures else ""
 
@@ -129,7 +129,7 @@ def _findings(pages: Pages) -> Iterator[Card]:
         keys = ("place", "states", "gives", "shown")
         for place, states, gives, shown in zip(*map(found.cells, keys), strict=True):
             section = _about(page, str(shown)) or found.section
-            picture = _thumbnail(DEFAULT, pages, section.name) if section.blocks else ""
+            picture = _thumbnail(DEFAULT, pages, section.name)
             link = f"{REPORTS[DEFAULT].page}#{section.name}"
             yield Card(str(states), str(gives), link, picture, f"Thesis, {place}")
 
