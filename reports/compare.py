@@ -78,8 +78,9 @@ class ComparedMeasurement:
     status: str
 
     def difference(self, reading: str) -> float:
-        """The measured charge minus ours, in percent of ours."""
-        return 100.0 * (self.measured.charge_pC / self.ours_pC[reading] - 1.0)
+        """Our charge minus the measured one, in percent of the measured; NaN if that is 0."""
+        measured_pC = self.measured.charge_pC
+        return 100.0 * (self.ours_pC[reading] / measured_pC - 1.0) if measured_pC else np.nan
 
 
 def _rest(scene: Scene) -> Scene:
@@ -148,7 +149,7 @@ def _table(compared: Sequence[ComparedMeasurement]) -> Table:
         group = reading.replace("_", "-")
         columns.append(Column(f"{reading}_pC", "ours (pC)", 1, group))
         columns.append(
-            Column(f"{reading}_difference_percent", "measured − ours (%)", 2, group, True)
+            Column(f"{reading}_difference_percent", "ours − measured (%)", 2, group, True)
         )
     columns.append(Column("status", "status"))
     return Table("comparison", "All charges.", columns, [_row(charge) for charge in compared])
@@ -191,7 +192,7 @@ def _overview(compared: Sequence[ComparedMeasurement], path: Path) -> None:
             x = [charge.ours_pC[reading] for charge in compared]
             y = [charge.difference(reading) for charge in compared]
             below.plot(x, y, marker, mfc="none", mec=ink, label=reading.replace("_", "-"))
-        below.set(xlabel="computed charge (pC)", ylabel="measured − computed (%)")
+        below.set(xlabel="computed charge (pC)", ylabel="computed − measured (%)")
         for ax in (above, below):
             ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.0)
 

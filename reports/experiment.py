@@ -358,7 +358,7 @@ def _share_picture(predictions: Sequence[Predicted], names: Sequence[str], path:
                 np.sqrt(mean_square(predictions, name, way)) for way in (GIVEN, SCALED)
             )
             ax.barh(y, unscaled, color=COLOURS[4], height=0.6)
-            ax.plot(scaled, y, "o", mfc="none", mec=COLOURS[1], mew=1.4)
+            ax.plot(scaled, y, "o", mfc="none", mec=COLOURS[0], mew=1.4)
         ax.axvline(measured, color=GREY, lw=1.0, ls=(0, (4, 3)))
         ax.annotate("measured", (measured, -0.6), (3, 0), textcoords="offset points", size=8)
         ax.set_yticks(range(len(names)), names)
