@@ -42,6 +42,7 @@ from reports.chapters import (
     spheres,
     summary,
     thickness,
+    unexplained,
 )
 from reports.chapters.film_placement.chapter import FILM_PLACEMENT_CHAPTER
 from reports.chapters.force_and_angle import (
@@ -104,6 +105,7 @@ CHAPTERS = (
     experiments.CHARGE_PARTS_CHAPTER,
     experiments.CIRCUIT_CHAPTER,
     summary.MESH_CHAPTER,
+    unexplained.UNEXPLAINED_CHAPTER,
     summary.ALL_CHAPTER,
 )
 PACKAGES = ("gmsh", "matplotlib", "numpy", "scikit-fem", "scipy")
@@ -276,7 +278,6 @@ def _section(
             content.paragraphs,
             content.blocks,
             note=_failures(results, scenes),
-            shows=chapter.shows,
         )
         section.write_tables(out)
         return section

@@ -225,9 +225,10 @@ def _first_picture(
 
 def _cut_table(points: Sequence[ComparedPoint]) -> Table:
     columns = [
-        Column("contour", "contour"),
+        Column("contour", "contour", on_page=False),
+        Column("contour_of", "contour of"),
         Column("angle_deg", "line (°)", 0),
-        Column("case", "case"),
+        Column("case", "case", on_page=False),
         Column("electrode", "electrode"),
         Column("charge_pC", "charge (pC)", 4),
         Column("x_mm", "x (mm)", 4),
@@ -242,7 +243,13 @@ def _cut_table(points: Sequence[ComparedPoint]) -> Table:
     rows: list[list[Cell]] = []
     for compared in points:
         point = compared.point
-        row: list[Cell] = [point.contour, point.angle_deg, point.case, point.electrode]
+        row: list[Cell] = [
+            point.contour,
+            point.contour[-1],
+            point.angle_deg,
+            point.case,
+            point.electrode,
+        ]
         row += [point.charge_pC, point.x_mm, point.y_mm, compared.charge_pC]
         row += [
             100.0 * (compared.charge_pC / point.charge_pC - 1.0),

@@ -23,7 +23,7 @@ from reports.common.charge_figures import Series, label_curves
 from reports.common.figures import LEVEL_DASHES, drawing
 from reports.common.page import Cell, Column, Picture, Table
 from reports.common.results import MATERIAL, Results
-from reports.common.thesis_data import Position, Thesis
+from reports.common.thesis_data import SHAPES, Position, Thesis
 from reports.common.thesis_scene import thesis_scene
 from reports.thesis_methods.circuit import Circuit, dynamic_factor, voltage_ratio
 
@@ -72,7 +72,11 @@ def _same_place(measured: Position, simulated: list[Position]) -> Position | Non
 
 
 def _position_row(measured: Position, simulated: Position | None) -> list[Cell]:
-    cells: list[Cell] = [measured.case, f"{measured.probe}, {measured.position}", measured.error_mm]
+    cells: list[Cell] = [
+        measured.case,
+        f"{SHAPES[measured.probe]}, {measured.position}",
+        measured.error_mm,
+    ]
     if simulated is None:
         return [*cells, None, None, None]
     error = simulated.error_mm

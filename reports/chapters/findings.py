@@ -15,17 +15,28 @@ import numpy as np
 
 from pvdf_fem import Scene
 from pvdf_fem.scene.outlines.outline import turn
+from reports.chapters import contours, mapping
 from reports.chapters.calibration import DIRECTIONS_DEG
 from reports.chapters.contact import CONTACT_CHAPTER, CONTACTS, pressed
 from reports.chapters.experiments import CIRCUIT_CHAPTER, MEASURED_POSITIONS_CHAPTER, thesis_circuit
-from reports.chapters.force_and_angle.force_law import rest_charge_pC
+from reports.chapters.force_and_angle.angle import ANGLE_CHAPTER, angle_errors_deg
+from reports.chapters.force_and_angle.force import RECTANGLE_FORCE_CHAPTER, TRIANGLE_FORCE_CHAPTER
+from reports.chapters.force_and_angle.force_law import FORCE_LAW_CHAPTER, rest_charge_pC
+from reports.chapters.force_and_angle.orientation import ROTATION_CHAPTER
+from reports.chapters.force_and_angle.recovery import RECOVERY_CHAPTER
+from reports.chapters.force_and_angle.rectangle import Rectangle, asymmetry_pC, table_scenes
+from reports.chapters.force_and_angle.surface import SURFACE_CHAPTER
+from reports.chapters.positions.positions import (
+    TRIANGLE_POSITIONS_CHAPTER,
+    TWO_NEWTON_POSITIONS_CHAPTER,
+)
 from reports.chapters.spheres import BESIDE_MM, SPHERES_CHAPTER, contrast, faked_mm, sphere
-from reports.chapters.thickness import PLACE_MM, THICKNESS_CHAPTER
+from reports.chapters.thickness import PLACE_MM, THICKNESS_CHAPTER, as_plate
 from reports.chapters.transducer import effects, moving
 from reports.chapters.transducer.chapter import TRANSDUCER_CHAPTER
 from reports.chapters.transducer.texts import pressure_pC, span
 from reports.common.chapter import Chapter, Content
-from reports.common.page import Cell, Column, Table
+from reports.common.page import Cell, Column, Link, Table, joined, signed
 from reports.common.results import MATERIAL, THESIS_EDGE, Results
 from reports.common.thesis_data import Thesis
 from reports.common.thesis_scene import thesis_scene
@@ -64,7 +75,7 @@ class Finding:
     place: str
     states: str
     gives: str
-    shown: str
+    shown: Chapter
 
 
 # --------------------------------------------------------------------- chapter 3, positions
@@ -85,7 +96,7 @@ def _layout(evidence: Evidence) -> Finding:
         f"Both cannot be. With 60° the centres of A and B are {distance:.2f} mm apart, more than "
         f"the largest radii of their contours in Fig. 3.9 together ({radii['A']:.2f} and "
         f"{radii['B']:.2f} mm): these could not meet. 30° and 150° give the triangle and the data.",
-        "Figs. 3.9 and 3.10",
+        contours.FIGURE_3_9_CHAPTER,
     )
 
 
@@ -100,7 +111,7 @@ def _curve_order(evidence: Evidence) -> Finding:
         "In Fig. 3.5 the curve of 35° is uppermost and that of 90° lowermost.",
         f"The thesis's own contour reaches 905 pC at {radius[35.0]:.3f} mm on 35° and at "
         f"{radius[90.0]:.3f} mm on 90°: there the curve of 90° is above. Ours agree.",
-        "Fig. 3.5",
+        mapping.FIGURE_3_5_CHAPTER,
     )
 
 
@@ -117,7 +128,7 @@ def _equal_by_symmetry(evidence: Evidence) -> Finding:
         f"They are equivalent by symmetry. Integrated over the electrodes the charges agree to "
         f"{_spread(ours):.2f} %; averages over edges along x and y, whose directions do not turn "
         f"with the layout, spread by {_spread(edges):.1f} % (printed {_spread(printed):.1f} %).",
-        "Table 3.4",
+        TRIANGLE_FORCE_CHAPTER,
     )
 
 
@@ -132,7 +143,7 @@ def _not_intersecting(evidence: Evidence) -> Finding:
         "Contours of a calibration with the probe's own shape and orientation meet in all of "
         "them; what fails is the calibration with the unrotated probe, and the rule that asks for "
         "crossings where least squares has an answer.",
-        "Tables 3.1 to 3.5",
+        TRIANGLE_POSITIONS_CHAPTER,
     )
 
 
@@ -149,7 +160,7 @@ def _two_newtons(evidence: Evidence) -> Finding:
         "Triangulation always works up to 2 N.",
         f"Section 3.4.2 itself reports no intersections of {' and '.join(failed)} for the probe at "
         "the centre, at 2 N.",
-        "Tables 3.1 to 3.5",
+        TWO_NEWTON_POSITIONS_CHAPTER,
     )
 
 
@@ -171,7 +182,7 @@ def _linear(evidence: Evidence) -> Finding:
         f"From 0.25 to 0.5 N the printed charges grow {np.mean(ratios):.2f} times, not twice; the "
         f"local exponents of A are {min(exponents):.2f} to {max(exponents):.2f}, near a membrane's "
         "2/3. The claim rests on two points, and a line goes through any two points.",
-        "Force laws",
+        FORCE_LAW_CHAPTER,
     )
 
 
@@ -184,23 +195,31 @@ def _cubics(evidence: Evidence) -> Finding:
         "Each has four coefficients for four points, so that nothing is left to test it. That of A "
         f"gives {constant:.1f} pC without force, where the pretension alone makes {at_rest:.1f} "
         f"pC, and {evidence.polynomial('3.4.1_A', 5.0):.0f} pC at 5 N.",
-        "Force laws",
+        FORCE_LAW_CHAPTER,
     )
 
 
-def _millimetre(evidence: Evidence) -> Finding:
+def _thick_and_thin() -> tuple[Scene, Scene, Scene]:
+    """The 1 mm film as the plate that it is and as a membrane, and the 25 µm film, at 1 N."""
     x, y = PLACE_MM
-    scene = thesis_scene("3", "tri7", x_mm=x, y_mm=y)
-    thin, thick = (scene.with_(**{"film.thickness_um": thickness}) for thickness in (25.0, 1000.0))
+    thin = thesis_scene("3", "tri7", x_mm=x, y_mm=y)
+    thick = thin.with_(**{"film.thickness_um": 1000.0})
+    return as_plate(thick), thick, thin
+
+
+def _millimetre(evidence: Evidence) -> Finding:
     printed = [evidence.polynomial(f"3.4.3_{name}", 1.0) for name in "ABC"]
-    ours = [[evidence.ours(film, name) for name in "ABC"] for film in (thin, thick)]
+    plate, membrane, thin = (
+        [evidence.ours(film, name) for name in "ABC"] for film in _thick_and_thin()
+    )
     return Finding(
         "3.4.3",
         "The printed equations are those of the 1 mm film (Fig. 3.25).",
-        f"At 1 N they give {_listed(printed)} pC for A, B, C. Our 25 µm film has "
-        f"{_listed(ours[0])} pC, the 1 mm film {_listed(ours[1])} pC. They are equations of "
-        "Fig. 3.23; with them the statement falls that thickness makes the charge more linear.",
-        THICKNESS_CHAPTER.title,
+        f"At 1 N they give {_listed(printed)} pC for A, B, C. A 1 mm film is a plate, and has "
+        f"{_listed(plate)} pC ({_listed(membrane)} pC if it were a membrane); a 25 µm film has "
+        f"{_listed(thin)} pC. They are equations of the 25 µm film (Fig. 3.23); with them the "
+        "statement falls that thickness makes the charge more linear.",
+        THICKNESS_CHAPTER,
     )
 
 
@@ -218,48 +237,36 @@ def _corner(evidence: Evidence) -> Finding:
         "A corner points at A at 26.6°. Table 4.1 falls from 0° on: "
         + ", ".join(f"{charge:.1f} pC at {rotation:g}°" for rotation, charge in charges.items())
         + ". Only a rigid probe that sticks has its largest charge near the corner.",
-        CONTACT_CHAPTER.title,
+        CONTACT_CHAPTER,
     )
 
 
 def _pairs(evidence: Evidence) -> Finding:
-    angles = [10.0 * i for i in range(10)]
-    gap = max(
-        abs(
-            evidence.printed("Table 4.1", "B", angle, 1.0)
-            - evidence.printed("Table 4.1", "A", 90.0 - angle, 1.0)
-        )
-        for angle in angles
-    )
+    asymmetry = asymmetry_pC(evidence.thesis)
+    mean = float(np.mean([charge.charge_pC for charge in evidence.thesis.from_("Table 4.1")]))
     return Finding(
         "4.1.1",
-        "There is no clue which charge of B goes with one of A; to find out is virtually "
+        "There is no clue which charge of electrode B goes with one of A; to find out is virtually "
         "impossible.",
-        f"By symmetry B at an angle is A at 90° less that angle: Table 4.1 obeys it within "
-        f"{gap:.2f} pC. So A and B together give the angle and the force.",
-        "Tables 4.2 and 4.3",
+        "By symmetry B at an angle is A at 90° less that angle. Charges of Table 4.1 that symmetry "
+        f"makes equal differ by {asymmetry:.2f} pC at most, {100.0 * asymmetry / mean:.1f} %. So "
+        "A and B together give the angle and the force.",
+        RECOVERY_CHAPTER,
     )
 
 
 def _angle_errors(evidence: Evidence) -> Finding:
-    curve = evidence.thesis.polynomials["4.1"]
-    estimates = [
-        candidate
-        for candidate in evidence.thesis.angle_estimates
-        if candidate.source == "Table 4.2"
-    ]
-    degrees = []
-    for estimate in estimates:
-        angle = np.radians(estimate.angle_text_deg)
-        slope = float(curve(angle + 1e-4) - curve(angle - 1e-4)) / np.degrees(2e-4)
-        degrees.append(abs((estimate.check_charge_pC - estimate.charge_pC) / slope))
-    stated = [estimate.error_stated_percent for estimate in estimates]
+    rectangle = Rectangle.of(evidence.thesis, evidence.results)
+    if rectangle.theirs is None:
+        raise KeyError("Tables 4.1, 4.5, 4.6")
+    degrees = angle_errors_deg(evidence.thesis, rectangle)
+    stated = [estimate.error_stated_percent for estimate in evidence.thesis.angle_estimates]
     return Finding(
         "Tables 4.2, 4.3",
         f"The error of the angle is {min(stated):g} to {max(stated):g} %.",
-        "These are errors of the charge. Divided by the slope of Eq. 4.1 they are "
-        f"{min(degrees):.1f} to {max(degrees):.1f}° in Table 4.2.",
-        "Tables 4.2 and 4.3",
+        "These are errors of the charge. Over the slope of the thesis's own charges they are "
+        f"{min(degrees):.1f} to {max(degrees):.1f}°.",
+        ANGLE_CHAPTER,
     )
 
 
@@ -273,7 +280,7 @@ def _misprinted_angle(evidence: Evidence) -> Finding:
         f"810 pC belong to {estimate.angle_table_deg:g}°.",
         f"Eq. 4.1 gives {at_table:.2f} pC there; the text's {estimate.angle_text_deg:g}° solves "
         "it.",
-        "Tables 4.2 and 4.3",
+        ANGLE_CHAPTER,
     )
 
 
@@ -290,7 +297,7 @@ def _rounded(evidence: Evidence) -> Finding:
         f"Its rounded coefficients move the angle of 775 pC from {angles[1]:.2f}° to "
         f"{angles[0]:.2f}°, and give {at_180:.0f} pC at 180°, where the table has "
         f"{evidence.printed('Table 4.1', 'A', 180.0, 1.0):.1f} pC.",
-        "Table 4.1",
+        ROTATION_CHAPTER,
     )
 
 
@@ -300,9 +307,9 @@ def _high_degree(evidence: Evidence) -> Finding:
         "4.2, Eq. 4.10, 4.11",
         "Polynomials of degree six hold up to 7.5 N.",
         f"They pass through their seven points and swing between them; as printed, Eq. 4.11 is "
-        f"{evidence.polynomial('4.11', 7.5) - B:+.1f} pC off at 7.5 N, and Eq. 4.10 gives "
+        f"{signed(evidence.polynomial('4.11', 7.5) - B)} pC off at 7.5 N, and Eq. 4.10 gives "
         f"{evidence.polynomial('4.10', 10.0):.0f} pC at 10 N.",
-        "Figs. 4.5 and 4.6",
+        RECTANGLE_FORCE_CHAPTER,
     )
 
 
@@ -321,9 +328,10 @@ def _products(evidence: Evidence) -> Finding:
     return Finding(
         "4.2, Eq. 4.12, 4.13",
         "The products of an angle's and a force's polynomial agree excellently.",
-        f"Against Tables 4.5 and 4.6 they are off by {min(worst):+.1f} to {max(worst):+.1f} %, "
+        f"Against Tables 4.5 and 4.6 they are off by {signed(min(worst))} to "
+        f"{signed(max(worst))} %, "
         f"where the whole effect of the rotation is {swing:.1f} %.",
-        "Figs. 4.7 to 4.10",
+        SURFACE_CHAPTER,
     )
 
 
@@ -335,11 +343,11 @@ def _normalised(evidence: Evidence) -> Finding:
     return Finding(
         "4.2, Eq. 4.9",
         "The normalised curve is the same for all forces.",
-        "B over A at 0°, which by symmetry is A at 90° over A at 0°, falls with the force: "
-        + ", ".join(f"{ratio:.4f}" for ratio in ratios)
-        + " at 0.25, 1 and 5 N. The contrast changes by a tenth. Eq. 4.9's first coefficient is "
-        "also not the mean of the three that it is called.",
-        "Figs. 4.7 to 4.10",
+        "B at 0° is by symmetry A at 90°. It is below A at 0° by "
+        + joined([f"{100.0 * (1.0 - ratio):.2f} %" for ratio in ratios])
+        + " at 0.25, 1 and 5 N. Eq. 4.9's first coefficient is also not the mean of the three that "
+        "it is called.",
+        SURFACE_CHAPTER,
     )
 
 
@@ -349,11 +357,11 @@ def _copied(evidence: Evidence) -> Finding:
         raise KeyError("copies")
     return Finding(
         "Tables 4.5, 4.6",
-        "Charges at 90° for seven forces.",
-        f"{len(copies)} values are the other table's 0° row digit for digit; Table 4.1 has its own "
-        f"({evidence.printed('Table 4.1', 'A', 90.0, 1.0):.4f} pC against "
+        "They list charges at 90° for seven forces.",
+        f"{len(copies)} of these values are the other table's 0° row digit for digit; Table 4.1 has "
+        f"its own ({evidence.printed('Table 4.1', 'A', 90.0, 1.0):.4f} pC against "
         f"{evidence.printed('Table 4.5', 'A', 90.0, 1.0):.4f}).",
-        "Figs. 4.11 and 4.12",
+        RECTANGLE_FORCE_CHAPTER,
     )
 
 
@@ -361,10 +369,10 @@ def _outliers(evidence: Evidence) -> Finding:
     A = {rotation: evidence.printed("Table 4.5", "A", rotation, 5.0) for rotation in (60.0, 75.0)}
     return Finding(
         "Table 4.5",
-        "A at 75° and 5 N.",
-        f"{A[75.0]:.2f} pC lie above the {A[60.0]:.2f} pC of 60°, against the trend of every other "
-        "force.",
-        "Figs. 4.11 and 4.12",
+        f"At 75° and 5 N, A has {A[75.0]:.2f} pC.",
+        f"That is above the {A[60.0]:.2f} pC of 60°; at every other force the charge falls between "
+        "these angles.",
+        RECTANGLE_FORCE_CHAPTER,
     )
 
 
@@ -379,7 +387,7 @@ def _reactance(evidence: Evidence) -> Finding:
         f"The reactance at 20 Hz is {printed['reactance_printed']['value']:g} MΩ.",
         f"It is {X:.2f} MΩ. The divider is that of a load in series; a load in parallel fits what "
         "was observed.",
-        CIRCUIT_CHAPTER.title,
+        CIRCUIT_CHAPTER,
     )
 
 
@@ -396,7 +404,7 @@ def _theory(evidence: Evidence) -> Finding:
         "All theoretical errors are smaller than 1 mm.",
         f"Table 3.3 has {' and '.join(f'{position.error_mm:g}' for position in large)} mm "
         "(uniaxial film).",
-        MEASURED_POSITIONS_CHAPTER.title,
+        MEASURED_POSITIONS_CHAPTER,
     )
 
 
@@ -413,7 +421,7 @@ def _rigid(evidence: Evidence) -> Finding:
         f"The contrast A/B of the centred rectangle is {contrasts[0]:.1f} % under a pressure, "
         f"{contrasts[1]:.0f} % under a rigid probe that slides and {contrasts[2]:.0f} % under one "
         "that sticks. A calibration for one is not valid for the other.",
-        CONTACT_CHAPTER.title,
+        CONTACT_CHAPTER,
     )
 
 
@@ -429,7 +437,7 @@ def _round(evidence: Evidence) -> Finding:
         f"Only of what is known to be flat and at the centre: a sphere of 5 mm that is "
         f"{faked_mm(flat, beside):.2f} mm off has the contrast A/B of the rectangle, "
         f"{100 * flat:.1f} %.",
-        SPHERES_CHAPTER.title,
+        SPHERES_CHAPTER,
     )
 
 
@@ -446,7 +454,7 @@ def _pressure(evidence: Evidence) -> Finding:
         f"the film is. With d33 of App. 1, 1 N on the whole of A makes {whole[0]:.1f} pC, "
         f"{whole[1]:.2f} % of its charge, and {part[0]:.2f} pC on a part of it. It may be left out "
         "since it is small.",
-        TRANSDUCER_CHAPTER.title,
+        TRANSDUCER_CHAPTER,
     )
 
 
@@ -464,7 +472,7 @@ def _quasi_static(evidence: Evidence) -> Finding:
         f"{rest.first_Hz[baffled]:.1f} Hz in a baffle. But 1 N stretches the film, to "
         f"{loaded.first_Hz[baffled]:.0f} Hz, so that charges are "
         f"{loaded.excess_percent[baffled]:.2f} % off the static ones.",
-        TRANSDUCER_CHAPTER.title,
+        TRANSDUCER_CHAPTER,
     )
 
 
@@ -478,7 +486,7 @@ def _tapes(evidence: Evidence) -> Finding:
         f"A tape of 50 µm over an electrode takes {span(over.percent(place))} % of its charge, one "
         f"that begins beyond it adds {span(beyond.percent(place))} %. The section tells how little "
         "of the pattern of measured errors that explains.",
-        TRANSDUCER_CHAPTER.title,
+        TRANSDUCER_CHAPTER,
     )
 
 
@@ -493,7 +501,7 @@ def _dominates(evidence: Evidence) -> Finding:
         f"On an electrode only. A finger 10 K warmer changes A's charge by {whole:+.0f} % in 1 s "
         f"if it covers A, by {part:+.0f} % if it covers a part of A, and beside A by {early:+.1f} "
         f"% in 10 ms and {late.percent(effects.BESIDE_MM)[0]:+.0f} % in 1 s.".replace("-", "−"),
-        TRANSDUCER_CHAPTER.title,
+        TRANSDUCER_CHAPTER,
     )
 
 
@@ -506,60 +514,68 @@ def _require_whole(evidence: Evidence) -> None:
 def _labels(evidence: Evidence) -> Finding:
     return Finding(
         "captions",
-        "Fig. 3.7 and Table 3.3 name the rectangle; Tables 3.5, 5.1, 5.2 three electrodes; 3.2.2 "
-        "closes with ABC and ABD.",
-        "The sections about them describe the triangle and four electrodes; ABD has coordinates, "
-        "so ACD is meant. Table 3.2 has four rows for the five cases that its text announces.",
-        "Tables 3.1 to 3.5",
+        "Fig. 3.7 and Table 3.3 are captioned as the rectangle's; Tables 3.5, 5.1 and 5.2 as three "
+        "electrodes'; section 3.2.2 ends with ABC and ABD as the triples without a crossing.",
+        "The sections about them describe the triangle and four electrodes; ABD has printed "
+        "coordinates, so ACD is meant. Table 3.2 has four rows for the five cases that its text "
+        "announces.",
+        MEASURED_POSITIONS_CHAPTER,
     )
 
 
-FINDINGS: tuple[Callable[[Evidence], Finding], ...] = (
-    _layout,
-    _curve_order,
-    _equal_by_symmetry,
-    _not_intersecting,
-    _two_newtons,
-    _linear,
-    _cubics,
-    _millimetre,
-    _corner,
-    _pairs,
-    _angle_errors,
-    _misprinted_angle,
-    _rounded,
-    _high_degree,
-    _products,
-    _normalised,
-    _copied,
-    _outliers,
-    _reactance,
-    _theory,
-    _rigid,
-    _round,
-    _pressure,
-    _dominates,
-    _quasi_static,
-    _tapes,
-    _labels,
-)
+#: Findings by what they concern, those with more weight first.
+FINDINGS: dict[str, tuple[Callable[[Evidence], Finding], ...]] = {
+    "the sensor": (
+        _rigid,
+        _round,
+        _linear,
+        _millimetre,
+        _pairs,
+        _dominates,
+        _quasi_static,
+        _tapes,
+        _corner,
+        _pressure,
+    ),
+    "the methods": (
+        _not_intersecting,
+        _products,
+        _angle_errors,
+        _two_newtons,
+        _high_degree,
+        _cubics,
+        _reactance,
+        _rounded,
+        _normalised,
+        _equal_by_symmetry,
+    ),
+    "the print": (
+        _theory,
+        _layout,
+        _copied,
+        _curve_order,
+        _misprinted_angle,
+        _outliers,
+        _labels,
+    ),
+}
 
 
-def findings(thesis: Thesis, results: Results) -> Iterator[Finding]:
-    """The findings whose numbers are in the data."""
+def findings(thesis: Thesis, results: Results) -> Iterator[tuple[str, Finding]]:
+    """What they concern, and the findings whose numbers are in the data."""
     evidence = Evidence(thesis, results)
-    for finding in FINDINGS:
-        with suppress(LookupError, StopIteration):
-            yield finding(evidence)
+    for concern, of_concern in FINDINGS.items():
+        for finding in of_concern:
+            with suppress(LookupError, StopIteration):
+                yield concern, finding(evidence)
 
 
 def _scenes(thesis: Thesis) -> list[Scene]:
-    x, y = PLACE_MM
-    place = thesis_scene("3", "tri7", x_mm=x, y_mm=y)
     rectangle = thesis_scene("4", "rect14x7")
     return [
         thesis_scene("3", "tri7", rotation_deg=-90.0),
-        *(place.with_(**{"film.thickness_um": thickness}) for thickness in (25.0, 1000.0)),
+        *_thick_and_thin(),
+        *table_scenes(thesis),
         *(pressed(rectangle, contact) for contact in CONTACTS),
         sphere(BESIDE_MM, 1.0),
     ]
@@ -567,20 +583,23 @@ def _scenes(thesis: Thesis) -> list[Scene]:
 
 def _compose(thesis: Thesis, results: Results, out: Path) -> Content:
     columns = [
+        Column("rank", "rank", 0),
+        Column("concerns", "concerns"),
         Column("place", "place"),
         Column("states", "the thesis states"),
         Column("gives", "its numbers or the model give"),
         Column("shown", "shown in"),
     ]
-    rows: list[list[Cell]] = [
-        [finding.place, finding.states, finding.gives, finding.shown]
-        for finding in findings(thesis, results)
-    ]
+    rows: list[list[Cell]] = []
+    for concern, found in findings(thesis, results):
+        link = Link(found.shown.name, found.shown.title)
+        rows.append([len(rows) + 1, concern, found.place, found.states, found.gives, link])
     return Content(
         [
-            "What the thesis states and its own numbers, or the model, contradict. None of it "
-            "changes what its sensor can do; much of it changes how far its numbers may be "
-            "trusted. Every number here is computed from the printed data or from the scenes of "
+            "What the thesis states and its own numbers, or the model, contradict. First stands "
+            "what changes how its sensor may be used, then what changes how far its methods may "
+            "be trusted, last what is only printed wrong; within each, what weighs more comes "
+            "first. Every number here is computed from the printed data or from the scenes of "
             "the section named.",
         ],
         [Table("findings", "Findings.", columns, rows)],

@@ -20,7 +20,7 @@ from reports.common.charge_figures import Series, charge_against_distance, colou
 from reports.common.figures import drawing
 from reports.common.page import Cell, Column, Picture, Table
 from reports.common.results import MATERIAL, THESIS_EDGE, Results
-from reports.common.thesis_data import ContourPoint, Thesis
+from reports.common.thesis_data import SHAPES, ContourPoint, Thesis
 
 #: Angles in degrees of the lines whose curves section 3.1.1 calls uppermost and lowermost.
 EXTREMES_DEG = {"A": (35.0, 90.0), "B": (140.0, 240.0)}
@@ -204,7 +204,8 @@ def _cut_table(
     family: Family, cuts: Sequence[ContourPoint], line_curves: Sequence[LineCurve]
 ) -> Table:
     columns = [
-        Column("case", "contour"),
+        Column("case", "contour", on_page=False),
+        Column("contour_of", "contour of"),
         Column("angle_deg", "line (°)", 0),
         Column("charge_pC", "charge (pC)", 4),
         Column("thesis_mm", "thesis (mm)", 3, "distance of that charge"),
@@ -223,7 +224,13 @@ def _cut_table(
             for candidate in (curve, plain(curve.line))
         )
         charge_there = float(curve(np.array(cut.radius_mm)))
-        row: list[Cell] = [cut.contour, cut.angle_deg, cut.charge_pC, cut.radius_mm]
+        row: list[Cell] = [
+            cut.contour,
+            cut.contour[-1],
+            cut.angle_deg,
+            cut.charge_pC,
+            cut.radius_mm,
+        ]
         row += [ours, ours - cut.radius_mm, simple]
         rows.append([*row, charge_there, 100.0 * (charge_there / cut.charge_pC - 1.0)])
     return Table(
@@ -290,7 +297,7 @@ def _point_rows(family: Family, thesis: Thesis, results: Results) -> list[list[C
                 record.charge_pC(family.electrode, observable, *d)
                 for observable in (THESIS_EDGE, MATERIAL)
             ]
-            cells: list[Cell] = [family.layout, family.probe, family.electrode, family.film]
+            cells: list[Cell] = [family.layout, SHAPES[family.probe], family.electrode, family.film]
             rows.append([*cells, angle, distance, *place, *charges, record.status])
     return rows
 
@@ -335,7 +342,7 @@ def _other_picture(thesis: Thesis, results: Results, path: Path) -> None:
     with drawing(path, 170, 200) as figure:
         axes = figure.subplots(3, 2)
         for ax, biaxial, uniaxial in zip(axes.flat, OTHERS[::2], OTHERS[1::2], strict=True):
-            probe = {"tri7": "triangle", "rect14x7": "rectangle"}[biaxial.probe]
+            probe = SHAPES[biaxial.probe]
             ax.set_title(f"{biaxial.layout} electrodes, {probe}, electrode {biaxial.electrode}")
             for family, dashes in ((biaxial, "-"), (uniaxial, (0, (4, 2)))):
                 line_curves = family.curves(thesis, results, MATERIAL, fields[family.probe])

@@ -17,7 +17,7 @@ from reports.common.thesis_scene import scene_of
 
 def _compose(comparisons: list[Comparison], out: Path) -> Content:
     _picture(comparisons, out / "scenes.svg")
-    keys = [CASE, Column("source", "place in the thesis"), Column("probe", "probe")]
+    keys = [CASE, Column("source", "place in the thesis"), Column("shape", "probe")]
     keys += [Column("x_mm", "x (mm)", 4), Column("y_mm", "y (mm)", 4), ROTATION]
     caption = "Charges printed in sections 3.1 and 3.2, 1 N."
     return Content(

@@ -9,12 +9,13 @@ import numpy as np
 from pvdf_fem.output.figures import COLOURS, GREY
 from pvdf_fem.scene.scene import Scene
 from reports.chapters.linear_mesh import charges_on_thesis_mesh
+from reports.chapters.unexplained import UNEXPLAINED_CHAPTER
 from reports.common.chapter import Chapter, Content, comparing
-from reports.common.comparison import LIMIT, Comparison, compare, verdict
+from reports.common.comparison import LIMIT, Comparison, bias, compare, verdict
 from reports.common.figures import LEVEL_DASHES, drawing
 from reports.common.page import Cell, Column, Picture, Table
 from reports.common.results import Results
-from reports.common.tables import long_table
+from reports.common.tables import ROTATION, long_table
 from reports.common.thesis_data import DEFECTS, Charge, Thesis
 from reports.common.thesis_scene import scene_of
 
@@ -35,6 +36,8 @@ def _summary(comparisons: list[Comparison], out: Path) -> Content:
     return Content(
         [
             verdict(comparisons),
+            f"{bias(comparisons)} What was tried to explain both stands under "
+            f"“{UNEXPLAINED_CHAPTER.title}”.",
             f"{len(skipped)} printed charges are shown but do not count, because of what the "
             f"thesis's own tables show: {'; '.join(DEFECTS.values())}. With them, the median is "
             f"{np.nanmedian(all_differences):.2f} % and the largest difference "
@@ -110,7 +113,9 @@ def _mesh_scenes(thesis: Thesis) -> list[Scene]:
 
 def _mesh(thesis: Thesis, results: Results, out: Path) -> Content:
     columns = [
-        Column("case_id", "case"),
+        Column("case_id", "case", on_page=False),
+        Column("source", "place in the thesis"),
+        ROTATION,
         Column("electrode", "electrode"),
         Column("thesis_pC", "thesis (pC)"),
         Column("ours_pC", "ours (pC)"),
@@ -127,7 +132,7 @@ def _mesh(thesis: Thesis, results: Results, out: Path) -> Content:
     rows = [
         _mesh_row(comparison, coarse[scene_of(comparison.charge)]) for comparison in comparisons
     ]
-    numbers = np.array([row[5:7] for row in rows], dtype=float)
+    numbers = np.array([row[7:9] for row in rows], dtype=float)
     ours, on_its_mesh = np.median(np.abs(numbers), axis=0) if rows else (np.nan, np.nan)
     return Content(
         [
@@ -146,7 +151,9 @@ def _mesh(thesis: Thesis, results: Results, out: Path) -> Content:
 def _mesh_row(comparison: Comparison, on_its_mesh: dict[str, float]) -> list[Cell]:
     printed, ours = comparison.thesis_pC, comparison.ours_pC
     coarse = on_its_mesh.get(comparison.charge.electrode, np.nan)
-    row: list[Cell] = [comparison.charge.case, comparison.charge.electrode, printed, ours, coarse]
+    charge = comparison.charge
+    row: list[Cell] = [charge.case, charge.source, charge.rotation_deg, charge.electrode]
+    row += [printed, ours, coarse]
     differences = [ours - printed, coarse - printed, coarse - ours]
     return [*row, *(100.0 * difference / printed for difference in differences)]
 

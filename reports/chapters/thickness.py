@@ -13,7 +13,7 @@ from pvdf_fem import Scene
 from pvdf_fem.output.figures import COLOURS, GREY
 from reports.chapters.force_and_angle.force_law import finite, law_through
 from reports.common.chapter import Chapter, Content
-from reports.common.charge_figures import Series, charge_against_force
+from reports.common.charge_figures import Dashed, Series, charge_against_force
 from reports.common.figures import drawing
 from reports.common.page import Cell, Column, Picture, Table, joined
 from reports.common.results import THESIS_EDGE, Results
@@ -45,81 +45,86 @@ def _thickness_scenes(thesis: Thesis) -> list[Scene]:
     films = [
         _film(thickness, force_N) for thickness in THICKNESSES_UM.values() for force_N in forces
     ]
-    return films + [_bending(film) for film in films]
+    return films + [as_plate(film) for film in films]
 
 
-def _bending(scene: Scene) -> Scene:
+def as_plate(scene: Scene) -> Scene:
+    """The scene of a film that also resists bending."""
     return scene.with_(**{"film.bending": True})
 
 
 def _thickness(thesis: Thesis, results: Results, out: Path) -> Content:
     forces = np.array(_thickness_forces(thesis))
-    ours = {
-        thickness: [
-            Series(electrode, forces, _charges(results, thickness, forces, electrode))
-            for electrode in "ABC"
-        ]
-        for thickness in THICKNESSES_UM.values()
-    }
+    membranes, plates = (
+        {
+            thickness: [
+                Series(e, forces, _charges(results, thickness, forces, e, bending=bending))
+                for e in "ABC"
+            ]
+            for thickness in THICKNESSES_UM.values()
+        }
+        for bending in (False, True)
+    )
     printed = [
         Series(electrode, forces, thesis.polynomials[f"3.4.3_{electrode}"](forces))
         for electrode in "ABC"
     ]
-    _thickness_picture(ours, printed, out / "figure_3_23.svg")
-    table = _thickness_table(ours, printed)
-    bent = {
-        thickness: [
-            Series(electrode, forces, _charges(results, thickness, forces, electrode, bending=True))
-            for electrode in "ABC"
-        ]
-        for thickness in THICKNESSES_UM.values()
-    }
+    _thickness_picture(plates, membranes, printed, out / "figure_3_23.svg")
     return Content(
-        [*_thickness_text(ours, printed), *_bending_text(ours, bent)],
+        [*_thickness_text(plates, membranes, printed), *_bending_text(membranes, plates)],
         [
             Picture(
                 "figure_3_23.svg",
                 "Figs. 3.23, 3.24 and 3.25: charge against force for films of 25, 110 and "
-                "1000 µm, the triangle 4 mm from A at 60°. Rings: the equations that section "
-                "3.4.3 prints for the 1 mm film, drawn over the 25 µm film too. Last: A of all "
-                "three films over force per thickness, on which alone the charge of a membrane "
+                "1000 µm, which resist bending, the triangle 4 mm from A at 60°. Rings: the "
+                "equations that section 3.4.3 prints for the 1 mm film, drawn over the 25 µm film "
+                "too. Dashed: the 1 mm film if it were a membrane, without resistance to bending. "
+                "Last: A over force per thickness, on which alone the charge of a membrane "
                 "depends.",
             ),
-            table,
-            _bending_table(ours, bent),
+            _thickness_table(plates, printed),
+            _bending_table(membranes, plates),
         ],
     )
 
 
 def _charges(
-    results: Results, thickness_um: float, forces: Array, electrode: str, *, bending: bool = False
+    results: Results, thickness_um: float, forces: Array, electrode: str, *, bending: bool
 ) -> Array:
     scenes = [_film(thickness_um, float(force_N)) for force_N in forces]
-    records = [results[_bending(scene) if bending else scene] for scene in scenes]
+    records = [results[as_plate(scene) if bending else scene] for scene in scenes]
     return np.array([record.charge_pC(electrode, THESIS_EDGE) for record in records])
 
 
-def _thickness_picture(ours: dict[float, list[Series]], printed: list[Series], path: Path) -> None:
-    with drawing(path, 180, 150) as figure:
+def _thickness_picture(
+    plates: dict[float, list[Series]],
+    membranes: dict[float, list[Series]],
+    printed: list[Series],
+    path: Path,
+) -> None:
+    with drawing(path, 180, 165) as figure:
         axes = figure.subplots(2, 2).flat
         for ax, (number, thickness) in zip(axes, THICKNESSES_UM.items(), strict=False):
             shown = [] if number == "3.24" else printed
-            charge_against_force(ax, ours[thickness], shown, others="thesis's “1 mm” equation")
+            dashed = Dashed("as a membrane", membranes[thickness]) if number == "3.25" else None
+            charge_against_force(ax, plates[thickness], shown, others="“1 mm” eq.", dashed=dashed)
             ax.set_title(f"Fig. {number}: {thickness:g} µm", pad=17 if shown else None)
-        _scaled_by_thickness(axes[3], ours)
+        _scaled_by_thickness(axes[3], plates, membranes)
 
 
-def _scaled_by_thickness(ax: Axes, ours: dict[float, list[Series]]) -> None:
-    """Charges of A over F/h in logarithmic scales, with one law through those of all films."""
+def _scaled_by_thickness(
+    ax: Axes, plates: dict[float, list[Series]], membranes: dict[float, list[Series]]
+) -> None:
+    """Charges of A over F/h in logarithmic scales, with one law through those of all membranes."""
     ax.set(xlabel="force / thickness (N/mm)", ylabel="charge of A (pC)")
     ax.set_title("A, all three films")
-    loads = np.concatenate([1e3 * curves[0].x / thickness for thickness, curves in ours.items()])
-    law = law_through(loads, np.concatenate([curves[0].y for curves in ours.values()]))
+    loads = np.concatenate([1e3 * Q[0].x / thickness for thickness, Q in membranes.items()])
+    law = law_through(loads, np.concatenate([curves[0].y for curves in membranes.values()]))
     if law is None:
         return
     x = np.geomspace(loads.min() / 2, 1.5 * loads.max(), 100)
     ax.loglog(x, law.charge_pC(x), color=GREY, linewidth=1.0, label="membrane law")
-    for (thickness, curves), marker, ink in zip(ours.items(), "so^", COLOURS, strict=False):
+    for (thickness, curves), marker, ink in zip(plates.items(), "so^", COLOURS, strict=False):
         ax.plot(
             1e3 * curves[0].x / thickness, curves[0].y, marker, color=ink, label=f"{thickness:g} µm"
         )
@@ -151,16 +156,18 @@ def _thickness_table(ours: dict[float, list[Series]], printed: list[Series]) -> 
             rows.append([*row, *_straightness(curve)])
     return Table(
         "figures_3_23_to_3_25",
-        "Figs. 3.23 to 3.25: charges, the equations printed for 1 mm over ours, first and last "
-        "local exponent, and the largest distance from the best straight line in percent of the "
-        "charges' span.",
+        "Figs. 3.23 to 3.25: charges with bending, the equations printed for 1 mm over ours, first "
+        "and last local exponent, and the largest distance from the best straight line in percent "
+        "of the charges' span.",
         columns,
         rows,
     )
 
 
-def _bending_table(ours: dict[float, list[Series]], bent: dict[float, list[Series]]) -> Table:
-    forces = next(iter(ours.values()))[0].x
+def _bending_table(
+    membranes: dict[float, list[Series]], plates: dict[float, list[Series]]
+) -> Table:
+    forces = next(iter(membranes.values()))[0].x
     columns = [Column("thickness_um", "film (µm)", 0), Column("electrode", "electrode")]
     columns += [Column(f"bent_{F:g}_N_pC", f"{F:g} N", 1, "with bending (pC)") for F in forces]
     columns += [
@@ -168,8 +175,8 @@ def _bending_table(ours: dict[float, list[Series]], bent: dict[float, list[Serie
     ]
     rows: list[list[Cell]] = [
         [thickness, curve.label, *stiff.y.tolist(), *(100.0 * (stiff.y / curve.y - 1.0)).tolist()]
-        for thickness in ours
-        for curve, stiff in zip(ours[thickness], bent[thickness], strict=True)
+        for thickness in membranes
+        for curve, stiff in zip(membranes[thickness], plates[thickness], strict=True)
     ]
     return Table(
         "bending_by_thickness",
@@ -179,15 +186,19 @@ def _bending_table(ours: dict[float, list[Series]], bent: dict[float, list[Serie
     )
 
 
-def _bending_text(ours: dict[float, list[Series]], bent: dict[float, list[Series]]) -> list[str]:
+def _bending_text(
+    membranes: dict[float, list[Series]], plates: dict[float, list[Series]]
+) -> list[str]:
     changes = {
         thickness: np.concatenate(
             [
                 with_bending.y / without.y - 1.0
-                for with_bending, without in zip(bent[thickness], ours[thickness], strict=True)
+                for with_bending, without in zip(
+                    plates[thickness], membranes[thickness], strict=True
+                )
             ]
         )
-        for thickness in ours
+        for thickness in membranes
     }
     if not all(np.isfinite(change).all() and change.size for change in changes.values()):
         return []
@@ -215,29 +226,33 @@ def _straightness(curve: Series) -> list[Cell]:
     ]
 
 
-def _thickness_text(ours: dict[float, list[Series]], printed: list[Series]) -> list[str]:
-    thin, thick = (
+def _thickness_text(
+    plates: dict[float, list[Series]], membranes: dict[float, list[Series]], printed: list[Series]
+) -> list[str]:
+    thin, thick, thick_membrane = (
         np.concatenate(
-            [equation.y / curve.y for equation, curve in zip(printed, ours[thickness], strict=True)]
+            [equation.y / curve.y for equation, curve in zip(printed, curves, strict=True)]
         )
-        for thickness in (25.0, 1000.0)
+        for curves in (plates[25.0], plates[1000.0], membranes[1000.0])
     )
-    if not np.isfinite([*thin, *thick]).all() or not thin.size:
+    if not np.isfinite([*thin, *thick, *thick_membrane]).all() or not thin.size:
         return ["Not all charges could be computed."]
     signal = [
-        float(np.max([curve.y[-1] for curve in ours[thickness]])) for thickness in (25.0, 1000.0)
+        float(np.max([curve.y[-1] for curve in plates[thickness]])) for thickness in (25.0, 1000.0)
     ]
     return [
         "Section 3.4.3 prints three cubics for the 1 mm film and takes them as evidence that "
         "thickness makes the sensor more linear. They are those of the 25 µm film: they give "
         f"{thin.min():.3f} to {thin.max():.3f} times our charges of that film, and "
-        f"{thick.min():.1f} to {thick.max():.1f} times those of the 1 mm film, which are a "
-        "membrane's here.",
+        f"{thick.min():.0f} to {thick.max():.0f} times those of the 1 mm film. That one is a "
+        "plate; if it were a membrane, the factors would still be "
+        f"{thick_membrane.min():.1f} to {thick_membrane.max():.1f}.",
         "A thicker film does give a straighter curve, but only because the pretension's constant "
-        "charge takes over: the largest charge is "
-        f"{signal[1]:.0f} pC instead of {signal[0]:.0f} pC, and the local exponents move away "
-        "from 1, not towards it. The mean stress is even in the deflection, so the charge begins "
-        "as a constant plus a multiple of F² whatever carries the load.",
+        "charge takes over: the largest charge at "
+        f"{printed[0].x[-1]:g} N is {signal[1]:.0f} pC instead of {signal[0]:.0f} pC, and the "
+        "local exponents move away from 1, not towards it. The mean stress is even in the "
+        "deflection, so the charge begins as a constant plus a multiple of F² whatever carries "
+        "the load.",
     ]
 
 

@@ -22,6 +22,8 @@ from pvdf_fem.output.figures import COLOURS, GREY, LABEL_SIZE
 #: Makes a smooth function from the coordinates of points.
 Interpolation = Callable[[Array, Array], Callable[[Array], Array]]
 
+#: Dashes of a printed equation.
+EQUATION_DASHES = (0, (5, 2))
 # The look of the thesis's points.
 _THESIS: dict[str, Any] = {
     "marker": "o",
@@ -41,22 +43,53 @@ class Series:
     y: Array
 
 
+@dataclass(frozen=True)
+class Dashed:
+    """Dashed curves beside ours, with their name in the legend."""
+
+    name: str
+    #: Curves in the order of ours, in whose colours they are drawn.
+    curves: Sequence[Series]
+
+
 def charge_against_rotation(
-    ax: Axes, ours: Sequence[Series], thesis: Sequence[Series] = (), *, others: str = "thesis"
+    ax: Axes,
+    ours: Sequence[Series],
+    thesis: Sequence[Series] = (),
+    *,
+    others: str = "thesis",
+    dashed: Dashed | None = None,
+    between: Sequence[Series] = (),
 ) -> None:
-    """Charges (pC) against the probe's rotation (degrees); `others` names the markers."""
+    """Charges (pC) against the probe's rotation (degrees); `others` names the markers.
+
+    `between`, if given, has a curve for each of `ours`, to be drawn in place of a smooth one.
+    """
     # a spline would overshoot at the maxima, which lie at computed points
-    _charges(ax, ours, thesis, interpolation=PchipInterpolator, others=others)
+    _charges(
+        ax,
+        ours,
+        thesis,
+        interpolation=PchipInterpolator,
+        others=others,
+        dashed=dashed,
+        between=between,
+    )
     ax.set_xlabel("rotation of the probe (°)")
     _degrees(ax)
     label_curves(ax, ours, colours(len(ours)))
 
 
 def charge_against_force(
-    ax: Axes, ours: Sequence[Series], thesis: Sequence[Series] = (), *, others: str = "thesis"
+    ax: Axes,
+    ours: Sequence[Series],
+    thesis: Sequence[Series] = (),
+    *,
+    others: str = "thesis",
+    dashed: Dashed | None = None,
 ) -> None:
     """Charges (pC) against the force (N); `others` names the markers."""
-    _charges(ax, ours, thesis, others=others)
+    _charges(ax, ours, thesis, others=others, dashed=dashed)
     ax.set_xlabel("force (N)")
     ax.set_xlim(left=0.0)
     ax.set_ylim(bottom=0.0)
@@ -154,6 +187,7 @@ def _charges(
     interpolation: Interpolation = CubicSpline,
     between: Sequence[Series] = (),
     others: str = "thesis",
+    dashed: Dashed | None = None,
 ) -> None:
     """Our points joined by smooth curves, the thesis's as markers in the same colour."""
     inks = colours(len(ours))
@@ -165,21 +199,30 @@ def _charges(
         _mark_failures(ax, points, ink)
     for points in thesis:
         ax.plot(points.x, points.y, **_THESIS, markeredgecolor=by_label[points.label])
+    if dashed:
+        for curve, ink in zip(dashed.curves, inks, strict=True):
+            smooth = _smooth(curve, interpolation)
+            ax.plot(smooth.x, smooth.y, color=ink, linestyle=EQUATION_DASHES, linewidth=1.0)
     ax.set_ylabel("charge (pC)")
-    if thesis:
-        _legend_above(ax, others)
+    if thesis or dashed:
+        _legend_above(ax, others if thesis else "", dashed.name if dashed else "")
 
 
-def _legend_above(ax: Axes, others: str) -> None:
-    """A legend of our points and the others' above the axes, where no point can be."""
-    ours_key = Line2D([], [], color=GREY, marker=".", markersize=3, label="this work")
-    others_key = Line2D([], [], **_THESIS, markeredgecolor=GREY, label=others)
+def _legend_above(ax: Axes, others: str, dashed: str) -> None:
+    """A legend of all kinds of points and curves above the axes, where no point can be."""
+    keys = [Line2D([], [], color=GREY, marker=".", markersize=3, label="this work")]
+    if others:
+        keys.append(Line2D([], [], **_THESIS, markeredgecolor=GREY, label=others))
+    if dashed:
+        keys.append(Line2D([], [], color=GREY, lw=1.0, linestyle=EQUATION_DASHES, label=dashed))
     ax.legend(
-        handles=[ours_key, others_key],
+        handles=keys,
         loc="lower right",
         bbox_to_anchor=(1.0, 1.0),
         borderaxespad=0.0,
-        ncols=2,
+        ncols=len(keys),
+        columnspacing=1.2,
+        handletextpad=0.5,
     )
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from reports.common.charge_figures import Series
+from reports.common.page import signed
 from reports.common.results import MATERIAL, THESIS_EDGE, Results
 from reports.common.thesis_data import Charge
 from reports.common.thesis_scene import scene_of
@@ -119,6 +120,37 @@ def sound_differences(groups: dict[str, list[Comparison]], x: str) -> list[Serie
 
 
 # -------------------------------------------------------------------------------------- verdict
+
+
+def swings_pC(comparisons: Iterable[Comparison]) -> tuple[float, float]:
+    """By how much rotation changes A in Table 4.1, in pC: in the thesis, and here."""
+    rows = [row for row in select(comparisons, electrode="A") if row.charge.source == "Table 4.1"]
+    if not rows:
+        return np.nan, np.nan
+    return np.ptp([row.thesis_pC for row in rows]), np.ptp([row.ours_pC for row in rows])
+
+
+def bias(comparisons: Sequence[Comparison]) -> str:
+    """How many of the differences have which sign, and how many charges are independent."""
+    counted = [comparison for comparison in comparisons if comparison.counts]
+    differences = np.array([comparison.difference for comparison in counted])
+    if not differences.size:
+        return ""
+    # symmetry leaves charges of equivalent scenes equal but for rounding
+    distinct = len({round(comparison.ours_pC, 3) for comparison in counted})
+    text = (
+        f"The differences are not scatter: {(differences < 0.0).sum()} of {len(counted)} are "
+        f"negative, and their median with its sign is {signed(float(np.median(differences)), 2)} "
+        f"%. Nor are they {len(counted)} independent ones: by symmetry, or since tables print "
+        f"charges again, they belong to {distinct} distinct charges."
+    )
+    theirs, ours = swings_pC(counted)
+    if not ours > 0.0:
+        return text
+    return (
+        f"{text} Turning the rectangle at the centre changes the charge of A by {ours:.1f} pC "
+        f"here and by {theirs:.1f} pC in Table 4.1, {100.0 * (theirs / ours - 1.0):.0f} % more."
+    )
 
 
 def verdict(comparisons: Sequence[Comparison]) -> str:

@@ -16,11 +16,14 @@ from matplotlib.patches import Polygon
 from pvdf_fem.output import figures
 from pvdf_fem.output.figures import COLOURS, new_figure, style
 from pvdf_fem.scene.outlines.outline import Outline
-from reports.common.charge_figures import charge_against_force, charge_against_rotation, differences
+from reports.common.charge_figures import (
+    Dashed,
+    charge_against_force,
+    charge_against_rotation,
+    differences,
+)
 from reports.common.comparison import Comparison, curves, sound_differences
 
-#: Dashes of a printed equation.
-EQUATION_DASHES = (0, (5, 2))
 #: Dashes of a line that marks a level or a limit.
 LEVEL_DASHES = (0, (4, 3))
 #: How the marker of a printed number looks.
@@ -62,13 +65,15 @@ def drawing(path: Path, width_mm: float, height_mm: float) -> Iterator[Figure]:
         save(figure, path)
 
 
-def draw_compared(ax: Axes, groups: dict[str, list[Comparison]], x: str) -> None:
+def draw_compared(
+    ax: Axes, groups: dict[str, list[Comparison]], x: str, dashed: Dashed | None = None
+) -> None:
     """Our charges as curves and the thesis's as markers, in one colour for each group.
 
     `x` is ``force_N`` or ``rotation_deg``.
     """
     draw, _ = _OVER[x]
-    draw(ax, curves(groups, x), curves(groups, x, "thesis_pC"))
+    draw(ax, curves(groups, x), curves(groups, x, "thesis_pC"), dashed=dashed)
 
 
 def draw_differences(ax: Axes, groups: dict[str, list[Comparison]], x: str) -> None:

@@ -10,6 +10,7 @@ import csv
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from html import escape
 from itertools import groupby
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -26,7 +27,20 @@ WIDE_COLUMNS = 10
 #: Tables with more rows than this scroll in a box of their own, except in print.
 LONG_ROWS = 30
 
-Cell: TypeAlias = str | int | float | None
+
+@dataclass(frozen=True)
+class Link:
+    """A cell that leads to a section of the same page."""
+
+    section: str
+    text: str
+
+    def __html__(self) -> str:
+        """The link for a page, which does not escape it again."""
+        return f'<a href="#{escape(self.section)}">{escape(self.text)}</a>'
+
+
+Cell: TypeAlias = str | int | float | Link | None
 
 
 @dataclass(frozen=True)
@@ -54,8 +68,10 @@ class Column:
     signed: bool = False
     on_page: bool = True
 
-    def show(self, cell: Cell) -> str:
+    def show(self, cell: Cell) -> str | Link:
         """The text of a cell on the page; a missing value is an en dash."""
+        if isinstance(cell, Link):
+            return cell
         if cell is None or (isinstance(cell, float) and math.isnan(cell)):
             return "–"
         if isinstance(cell, str):
@@ -97,7 +113,7 @@ class Table:
         return " ".join(name for name, is_so in classes.items() if is_so)
 
     @property
-    def shown_rows(self) -> list[list[tuple[str, str]]]:
+    def shown_rows(self) -> list[list[tuple[str | Link, str]]]:
         """The cells on the page, each with its class: ``number``, ``text`` or ``prose``."""
         return [
             [
@@ -132,7 +148,7 @@ class Section:
     """A section of a page: paragraphs, then pictures and tables in their order.
 
     `error` is the message of a section that could not be made; `note` says why a section is not
-    complete. `shows` names the figures and tables of the thesis that it shows: ``Fig. 3.5``.
+    complete.
     """
 
     name: str
@@ -141,7 +157,6 @@ class Section:
     blocks: Sequence[Table | Picture] = ()
     error: str = ""
     note: str = ""
-    shows: Sequence[str] = ()
 
     @property
     def state(self) -> str:
@@ -244,10 +259,14 @@ def joined(words: Sequence[str]) -> str:
 
 
 def _plain(cell: Cell) -> Cell:
+    if isinstance(cell, Link):
+        return cell.text
     return None if isinstance(cell, float) and math.isnan(cell) else cell
 
 
 def _kind(cell: Cell) -> str:
-    if not isinstance(cell, str):
+    if not isinstance(cell, str | Link):
         return "number"
+    if isinstance(cell, Link):
+        return "prose"
     return "prose" if len(cell) > PROSE_CHARACTERS else "text"

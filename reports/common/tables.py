@@ -14,7 +14,7 @@ ROTATION = Column("rotation_deg", "rotation (°)", None)
 FORCE = Column("force_N", "force (N)", None)
 
 _COLUMNS = (
-    Column("case_id", "case"),
+    Column("case_id", "case", on_page=False),
     Column("source", "place in the thesis"),
     Column("electrode", "electrode"),
     ROTATION,

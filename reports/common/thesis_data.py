@@ -31,6 +31,8 @@ DEFECTS = {
 }
 
 
+#: Shapes of the probes by their names in the files.
+SHAPES = {"tri7": "triangle", "rect14x7": "rectangle", "circle1": "disc"}
 #: A number, NaN where the file has none.
 OptionalNumber = Annotated[
     float, BeforeValidator(lambda text: nan if text in ("", "not_intersecting") else text)
@@ -67,6 +69,11 @@ class Charge(CsvRow):
     electrode: str
     charge_pC: float
     flags: Flags = Field(alias="flag")
+
+    @property
+    def shape(self) -> str:
+        """Shape of the probe in words."""
+        return SHAPES[self.probe]
 
     @property
     def defect(self) -> str:

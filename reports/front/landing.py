@@ -11,7 +11,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from reports.common.options import OUT
-from reports.common.page import Page, Picture, Section, rendered, write_text
+from reports.common.page import Link, Page, Picture, rendered, write_text
 from reports.front.catalogue import DEFAULT, REPORTS, command
 from reports.front.sensor import SENSOR_CHAPTER
 from reports.front.verdicts import VERDICTS, Pages, Verdict, tables_named
@@ -124,24 +124,13 @@ def _findings(pages: Pages) -> Iterator[Card]:
     """Statements of the thesis that do not hold, each with a picture of the section about it."""
     if DEFAULT not in pages:
         return
-    page = pages[DEFAULT]
-    for found in tables_named(page, "findings"):
+    for found in tables_named(pages[DEFAULT], "findings"):
         keys = ("place", "states", "gives", "shown")
         for place, states, gives, shown in zip(*map(found.cells, keys), strict=True):
-            section = _about(page, str(shown)) or found.section
-            picture = _thumbnail(DEFAULT, pages, section.name)
-            link = f"{REPORTS[DEFAULT].page}#{section.name}"
+            section = shown.section if isinstance(shown, Link) else found.section.name
+            picture = _thumbnail(DEFAULT, pages, section)
+            link = f"{REPORTS[DEFAULT].page}#{section}"
             yield Card(str(states), str(gives), link, picture, f"Thesis, {place}")
-
-
-def _about(page: Page, shown: str) -> Section | None:
-    """The section of that title, or the one that shows the figure or table named first."""
-    number = re.search(r"(Fig|Table)s?\.? (\d+\.\d+)", shown)
-    for section in page.sections:
-        numbers = {name.split()[-1] for name in section.shows if number and number[1] in name}
-        if section.title == shown or (number and number[2] in numbers):
-            return section
-    return None
 
 
 def _other_pages(directory: Path) -> dict[str, str]:

@@ -107,6 +107,14 @@ def recovered(
     )
 
 
+def angle_errors_deg(thesis: Thesis, rectangle: Rectangle) -> list[float]:
+    """The angles that the errors of the check runs' charges correspond to, Tables 4.2 and 4.3."""
+    return [
+        recovered(estimate, thesis, rectangle, []).angle_error_deg
+        for estimate in thesis.angle_estimates
+    ]
+
+
 def same_place(
     charge_pC: float, force_N: float, theirs: CosineSeries | None, ours: CosineSeries | None
 ) -> float:

@@ -14,9 +14,15 @@ from pvdf_fem import Scene
 from pvdf_fem.output.figures import COLOURS, GREY
 from reports.chapters.force_and_angle.force_law import finite, law_through, swing
 from reports.common.chapter import Chapter, Content, comparing
-from reports.common.charge_figures import Series, charge_against_force, colours, label_curves
+from reports.common.charge_figures import (
+    EQUATION_DASHES,
+    Series,
+    charge_against_force,
+    colours,
+    label_curves,
+)
 from reports.common.comparison import Comparison, compare, curves, group_by, select, series
-from reports.common.figures import EQUATION_DASHES, RING, draw_compared, draw_differences, drawing
+from reports.common.figures import RING, draw_compared, draw_differences, drawing
 from reports.common.page import Picture, Table, signed
 from reports.common.polynomial import PrintedPolynomial
 from reports.common.results import THESIS_EDGE, Results

@@ -15,9 +15,9 @@ from pvdf_fem import Scene
 from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.output.figures import COLOURS, GREY
 from reports.common.chapter import Chapter, Content
-from reports.common.charge_figures import Series
+from reports.common.charge_figures import EQUATION_DASHES, Series
 from reports.common.comparison import Comparison, compare, group_by, series, sound
-from reports.common.figures import EQUATION_DASHES, LEVEL_DASHES, drawing
+from reports.common.figures import LEVEL_DASHES, drawing
 from reports.common.page import Cell, Column, Picture, Table
 from reports.common.results import MATERIAL, Results
 from reports.common.thesis_data import Charge, Thesis

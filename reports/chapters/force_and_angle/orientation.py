@@ -8,17 +8,18 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from pvdf_fem.output.figures import COLOURS
-from reports.chapters.force_and_angle.rectangle import Rectangle, table_scenes
+from pvdf_fem import Scene
+from reports.chapters.force_and_angle.rectangle import Rectangle, asymmetry_pC, table_scenes
 from reports.common.chapter import Chapter, Content
-from reports.common.charge_figures import Series, charge_against_rotation
-from reports.common.comparison import Comparison, group_by, select, series
-from reports.common.figures import EQUATION_DASHES, draw_differences, drawing
+from reports.common.charge_figures import Dashed, Series, charge_against_rotation
+from reports.common.comparison import Comparison, group_by, select, series, swings_pC
+from reports.common.figures import draw_differences, drawing
 from reports.common.page import Cell, Column, Picture, Table
 from reports.common.polynomial import PrintedPolynomial
-from reports.common.results import Results
+from reports.common.results import THESIS_EDGE, Results
 from reports.common.tables import CASE, FORCE, ROTATION, wide_table
 from reports.common.thesis_data import Thesis
+from reports.common.thesis_scene import thesis_scene
 
 #: Force in N of each of Figs. 4.2 to 4.4.
 FIGURES = {"4.2": 0.5, "4.3": 1.0, "4.4": 2.0}
@@ -47,7 +48,7 @@ def _rotation(thesis: Thesis, results: Results, out: Path) -> Content:
     blocks: list[Picture | Table] = []
     for number, force_N in FIGURES.items():
         file = f"figure_{number.replace('.', '_')}.svg"
-        _rotation_picture(thesis, rectangle, force_N, out / file)
+        _rotation_picture(thesis, rectangle, force_N, results, out / file)
         equations = [name for name, (F, _) in EQUATIONS.items() if force_N == F and " " not in name]
         blocks.append(
             Picture(
@@ -64,15 +65,39 @@ def _rotation(thesis: Thesis, results: Results, out: Path) -> Content:
         )
     )
     blocks.append(_equation_table(thesis, rectangle))
-    return Content(_rotation_text(comparisons), blocks)
+    return Content(_rotation_text(thesis, comparisons), blocks)
 
 
-def _rotation_picture(thesis: Thesis, rectangle: Rectangle, force_N: float, path: Path) -> None:
+def _every_degree(force_N: float) -> list[Scene]:
+    """The rectangle at the centre, turned by 0, 1, ... 90°; symmetry makes them one solve."""
+    return [
+        thesis_scene("4", "rect14x7", rotation_deg=float(angle), force_N=force_N)
+        for angle in range(91)
+    ]
+
+
+def _curve(force_N: float, electrode: str, results: Results) -> Series:
+    """Our charge at every degree up to 180°."""
+    scenes = _every_degree(force_N)
+    charges = [results[scene].charge_pC(electrode, THESIS_EDGE) for scene in scenes]
+    return _mirrored(Series(electrode, np.arange(91.0), np.array(charges)))
+
+
+def _scenes(thesis: Thesis) -> list[Scene]:
+    return table_scenes(thesis) + [
+        s for force_N in FIGURES.values() for s in _every_degree(force_N)
+    ]
+
+
+def _rotation_picture(
+    thesis: Thesis, rectangle: Rectangle, force_N: float, results: Results, path: Path
+) -> None:
     rows = {electrode: _rows(rectangle, force_N, electrode) for electrode in "AB"}
     ours = [
         _mirrored(series(comparisons, electrode, "rotation_deg"))
         for electrode, comparisons in rows.items()
     ]
+    curves = [_curve(force_N, electrode, results) for electrode in "AB"]
     printed = [
         series(comparisons, electrode, "rotation_deg", "thesis_pC")
         for electrode, comparisons in rows.items()
@@ -82,17 +107,29 @@ def _rotation_picture(thesis: Thesis, rectangle: Rectangle, force_N: float, path
             figure.subplots(2, height_ratios=(3, 2)) if force_N == 1 else (figure.subplots(), None)
         )
         _limit(above, ours + printed)
-        for name, (F, electrode) in EQUATIONS.items():
-            if force_N == F and " " not in name:
-                angles = np.linspace(0.0, 180.0, 361)
-                charges = thesis.polynomials[name](np.radians(angles))
-                above.plot(
-                    angles, charges, color=COLOURS["AB".index(electrode)], linestyle=EQUATION_DASHES
-                )
-        charge_against_rotation(above, ours, printed)
+        charge_against_rotation(
+            above, ours, printed, dashed=_equations(thesis, force_N), between=curves
+        )
         if below is not None:
             by_electrode = group_by(rectangle.table("Table 4.1"), "electrode")
             draw_differences(below, by_electrode, "rotation_deg")
+
+
+def _equations(thesis: Thesis, force_N: float) -> Dashed:
+    """The thesis's equations of A and B at a force; NaN for an electrode without one."""
+    angles = np.linspace(0.0, 180.0, 361)
+    names = {e: n for n, (F, e) in EQUATIONS.items() if force_N == F and " " not in n}
+    curves = [
+        Series(
+            e,
+            angles,
+            thesis.polynomials[names[e]](np.radians(angles))
+            if e in names
+            else np.full(angles.size, np.nan),
+        )
+        for e in "AB"
+    ]
+    return Dashed(f"Eq. {' and '.join(names.values())}", curves)
 
 
 def _mirrored(curve: Series) -> Series:
@@ -156,7 +193,7 @@ def _equation_row(
     return [*row, several[0][0], several[-1][1], max(count for *_, count in several)]
 
 
-def _rotation_text(comparisons: list[Comparison]) -> list[str]:
+def _rotation_text(thesis: Thesis, comparisons: list[Comparison]) -> list[str]:
     opening = (
         "The rectangular probe of 14 mm × 7 mm presses the centre of the four-electrode sensor and "
         "is turned about its centre. To the film this is one scene: one solve gives all angles."
@@ -168,14 +205,9 @@ def _rotation_text(comparisons: list[Comparison]) -> list[str]:
         }
         for e in "AB"
     )
-    mirror = [
-        abs(comparison.thesis_pC - of_a[90.0 - angle].thesis_pC)
-        for angle, comparison in of_b.items()
-        if 90.0 - angle in of_a
-    ]
-    if len(mirror) < 4:
+    if len(of_a) < 10:
         return [opening]
-    span = float(np.ptp([comparison.thesis_pC for comparison in of_a.values()]))
+    span, our_span = swings_pC(comparisons)
     theirs, edge, material = (
         100.0 * (getattr(of_a[0.0], key) / getattr(of_b[0.0], key) - 1.0)
         for key in ("thesis_pC", "ours_pC", "material_pC")
@@ -189,8 +221,9 @@ def _rotation_text(comparisons: list[Comparison]) -> list[str]:
         opening,
         "Section 4.1.1 finds that nothing tells which charge of B goes with one of A. The "
         "symmetry does: turned by a quarter and mirrored, B at an angle is A at 90° minus that "
-        f"angle. Table 4.1 obeys this within {max(mirror):.2f} pC, of {span:.1f} pC by which the "
-        "rotation changes A.",
+        f"angle. Charges of Table 4.1 that symmetry makes equal differ by up to "
+        f"{asymmetry_pC(thesis):.2f} pC, of {span:.1f} pC by which the rotation changes A "
+        f"({our_span:.1f} pC here).",
         "Section 4.1 explains the curves by sharp corners that come near an electrode. A corner "
         f"points at A at {math.degrees(math.atan(0.5)):.1f}°, yet the charge of A falls from 0° "
         f"on: {printed} pC at {', '.join(f'{angle:g}' for angle in small)}° in Table 4.1, "
@@ -205,6 +238,6 @@ ROTATION_CHAPTER = Chapter(
     "rotation",
     "Section 4.1: charge against rotation, rectangle at the centre",
     ("Fig. 4.2", "Fig. 4.3", "Fig. 4.4", "Table 4.1"),
-    table_scenes,
+    _scenes,
     _rotation,
 )

@@ -36,6 +36,20 @@ def table_scenes(thesis: Thesis) -> list[Scene]:
     return [scene_of(charge) for charge in table_charges(thesis)]
 
 
+def asymmetry_pC(thesis: Thesis) -> float:
+    """Largest difference in pC between charges of Table 4.1 that symmetry makes equal.
+
+    Quarter turns and reflections leave the sensor as it is: the charges of all electrodes at all
+    angles are those of A from 0° to 90°. Raises `KeyError` if the data at hand lack the table.
+    """
+    equivalent: dict[float, list[float]] = {}
+    for charge in thesis.from_("Table 4.1"):
+        equivalent.setdefault(round(_cosine(charge), 9), []).append(charge.charge_pC)
+    if len(equivalent) < 10:
+        raise KeyError("Table 4.1")
+    return max(max(charges) - min(charges) for charges in equivalent.values())
+
+
 def readings(comparisons: Iterable[Comparison], y: str) -> list[Reading]:
     """Charges as readings for a series: printed ones if `y` is ``thesis_pC``, else ours.
 

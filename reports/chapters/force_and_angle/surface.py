@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
@@ -14,8 +16,9 @@ from pvdf_fem.output.figures import (
 )
 from reports.chapters.force_and_angle.rectangle import Rectangle, table_scenes
 from reports.common.chapter import Chapter, Content
+from reports.common.charge_figures import EQUATION_DASHES, Dashed, Series
 from reports.common.comparison import Comparison, group_by, series, sound
-from reports.common.figures import EQUATION_DASHES, draw_compared, drawing
+from reports.common.figures import draw_compared, drawing
 from reports.common.page import Cell, Column, Picture, Table, signed
 from reports.common.polynomial import PrintedProduct
 from reports.common.results import Results
@@ -33,6 +36,7 @@ FORCES_N = (0.25, 0.5, 1.0, 2.0, 3.5, 5.0, 7.5)
 #: Last rotation in degrees of the charges that belong to the electrode of their table. Those of 90°
 #: are copies from the table of the other electrode.
 LAST_DEG = 75.0
+_RINGS: dict[str, Any] = {"marker": "o", "markerfacecolor": "none", "markersize": 3}
 
 
 # -------------------------------------------------------------------------------------- surfaces
@@ -44,7 +48,7 @@ def _surface_picture(
     """Our charge and that of the product, and the product's error, over rotation and force."""
     angles, forces = np.linspace(0.0, 90.0, 46), np.geomspace(0.25, 7.5, 60)
     product_pC = product.charge_pC(angles[None, :], forces[:, None])
-    with drawing(path, 180, 80) as figure:
+    with drawing(path, 180, 90) as figure:
         left, right = figure.subplots(1, 2)
         if rectangle.ours is not None and rectangle.theirs is not None:
             ours, theirs = (
@@ -60,8 +64,15 @@ def _surface_picture(
             ax.set_yticks(FORCES_N, [f"{F:g}" for F in FORCES_N])
             ax.minorticks_off()
             ax.grid(False)
-        left.set_title("charge (pC)")
+        left.set_title(f"charge of {electrode} (pC)")
         right.set_title(f"Eq. {product.name} − thesis's charges (%)")
+        kinds: tuple[tuple[str, dict[str, Any]], ...] = (
+            ("this work", {"color": COLOURS[0]}),
+            (f"Eq. {product.name}", {"color": COLOURS[1], "ls": EQUATION_DASHES}),
+            (PRODUCTS[electrode][1], {"color": "black", "ls": "none", **_RINGS}),
+        )
+        keys = [Line2D([], [], label=label, lw=0.9, **look) for label, look in kinds]
+        figure.legend(handles=keys, loc="outside lower center", ncols=3)
 
 
 def _draw_charge(ax: Axes, angles: Array, forces: Array, ours: Array, product: Array) -> None:
@@ -73,7 +84,13 @@ def _draw_charge(ax: Axes, angles: Array, forces: Array, ours: Array, product: A
     lines = ax.contour(angles, forces, ours, levels=levels, colors=COLOURS[0], linewidths=0.9)
     ax.clabel(lines, levels[:-1:2].tolist(), fontsize=7, colors="black")
     ax.contour(
-        angles, forces, product, levels=levels, colors=COLOURS[1], linewidths=0.9, linestyles="--"
+        angles,
+        forces,
+        product,
+        levels=levels,
+        colors=COLOURS[1],
+        linewidths=0.9,
+        linestyles=[EQUATION_DASHES],
     )
 
 
@@ -90,7 +107,7 @@ def _draw_printed(ax: Axes, comparisons: list[Comparison]) -> None:
     places = np.array(
         [(comparison.charge.rotation_deg, comparison.charge.force_N) for comparison in comparisons]
     )
-    ax.plot(*places.T, "o", color="black", markerfacecolor="none", markersize=3, clip_on=False)
+    ax.plot(*places.T, color="black", ls="none", clip_on=False, **_RINGS)
 
 
 def _cuts_picture(thesis: Thesis, rectangle: Rectangle, path: Path) -> None:
@@ -102,10 +119,11 @@ def _cuts_picture(thesis: Thesis, rectangle: Rectangle, path: Path) -> None:
             electrode: _to_90(rectangle.table("Table 4.1", electrode=electrode))
             for electrode in "AB"
         }
-        for electrode, ink in zip("AB", COLOURS, strict=False):
-            charges = thesis.products[PRODUCTS[electrode][0]].charge_pC(angles, 1.0)
-            ax.plot(angles, charges, color=ink, linestyle=EQUATION_DASHES)
-        draw_compared(ax, rows, "rotation_deg")
+        products = [
+            Series(e, angles, thesis.products[PRODUCTS[e][0]].charge_pC(angles, 1.0)) for e in "AB"
+        ]
+        equations = Dashed("Eq. 4.12 and 4.13", products)
+        draw_compared(ax, rows, "rotation_deg", equations if all(rows.values()) else None)
 
 
 def _to_90(comparisons: list[Comparison]) -> list[Comparison]:

@@ -73,13 +73,17 @@ def _pictures(
     if not panels:
         return []
     picture(panels, out / f"{group.name}.svg")
-    kind = "measured" if group is EXPERIMENTS else "simulated"
+    kind = (
+        "the scenes of the thesis's measurements, simulated, since it prints no measured charge"
+        if group is EXPERIMENTS
+        else "the simulated cases of the thesis with our charges"
+    )
     return [
         Picture(
             f"{group.name}.svg",
-            f"{', '.join(dict.fromkeys(shown)) or group.title}: the {kind} cases of the thesis "
-            "with our charges. Full: contours of maps made for the probe's true orientation; "
-            "dashed: contours by the thesis's method, from the probe as it is not turned.",
+            f"{', '.join(dict.fromkeys(shown)) or group.title}: {kind}. Full: contours of maps "
+            "made for the probe's true orientation; dashed: contours by the thesis's method, from "
+            "the probe as it is not turned.",
         )
     ]
 
@@ -95,7 +99,7 @@ def _positions(group: PositionGroup, thesis: Thesis, answers: LocatedCases) -> T
         Column("position", "position"),
         Column("thesis_mm", "measured (mm)" if measured else "thesis (mm)", 3),
         Column("turned_lines_mm", f"lines of {REFERENCE}, turned", 3, lines),
-        Column("own_lines_mm", "own lines", 3, lines),
+        Column("own_lines_mm", "lines of each electrode", 3, lines),
         Column("unturned_mm", "not turned", 3, maps),
         Column("true_mm", "true orientation", 4, maps),
         Column("least_squares_mm", "ours, least squares (mm)", 4),
@@ -111,7 +115,8 @@ def _positions(group: PositionGroup, thesis: Thesis, answers: LocatedCases) -> T
     rows = [_row(row, answers[PositionCase.of(row)], measured) for row in group.rows(thesis)]
     return Table(
         group.name,
-        f"{', '.join(group.sources)}: distance of the recovered position from the probe's centre.",
+        f"{', '.join(group.sources)}: distance of the recovered position from the probe's centre"
+        + (", measured by the thesis and simulated here." if measured else "."),
         columns,
         rows,
     )
@@ -152,7 +157,7 @@ def remark(row: Position, located: LocatedCase) -> str:
             texts.append(f"contours of {pair} of the probe not turned do not meet")
         elif margin < CLOSE_PERCENT:
             texts.append(f"contours of {pair} nearly touch")
-    crossings = {"own lines": located.own_lines}
+    crossings = {"lines of each electrode": located.own_lines}
     if REFERENCE in located.turned_lines:
         crossings = {f"lines of {REFERENCE}": located.turned_lines[REFERENCE], **crossings}
     for name, crossing in crossings.items():
@@ -176,7 +181,8 @@ def _count(crossing: Crossing) -> str:
 def _triangulation(group: PositionGroup, thesis: Thesis, answers: LocatedCases) -> Table:
     ours = f"ours, lines of {REFERENCE}, turned"
     columns = [
-        Column("case", "case"),
+        Column("case", "case", on_page=False),
+        Column("place", "probe"),
         Column("item", "triple"),
         Column("status", "thesis"),
         Column("thesis_x_mm", "x (mm)", 4, "thesis"),
@@ -186,9 +192,9 @@ def _triangulation(group: PositionGroup, thesis: Thesis, answers: LocatedCases) 
         Column("turned_y_mm", "y (mm)", 4, ours),
         Column("turned_error_mm", "error (mm)", 3, ours),
         Column("apart_mm", "from the thesis's (mm)", 3, ours),
-        Column("own_x_mm", "x (mm)", 4, "ours, own lines"),
-        Column("own_y_mm", "y (mm)", 4, "ours, own lines"),
-        Column("own_error_mm", "error (mm)", 3, "ours, own lines"),
+        Column("own_x_mm", "x (mm)", 4, "ours, lines of each electrode"),
+        Column("own_y_mm", "y (mm)", 4, "ours, lines of each electrode"),
+        Column("own_error_mm", "error (mm)", 3, "ours, lines of each electrode"),
         Column("true_x_mm", "x (mm)", 4, "ours, true orientation"),
         Column("true_y_mm", "y (mm)", 4, "ours, true orientation"),
         Column("true_error_mm", "error (mm)", 4, "ours, true orientation"),
@@ -208,7 +214,8 @@ def _triangulation(group: PositionGroup, thesis: Thesis, answers: LocatedCases) 
 def _point(
     point: TriangulationPoint, case: PositionCase, located: LocatedCase | None
 ) -> list[Cell]:
-    cells: list[Cell] = [point.case, point.item, point.status.replace("_", " ")]
+    place = f"{case.target_mm[0]:.3g}, {case.target_mm[1]:.3g} mm; {point.force_N:g} N"
+    cells: list[Cell] = [point.case, place, point.item, point.status.replace("_", " ")]
     cells += [point.x_mm, point.y_mm, point.error_mm]
     if point.item == "target":
         return [*cells, *case.target_mm.tolist(), *[None] * 8]

@@ -193,8 +193,9 @@ def _uniaxial_text(group: PositionGroup, thesis: Thesis, answers: LocatedCases) 
     printed = ", ".join(_or_none(row.error_mm) for row in rows)
     return (
         "A uniaxial film looks different along x and y, so that lines of one electrode cannot "
-        f"serve the next. Four electrodes, errors in mm row by row: thesis {printed}; own lines "
-        f"{own_lines}; lines of {REFERENCE}, turned, {lists[REFERENCE]}; lines of A, turned, "
+        f"serve the next. Four electrodes, errors in mm row by row: thesis {printed}; here with "
+        f"lines of its own for each electrode {own_lines}; with lines of {REFERENCE}, turned, "
+        f"{lists[REFERENCE]}; with lines of A, turned, "
         f"{lists['A']}."
     )
 

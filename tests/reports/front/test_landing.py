@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from reports import __main__ as command_line
 from reports import thesis
 from reports.common.figures import preview, save
-from reports.common.page import Cell, Column, Page, Picture, Section, Table
+from reports.common.page import Cell, Column, Link, Page, Picture, Section, Table
 from reports.front.catalogue import REPORTS, command
 from reports.front.landing import publish, write_landing
 from tests.reports.test_page import assert_links_work, parsed
@@ -31,7 +31,7 @@ FINDINGS = table(
     place=["3.1", "4.1"],
     states=["The earth is <flat>.", "No clue."],
     gives=["It is round.", "There is one."],
-    shown=["Fig. 3.5", "elsewhere"],
+    shown=[Link("figure", "Figure"), Link("summary", "Summary")],
 )
 
 
@@ -44,7 +44,7 @@ def reports(tmp_path: Path) -> Path:
     sections = [
         Section("sensor", "Sensor", blocks=[Picture("sensor.svg", "The sensor")]),
         Section("summary", "Summary", blocks=[CHARGES]),
-        Section("figure", "Figure", blocks=[Picture("curve.svg", "Curve")], shows=["Fig. 3.5"]),
+        Section("figure", "Figure", blocks=[Picture("curve.svg", "Curve")]),
         Section("findings", "Findings", blocks=[FINDINGS]),
     ]
     for section in sections:
