@@ -113,6 +113,12 @@ class Table:
         return " ".join(name for name, is_so in classes.items() if is_so)
 
     @property
+    def heads(self) -> list[tuple[str, str]]:
+        """Label of each column on the page, with the class of its first cell."""
+        first = self.shown_rows[0] if self.rows else [("", "text") for _ in self.shown]
+        return [(head.label, kind) for head, (_, kind) in zip(self.shown, first, strict=True)]
+
+    @property
     def shown_rows(self) -> list[list[tuple[str | Link, str]]]:
         """The cells on the page, each with its class: ``number``, ``text`` or ``prose``."""
         return [

@@ -114,7 +114,7 @@ def spacing_picture(study: Study, path: Path) -> None:
         ]
         _lines(right, sized, "spacing of opposite electrodes (mm)", first=3)
         right.set_title(f"{largest_count} electrodes")
-        left.set_ylabel(ERROR_LABEL)
+        left.set_ylabel(ERROR_LABEL.replace("kept on ", "kept on\n"))
         save(figure, path)
 
 

@@ -129,7 +129,7 @@ def browser() -> Iterator[Browser]:
             opened.close()
 
 
-def look_at(path: Path, browser: Browser, *, slack_px: float = 2.0) -> Look:
+def look_at(path: Path, browser: Browser, *, slack_px: float = 0.7) -> Look:
     """Check a page at all widths, without scripts of its own, and the SVG figures that it shows.
 
     Texts may stick out of their box, or into each other, by `slack_px`: fonts have rims.
