@@ -204,6 +204,11 @@ class Page:
         blocks = [block for section in self.sections for block in section.blocks]
         return [block for block in blocks if isinstance(block, Picture)]
 
+    def shown(self, cell: str | Link) -> str | Link:
+        """A cell of a table; a link to a section that this page does not have is its text."""
+        names = {section.name for section in self.sections}
+        return cell.text if isinstance(cell, Link) and cell.section not in names else cell
+
     def html(self) -> str:
         """The page as HTML text."""
         return rendered("page.html.j2", page=self)

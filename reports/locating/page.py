@@ -100,7 +100,7 @@ def _thesis_row(thesis: Thesis, row: Position, model: Response, results: Results
     any_rotation = locate(model, measured, LEAST_SIGMA, unknown=QUANTITIES)
     return [
         row.case,
-        f"{row.probe}, {row.position}",
+        f"{SHAPES[row.probe]}, {row.position}",
         row.error_mm,
         float(triangulated(trial, 0.0, False).place_mm[0]),
         float(triangulated(trial, 0.0, True).place_mm[0]),

@@ -12,7 +12,9 @@ import pytest
 from reports.common.page import (
     LONG_ROWS,
     WIDE_COLUMNS,
+    Cell,
     Column,
+    Link,
     Page,
     Picture,
     Section,
@@ -159,6 +161,14 @@ def test_a_preview_says_so_and_a_page_leads_home() -> None:
     assert "Preview" in page.html()
     assert '<a href="../index.html">' in page.html()
     assert not {"Preview", "All reports"} & set(plain.html().split())
+
+
+def test_a_link_to_a_section_of_another_page_is_text() -> None:
+    cells: list[list[Cell]] = [[Link("s", "Here")], [Link("elsewhere", "There")]]
+    table = Table("t", "caption", [Column("a", "a")], cells)
+    text = Page("Title", [], [Section("s", "S", (), [table])]).html()
+    assert '<a href="#s">Here</a>' in text
+    assert '<td class="prose">There</td>' in text
 
 
 def test_long_and_wide_tables_have_classes_and_nothing_is_collapsed() -> None:

@@ -232,6 +232,20 @@ def test_only_the_wanted_figure_is_made(
     assert "'3.2' is not one of Fig. 3.1, Fig. 3.16" in capsys.readouterr().err
 
 
+def test_a_section_has_a_page_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(thesis, "CHAPTERS", (_chapter("3.1", []), _chapter("shear", [])))
+    assert thesis.main(["--out", str(tmp_path), "--section", "shear"]) == 0
+    assert capsys.readouterr().out.startswith(str(tmp_path / "shear.html"))
+    assert assert_links_work(tmp_path / "shear.html").ids == ["shear"]
+    assert "./run report" in assert_links_work(tmp_path / "index.html").text
+    assert not (tmp_path / "thesis.html").exists()
+    with pytest.raises(SystemExit):
+        thesis.main(["--section", "shaer"])
+    assert "'shaer' is not one of 3.1, shear" in capsys.readouterr().err
+
+
 def _failing(scenes: Sequence[Scene], frames: object) -> list[Record]:
     raise RuntimeError("broken")
 
