@@ -108,6 +108,7 @@ CHAPTERS = (
     unexplained.UNEXPLAINED_CHAPTER,
     summary.ALL_CHAPTER,
 )
+CHAPTERS += (summary.contents_chapter(CHAPTERS),)
 PACKAGES = ("gmsh", "matplotlib", "numpy", "scikit-fem", "scipy")
 INTRODUCTION = (
     "A. Mirbagheri, “Design, Modeling, Fabrication and Testing of a Membrane Piezoelectric "

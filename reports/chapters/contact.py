@@ -43,6 +43,11 @@ def rotations_deg(thesis: Thesis) -> list[float]:
     return sorted(printed | ({CORNER_DEG, 90.0 - CORNER_DEG} if between else set()))
 
 
+def _every_degree(rotations: list[float]) -> list[float]:
+    """Rotations of the curves, which symmetry makes one solve; none in a quick report."""
+    return [float(angle) for angle in range(91)] if len(rotations) > 2 else []
+
+
 def rectangle(rotation_deg: float, contact: str) -> Scene:
     """The rectangle at the centre; under pressure it is the scene of Table 4.1."""
     return pressed(thesis_scene("4", "rect14x7", rotation_deg=rotation_deg), contact)
@@ -61,7 +66,8 @@ def pressed(scene: Scene, contact: str) -> Scene:
 
 def _scenes(thesis: Thesis) -> list[Scene]:
     rotations = rotations_deg(thesis)
-    turned = [rectangle(rotation, contact) for contact in CONTACTS for rotation in rotations]
+    shown = [*rotations, *(_every_degree(rotations))]
+    turned = [rectangle(rotation, contact) for contact in CONTACTS for rotation in shown]
     return turned + [triangle(contact) for contact in CONTACTS if len(rotations) > 2]
 
 
@@ -74,7 +80,13 @@ def _compose(thesis: Thesis, results: Results, out: Path) -> Content:
         for contact in CONTACTS
         for electrode in "AB"
     }
-    _picture(thesis, curves, out / "contact.svg")
+    fine = {
+        (contact, electrode): _curve(
+            _every_degree(rotations) or rotations, contact, electrode, results
+        )
+        for contact, electrode in curves
+    }
+    _picture(thesis, curves, fine, out / "contact.svg")
     caption = (
         "Charge of A and B against rotation of the rectangle at the centre, 1 N (as Fig. 4.3), for "
         "three ways to press; rings: Table 4.1. All charges of this work are the material's."
@@ -93,7 +105,12 @@ def _curve(rotations: list[float], contact: str, electrode: str, results: Result
     return Series(label, np.array(rotations), np.array(charges))
 
 
-def _picture(thesis: Thesis, curves: dict[tuple[str, str], Series], path: Path) -> None:
+def _picture(
+    thesis: Thesis,
+    curves: dict[tuple[str, str], Series],
+    fine: dict[tuple[str, str], Series],
+    path: Path,
+) -> None:
     with drawing(path, 160, 140) as figure:
         axes = figure.subplots(2, sharex=True)
         for ax, electrode in zip(axes, "AB", strict=True):
@@ -104,7 +121,8 @@ def _picture(thesis: Thesis, curves: dict[tuple[str, str], Series], path: Path) 
                 np.array([getattr(charge, key) for charge in rows])
                 for key in ("rotation_deg", "charge_pC")
             )
-            charge_against_rotation(ax, ours, [Series(ours[0].label, x, y)])
+            smooth = [fine[contact, electrode] for contact in CONTACTS]
+            charge_against_rotation(ax, ours, [Series(ours[0].label, x, y)], between=smooth)
             ax.set_ylabel(f"charge of {electrode} (pC)")
         axes[0].set_xlabel("")
 

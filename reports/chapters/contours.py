@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
 from pvdf_fem import Scene
@@ -221,6 +223,12 @@ def _first_picture(
         right.axhline(0.0, color=GREY, lw=0.8)
         right.set(xlabel="angle of the line (°)", ylabel="our radius − thesis's (mm)")
         right.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
+        keys = [
+            Line2D([], [], color=GREY, label="ours, averages along edges"),
+            Line2D([], [], color=GREY, ls="none", marker=".", label="ours, area of the electrode"),
+            Line2D([], [], color=GREY, ls="none", marker="o", mfc="none", label="thesis"),
+        ]
+        figure.legend(handles=keys, loc="outside lower center", ncols=3)
 
 
 def _cut_table(points: Sequence[ComparedPoint]) -> Table:
@@ -352,24 +360,26 @@ def _map_picture(isocharge_map: IsochargeMap, maps: dict[str, TurnedMap], path: 
 
 
 def _draw_map(
-    ax: Axes, isocharge_map: IsochargeMap, maps: dict[str, TurnedMap], pitch_mm: float = 0.5
+    ax: Axes, isocharge_map: IsochargeMap, maps: dict[str, TurnedMap], pitch_mm: float = 0.25
 ) -> None:
-    """Contours of all electrodes, from charges on a raster with this pitch."""
-    raster = np.arange(-MAP_MM, MAP_MM + 1e-9, pitch_mm)
-    places = np.stack(np.meshgrid(raster, raster), axis=-1).reshape(-1, 2)
-    outside = np.linalg.norm(places, axis=1) > maps["A"].reach_mm
+    """Contours of all electrodes up to the edge of the map, from charges on a polar raster."""
+    reach = maps["A"].reach_mm
+    radii = np.linspace(0.0, reach, round(reach / pitch_mm) + 1)
+    angles = np.linspace(0.0, 2.0 * np.pi, round(2.0 * np.pi * MAP_MM / pitch_mm) + 1)
+    x, y = radii[:, None] * np.cos(angles), radii[:, None] * np.sin(angles)
+    places = np.stack([x, y], axis=-1).reshape(-1, 2)
     scene = thesis_scene("4", isocharge_map.setting.probe)
     scene_outlines(ax, scene)
     ax.grid(False)
+    ax.add_patch(Circle((0.0, 0.0), reach, fill=False, ec=GREY, lw=0.8))
     for electrode, ink in zip(scene.electrode_list, COLOURS, strict=False):
-        charge_map = maps[electrode.name]
-        charges = np.where(outside, np.nan, charge_map.value_and_gradient(places)[0])
-        levels = _levels(charge_map, 1e3 * electrode.outline.centroid)
-        lines = ax.contour(
-            raster, raster, charges.reshape(len(raster), -1), levels, colors=[ink], linewidths=0.8
-        )
-        ax.clabel(lines, fmt="%g", fontsize=6)
-    frame(ax, "", MAP_MM)
+        charge_map, centre = maps[electrode.name], 1e3 * electrode.outline.centroid
+        charges = charge_map.value_and_gradient(places)[0].reshape(x.shape)
+        levels = _levels(charge_map, centre)
+        lines = ax.contour(x, y, charges, levels, colors=[ink], linewidths=0.8)
+        for label in ax.clabel(lines, levels[:-1:2], fmt="%g", fontsize=7):
+            label.set(zorder=5, bbox={"fc": "white", "ec": "none", "pad": 0.4})
+    frame(ax, "", reach + 0.5)
 
 
 def _levels(charge_map: TurnedMap, centre_mm: Array) -> list[float]:

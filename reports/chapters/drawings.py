@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.patches import Arc, Circle, Polygon
 from numpy.typing import NDArray
 from skfem import MeshTri2
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.mesh.gmsh_mesh import electrode_patch, mesh_scene, outlines
+from pvdf_fem.mesh.six_node import SIDES, with_sorted_vertices
 from pvdf_fem.mesh.size_field import Sizes
 from pvdf_fem.output.figures import COLOURS, GREY, LABEL_SIZE
 from pvdf_fem.scene.outlines.outline import Outline
@@ -77,8 +80,8 @@ def _compose(thesis: Thesis, results: Results, out: Path) -> Content:
             Picture(
                 "drawings_meshes.svg",
                 "Figs 2.3, 2.5 and 2.6: the mesh on which our charges of the rectangle at the "
-                "centre rest (left), and one of the thesis's element sizes (right). Below: "
-                "electrode A with the nodes on its edge.",
+                "centre rest (left), and one of the thesis's element sizes (right). Shaded: probe "
+                "(orange) and electrodes (green). Below: electrode A with the nodes on its edge.",
             ),
             _mesh_table(thesis, meshes),
             _list(thesis),
@@ -301,11 +304,15 @@ def _mesh_sheet(meshes: dict[str, MeshTri2], path: Path) -> None:
         axes = figure.subplots(2, 2, squeeze=False)
         for (above, below), (name, mesh) in zip(axes.T, meshes.items(), strict=False):
             x, y = 1e3 * mesh.p
+            sides = _sides_mm(mesh)
             # A file with pixels of thousands of lines is far smaller than one with their paths.
-            above.triplot(x, y, mesh.t.T, color=COLOURS[0], lw=0.25, rasterized=True)
-            beside_electrode = (np.hypot(x - RING_MM, y)[mesh.t] < 8.0).any(axis=0)
-            below.triplot(x, y, mesh.t.T[beside_electrode], color=COLOURS[0], lw=0.7)
+            look: dict[str, Any] = {"color": COLOURS[0], "rasterized": len(sides) > 1000}
+            above.add_collection(LineCollection(list(sides), lw=0.25, **look))
+            beside_electrode = (np.hypot(*(sides - [RING_MM, 0.0]).T) < 8.0).any(axis=0)
+            look = {"color": COLOURS[0], "lw": 0.7}
+            below.add_collection(LineCollection(list(sides[beside_electrode]), **look))
             for ax, centre, reach in ((above, 0.0, 46.0), (below, RING_MM, 3.5)):
+                _patches(ax, _scene())
                 ax.set(xlim=(centre - reach, centre + reach), ylim=(-reach, reach))
                 ax.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
                 ax.grid(False)
@@ -313,6 +320,25 @@ def _mesh_sheet(meshes: dict[str, MeshTri2], path: Path) -> None:
             below.plot(x[nodes], y[nodes], "o", color=COLOURS[1], ms=4)
             above.set_title(f"Fig. 2.5, {name}:\n{mesh.nelements} triangles")
             below.set_title(f"Fig. 2.6, {name}:\n{len(nodes)} corner nodes on the edge of A")
+
+
+def _sides_mm(mesh: MeshTri2, points: int = 9) -> Array:
+    """Points in mm along the sides of all triangles, which are parabolas, (sides, points, 2)."""
+    nodes = with_sorted_vertices(mesh.dofs.element_dofs.T)
+    ends = nodes[:, SIDES]
+    middle = nodes[:, 3:]
+    sides = np.concatenate([ends, middle[..., None]], axis=-1).reshape(-1, 3)
+    start, stop, mid = (mesh.doflocs[:, column].T[:, None] for column in np.unique(sides, axis=0).T)
+    s = np.linspace(0.0, 1.0, points)[:, None]
+    curve = start * (1 - s) * (1 - 2 * s) + 4 * mid * s * (1 - s) + stop * s * (2 * s - 1)
+    return np.asarray(1e3 * curve)
+
+
+def _patches(ax: Axes, scene: Scene) -> None:
+    """Shade the probe and the electrodes."""
+    draw_outline(ax, _probe(scene), fc=COLOURS[1], alpha=0.25, lw=0.0)
+    for electrode in scene.electrode_list:
+        draw_outline(ax, electrode.outline, fc=COLOURS[2], alpha=0.3, lw=0.0)
 
 
 def _mesh_table(thesis: Thesis, meshes: dict[str, MeshTri2]) -> Table:

@@ -358,8 +358,8 @@ def _copied(evidence: Evidence) -> Finding:
     return Finding(
         "Tables 4.5, 4.6",
         "They list charges at 90° for seven forces.",
-        f"{len(copies)} of these values are the other table's 0° row digit for digit; Table 4.1 has "
-        f"its own ({evidence.printed('Table 4.1', 'A', 90.0, 1.0):.4f} pC against "
+        f"{len(copies)} of them are the other table's 0° row digit for digit; Table 4.1 has its "
+        f"own ({evidence.printed('Table 4.1', 'A', 90.0, 1.0):.4f} pC against "
         f"{evidence.printed('Table 4.5', 'A', 90.0, 1.0):.4f}).",
         RECTANGLE_FORCE_CHAPTER,
     )
@@ -468,10 +468,11 @@ def _quasi_static(evidence: Evidence) -> Finding:
         "6.1, items 2 to 6",
         "The film's mass and its damping by air are negligible; its first mode is at 117 Hz, so "
         f"that {frequency_Hz:g} Hz is quasi-static.",
-        f"The air that moves with the film puts the mode at {rest.first_Hz[free]:.1f} Hz, or at "
-        f"{rest.first_Hz[baffled]:.1f} Hz in a baffle. But 1 N stretches the film, to "
-        f"{loaded.first_Hz[baffled]:.0f} Hz, so that charges are "
-        f"{loaded.excess_percent[baffled]:.2f} % off the static ones.",
+        f"It is at {rest.first_Hz['in vacuum']:.1f} Hz in a vacuum only. The air that moves with "
+        f"the film puts it at {rest.first_Hz[free]:.1f} Hz, or at {rest.first_Hz[baffled]:.1f} Hz "
+        f"in a baffle. But 1 N stretches the film, to {loaded.first_Hz[baffled]:.0f} Hz in air "
+        f"with a baffle, so that charges are {loaded.excess_percent[baffled]:.2f} % off the "
+        "static ones.",
         TRANSDUCER_CHAPTER,
     )
 

@@ -12,12 +12,14 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+from matplotlib.lines import Line2D
 
 from pvdf_fem import Scene
+from pvdf_fem.output.figures import GREY
 from reports.chapters.mapping_curves import FARTHEST_MM, REACH_MM, Family, LineCurve, plain
 from reports.common.chapter import Chapter, Content
 from reports.common.charge_figures import Series, charge_against_distance, colours
-from reports.common.figures import drawing
+from reports.common.figures import LEVEL_DASHES, drawing
 from reports.common.page import Cell, Column, Picture, Table
 from reports.common.results import MATERIAL, THESIS_EDGE, Results
 from reports.common.thesis_data import SHAPES, ContourPoint, Thesis
@@ -344,7 +346,7 @@ def _other_picture(thesis: Thesis, results: Results, path: Path) -> None:
         for ax, biaxial, uniaxial in zip(axes.flat, OTHERS[::2], OTHERS[1::2], strict=True):
             probe = SHAPES[biaxial.probe]
             ax.set_title(f"{biaxial.layout} electrodes, {probe}, electrode {biaxial.electrode}")
-            for family, dashes in ((biaxial, "-"), (uniaxial, (0, (4, 2)))):
+            for family, dashes in ((biaxial, "-"), (uniaxial, LEVEL_DASHES)):
                 line_curves = family.curves(thesis, results, MATERIAL, fields[family.probe])
                 for curve, ink in zip(line_curves, colours(len(line_curves)), strict=True):
                     smooth, points = curve.series, curve.points
@@ -354,6 +356,10 @@ def _other_picture(thesis: Thesis, results: Results, path: Path) -> None:
             ax.set(xlabel="distance (mm)", ylabel="charge (pC)", xlim=(0.0, FARTHEST_MM))
             ax.set_ylim(bottom=0.0)
             ax.legend()  # at the upper right, where the charges have fallen
+        films = (("biaxial film", "-"), ("uniaxial film", LEVEL_DASHES))
+        keys = [Line2D([], [], color=GREY, lw=1.1, ls=ls, label=label) for label, ls in films]
+        keys.append(Line2D([], [], color=GREY, ls="none", marker=".", ms=3, label="solved places"))
+        figure.legend(handles=keys, loc="outside lower center", ncols=3)
 
 
 def _chapter(family: Family) -> Chapter:

@@ -27,7 +27,12 @@ def _compose(comparisons: list[Comparison], out: Path) -> Content:
             "along x unless the thesis calls it rotated.",
         ],
         [
-            Picture("scenes.svg", "Deflection and charges of the first and the last scene."),
+            Picture(
+                "scenes.svg",
+                "Deflection of the film under the probe (orange) in the first and in the last of "
+                "these scenes, up to 30 mm from the centre. Charges are those of the electrodes' "
+                "areas (material); the table compares averages along the edges.",
+            ),
             wide_table("scenes", caption, keys, comparisons),
         ],
     )

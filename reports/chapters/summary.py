@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from pvdf_fem.output.figures import COLOURS, GREY
 from pvdf_fem.scene.scene import Scene
+from reports.chapters.force_and_angle.rectangle import asymmetry_pC
 from reports.chapters.linear_mesh import charges_on_thesis_mesh
 from reports.chapters.unexplained import UNEXPLAINED_CHAPTER
 from reports.common.chapter import Chapter, Content, comparing
 from reports.common.comparison import LIMIT, Comparison, bias, compare, verdict
 from reports.common.figures import LEVEL_DASHES, drawing
-from reports.common.page import Cell, Column, Picture, Table
+from reports.common.page import Cell, Column, Link, Picture, Table
 from reports.common.results import Results
 from reports.common.tables import ROTATION, long_table
 from reports.common.thesis_data import DEFECTS, Charge, Thesis
@@ -142,9 +144,21 @@ def _mesh(thesis: Thesis, results: Results, out: Path) -> Content:
             "of the thesis, and so not expected of a converged solution.",
             f"The median difference from the thesis is {ours:.2f} % with our meshes and "
             f"{on_its_mesh:.2f} % with meshes of its sizes. Its own mesh is not known, only its "
-            "sizes; its charges scatter by 0.2 % between equivalent positions.",
+            f"sizes.{_scatter_text(thesis)}",
         ],
         [Table("thesis_mesh", "Charges on both kinds of mesh.", columns, rows)],
+    )
+
+
+def _scatter_text(thesis: Thesis) -> str:
+    charges = [charge.charge_pC for charge in thesis.from_("Table 4.1")]
+    try:
+        asymmetry = asymmetry_pC(thesis)
+    except KeyError:
+        return ""
+    return (
+        f" Charges of Table 4.1 that symmetry makes equal differ by up to {asymmetry:.2f} pC, "
+        f"{100.0 * asymmetry / float(np.mean(charges)):.1f} %."
     )
 
 
@@ -156,6 +170,69 @@ def _mesh_row(comparison: Comparison, on_its_mesh: dict[str, float]) -> list[Cel
     row += [printed, ours, coarse]
     differences = [ours - printed, coarse - printed, coarse - ours]
     return [*row, *(100.0 * difference / printed for difference in differences)]
+
+
+# ------------------------------------------------------------------- all figures and tables
+
+#: Why a figure or table of the thesis has no section.
+LEFT_OUT = {
+    "Fig. 1.1": "a count of papers, not of the sensor",
+    "Fig. 5.1": "a mask for etching; its electrodes are those of every scene",
+    "Fig. 5.2": "the set-up of the experiment",
+    "Fig. 5.3": "a photograph",
+    "Fig. 5.4": "a photograph",
+    "Fig. 5.5": "a diagram of the data acquisition",
+    "Fig. 5.6": "measured points whose numbers are not printed",
+    "Fig. 5.7": "measured curves whose numbers are not printed",
+    "Fig. 5.10": "measured points whose numbers are not printed",
+    "Fig. 5.11": "measured curves whose numbers are not printed",
+}
+#: The thesis's tables and what they hold.
+TABLES = {
+    "Table 2.1": "properties of the film: those of every scene",
+    "Table 3.1": "positions of the triangle, biaxial film",
+    "Table 3.2": "positions of the rectangle, biaxial film",
+    "Table 3.3": "positions with the uniaxial film",
+    "Table 3.4": "charge against force, triangle",
+    "Table 3.5": "positions at 2 N",
+    "Table 4.1": "charge against rotation, rectangle, 1 N",
+    "Table 4.2": "angle from the charge of A, 1 N",
+    "Table 4.3": "angle from the charge of A, 0.5 N",
+    "Table 4.4": "force from a range of charges",
+    "Table 4.5": "charge of A against rotation and force",
+    "Table 4.6": "charge of B against rotation and force",
+    "Table 5.1": "measured positions of the triangle",
+    "Table 5.2": "measured positions of the rectangle",
+}
+
+
+def contents_chapter(chapters: Sequence[Chapter]) -> Chapter:
+    """A chapter that lists every figure and table of the thesis with the section about it."""
+    sections = {shown: chapter for chapter in reversed(chapters) for shown in chapter.shows}
+
+    def compose(thesis: Thesis, results: Results, out: Path) -> Content:
+        items = {f"Fig. {figure.number}": figure.shows for figure in thesis.figures} | TABLES
+        rows: list[list[Cell]] = [
+            [item, what, _where(sections.get(item), LEFT_OUT.get(item, "no section of its own"))]
+            for item, what in items.items()
+        ]
+        left_out = sum(item not in sections for item in items)
+        columns = [Column("item", "in the thesis"), Column("what", "what it shows")]
+        columns.append(Column("where", "section, or why there is none"))
+        text = (
+            f"The thesis has {len(thesis.figures)} figures (three of them in App. 5) and "
+            f"{len(TABLES)} tables. {len(items) - left_out} have a section here, {left_out} have "
+            "none, for the reason in the last column."
+        )
+        caption = "Every figure and table of the thesis."
+        return Content([text], [Table("contents", caption, columns, rows)])
+
+    title = "Where each figure and table of the thesis is treated"
+    return Chapter("contents", title, (), lambda thesis: [], compose)
+
+
+def _where(chapter: Chapter | None, reason: str) -> Cell:
+    return Link(chapter.name, chapter.title) if chapter else reason
 
 
 SUMMARY_CHAPTER = comparing(

@@ -202,11 +202,11 @@ def _degree_six_picture(
             left.plot(equation.x, equation.y, **look)
             _over_law(right, equation, law, label=label, **look)
         charge_against_force(left, [ours], [printed])
-        _over_law(right, ours, law, color=COLOURS[0], marker=".")
-        _over_law(right, printed, law, color=COLOURS[0], **RING)
+        _over_law(right, ours, law, color=COLOURS[0], marker=".", label="this work")
+        _over_law(right, printed, law, color=COLOURS[0], **RING, label="thesis")
         right.set(xlabel="force (N)", ylabel="above the law (%)", xlim=left.get_xlim())
         if law is not None:
-            right.legend(loc="upper left")
+            left.legend(*right.get_legend_handles_labels(), loc="upper left")
 
 
 def _over_law(ax: Axes, curve: Series, law: MembraneLaw | None, **look: Any) -> None:

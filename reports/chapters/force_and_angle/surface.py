@@ -78,9 +78,12 @@ def _surface_picture(
 def _draw_charge(ax: Axes, angles: Array, forces: Array, ours: Array, product: Array) -> None:
     levels = np.array([400.0, 500, 600, 800, 1000, 1250, 1500, 1750, 2000, 2500, 3000])
     # The scale of the shades ends far above the charges, so that lines and labels can be read.
-    ax.contourf(
-        angles, forces, ours, levels=[0.0, *levels, 4000.0], cmap="Blues", vmin=0.0, vmax=9000.0
+    shades = ax.contourf(
+        angles, forces, ours, levels=[200.0, *levels, 4000.0], cmap="Blues", vmin=0.0, vmax=9000.0
     )
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    figure.colorbar(shades, ax=ax, ticks=levels[::2].tolist())
     lines = ax.contour(angles, forces, ours, levels=levels, colors=COLOURS[0], linewidths=0.9)
     ax.clabel(lines, levels[:-1:2].tolist(), fontsize=7, colors="black")
     ax.contour(

@@ -71,7 +71,9 @@ def scene_outlines(ax: Axes, scene: Scene, *, probe: bool = True) -> None:
         draw_outline(ax, electrode.outline, fc="0.93", ec=ink, lw=1.0)
         centre = 1e3 * electrode.outline.centroid
         x, y = centre * (1.0 + 2.9 / np.linalg.norm(centre))
-        ax.text(x, y, electrode.name, color=ink, ha="center", va="center", clip_on=True)
+        box = {"fc": "white", "ec": "none", "pad": 1.0}
+        look: dict[str, Any] = {"ha": "center", "va": "center", "bbox": box, "zorder": 5}
+        ax.text(x, y, electrode.name, color=ink, clip_on=True, **look)
     if probe and scene.single_probe is not None:
         draw_outline(ax, scene.single_probe.outline, fc="none", ec=GREY, lw=1.0)
 

@@ -87,7 +87,7 @@ def air_text(motions: list[Motion], frequency_Hz: float) -> str:
         f"Air (6.1, item 6: 117 Hz, so that {frequency_Hz:g} Hz is quasi-static). The untouched "
         f"film sounds at {rest.first_Hz['in vacuum']:.1f} Hz in a vacuum, but in air at "
         f"{rest.first_Hz[free]:.1f} Hz, or {rest.first_Hz[baffled]:.1f} Hz with its rim in a "
-        f"baffle. Under 1 N it is at {full.first_Hz[free]:.0f} and {full.first_Hz[baffled]:.0f} "
+        f"baffle. Under 1 N it is in air at {full.first_Hz[free]:.0f} and {full.first_Hz[baffled]:.0f} "
         f"Hz: the conclusion holds, since the force stretches the film. A force that oscillates "
         f"about 1 N at {frequency_Hz:g} Hz makes {full.excess_percent[baffled]:.2f} % more charge "
         f"than a static one, about {light.force_N:g} N {light.excess_percent[baffled]:.1f} %. What "
