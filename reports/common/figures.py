@@ -53,6 +53,8 @@ def save(figure: Figure, path: Path) -> None:
         look: dict[str, Any] = {"rotation": 25, "ha": "center", "va": "center", "zorder": 100}
         size = 0.16 * min(figure.bbox.width, 1.5 * figure.bbox.height) * 72.0 / figure.dpi
         figure.text(0.5, 0.5, "preview", fontsize=size, color=COLOURS[1], alpha=0.13, **look)
+    if figure.legends and (layout := figure.get_layout_engine()):
+        layout.execute(figure)  # a single pass leaves too little room beside a figure's legend
     figures.save(figure, path)
 
 

@@ -104,7 +104,7 @@ def _verdict_card(verdict: Verdict, pages: Pages) -> Card:
     report, section = verdict.report, verdict.section
     link = f"{REPORTS[report].page}#{section}"
     remark = "from a preview" if pages[report].is_preview else ""
-    picture = _thumbnail(report, pages, section)
+    picture = _thumbnail(report, pages, verdict.pictured or section)
     return Card(verdict.topic, verdict.sentence, link, picture, remark)
 
 
@@ -130,7 +130,8 @@ def _findings(pages: Pages) -> Iterator[Card]:
             section = shown.section if isinstance(shown, Link) else found.section.name
             picture = _thumbnail(DEFAULT, pages, section)
             link = f"{REPORTS[DEFAULT].page}#{section}"
-            yield Card(str(states), str(gives), link, picture, f"Thesis, {place}")
+            quoted = f"“{str(states).rstrip('.')}”"
+            yield Card(quoted, str(gives), link, picture, f"Thesis, {place}")
 
 
 def _other_pages(directory: Path) -> dict[str, str]:

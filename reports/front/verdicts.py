@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from reports.common.page import Cell, Page, Section, Table, signed
+from reports.common.page import Cell, Link, Page, Section, Table, signed
 
 
 @dataclass(frozen=True)
@@ -22,12 +22,15 @@ class Verdict:
         Name of the report in the catalogue.
     section : str
         Name of the section that shows it.
+    pictured : str
+        Name of the section whose picture stands for it; empty for the same one.
     """
 
     topic: str
     sentence: str
     report: str
     section: str
+    pictured: str = ""
 
 
 #: Pages of the reports that are made, by the names of the catalogue.
@@ -137,7 +140,10 @@ def thesis_errors(pages: Pages) -> Verdict:
         f"{len(findings.table.rows)} statements of the thesis are contradicted by its own numbers "
         "or by the model. They are listed below."
     )
-    return Verdict("What the thesis got wrong", sentence, "thesis", findings.section.name)
+    links = [link.section for link in findings.cells("shown") if isinstance(link, Link)]
+    return Verdict(
+        "What the thesis got wrong", sentence, "thesis", findings.section.name, *links[:1]
+    )
 
 
 def resolution(pages: Pages) -> Verdict:

@@ -75,7 +75,7 @@ def test_sentences_have_the_numbers_of_the_tables(reports: Path) -> None:
     assert "2 statements of the thesis are contradicted" in text
     assert "1.50 mm and its force to 6.0 %" in text
     assert "resolves 0.25 mm and 2.0 %" in text
-    assert "The earth is <flat>. It is round." in text
+    assert "“The earth is <flat>” It is round." in text
 
 
 def test_what_is_not_made_has_its_command_and_a_preview_says_so(reports: Path) -> None:
