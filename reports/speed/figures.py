@@ -95,6 +95,7 @@ def work_precision(
             ax.axhspan(LEAST_ERROR, max(references[case.name].doubt, LEAST_ERROR), color="0.92")
             ax.set(xscale="log", yscale="log")
             ax.set_title(case.title, fontsize=8)
+        _show_a_decade(axes[0])
         for ax in axes[len(cases) :]:
             ax.set_axis_off()
         handles = [Line2D([], [], **look.options) for look in looks.values()]
@@ -108,6 +109,13 @@ def work_precision(
         figure.supxlabel(label.get(abscissa, "seconds"), fontsize=9)
         figure.supylabel("relative error of the worst charge", fontsize=9)
         save(figure, path)
+
+
+def _show_a_decade(ax: Axes) -> None:
+    """Widen the abscissae to more than a decade, below which labels of ticks overlap."""
+    low, high = np.log10(ax.get_xlim())
+    beyond = max(0.0, 0.5 * (1.05 - (high - low)))
+    ax.set_xlim(10.0 ** (low - beyond), 10.0 ** (high + beyond))
 
 
 def _curve(ax: Axes, runs: Sequence[TimedRun], look: Look, abscissa: str) -> None:
