@@ -108,8 +108,11 @@ class Table:
 
     @property
     def size(self) -> str:
-        """Classes for the style sheet: ``wide``, ``long``, both or none."""
-        classes = {"wide": len(self.shown) > WIDE_COLUMNS, "long": len(self.rows) > LONG_ROWS}
+        """Classes for the style sheet: some of ``wide``, ``wordy`` and ``long``."""
+        is_wide = len(self.shown) > WIDE_COLUMNS
+        has_prose = any(kind == "prose" for row in self.shown_rows for _, kind in row)
+        is_wordy = has_prose and not is_wide
+        classes = {"wide": is_wide, "wordy": is_wordy, "long": len(self.rows) > LONG_ROWS}
         return " ".join(name for name, is_so in classes.items() if is_so)
 
     @property
