@@ -10,11 +10,13 @@ beside them. The help lists the columns of the file; `reports/data/example_measu
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -60,13 +62,18 @@ def _compare(options: argparse.Namespace) -> int:
         raise InputError(*error.problems) from None
     make_directory(options.out, "index.html", options.file)
     results = Results(options.out / "results", options.processes)
-    scenes = _scenes(measured, options.contact)
-    with tqdm(total=results.missing(scenes), unit="solve", disable=None) as bar:
-        results.solve(scenes, lambda solved, total: bar.update(1 if solved else 0))
+    _solve(_scenes(measured, options.contact), results)
     compared = [_beside(measurement, options.contact, results) for measurement in measured]
-    page = _page(options.file, options.contact, compared, options.out)
+    turned = [every_degree(rows) for rows in families(compared, "rotation_deg").values()]
+    _solve([pressed(row.scene, options.contact) for rows in turned for row in rows], results)
+    page = _page(options.file, options.contact, compared, options.out, results)
     print(publish(page, options.out))
     return 0 if all(measurement.status == "converged" for measurement in compared) else 1
+
+
+def _solve(scenes: Sequence[Scene], results: Results) -> None:
+    with tqdm(total=results.missing(scenes), unit="solve", disable=None) as bar:
+        results.solve(scenes, lambda solved, total: bar.update(1 if solved else 0))
 
 
 @dataclass(frozen=True)
@@ -107,14 +114,20 @@ def _beside(measurement: Measurement, contact: str, results: Results) -> Compare
 # --------------------------------------------------------------------------------------- page
 
 
-def _page(file: Path, contact: str, compared: Sequence[ComparedMeasurement], out: Path) -> Page:
+def _page(
+    file: Path,
+    contact: str,
+    compared: Sequence[ComparedMeasurement],
+    out: Path,
+    results: Results,
+) -> Page:
     _overview(compared, out / "comparison.svg")
     caption = (
         "Above: measured charge over the computed one (material); line: equal. Below: measured "
         "less computed in percent of computed, for three readings of a charge."
     )
     blocks: list[Table | Picture] = [Picture("comparison.svg", caption)]
-    blocks += _families(compared, out)
+    blocks += _families(compared, out, contact, results)
     press = {"pressure": "a uniform pressure"}.get(contact, f"a rigid probe, {contact}")
     introduction = [
         f"{len(compared)} charges of {len({charge.measured.case for charge in compared})} cases in "
@@ -175,6 +188,11 @@ def _row(compared: ComparedMeasurement) -> list[Cell]:
 
 # ------------------------------------------------------------------------------------ figures
 
+Curves: TypeAlias = Sequence[Series]
+Family: TypeAlias = Sequence[ComparedMeasurement]
+#: Draws our curves, measured points, and what belongs to the family that both are of.
+Draw: TypeAlias = Callable[[Axes, Curves, Curves, Family], None]
+
 
 def _overview(compared: Sequence[ComparedMeasurement], path: Path) -> None:
     with drawing(path, 150, 170) as figure:
@@ -197,12 +215,22 @@ def _overview(compared: Sequence[ComparedMeasurement], path: Path) -> None:
             ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.0)
 
 
-def _families(compared: Sequence[ComparedMeasurement], out: Path) -> list[Picture]:
+def _families(
+    compared: Sequence[ComparedMeasurement], out: Path, contact: str, results: Results
+) -> list[Picture]:
     """Figures of the rows that differ only in the rotation, or only in the force."""
+
+    def turning(ax: Axes, ours: Curves, theirs: Curves, rows: Family) -> None:
+        smooth = [_turned(curve, rows, contact, results) for curve in ours]
+        charge_against_rotation(ax, ours, theirs, others="measured", between=smooth)
+
+    def pressing(ax: Axes, ours: Curves, theirs: Curves, rows: Family) -> None:
+        charge_against_force(ax, ours, theirs, others="measured")
+
     pictures = []
-    kinds: tuple[tuple[str, str, Callable[..., None]], ...] = (
-        ("rotation_deg", "rotation", charge_against_rotation),
-        ("force_N", "force", charge_against_force),
+    kinds: tuple[tuple[str, str, Draw], ...] = (
+        ("rotation_deg", "rotation", turning),
+        ("force_N", "force", pressing),
     )
     for varied, name, draw in kinds:
         groups = families(compared, varied)
@@ -231,9 +259,24 @@ def families(
     }
 
 
-def _family(
-    family: Sequence[ComparedMeasurement], varied: str, draw: Callable[..., None], path: Path
-) -> None:
+def every_degree(rows: Sequence[ComparedMeasurement]) -> list[Measurement]:
+    """A row for every degree between the rotations of rows that differ in the rotation alone."""
+    rotations = [row.measured.rotation_deg for row in rows]
+    inside = range(math.ceil(min(rotations)), math.floor(max(rotations)) + 1)
+    angles = sorted({*rotations, *map(float, inside)})
+    return [replace(rows[0].measured, rotation_deg=angle) for angle in angles]
+
+
+def _turned(
+    ours: Series, rows: Sequence[ComparedMeasurement], contact: str, results: Results
+) -> Series:
+    """Our charge of the electrode of a series at every degree."""
+    turned = every_degree(rows)
+    charges = [results[pressed(row.scene, contact)].charge_pC(ours.label) for row in turned]
+    return Series(ours.label, np.array([row.rotation_deg for row in turned]), np.array(charges))
+
+
+def _family(family: Sequence[ComparedMeasurement], varied: str, draw: Draw, path: Path) -> None:
     ours, theirs = [], []
     for electrode in sorted({row.measured.electrode for row in family}):
         rows = [row for row in family if row.measured.electrode == electrode]
@@ -247,7 +290,7 @@ def _family(
         )
     with drawing(path, 150, 95) as figure:
         ax: Axes = figure.subplots()
-        draw(ax, ours, theirs, others="measured")
+        draw(ax, ours, theirs, family)
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:

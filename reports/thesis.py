@@ -68,7 +68,7 @@ from reports.front.landing import LANDING, write_landing
 from reports.front.sensor import SENSOR_CHAPTER
 
 #: All chapters in the order of the page.
-CHAPTERS = (
+CHAPTERS: tuple[Chapter, ...] = (
     SENSOR_CHAPTER,
     summary.SUMMARY_CHAPTER,
     findings.FINDINGS_CHAPTER,

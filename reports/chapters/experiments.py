@@ -344,18 +344,20 @@ def _mode_table(thesis: Thesis) -> Table:
 
 def _mode_texts(thesis: Thesis, table: Table) -> list[str]:
     printed = thesis.parameters["experiment"]["first_natural_frequency"]["value"]
-    first, factor, first_in_air, factor_in_air = (float(c or "nan") for c in table.rows[0][2:6])
+    cells = [cell if isinstance(cell, float) else math.nan for cell in table.rows[0][2:6]]
+    first, factor, first_in_air, factor_in_air = cells
     if math.isnan(first):
         return []
     return [
         f"The first natural frequency of {printed:g} Hz (6.1, item 6) is right for a film cooled "
         f"by 1 K in a vacuum: {first:.2f} Hz, which makes the response at 20 Hz "
         f"{100 * (factor - 1):.1f} % larger than a static one. But the air that moves with the "
-        f"film is heavier than the film itself. In air, in a rigid baffle, it is {first_in_air:.1f} Hz and "
-        f"{100 * (factor_in_air - 1):.1f} %. Item 8 says that the cooling could not be done, so "
-        "the film tested did not have this tension. But the force itself stretches it, cooled or "
-        "not: while the probe presses, the response is static for another reason than the "
-        "thesis's. Tapes as heavy as the film (item 9) are not in these numbers."
+        "film is heavier than the film itself. In air, in a rigid baffle, it is "
+        f"{first_in_air:.1f} Hz and {100 * (factor_in_air - 1):.1f} %. Item 8 says that the "
+        "cooling could not be done, so the film tested did not have this tension. But the force "
+        "itself stretches it, cooled or not: while the probe presses, the response is static for "
+        "another reason than the thesis's. Tapes as heavy as the film (item 9) are not in these "
+        "numbers."
     ]
 
 
@@ -391,13 +393,13 @@ def _static_texts(thesis: Thesis, results: Results) -> list[str]:
     largest = max(thesis.from_("Table 4.5"), key=lambda charge: charge.charge_pC, default=None)
     if largest is not None:
         mean_MPa = 0.5 * largest.charge_pC / d31 / area  # pC / (pC/N · mm²) = MPa
-        below_MPa = largest_stress_MPa(scene_of(largest))
+        largest_MPa = largest_stress_MPa(scene_of(largest))
         texts.append(
             f"Section 2.1.4 takes the film as linear up to a stress of {limit:g} MPa in one "
             f"direction. At {largest.force_N:g} N the charge of {largest.charge_pC:.1f} pC means "
             f"{mean_MPa:.1f} MPa at the electrode, the mean of σx and σy, and the largest "
-            f"principal stress, below the probe, is {below_MPa:.1f} MPa here: "
-            f"{100.0 * mean_MPa / limit:.0f} and {100.0 * below_MPa / limit:.0f} % of the limit."
+            f"principal stress of the film is {largest_MPa:.1f} MPa here: "
+            f"{100.0 * mean_MPa / limit:.0f} and {100.0 * largest_MPa / limit:.0f} % of the limit."
         )
     return texts
 

@@ -485,8 +485,8 @@ def _tapes(evidence: Evidence) -> Finding:
         "6.1, item 9",
         "The stiffness of the tapes could well account for the differences.",
         f"A tape of 50 µm over an electrode takes {span(over.percent(place))} % of its charge, one "
-        f"that begins beyond it adds {span(beyond.percent(place))} %. The section tells how little "
-        "of the pattern of measured errors that explains.",
+        f"that begins beyond it adds {span(beyond.percent(place))} %. In size that is enough for "
+        "the measured errors; whether it makes the right touches err is tested in the section.",
         TRANSDUCER_CHAPTER,
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -104,12 +105,20 @@ def _rectangles() -> dict[str, Scene]:
     }
 
 
+def _is_quick(thesis: Thesis) -> bool:
+    return len(thesis.angles_deg["A"]) == 1
+
+
 def _scenes(thesis: Thesis) -> list[Scene]:
     charges = thesis.counted
+    if _is_quick(thesis):
+        return []
     return [*map(scene_of, charges), *map(larger, charges), *_rectangles().values()]
 
 
 def _compose(thesis: Thesis, results: Results, out: Path) -> Content:
+    if _is_quick(thesis):
+        return Content(["A quick report has too few charges for this."], [])
     comparisons = compare(thesis.counted, results)
     if not any(comparison.counts for comparison in comparisons):
         return Content(["No charge could be compared."], [])
@@ -218,27 +227,31 @@ def _over_forces(thesis: Thesis) -> list[Charge]:
     return [charge for charge in charges if charge.rotation_deg == 0.0 and not charge.defect]
 
 
-def in_tilted_axes_pC(scene: Scene, electrode: str, points: int = 31) -> float:
-    """Charge in pC from averages along the edges of the stress in the tilted film's own axes.
+@cache
+def in_tilted_axes_pC(scene: Scene, points: int = 31) -> dict[str, float]:
+    """Charges in pC from averages along the edges of the stress in the tilted film's own axes.
 
-    The thesis-edge observable projects the stress onto the sensor's axes instead.
+    The thesis-edge observable projects the stress onto the sensor's axes instead. Empty without a
+    solution.
     """
     solution = solve(scene)
     if solution.status is not Status.CONVERGED:
-        return np.nan
-    outline = next(e.outline for e in scene.electrode_list if e.name == electrode)
-    left, lower, right, upper = (1e3 * side for side in outline.shape.bounds)
-    along_x, along_y = np.linspace(left, right, points), np.linspace(lower, upper, points)
-    s11 = [solution.at(x, along_y).stress_MPa[..., 0] for x in (left, right)]
-    s22 = [solution.at(along_x, y).stress_MPa[..., 1] for y in (lower, upper)]
-    film, area_mm2 = scene.film, 1e6 * outline.area
-    mean11, mean22 = (float(np.trapezoid(s).mean() / (points - 1)) for s in (s11, s22))
-    return area_mm2 * (film.d31_pC_N * mean11 + film.d32_pC_N * mean22)
+        return {}
+    charges, d31, d32 = {}, scene.film.d31_pC_N, scene.film.d32_pC_N
+    for electrode in scene.electrode_list:
+        left, lower, right, upper = (1e3 * side for side in electrode.outline.shape.bounds)
+        along_x, along_y = np.linspace(left, right, points), np.linspace(lower, upper, points)
+        s11 = [solution.at(x, along_y).stress_MPa[..., 0] for x in (left, right)]
+        s22 = [solution.at(along_x, y).stress_MPa[..., 1] for y in (lower, upper)]
+        mean11, mean22 = (float(np.mean(np.trapezoid(s)) / (points - 1)) for s in (s11, s22))
+        charges[electrode.name] = 1e6 * electrode.outline.area * (d31 * mean11 + d32 * mean22)
+    return charges
 
 
 def _axes_row(charge: Charge, results: Results) -> list[Cell]:
     scene, electrode = scene_of(charge), charge.electrode
-    both = results[scene].charge_pC(electrode, THESIS_EDGE), in_tilted_axes_pC(scene, electrode)
+    tilted = in_tilted_axes_pC(scene).get(electrode, np.nan)
+    both = results[scene].charge_pC(electrode, THESIS_EDGE), tilted
     percents = [100.0 * (pC / charge.charge_pC - 1.0) for pC in both]
     return [electrode, charge.force_N, charge.charge_pC, *percents]
 

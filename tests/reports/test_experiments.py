@@ -18,12 +18,13 @@ from reports.chapters.experiments import (
     CIRCUIT_CHAPTER,
     MEASURED_POSITIONS_CHAPTER,
     frequency_of,
+    largest_stress_MPa,
     thesis_circuit,
 )
 from reports.common.chapter import Content
 from reports.common.page import Table
 from reports.common.thesis_data import Thesis
-from reports.common.thesis_scene import thesis_scene
+from reports.common.thesis_scene import scene_of, thesis_scene
 
 DATA = Thesis.read()
 
@@ -92,7 +93,9 @@ def test_first_modes_and_static_charges(tmp_path: Path) -> None:
     assert modes["no force"][5] == pytest.approx(1.0909, abs=1e-3)
     pyro = table(content, "static_charges").rows[2]
     assert pyro[1] == pytest.approx(225.0)
-    assert "42.7 MPa" in " ".join(content.paragraphs)
+    text = " ".join(content.paragraphs)
+    assert "21.4 MPa at the electrode" in text  # half of 3074.7 pC / (8 pC/N · 9 mm²)
+    assert largest_stress_MPa(scene_of(DATA.counted[0]), pitch_mm=2.0) > 5.0
 
 
 def test_failed_solves_leave_gaps_in_the_contact_chapter(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ from reports.chapters.linear_mesh import (
 )
 from reports.common.chapter import Chapter, Content
 from reports.common.comparison import Comparison, compare, verdict
-from reports.common.page import Column, Section, Table
+from reports.common.page import Column, Link, Section, Table
 from reports.common.results import MATERIAL, THESIS_EDGE, Results
 from reports.common.section_cache import TABLE_OF_ERRORS, cached_section
 from reports.common.thesis_data import DEFECTS, Thesis
@@ -199,14 +199,14 @@ def test_a_new_section_leaves_those_whose_names_begin_alike(
 
 
 def test_cells_of_a_section_survive_in_the_cache(results: Results, tmp_path: Path) -> None:
-    cells = ["text", 2, 0.1 + 0.2, np.float64(1.0) / 3.0, None, float("nan")]
+    cells = ["text", 2, 0.1 + 0.2, np.float64(1.0) / 3.0, Link("s", "<T>"), float("nan")]
     columns = [Column(f"c{i}", "c", None, "g", True, i < 5) for i in range(6)]
     section = Section("s", "Title", ("a", "b"), (Table("t", "caption", columns, [cells]),))
     cached = cached_section("s", [], DATA, results, tmp_path, lambda: section)
     [table] = cached.blocks
     assert isinstance(table, Table)
     assert list(table.rows[0]) == [*cells[:5], None]
-    assert [type(cell) for cell in table.rows[0][:4]] == [str, int, float, float]
+    assert [type(cell) for cell in table.rows[0][:5]] == [str, int, float, float, Link]
     assert table.columns == columns
     assert table.shown_rows == section.blocks[0].shown_rows  # type: ignore[union-attr]
 

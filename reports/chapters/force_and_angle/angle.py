@@ -226,7 +226,7 @@ def _listed(angles: tuple[float, ...]) -> Cell:
 def _error_picture(
     recovered_angles: list[RecoveredAngle], rectangle: Rectangle, path: Path
 ) -> None:
-    angles = np.linspace(0.0, 90.0, 19)
+    angles = np.linspace(0.0, 90.0, 91)
     with drawing(path, 160, 85) as figure:
         ax = figure.subplots()
         if rectangle.ours is not None:
@@ -235,7 +235,7 @@ def _error_picture(
                 ("AB", "A and B, force unknown", COLOURS[0]),
             ):
                 errors = [_half_range(rectangle.ours, angle, electrodes) for angle in angles]
-                ax.plot(angles, errors, ".-", color=ink, label=label)
+                ax.plot(angles, errors, color=ink, label=label)
             ax.plot(
                 [recovered_angle.angle_deg for recovered_angle in recovered_angles],
                 [recovered_angle.angle_error_deg for recovered_angle in recovered_angles],

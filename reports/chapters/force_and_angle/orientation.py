@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from pathlib import Path
 
@@ -68,25 +69,29 @@ def _rotation(thesis: Thesis, results: Results, out: Path) -> Content:
     return Content(_rotation_text(thesis, comparisons), blocks)
 
 
-def _every_degree(force_N: float) -> list[Scene]:
-    """The rectangle at the centre, turned by 0, 1, ... 90°; symmetry makes them one solve."""
+def _every_degree(thesis: Thesis, force_N: float) -> list[Scene]:
+    """The rectangle at the centre, turned by 0, 1, ... 90°, which symmetry makes one solve.
+
+    None without charges between 0 and 90°, as in a quick report.
+    """
+    if all(charge.rotation_deg % 90.0 == 0.0 for charge in thesis.from_("Table 4.1")):
+        return []
     return [
         thesis_scene("4", "rect14x7", rotation_deg=float(angle), force_N=force_N)
         for angle in range(91)
     ]
 
 
-def _curve(force_N: float, electrode: str, results: Results) -> Series:
-    """Our charge at every degree up to 180°."""
-    scenes = _every_degree(force_N)
-    charges = [results[scene].charge_pC(electrode, THESIS_EDGE) for scene in scenes]
-    return _mirrored(Series(electrode, np.arange(91.0), np.array(charges)))
-
-
 def _scenes(thesis: Thesis) -> list[Scene]:
-    return table_scenes(thesis) + [
-        s for force_N in FIGURES.values() for s in _every_degree(force_N)
-    ]
+    turned = [_every_degree(thesis, force_N) for force_N in FIGURES.values()]
+    return [*table_scenes(thesis), *itertools.chain.from_iterable(turned)]
+
+
+def _curves(thesis: Thesis, force_N: float, results: Results) -> list[Series]:
+    """Our charges of A and B at every degree up to 180°; none in a quick report."""
+    records = [results[scene] for scene in _every_degree(thesis, force_N)]
+    charges = {e: np.array([record.charge_pC(e, THESIS_EDGE) for record in records]) for e in "AB"}
+    return [_mirrored(Series(e, np.arange(91.0), Q)) for e, Q in charges.items() if Q.size]
 
 
 def _rotation_picture(
@@ -97,7 +102,7 @@ def _rotation_picture(
         _mirrored(series(comparisons, electrode, "rotation_deg"))
         for electrode, comparisons in rows.items()
     ]
-    curves = [_curve(force_N, electrode, results) for electrode in "AB"]
+    curves = _curves(thesis, force_N, results)
     printed = [
         series(comparisons, electrode, "rotation_deg", "thesis_pC")
         for electrode, comparisons in rows.items()

@@ -139,8 +139,8 @@ def _name(ax: Axes, place: Array, name: str, offset: tuple[float, float]) -> Non
         ha="left" if across > 0 else "right" if across < 0 else "center",
         va="center",
         fontsize=LABEL_SIZE - 1.0,
-        zorder=1.9,
-        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.5},
+        zorder=2.5,
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.9, "pad": 0.5},
     )
 
 

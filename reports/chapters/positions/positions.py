@@ -214,8 +214,8 @@ def _triangulation(group: PositionGroup, thesis: Thesis, answers: LocatedCases) 
 def _point(
     point: TriangulationPoint, case: PositionCase, located: LocatedCase | None
 ) -> list[Cell]:
-    place = f"{case.target_mm[0]:.3g}, {case.target_mm[1]:.3g} mm; {point.force_N:g} N"
-    cells: list[Cell] = [point.case, place, point.item, point.status.replace("_", " ")]
+    pressed = f"{case.target_mm[0]:.3g}, {case.target_mm[1]:.3g} mm; {point.force_N:g} N"
+    cells: list[Cell] = [point.case, pressed, point.item, point.status.replace("_", " ")]
     cells += [point.x_mm, point.y_mm, point.error_mm]
     if point.item == "target":
         return [*cells, *case.target_mm.tolist(), *[None] * 8]
