@@ -38,7 +38,7 @@ isPrint => {
     return page;
   };
   const add = (text, rect, inside, parent) => {
-    if (rect.width < 0.5 || rect.height < 0.5) return;
+    if (!text.trim() || rect.width < 0.5 || rect.height < 0.5) return;
     const port = inside.scrolls;
     if (port && (rect.right > port.right || rect.bottom > port.bottom)) return;
     const room = port ? null : [inside.left, inside.top, inside.right, inside.bottom];
