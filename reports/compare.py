@@ -39,6 +39,7 @@ from reports.common.options import add_out, add_processes
 from reports.common.page import Cell, Column, Page, Picture, Section, Table
 from reports.common.results import MATERIAL, THESIS_EDGE, Results
 from reports.common.thesis_scene import TOLERANCE
+from reports.front.landing import publish
 
 #: Readings of our charge that a measured charge is compared with.
 READINGS = {
@@ -66,7 +67,7 @@ def _compare(options: argparse.Namespace) -> int:
     turned = [every_degree(rows) for rows in families(compared, "rotation_deg").values()]
     _solve([pressed(row.scene, options.contact) for rows in turned for row in rows], results)
     page = _page(options.file, options.contact, compared, options.out, results)
-    print(page.write(options.out))
+    print(publish(page, options.out))
     return 0 if all(measurement.status == "converged" for measurement in compared) else 1
 
 
@@ -84,8 +85,9 @@ class ComparedMeasurement:
     status: str
 
     def difference(self, reading: str) -> float:
-        """The measured charge minus ours, in percent of ours."""
-        return 100.0 * (self.measured.charge_pC / self.ours_pC[reading] - 1.0)
+        """Our charge minus the measured one, in percent of the measured; NaN if that is 0."""
+        measured_pC = self.measured.charge_pC
+        return 100.0 * (self.ours_pC[reading] / measured_pC - 1.0) if measured_pC else np.nan
 
 
 def _rest(scene: Scene) -> Scene:
@@ -160,7 +162,7 @@ def _table(compared: Sequence[ComparedMeasurement]) -> Table:
         group = reading.replace("_", "-")
         columns.append(Column(f"{reading}_pC", "ours (pC)", 1, group))
         columns.append(
-            Column(f"{reading}_difference_percent", "measured − ours (%)", 2, group, True)
+            Column(f"{reading}_difference_percent", "ours − measured (%)", 2, group, True)
         )
     columns.append(Column("status", "status"))
     return Table("comparison", "All charges.", columns, [_row(charge) for charge in compared])
@@ -208,7 +210,7 @@ def _overview(compared: Sequence[ComparedMeasurement], path: Path) -> None:
             x = [charge.ours_pC[reading] for charge in compared]
             y = [charge.difference(reading) for charge in compared]
             below.plot(x, y, marker, mfc="none", mec=ink, label=reading.replace("_", "-"))
-        below.set(xlabel="computed charge (pC)", ylabel="measured − computed (%)")
+        below.set(xlabel="computed charge (pC)", ylabel="computed − measured (%)")
         for ax in (above, below):
             ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.0)
 

@@ -19,6 +19,7 @@ from tqdm import tqdm
 from pvdf_fem import __version__
 from pvdf_fem.cli.program import ArgumentParser, InputError, run_program
 from pvdf_fem.files import make_directory
+from reports.common.figures import preview
 from reports.common.options import add_out, add_processes
 from reports.common.page import Page
 from reports.common.results import Results
@@ -37,6 +38,8 @@ from reports.design_study.study import (
     shapes,
     thicknesses,
 )
+from reports.front.catalogue import REPORTS
+from reports.front.landing import publish
 
 Solve = Callable[[Sequence[Sensor]], None]
 
@@ -53,7 +56,7 @@ def _report(options: argparse.Namespace) -> int:
     results = Results(options.out / "results", options.processes)
     study = Study(results, Lattice.quick(), Axes.quick()) if options.quick else Study(results)
     hidden = options.quiet or not sys.stderr.isatty()
-    with tqdm(unit="scene", disable=hidden, dynamic_ncols=True) as bar:
+    with preview(options.quick), tqdm(unit="scene", disable=hidden, dynamic_ncols=True) as bar:
         report_page = _page(study, _solver(study, bar), options)
     records = results.records
     failed = sum(not record.converged for record in records)
@@ -65,7 +68,7 @@ def _report(options: argparse.Namespace) -> int:
             "Time": f"{time.perf_counter() - start:.0f} s",
         }
     )
-    path = report_page.write(options.out)
+    path = publish(report_page, options.out)
     if not options.quiet:
         print(path)
     return 1 if failed else 0
@@ -92,7 +95,8 @@ def _page(study: Study, solve: Solve, options: argparse.Namespace) -> Page:
     for section in sections:
         section.write_tables(out)
     provenance = {"pvdf_fem": __version__, "Tolerance": f"{study.lattice.tolerance:g} (relative)"}
-    return Page("What a sensor's design does", page.introduction(study), sections, provenance)
+    title = REPORTS["design"].title
+    return Page(title, page.introduction(study), sections, provenance, options.quick)
 
 
 def _sensors(study: Study) -> list[Sensor]:

@@ -22,7 +22,7 @@ import time  # noqa: E402
 import traceback  # noqa: E402
 from collections.abc import Callable, Iterator, Sequence  # noqa: E402
 from contextlib import closing  # noqa: E402
-from dataclasses import dataclass, field  # noqa: E402
+from dataclasses import dataclass, field, replace  # noqa: E402
 from datetime import UTC, datetime  # noqa: E402
 from importlib.metadata import version  # noqa: E402
 from pathlib import Path  # noqa: E402
@@ -33,8 +33,11 @@ from pvdf_fem import __version__  # noqa: E402
 from pvdf_fem.cli.program import ArgumentParser, run_program  # noqa: E402
 from pvdf_fem.files import make_directory  # noqa: E402
 from pvdf_fem.solution.first_sizes import ORDER  # noqa: E402
+from reports.common.figures import preview  # noqa: E402
 from reports.common.options import add_out  # noqa: E402
 from reports.common.page import Page, Picture, Section, Table  # noqa: E402
+from reports.front.catalogue import REPORTS  # noqa: E402
+from reports.front.landing import publish  # noqa: E402
 from reports.speed import figures, tables  # noqa: E402
 from reports.speed.cases import BenchmarkCase, Reference, reference  # noqa: E402
 from reports.speed.growth import LARGE_FACTOR, Size, measure  # noqa: E402
@@ -85,7 +88,8 @@ class Measured:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure and write the page; returns 1 if one of our own runs or sections failed."""
     options = _options(arguments)
-    return run_program("reports.error_vs_time", lambda: _measure(options))
+    with preview(options.quick):
+        return run_program("reports.error_vs_time", lambda: _measure(options))
 
 
 def _measure(options: argparse.Namespace) -> int:
@@ -95,8 +99,9 @@ def _measure(options: argparse.Namespace) -> int:
     with closing(Peers()) as peers:
         measured = Measured(absent=dict(peers.absent))
         for _ in _measured(workload, peers, measured, options):
-            page = _page(workload, measured, peers, options.out, time.perf_counter() - start)
-            path = page.write(options.out)
+            made = _page(workload, measured, peers, options.out, time.perf_counter() - start)
+            page = replace(made, is_preview=options.quick)
+            path = publish(page, options.out)
     if not options.quiet:
         print(path)
     broken = any(section.error for section in page.sections)
@@ -349,10 +354,9 @@ def _introduction(workload: Workload, measured: Measured, peers: Peers) -> list[
 
 def _page(workload: Workload, measured: Measured, peers: Peers, out: Path, seconds: float) -> Page:
     sections = [_made(*entry, workload, measured, out) for entry in SECTIONS]
-    title = "Error against run time"
-    return Page(
-        title, _introduction(workload, measured, peers), sections, _provenance(peers, seconds)
-    )
+    introduction = _introduction(workload, measured, peers)
+    title = REPORTS["error_vs_time"].title
+    return Page(title, introduction, sections, _provenance(peers, seconds))
 
 
 def _provenance(peers: Peers, seconds: float) -> dict[str, str]:

@@ -23,15 +23,18 @@ from tqdm import tqdm
 from pvdf_fem import __version__
 from pvdf_fem.cli.program import ArgumentParser, run_program
 from pvdf_fem.files import make_directory
-from pvdf_fem.output.figures import COLOURS, GREY, new_figure, save, style
+from pvdf_fem.output.figures import COLOURS, GREY, new_figure, style
 from pvdf_fem.response.response import Response
 from pvdf_fem.touch.locate_many import locate_many
 from reports.chapters.experiments import thesis_circuit
+from reports.common.figures import save
 from reports.common.options import add_out, add_processes, number_of
 from reports.common.page import Cell, Column, Page, Picture, Section, Table
 from reports.common.results import MATERIAL
-from reports.common.thesis_data import Position, Thesis
+from reports.common.thesis_data import SHAPES, Position, Thesis
 from reports.common.thesis_scene import scene_of
+from reports.front.catalogue import REPORTS
+from reports.front.landing import publish
 from reports.locating.models import (
     electrodes_of,
     response_of,
@@ -121,14 +124,13 @@ def _predict(options: argparse.Namespace) -> int:
         _scene_section(predictions, options.out),
         _source_section(predictions, options.out),
         _verdict_section(predictions),
+        _assumptions(),
     ]
     for section in sections:
         section.write_tables(options.out)
     provenance = {"pvdf_fem": __version__, "Samples": f"{options.samples} of each source and scene"}
-    page = Page(
-        "The thesis's experiments, errors and their causes", _introduction(), sections, provenance
-    )
-    print(page.write(options.out))
+    page = Page(REPORTS["experiment"].title, _introduction(), sections, provenance)
+    print(publish(page, options.out))
     return 0
 
 
@@ -136,7 +138,6 @@ _NUMBERS = range(len(SOURCES) + 1)
 
 
 def _introduction() -> list[str]:
-    assumed = "; ".join(f"{s.name} ({s.place}): {s.assumed}" for s in SOURCES)
     return [
         "Section 6.1 of the thesis names causes of the errors of Tables 5.1 and 5.2. Each is "
         "drawn at random and propagated into charges, and these into a position as the thesis "
@@ -145,8 +146,14 @@ def _introduction() -> list[str]:
         "calibration factor. So positions are found from the charges as they are, and after one "
         "factor has brought their sum to the simulated one. Least squares with the probe's true "
         "rotation and the force of 1 N stand beside them, of the same charges.",
-        f"Sources and what is assumed of them, where the thesis gives no size: {assumed}.",
     ]
+
+
+def _assumptions() -> Section:
+    columns = [Column("source", "source"), Column("place", "thesis"), Column("assumed", "assumed")]
+    rows: list[list[Cell]] = [[source.name, source.place, source.assumed] for source in SOURCES]
+    caption = "Sources of error, and what is assumed of them where the thesis gives no size."
+    return Section("assumed", "What is assumed", (), [Table("assumed", caption, columns, rows)])
 
 
 def _pressed(
@@ -263,7 +270,7 @@ def _scene_row(prediction: Predicted) -> list[Cell]:
     quantiles = [float(q) if np.isfinite(q) else None for q in prediction.quantiles(CALIBRATED)]
     failed, absolute = (100.0 * prediction.failed(way) for way in (CALIBRATED, TRIANGULATED))
     common = "yes" if prediction.is_common(CALIBRATED) else "no"
-    place = f"{row.probe}, {row.position}"
+    place = f"{SHAPES[row.probe]}, {row.position}"
     return [row.case, place, row.error_mm, *quantiles, failed, common, absolute]
 
 
@@ -282,7 +289,7 @@ def _distribution_picture(together: Sequence[Predicted], path: Path) -> None:
             ax.plot(at, y, "o", mfc="none", mec=COLOURS[1], mew=1.4, ms=7, clip_on=False)
             ax.annotate(text, (at, y), (7, -3), textcoords="offset points", annotation_clip=False)
         names = [
-            f"{prediction.scene.row.probe}, {prediction.scene.row.position}"
+            f"{SHAPES[prediction.scene.row.probe]}, {prediction.scene.row.position}"
             for prediction in together
         ]
         ax.set_yticks(range(len(names)), names)
@@ -357,7 +364,7 @@ def _share_picture(predictions: Sequence[Predicted], names: Sequence[str], path:
                 np.sqrt(mean_square(predictions, name, way)) for way in (GIVEN, SCALED)
             )
             ax.barh(y, unscaled, color=COLOURS[4], height=0.6)
-            ax.plot(scaled, y, "o", mfc="none", mec=COLOURS[1], mew=1.4)
+            ax.plot(scaled, y, "o", mfc="none", mec=COLOURS[0], mew=1.4)
         ax.axvline(measured, color=GREY, lw=1.0, ls=(0, (4, 3)))
         ax.annotate("measured", (measured, -0.6), (3, 0), textcoords="offset points", size=8)
         ax.set_yticks(range(len(names)), names)

@@ -28,6 +28,8 @@ from pvdf_fem.solvers.status import Status
 from pvdf_fem.solvers.wrinkling import barely_loaded
 from reports.common.options import add_out, add_processes, number_of
 from reports.common.page import Cell, Column, Page, Picture, Section, Table
+from reports.front.catalogue import REPORTS
+from reports.front.landing import publish
 from reports.robustness.figures import draw_scenes, draw_times
 from reports.robustness.laws import laws
 from reports.robustness.runs import CRASHED, DIED, HUNG, TIME_LIMIT, Ending, kept_endings
@@ -102,7 +104,7 @@ def _report(options: argparse.Namespace) -> int:
     for section in sections:
         section.write_tables(options.out)
     text = f"{len(drawn)} scenes drawn with the seed {options.seed}; times are of one thread."
-    print(Page("Scenes of extreme proportions", [text], sections).write(options.out))
+    print(publish(Page(REPORTS["extremes"].title, [text], sections), options.out))
     wrong = any(recheck.excess > TRUST for recheck in rechecks)
     statuses = {
         status for outcome in drawn for status in (outcome.first.status, outcome.final.status)
@@ -280,7 +282,8 @@ def _trust(rechecks: list[Recheck]) -> Section:
         spread = [float(np.median(finite)), max(finite)] if finite else [np.nan, np.nan]
         cells.append([kind, len(values), len(finite), *spread, sum(v > TRUST for v in finite)])
     wrong = [recheck.number for recheck in rechecks if recheck.excess > TRUST]
-    text = f"Scenes that differ by more than {TRUST:g} times their estimated error: {wrong or '-'}."
+    text = f"More than {TRUST:g} times their estimated errors off are the scenes {wrong}."
+    text = text if wrong else f"No scene is off by more than {TRUST:g} times its estimated error."
     caption = "Results beside those at a tenth of the tolerance."
     table = Table("extremes-errors", caption, columns, cells)
     return Section("errors", "Estimated errors", [text], [table])

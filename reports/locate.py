@@ -21,10 +21,13 @@ from tqdm import tqdm
 from pvdf_fem import Scene, __version__
 from pvdf_fem.cli.program import ArgumentParser, run_program
 from pvdf_fem.files import make_directory
+from reports.common.figures import preview
 from reports.common.options import add_out, add_processes, number_of
 from reports.common.page import Page
 from reports.common.results import MATERIAL, Results
 from reports.common.thesis_data import Thesis
+from reports.front.catalogue import REPORTS
+from reports.front.landing import publish
 from reports.locating.errors import WAYS, Trial, random_touches
 from reports.locating.models import (
     DISC,
@@ -78,7 +81,8 @@ QUICK = Scope(touches=8, reach_mm=7.0, forces_N=(0.5, 2.0), map_across=4)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Compare the ways and write the page; returns 0, or 1 if a solve failed."""
     options = _options(arguments)
-    return run_program("reports.locate", lambda: _compare(options))
+    with preview(options.quick):
+        return run_program("reports.locate", lambda: _compare(options))
 
 
 def _compare(options: argparse.Namespace) -> int:
@@ -110,8 +114,9 @@ def _compare(options: argparse.Namespace) -> int:
     for section in sections:
         section.write_tables(options.out)
     provenance = {"pvdf_fem": __version__, "Tolerance": f"{TOLERANCE:g} (relative, each charge)"}
-    page = Page("Position, force and rotation from charges", _introduction(), sections, provenance)
-    print(page.write(options.out))
+    title = REPORTS["locate"].title
+    page = Page(title, _introduction(), sections, provenance, options.quick)
+    print(publish(page, options.out))
     return 0 if all(results[scene].converged for scene in scenes) else 1
 
 

@@ -1,11 +1,13 @@
 """The thesis report: the sensor computed again, beside the numbers of A. Mirbagheri's thesis.
 
-    python -m reports.thesis [--out DIR] [--only FIGURE] [--quick] [--quiet] [--processes N]
+    python -m reports.thesis [--out DIR] [--only FIGURE | --section NAME] [--quick] [--quiet]
+                             [--processes N]
 
-The report is one directory with ``index.html``, figures (SVG) and tables (CSV). The page begins
-with links to other reports whose directories are below it. Every scene is stored in ``results/``
-there as soon as it is solved: a report that was interrupted goes on, and a second run neither
-solves nor draws again what has not changed. The page is written anew every few seconds.
+The report is ``thesis.html`` with figures (SVG) and tables (CSV) beside it; a section of its own is
+``NAME.html``. ``index.html`` leads to them and to all other reports whose directories are below.
+Every scene is stored in ``results/`` there as soon as it is solved: a report that was interrupted
+goes on, and a second run neither solves nor draws again what has not changed. The page is written
+anew every few seconds.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from tqdm import tqdm
 
 from pvdf_fem import Scene, __version__
 from pvdf_fem.cli.program import ArgumentParser, run_program
-from pvdf_fem.files import FileError, make_directory, printable
+from pvdf_fem.files import FileError, make_directory, printable, require_writable
 from reports.chapters import (
     contact,
     contours,
@@ -54,15 +56,20 @@ from reports.chapters.force_and_angle import (
 from reports.chapters.positions import positions
 from reports.chapters.transducer.chapter import TRANSDUCER_CHAPTER
 from reports.common.chapter import Chapter
+from reports.common.figures import preview
 from reports.common.options import add_out, add_processes
-from reports.common.page import Page, Section, pages_below
+from reports.common.page import Page, Section
 from reports.common.results import Results
 from reports.common.section_cache import cached_section
 from reports.common.thesis_data import Thesis
 from reports.common.thesis_scene import TOLERANCE
+from reports.front.catalogue import DEFAULT, REPORTS
+from reports.front.landing import LANDING, write_landing
+from reports.front.sensor import SENSOR_CHAPTER
 
 #: All chapters in the order of the page.
 CHAPTERS: tuple[Chapter, ...] = (
+    SENSOR_CHAPTER,
     summary.SUMMARY_CHAPTER,
     findings.FINDINGS_CHAPTER,
     drawings.DRAWINGS_CHAPTER,
@@ -103,7 +110,6 @@ CHAPTERS: tuple[Chapter, ...] = (
 )
 CHAPTERS += (summary.contents_chapter(CHAPTERS),)
 PACKAGES = ("gmsh", "matplotlib", "numpy", "scikit-fem", "scipy")
-TITLE = "A membrane PVDF tactile sensor: this work beside the thesis"
 INTRODUCTION = (
     "A. Mirbagheri, “Design, Modeling, Fabrication and Testing of a Membrane Piezoelectric "
     "Tactile Sensor with Four Sensing Elements”, computed again with pvdf_fem. Nothing is "
@@ -122,20 +128,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _report(options: argparse.Namespace) -> int:
-    make_directory(options.out, "index.html")
+    file = f"{options.section or DEFAULT}.html"
+    make_directory(options.out, file)
+    require_writable(options.out / LANDING)
     thesis = Thesis.read().quick() if options.quick else Thesis.read()
     results = Results(options.out / "results", options.processes)
-    report = Report(thesis, results, options.out, _chosen(options.only))
+    chapters = _chosen(options.only, options.section)
+    report = Report(thesis, results, options.out, chapters, file, is_preview=options.quick)
     with _progress(report.missing + len(report.chapters), options.quiet) as bar:
         report.solve(bar)
         report.make(bar)
+    write_landing(options.out)
     if not options.quiet:
-        print(f"{options.out / 'index.html'}: {report.outcome}")
+        print(f"{options.out / file}: {report.outcome}")
     return 0 if report.complete else 1
 
 
-def _chosen(only: Sequence[str]) -> tuple[Chapter, ...]:
-    """The chapters that show one of the figures or tables in `only`; all if it is empty."""
+def _chosen(only: Sequence[str], section: str | None) -> tuple[Chapter, ...]:
+    """The chapter `section`, or those that show a figure or table in `only`; all without both."""
+    if section:
+        return tuple(chapter for chapter in CHAPTERS if chapter.name == section)
     return tuple(
         chapter
         for chapter in CHAPTERS
@@ -144,12 +156,20 @@ def _chosen(only: Sequence[str]) -> tuple[Chapter, ...]:
 
 
 class Report:
-    """The sections that are made so far, and the results that they share."""
+    """The sections that are made so far, the results that they share, and their page."""
 
     def __init__(
-        self, thesis: Thesis, results: Results, out: Path, chapters: Sequence[Chapter]
+        self,
+        thesis: Thesis,
+        results: Results,
+        out: Path,
+        chapters: Sequence[Chapter],
+        file: str,
+        *,
+        is_preview: bool,
     ) -> None:
         self.thesis, self.results, self.out, self.chapters = thesis, results, out, chapters
+        self.file, self.is_preview = file, is_preview
         self.sections: dict[str, Section] = {}
         self.scenes = {chapter.name: chapter.scenes(thesis) for chapter in chapters}
         self._start = time.perf_counter()
@@ -189,7 +209,14 @@ class Report:
         self._write_page()
         written = time.perf_counter()
         tasks = (
-            delayed(_section)(chapter, self.scenes[chapter.name], self.thesis, records, self.out)
+            delayed(_section)(
+                chapter,
+                self.scenes[chapter.name],
+                self.thesis,
+                records,
+                self.out,
+                is_preview=self.is_preview,
+            )
             for chapter in sorted(
                 self.chapters, key=lambda chapter: -len(self.scenes[chapter.name])
             )
@@ -212,8 +239,11 @@ class Report:
             or Section(chapter.name, chapter.title, note="not computed yet")
             for chapter in self.chapters
         ]
-        links = pages_below(self.out)
-        Page(TITLE, INTRODUCTION, sections, self._provenance(), links).write(self.out)
+        whole = REPORTS[DEFAULT]
+        title = whole.title if self.file == whole.page else sections[0].title
+        made = self._provenance()
+        page = Page(title, INTRODUCTION, sections, made, self.is_preview, LANDING)
+        page.write(self.out, self.file)
 
     def _provenance(self) -> dict[str, str]:
         records = self.results.records
@@ -230,15 +260,25 @@ class Report:
 
 
 def _section(
-    chapter: Chapter, scenes: Sequence[Scene], thesis: Thesis, results: Results, out: Path
+    chapter: Chapter,
+    scenes: Sequence[Scene],
+    thesis: Thesis,
+    results: Results,
+    out: Path,
+    *,
+    is_preview: bool,
 ) -> Section:
     """The section of a chapter, with its files; an exception becomes the section's error."""
 
     def make() -> Section:
-        content = chapter.compose(thesis, results, out)
-        note = _failures(results, scenes)
+        with preview(is_preview):
+            content = chapter.compose(thesis, results, out)
         section = Section(
-            chapter.name, chapter.title, content.paragraphs, content.blocks, note=note
+            chapter.name,
+            chapter.title,
+            content.paragraphs,
+            content.blocks,
+            note=_failures(results, scenes),
         )
         section.write_tables(out)
         return section
@@ -277,7 +317,8 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         description="Compute the thesis's sensor and compare it with the thesis's numbers.",
     )
     add_out(parser)
-    parser.add_argument(
+    part = parser.add_mutually_exclusive_group()
+    part.add_argument(
         "--only",
         action="append",
         default=[],
@@ -285,10 +326,24 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         type=_shown,
         help="only what shows this figure or table of the thesis, 3.16 or 'Table 4.1'; repeatable",
     )
+    part.add_argument(
+        "--section",
+        metavar="NAME",
+        type=_named,
+        help="only this section, on a page of its own; an anchor of the page, such as shear",
+    )
     parser.add_argument("--quick", action="store_true", help="only a few of the scenes")
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
     add_processes(parser)
     return parser.parse_args(arguments)
+
+
+def _named(text: str) -> str:
+    """The name of a chapter, as a type for `argparse`."""
+    names = [chapter.name for chapter in CHAPTERS]
+    if text not in names:
+        raise argparse.ArgumentTypeError(f"{text[:60]!r} is not one of {', '.join(names)}")
+    return text
 
 
 def _shown(text: str) -> str:

@@ -60,6 +60,7 @@ REPORTS = (
     "reports.reference",
     "reports.maps",
     "reports.common",
+    "reports.front",
     "reports.thesis_methods",
     "reports.chapters",
     "reports.locating",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from pvdf_fem.output.figures import new_figure, save, style
+from pvdf_fem.output import figures
+from pvdf_fem.output.figures import COLOURS, new_figure, style
 from pvdf_fem.scene.outlines.outline import Outline
 from reports.common.charge_figures import (
     Dashed,
@@ -31,6 +33,29 @@ _OVER = {
     "force_N": (charge_against_force, "force (N)"),
     "rotation_deg": (charge_against_rotation, "rotation of the probe (°)"),
 }
+
+_is_preview: ContextVar[bool] = ContextVar("_is_preview", default=False)
+
+
+@contextmanager
+def preview(is_preview: bool) -> Iterator[None]:
+    """A context in which every figure that is saved says so if it belongs to a preview."""
+    token = _is_preview.set(is_preview)
+    try:
+        yield
+    finally:
+        _is_preview.reset(token)
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure; that of a preview has the word across it, faintly but large."""
+    if _is_preview.get():
+        look: dict[str, Any] = {"rotation": 25, "ha": "center", "va": "center", "zorder": 100}
+        size = 0.16 * min(figure.bbox.width, 1.5 * figure.bbox.height) * 72.0 / figure.dpi
+        figure.text(0.5, 0.5, "preview", fontsize=size, color=COLOURS[1], alpha=0.13, **look)
+    if figure.legends and (layout := figure.get_layout_engine()):
+        layout.execute(figure)  # a single pass leaves too little room beside a figure's legend
+    figures.save(figure, path)
 
 
 @contextmanager

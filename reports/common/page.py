@@ -8,21 +8,24 @@ from __future__ import annotations
 
 import csv
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from html import escape, unescape
+from html import escape
 from itertools import groupby
 from pathlib import Path
-from typing import TypeAlias
-from urllib.parse import quote
+from typing import Any, TypeAlias
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from pydantic import TypeAdapter
 
 from pvdf_fem.files import replacing
 
 #: Cells with more characters than this are broken into lines.
 PROSE_CHARACTERS = 60
+#: Tables with more columns than this are printed in a smaller type.
+WIDE_COLUMNS = 10
+#: Tables with more rows than this scroll in a box of their own, except in print.
+LONG_ROWS = 30
 
 
 @dataclass(frozen=True)
@@ -104,6 +107,21 @@ class Table:
         return spans if any(name for name, _ in spans) else []
 
     @property
+    def size(self) -> str:
+        """Classes for the style sheet: some of ``wide``, ``wordy`` and ``long``."""
+        is_wide = len(self.shown) > WIDE_COLUMNS
+        has_prose = any(kind == "prose" for row in self.shown_rows for _, kind in row)
+        is_wordy = has_prose and not is_wide
+        classes = {"wide": is_wide, "wordy": is_wordy, "long": len(self.rows) > LONG_ROWS}
+        return " ".join(name for name, is_so in classes.items() if is_so)
+
+    @property
+    def heads(self) -> list[tuple[str, str]]:
+        """Label of each column on the page, with the class of its first cell."""
+        first = self.shown_rows[0] if self.rows else [("", "text") for _ in self.shown]
+        return [(head.label, kind) for head, (_, kind) in zip(self.shown, first, strict=True)]
+
+    @property
     def shown_rows(self) -> list[list[tuple[str | Link, str]]]:
         """The cells on the page, each with its class: ``number``, ``text`` or ``prose``."""
         return [
@@ -170,44 +188,73 @@ class Page:
     title, introduction, sections
     provenance : dict
         How the page was made: name and value of each line of the footer.
-    links : dict
-        Title by relative link, of other pages that the page leads to.
+    is_preview : bool
+        Whether the report was made with ``--quick``, so that its numbers are no results.
+    home : str
+        Relative link to the page that leads to all reports; empty without one.
     """
 
     title: str
     introduction: Sequence[str]
     sections: Sequence[Section]
     provenance: dict[str, str] = field(default_factory=dict)
-    links: dict[str, str] = field(default_factory=dict)
+    is_preview: bool = False
+    home: str = ""
+
+    @property
+    def pictures(self) -> list[Picture]:
+        """The pictures of all sections."""
+        blocks = [block for section in self.sections for block in section.blocks]
+        return [block for block in blocks if isinstance(block, Picture)]
+
+    def shown(self, cell: str | Link) -> str | Link:
+        """A cell of a table; a link to a section that this page does not have is its text."""
+        names = {section.name for section in self.sections}
+        return cell.text if isinstance(cell, Link) and cell.section not in names else cell
 
     def html(self) -> str:
         """The page as HTML text."""
-        environment = Environment(
-            loader=PackageLoader("reports.common", "."),
-            autoescape=True,
-            undefined=StrictUndefined,
-            trim_blocks=True,
-            lstrip_blocks=True,
-        )
-        environment.tests["table"] = lambda block: isinstance(block, Table)
-        return environment.get_template("page.html.j2").render(page=self)
+        return rendered("page.html.j2", page=self)
 
-    def write(self, directory: Path) -> Path:
-        """Write ``index.html`` and return its path; a reader never meets a half-written page."""
-        path = directory / "index.html"
-        with replacing(path) as unfinished:
-            unfinished.write_text(self.html(), encoding="utf-8")
+    def write(self, directory: Path, file: str = "index.html") -> Path:
+        """Write the page and, for the landing page, its content as JSON; return the page's path.
+
+        A reader never meets a half-written page.
+        """
+        path = directory / file
+        write_text(path, self.html())
+        write_text(path.with_suffix(".json"), _PAGE.dump_json(self).decode())
         return path
 
+    @staticmethod
+    def read(path: Path) -> Page:
+        """The content of a page that `write` wrote; a number that was NaN is None.
 
-def pages_below(directory: Path) -> dict[str, str]:
-    """Titles of the pages in the folders of a directory, by their relative links."""
-    links = {}
-    for path in sorted(directory.glob("*/index.html")):
-        title = re.search(r"<title>(.*?)</title>", path.read_text(encoding="utf-8"), re.DOTALL)
-        folder = path.parent.name
-        links[f"{quote(folder)}/index.html"] = unescape(title[1]).strip() if title else folder
-    return links
+        Raises `OSError` without the file beside the page and `ValueError` if that is damaged.
+        """
+        return _PAGE.validate_json(path.with_suffix(".json").read_bytes())
+
+
+_PAGE = TypeAdapter(Page)
+
+
+def rendered(template: str, **context: Any) -> str:
+    """HTML text of a template of this folder."""
+    environment = Environment(
+        loader=PackageLoader("reports.common", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.tests["table"] = lambda block: isinstance(block, Table)
+    return environment.get_template(template).render(**context)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file, of which a reader never meets a half."""
+    with replacing(path) as unfinished:
+        unfinished.write_text(text, encoding="utf-8")
 
 
 def with_minus(number: str) -> str:

@@ -15,9 +15,10 @@ from matplotlib.patches import Circle as Disc
 from matplotlib.patches import Polygon as Patch
 from numpy.typing import NDArray
 
-from pvdf_fem.output.figures import COLOURS, GREY, new_figure, save, style
+from pvdf_fem.output.figures import COLOURS, GREY, new_figure, style
 from pvdf_fem.scene.outlines.circle import Circle
 from reports.common.charge_figures import Series, label_curves
+from reports.common.figures import save
 from reports.design_study.choice import OVERLOAD_N, STRENGTH_MPA
 from reports.design_study.sensor import Sensor
 from reports.design_study.study import LIGHT_N, QUANTILE, THESIS, Study, light, rings
@@ -113,7 +114,7 @@ def spacing_picture(study: Study, path: Path) -> None:
         ]
         _lines(right, sized, "spacing of opposite electrodes (mm)", first=3)
         right.set_title(f"{largest_count} electrodes")
-        left.set_ylabel(ERROR_LABEL)
+        left.set_ylabel(ERROR_LABEL.replace("kept on ", "kept on\n"))
         save(figure, path)
 
 

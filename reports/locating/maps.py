@@ -16,9 +16,10 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
-from pvdf_fem.output.figures import new_figure, save, style
+from pvdf_fem.output.figures import new_figure, style
 from pvdf_fem.response.model import QUANTITIES, Model
 from pvdf_fem.touch.locate import locate
+from reports.common.figures import save
 from reports.locating.models import distance_mm, rows_of
 
 Array = NDArray[np.float64]

@@ -9,10 +9,11 @@ import numpy as np
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
-from pvdf_fem.output.figures import COLOURS, new_figure, save, style
+from pvdf_fem.output.figures import COLOURS, new_figure, style
 from pvdf_fem.response.model import QUANTITIES
 from pvdf_fem.response.response import Response
 from pvdf_fem.touch.locate import locate
+from reports.common.figures import save
 from reports.common.page import Cell, Column, Picture, Section, Table
 from reports.common.results import Results
 from reports.common.thesis_data import Position, Thesis
@@ -99,7 +100,7 @@ def _thesis_row(thesis: Thesis, row: Position, model: Response, results: Results
     any_rotation = locate(model, measured, LEAST_SIGMA, unknown=QUANTITIES)
     return [
         row.case,
-        f"{row.probe}, {row.position}",
+        f"{SHAPES[row.probe]}, {row.position}",
         row.error_mm,
         float(triangulated(trial, 0.0, False).place_mm[0]),
         float(triangulated(trial, 0.0, True).place_mm[0]),

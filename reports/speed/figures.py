@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter
 
-from pvdf_fem.output.figures import COLOURS, GREY, LABEL_SIZE, new_figure, save, style
+from pvdf_fem.output.figures import COLOURS, GREY, LABEL_SIZE, new_figure, style
+from reports.common.figures import save
 from reports.speed.cases import BenchmarkCase, Reference
 from reports.speed.growth import Size
 from reports.speed.runs import GOAL, OURS, UNIFORM, TimedRun
@@ -94,6 +96,7 @@ def work_precision(
             ax.axhspan(LEAST_ERROR, max(references[case.name].doubt, LEAST_ERROR), color="0.92")
             ax.set(xscale="log", yscale="log")
             ax.set_title(case.title, fontsize=8)
+        _label_decades(axes[0])
         for ax in axes[len(cases) :]:
             ax.set_axis_off()
         handles = [Line2D([], [], **look.options) for look in looks.values()]
@@ -107,6 +110,17 @@ def work_precision(
         figure.supxlabel(label.get(abscissa, "seconds"), fontsize=9)
         figure.supylabel("relative error of the worst charge", fontsize=9)
         save(figure, path)
+
+
+def _label_decades(ax: Axes) -> None:
+    """Widen the abscissae to a decade; up to two of them have labels at 1, 2 and 5."""
+    low, high = np.log10(ax.get_xlim())
+    beyond = max(0.0, 0.5 * (1.0 - (high - low)))
+    ax.set_xlim(10.0 ** (low - beyond), 10.0 ** (high + beyond))
+    ax.xaxis.set_minor_formatter(NullFormatter())
+    if high - low < 2.0:
+        for set_formatter in (ax.xaxis.set_major_formatter, ax.xaxis.set_minor_formatter):
+            set_formatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "125" else "")
 
 
 def _curve(ax: Axes, runs: Sequence[TimedRun], look: Look, abscissa: str) -> None:

@@ -136,7 +136,7 @@ def test_comparison_end_to_end(tmp_path: Path) -> None:
         assert float(row["material_pC"]) == pytest.approx(float(rows[0]["material_pC"]), rel=1e-3)
         at_rest = float(row["material_pC"]) - float(row["change_pC"])
         assert at_rest == pytest.approx(48.0, rel=1e-6)
-        expected = 100.0 * (600.0 / float(row["change_pC"]) - 1.0)
+        expected = 100.0 * (float(row["change_pC"]) / 600.0 - 1.0)
         assert float(row["change_difference_percent"]) == pytest.approx(expected)
     assert (tmp_path / "out" / "rotation_1.svg").is_file()
     assert not (tmp_path / "out" / "force_1.svg").exists()

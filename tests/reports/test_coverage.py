@@ -76,7 +76,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Links]:
         patched.setattr(film_placement, "DRAWS", 5)
         cost_nothing(patched)
         thesis.main(["--out", str(out), "--processes", "1", "--quiet"])
-    return out, assert_links_work(out / "index.html")
+    return out, assert_links_work(out / "thesis.html")
 
 
 def column(out: Path, *keys: str) -> set[tuple[str, ...]]:

@@ -5,10 +5,23 @@ from __future__ import annotations
 import csv
 from html.parser import HTMLParser
 from pathlib import Path
+from urllib.parse import unquote
 
 import pytest
 
-from reports.common.page import Column, Page, Picture, Section, Table, joined, pages_below, signed
+from reports.common.page import (
+    LONG_ROWS,
+    WIDE_COLUMNS,
+    Cell,
+    Column,
+    Link,
+    Page,
+    Picture,
+    Section,
+    Table,
+    joined,
+    signed,
+)
 
 
 class Links(HTMLParser):
@@ -54,10 +67,10 @@ def assert_links_work(path: Path) -> Links:
     links = parsed(path)
     assert len(links.ids) == len(set(links.ids))
     for target in links.targets:
-        if target.startswith("#"):
-            assert target[1:] in links.ids, target
-        else:
-            assert (path.parent / target).is_file(), target
+        file, _, anchor = unquote(target).partition("#")
+        assert not file or (path.parent / file).is_file(), target
+        ids = parsed(path.parent / file).ids if file and anchor else links.ids
+        assert not anchor or anchor in ids, target
     assert all(links.alternatives)
     return links
 
@@ -137,15 +150,37 @@ def test_nothing_comes_from_elsewhere(path: Path) -> None:
     assert not [t for t in parsed(path).targets if t.startswith(("http", "/", "file"))]
 
 
-def test_a_page_leads_to_the_pages_below_it(tmp_path: Path) -> None:
-    (tmp_path / "results").mkdir()
-    (tmp_path / "design & more").mkdir()
-    Page("Sensors <of> A & B", [], []).write(tmp_path / "design & more")
-    links = pages_below(tmp_path)
-    assert links == {"design%20%26%20more/index.html": "Sensors <of> A & B"}
-    text = Page("Title", [], [], links=links).html()
-    assert '<a href="design%20%26%20more/index.html">Sensors &lt;of&gt; A &amp; B</a>' in text
-    assert "Other reports" not in Page("Title", [], []).html()
+def test_a_page_is_read_back(path: Path) -> None:
+    page = Page.read(path)
+    assert page.html() == path.read_text(encoding="utf-8")
+    assert [picture.file for picture in page.pictures] == ["one.svg"]
+
+
+def test_a_preview_says_so_and_a_page_leads_home() -> None:
+    plain, page = Page("Title", [], []), Page("Title", [], [], {}, True, "../index.html")
+    assert "Preview" in page.html()
+    assert '<a href="../index.html">' in page.html()
+    assert not {"Preview", "All reports"} & set(plain.html().split())
+
+
+def test_a_link_to_a_section_of_another_page_is_text() -> None:
+    cells: list[list[Cell]] = [[Link("s", "Here")], [Link("elsewhere", "There")]]
+    table = Table("t", "caption", [Column("a", "a")], cells)
+    text = Page("Title", [], [Section("s", "S", (), [table])]).html()
+    assert '<a href="#s">Here</a>' in text
+    assert ">There</td>" in text
+
+
+def test_long_and_wide_tables_have_classes_and_nothing_is_collapsed() -> None:
+    columns = [Column(str(key), "head") for key in range(WIDE_COLUMNS + 1)]
+    rows = [["cell"] * len(columns)] * (LONG_ROWS + 1)
+    table = Table("t", "caption", columns, rows)
+    assert table.size == "wide long"
+    assert TABLE.size == ""
+    assert Table("t", "", [Column("a", "a")], [["word " * 20]]).size == "wordy"
+    text = Page("Title", [], [Section("s", "S", (), [table])]).html()
+    assert text.count("<td") == len(rows) * len(columns)
+    assert "<details" not in text
 
 
 def test_numbers_and_lists_in_sentences() -> None:

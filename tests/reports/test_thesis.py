@@ -155,7 +155,7 @@ def test_a_broken_chapter_leaves_the_others(
     )
     monkeypatch.setattr(thesis, "CHAPTERS", chapters)
     assert thesis.main(["--out", str(tmp_path), "--processes", "1"]) == 1
-    links = assert_links_work(tmp_path / "index.html")
+    links = assert_links_work(tmp_path / "thesis.html")
     assert "RuntimeError: this chapter is <broken>" in links.text
     assert (tmp_path / "good.csv").is_file()
     assert (tmp_path / "new.csv").is_file()
@@ -232,6 +232,20 @@ def test_only_the_wanted_figure_is_made(
     assert "'3.2' is not one of Fig. 3.1, Fig. 3.16" in capsys.readouterr().err
 
 
+def test_a_section_has_a_page_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(thesis, "CHAPTERS", (_chapter("3.1", []), _chapter("shear", [])))
+    assert thesis.main(["--out", str(tmp_path), "--section", "shear"]) == 0
+    assert capsys.readouterr().out.startswith(str(tmp_path / "shear.html"))
+    assert assert_links_work(tmp_path / "shear.html").ids == ["shear"]
+    assert "./run report" in assert_links_work(tmp_path / "index.html").text
+    assert not (tmp_path / "thesis.html").exists()
+    with pytest.raises(SystemExit):
+        thesis.main(["--section", "shaer"])
+    assert "'shaer' is not one of 3.1, shear" in capsys.readouterr().err
+
+
 def _failing(scenes: Sequence[Scene], frames: object) -> list[Record]:
     raise RuntimeError("broken")
 
@@ -243,7 +257,7 @@ def test_failed_solves_are_reported_and_tried_again(
     monkeypatch.setattr(thesis, "CHAPTERS", (_chapter("good", [Scene()]),))
     arguments = ["--out", str(tmp_path), "--processes", "1", "--quiet"]
     assert thesis.main(arguments) == 1
-    text = assert_links_work(tmp_path / "index.html").text
+    text = assert_links_work(tmp_path / "thesis.html").text
     assert "1 of 1 solves failed: crashed (RuntimeError: broken)" in text
     monkeypatch.undo()
     monkeypatch.setattr(thesis, "CHAPTERS", (_chapter("good", [Scene()]),))
@@ -258,7 +272,7 @@ def test_all_chapters_survive_failed_solves(
     cost_nothing(monkeypatch)
     arguments = ["--out", str(tmp_path), "--processes", "1", "--quiet", "--quick"]
     assert thesis.main(arguments) == 1
-    text = assert_links_work(tmp_path / "index.html").text
+    text = assert_links_work(tmp_path / "thesis.html").text
     assert "This section failed" not in text
     assert "No charge could be compared" in text
 
@@ -277,7 +291,7 @@ def test_the_quick_report_end_to_end(tmp_path: Path) -> None:
     )
     assert ended.returncode == 0, ended.stderr
     assert not ended.stderr  # no bar, since this is no terminal
-    text = assert_links_work(tmp_path / "index.html").text
+    text = assert_links_work(tmp_path / "thesis.html").text
     assert "is met" in text
     with (tmp_path / "charges.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
