@@ -77,6 +77,12 @@ MAY_IMPORT["reports.reference"] = {"reports.reference", "pvdf_fem.root"}
 # Imports inside functions that point upwards, for methods that save users an import.
 UPWARD_WHEN_CALLED = {
     ("pvdf_fem.solution.solution", "pvdf_fem.output.export"),  # Solution.to_vtu
+    ("pvdf_fem.solution.solution", "pvdf_fem.output.film_map"),  # Solution.plot
+    ("pvdf_fem.solution.solution", "pvdf_fem.output.film_view"),  # Solution.view
+    ("pvdf_fem.dynamics.forced", "pvdf_fem.output.charts"),  # FrequencyResponse.plot
+    ("pvdf_fem.dynamics.modes", "pvdf_fem.output.charts"),  # Modes.plot
+    ("pvdf_fem.response.response", "pvdf_fem.output.touch_map"),  # Response.plot
+    ("pvdf_fem.touch.location", "pvdf_fem.output.touch_map"),  # Location.plot
     ("pvdf_fem.charges.rest", "pvdf_fem.solution.solve"),  # the untouched film
 }
 MOST_MODULES = {"pvdf_fem": 12, "reports": 15, "tests": 15}

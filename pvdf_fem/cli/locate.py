@@ -7,6 +7,7 @@ import json
 import math
 import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.cli import response_model
@@ -52,6 +53,7 @@ examples:
   pvdf-fem locate scene.toml --charges A=905.1,B=731.4,C=600.2,D=640.9
   pvdf-fem locate scene.toml --charges A=905.1,B=731.4,C=600.2,D=640.9 \\
       --unknown x,y,force,rotation --sigma 0.005 --polish --json
+  pvdf-fem locate scene.toml --charges A=905.1,B=731.4,C=600.2,D=640.9 --plot touch.png
   pvdf-fem locate eight.toml --touches 2 --charges A=1164,B=906,C=860,D=1009,...
   pvdf-fem locate sensor.toml --changes A=0.857,B=0.683,C=0.552,D=0.593 --unit V
   pvdf-fem locate sensor.toml --csv readings.csv --output touches.csv
@@ -117,6 +119,9 @@ def add_to(commands: Any) -> None:
     )
     response_model.add_options(parser)
     parser.add_argument(
+        "--plot", metavar="FILE", type=Path, help="draw the likelihood of places of the touch"
+    )
+    parser.add_argument(
         "--polish",
         action="store_true",
         help="improve the touches with finite-element solves, which takes seconds",
@@ -154,6 +159,10 @@ def run(options: argparse.Namespace) -> int:
         print(error, file=sys.stderr)
         return ExitCode.NOT_CONVERGED
     print_matches(choices, options.json)
+    if options.plot and choices[0].location.touches:
+        from pvdf_fem.output.figures import save
+
+        save(choices[0].location.plot(), options.plot)
     return ExitCode.CONVERGED if choices[0].location.touches else ExitCode.NOT_CONVERGED
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from pvdf_fem.cli.program import output_mistakes, plot_extensions
 from pvdf_fem.cli.response_model import ModelChoice, number_of, positive
 
 if TYPE_CHECKING:
@@ -54,9 +55,13 @@ class Request:
             noise = positive("--noise", noise, wrong, zero=True)
         unknown = sought(options.unknown, wrong)
         if (options.touches > 1 or "tangential_N" in unknown) and (
-            options.csv is not None or options.others or options.polish
+            options.csv is not None or options.others or options.polish or options.plot
         ):
             wrong.append("--touches, --unknown tangential: are for --charges or --changes alone")
+        if options.plot:
+            wrong += output_mistakes(options.plot, plot_extensions(), options.scene)
+            if not {"x_mm", "y_mm"} <= set(unknown):
+                wrong.append("--plot: draws places; have x and y among --unknown")
         model = ModelChoice.of(options, wrong)
         if options.model and options.others:
             wrong.append("--model: is of one scene; leave it out with --or")
@@ -97,7 +102,7 @@ def _misplaced(options: argparse.Namespace) -> list[str]:
         wrong.append(f"--output: {single}")
     if not table:
         return wrong
-    each = {"--or": options.others, "--polish": options.polish}
+    each = {"--or": options.others, "--polish": options.polish, "--plot": options.plot}
     return [f"{name}: is for single touches; leave it out" for name, used in each.items() if used]
 
 

@@ -18,6 +18,7 @@ from pvdf_fem.cli import calibrate, locate, respond, sweep, track
 from pvdf_fem.cli.program import (
     ArgumentParser,
     ExitCode,
+    InputError,
     add_command,
     add_scene_command,
     add_texts,
@@ -110,6 +111,7 @@ examples:
   pvdf-fem solve scene.toml
   pvdf-fem solve scene.toml --set probe.x_mm=5 --set load.kind=follower --json
   pvdf-fem solve scene.toml --vtu scene.vtu --plot scene.png
+  pvdf-fem solve scene.toml --plot stress.svg --quantity stress
   pvdf-fem solve scene.toml --mesh scene.msh
 
 exit codes: 0 converged, 2 bad input, 3 not converged (there are no charges
@@ -136,7 +138,7 @@ discretisation error; pairs of equal frequency are listed twice."""
 
 _MODES_EPILOG = """\
 examples:
-  pvdf-fem modes scene.toml
+  pvdf-fem modes scene.toml --plot modes.png
   pvdf-fem modes scene.toml --count 12 --loaded --set load.force_N=0.5 --json
 
 exit codes: 0 converged, 2 bad input, 3 no frequencies (a film without tension,
@@ -174,9 +176,13 @@ def _parser() -> argparse.ArgumentParser:
     for name, about in (
         ("--mesh", "solve on this mesh: of `pvdf-fem mesh`, or your own in mm or m (.msh ...)"),
         ("--vtu", "write deflection, stresses, patches for ParaView"),
-        ("--plot", "draw the deflection (.png, .svg, .pdf, ...)"),
+        ("--plot", "draw a map of the film (.png, .svg, .pdf, ...)"),
     ):
         solve.add_argument(name, metavar="FILE", type=Path, help=about)
+    shown = (
+        "what --plot shows: deflection, stress, charge density, principal directions, mesh, error"
+    )
+    add_texts(solve, ("--quantity", "NAME", "deflection", f"{shown} or contact"))
     summary = "write the mesh of a scene"
     mesh = add_scene_command(commands, "mesh", _mesh, summary, _MESH, _MESH_EPILOG, as_json="")
     mesh.add_argument("file", metavar="FILE", type=Path, help="mesh file to write")
@@ -186,6 +192,7 @@ def _parser() -> argparse.ArgumentParser:
         "--loaded", action="store_true", help="about the film under its load, not the flat film"
     )
     add_texts(modes, ("--count", "N", "6", "how many frequencies"))
+    modes.add_argument("--plot", metavar="FILE", type=Path, help="draw the shapes of the modes")
     for command in (respond, sweep, locate, track, calibrate):
         command.add_to(commands)
     return parser
@@ -207,6 +214,13 @@ def _solve(options: argparse.Namespace) -> int:
         others = options.scene, options.mesh, options.vtu
         mistakes += output_mistakes(options.plot, plot_extensions(), *others)
     scene = scene_of(options, *mistakes)
+    if options.plot:
+        from pvdf_fem.output.film_map import require_quantity
+
+        try:
+            require_quantity(options.quantity, scene)
+        except ValueError as error:
+            raise InputError(f"--quantity: {error}") from error
     from pvdf_fem.solution.solve import solve
     from pvdf_fem.solvers.status import Status
 
@@ -214,7 +228,7 @@ def _solve(options: argparse.Namespace) -> int:
     converged = solution.status is Status.CONVERGED
     try:
         if converged:
-            _write_files(solution, options.vtu, options.plot)
+            _write_files(solution, options)
     finally:  # a full disk does not take the charges with it
         _print(solution.to_json(), options.json, lambda: str(solution))
     return ExitCode.CONVERGED if converged else ExitCode.NOT_CONVERGED
@@ -251,23 +265,25 @@ def _modes(options: argparse.Namespace) -> int:
     count, mistakes = options.count, []
     if not re.fullmatch("[0-9]{1,9}", count) or not 1 <= int(count) <= MOST_MODES:
         mistakes = [f"--count {count[:60]}: is out of range; give 1 to {MOST_MODES}"]
+    if options.plot:
+        mistakes += output_mistakes(options.plot, plot_extensions(), options.scene)
     result = modes(scene_of(options, *mistakes), int(count), options.loaded)
     _print(result.to_json(), options.json, lambda: modes_text(result))
     converged = result.status is Status.CONVERGED
+    if options.plot and converged:
+        from pvdf_fem.output.figures import save
+
+        save(result.plot(), options.plot)
     return ExitCode.CONVERGED if converged else ExitCode.NOT_CONVERGED
 
 
-def _write_files(solution: Solution, vtu: Path | None, plot: Path | None) -> None:
-    if vtu:
-        solution.to_vtu(vtu)
-    if plot:
-        from pvdf_fem.output import figures
+def _write_files(solution: Solution, options: argparse.Namespace) -> None:
+    if options.vtu:
+        solution.to_vtu(options.vtu)
+    if options.plot:
+        from pvdf_fem.output.figures import save
 
-        with figures.style():
-            figure = figures.new_figure(120.0, 100.0)
-            figure.set_layout_engine("compressed")  # the other one cuts labels beside a colour bar
-            figures.deflection_map(figure.subplots(), solution)
-            figures.save(figure, plot)
+        save(solution.plot(options.quantity), options.plot)
 
 
 def _print(result: dict[str, Any], as_json: bool, text: Callable[[], str]) -> None:

@@ -63,9 +63,9 @@ def run(options: argparse.Namespace) -> int:
         table = csv.writer(sys.stdout, lineterminator="\n")
         table.writerows([columns, *zip(*columns.values(), strict=True)])
     if options.plot:
-        from pvdf_fem.output import figures
+        from pvdf_fem.output.figures import save
 
-        figures.save(figures.frequency_response(response), options.plot)
+        save(response.plot(), options.plot)
     return ExitCode.CONVERGED
 
 

@@ -8,7 +8,13 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pvdf_fem.cli.program import ExitCode, InputError, add_command, output_mistakes
+from pvdf_fem.cli.program import (
+    ExitCode,
+    InputError,
+    add_command,
+    output_mistakes,
+    plot_extensions,
+)
 from pvdf_fem.files import require_distinct
 
 if TYPE_CHECKING:
@@ -43,7 +49,7 @@ Optional there: name, reach_mm (from the film's centre).
 
 examples:
   pvdf-fem sweep thickness_spacing.toml --plan
-  pvdf-fem sweep thickness_spacing.toml --output charges.nc
+  pvdf-fem sweep thickness_spacing.toml --output charges.nc --plot charges.png
   dask scheduler & dask worker tcp://localhost:8786 --nworkers 8 --nthreads 1 &
   pvdf-fem sweep sweep.toml --scheduler tcp://localhost:8786
 
@@ -77,6 +83,9 @@ def add_to(commands: Any) -> None:
     where.add_argument(
         "--scheduler", metavar="ADDRESS", help="of a Dask cluster that solves (see below)"
     )
+    parser.add_argument(
+        "--plot", metavar="FILE", type=Path, help="draw the charges over one or two axes"
+    )
     parser.add_argument("--plan", action="store_true", help="only print what there is to solve")
     parser.add_argument("--quiet", action="store_true", help="print complaints only")
 
@@ -87,6 +96,8 @@ def _sweep(options: argparse.Namespace) -> int:
     output = options.output or Path(f"{options.sweep.stem}.nc")
     unused = options.plan and not options.output
     mistakes = [] if unused else output_mistakes(output, [".nc"], options.sweep)
+    if options.plot:
+        mistakes += output_mistakes(options.plot, plot_extensions(), options.sweep, output)
     if options.processes == 0 or options.processes < -1:
         mistakes.append(f"--processes {options.processes}: give 1 or more, or -1 for all cores")
     from pvdf_fem.sweeps.grid import Grid
@@ -96,6 +107,8 @@ def _sweep(options: argparse.Namespace) -> int:
         scenes = grid.scenes()
     except SceneError as error:
         raise InputError(*mistakes, *error.problems) from error
+    if options.plot and (count := sum(size > 1 for size in grid.shape)) not in (1, 2):
+        mistakes.append(f"--plot: draws one or two axes, not {count}; leave it out")
     if mistakes:
         raise InputError(*mistakes)
     from pvdf_fem.sweeps.store import Store, StoreError
@@ -142,6 +155,11 @@ def _run(
         )
         data = dataset(grid, plan, solved)
     write_netcdf(data, output)
+    if options.plot:
+        from pvdf_fem.output.charts import sweep_chart
+        from pvdf_fem.output.figures import save
+
+        save(sweep_chart(data), options.plot)
     if not options.quiet:
         sizes = ", ".join(f"{count} {name}" for name, count in data.sizes.items())
         print(f"{output}: {sizes}")

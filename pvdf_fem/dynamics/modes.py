@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -45,6 +45,9 @@ from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.newton import NewtonResult, Tried, factorise
 from pvdf_fem.solvers.status import Status
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 MOST_MODES = 200  #: Largest number of modes that may be asked for.
 #: Relative error of a frequency of the flat disc over (wavenumber x element size)^4, measured.
 FLAT_ERROR = 4e-4
@@ -67,6 +70,14 @@ class Spectrum:
     errors: Array
     vectors: Array
     in_air: Spectrum | None = None  #: With the scene's air, where it has air.
+
+    @property
+    def shapes(self) -> Array:
+        """Those of `Modes`."""
+        expand = self.equilibrium.unknowns.expand
+        shapes = np.array([expand(vector) for vector in self.vectors.T])
+        peaks = np.abs(shapes).argmax(axis=1)[:, None]
+        return (shapes / np.take_along_axis(shapes, peaks, axis=1)).reshape(len(shapes), -1, 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,10 +131,13 @@ class Modes:
         Scaled to a largest displacement of 1, positive where it is largest. The shapes of two
         modes of equal frequency are an arbitrary pair of their combinations.
         """
-        expand = self.spectrum.equilibrium.unknowns.expand
-        shapes = np.array([expand(vector) for vector in self.spectrum.vectors.T])
-        peaks = np.abs(shapes).argmax(axis=1)[:, None]
-        return (shapes / np.take_along_axis(shapes, peaks, axis=1)).reshape(len(shapes), -1, 3)
+        return self.spectrum.shapes
+
+    def plot(self) -> Figure:
+        """Draw the shapes of the modes with their frequencies, those in air below."""
+        from pvdf_fem.output.charts import mode_shapes  # output/ is above
+
+        return mode_shapes(self)
 
     def to_json(self) -> dict[str, Any]:
         """What `pvdf-fem modes --json` prints; without frequencies unless converged."""

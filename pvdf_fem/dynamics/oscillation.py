@@ -120,7 +120,8 @@ class Oscillation:
 def oscillations(solution: Solution) -> tuple[Oscillation, Oscillation]:
     """About a solution, and the same of the order above on the same mesh."""
     solved, q, factors = factorised(solution)
-    return Oscillation.of(solved, q), Oscillation.of(*next_order(solved, q, factors))
+    better = next_order(solved, q, factors)
+    return Oscillation.of(solved, q), Oscillation.of(better.rich, better.q)
 
 
 def _elastic(equilibrium: Equilibrium, state: State) -> Any:

@@ -14,9 +14,9 @@ from skfem import ElementTriP2, MeshTri2
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.files import FileError, replacing
-from pvdf_fem.film.membrane import principal, strain_of
-from pvdf_fem.film.space import Space, shape_values
+from pvdf_fem.film.membrane import principal
 from pvdf_fem.mesh.gmsh_mesh import FILM, RIM
+from pvdf_fem.output.samples import Samples
 
 if TYPE_CHECKING:
     from pvdf_fem.solution.solution import Solution
@@ -29,12 +29,14 @@ class ExportError(FileError):
 def write_vtu(solution: Solution, path: str | Path) -> None:
     """Write a solution as an unstructured grid of VTK, on the reference disc in m, for ParaView.
 
-    Point data: ``displacement`` in m, which is cubic in between (Warp By Vector shows the deformed
-    film); ``S11``, ``S22``, ``S12``, the second Piola-Kirchhoff stress in Pa as the mean over the
-    elements around a node by area; and ``principal_tension``, its larger principal value. Cell
-    data: the stresses averaged over an element, and for each patch an array of 0 and 1 of its name
-    (``electrode A``, ``probe``). Raises `NotConvergedError`, and `ExportError` or `FileError` for
-    another ending than ``.vtu`` and for a file that cannot be written.
+    Point data: ``displacement_m``, which is cubic in between (Warp By Vector shows the deformed
+    film); ``deflection_m``; ``S11_Pa``, ``S22_Pa``, ``S12_Pa``, the second Piola-Kirchhoff stress
+    as the mean over the elements around a node by area; ``principal_stress_Pa``, its larger
+    principal value; and ``contact_pressure_Pa`` of tips. Cell data: the stresses averaged over an
+    element, and for each patch an array of 0 and 1 of its name (``electrode A``, ``probe``). Field
+    data: ``charge_pC A`` and ``charge_error_pC A`` of each electrode, and ``scene_toml``, the scene
+    as bytes of UTF-8. Raises `NotConvergedError`, and `ExportError` or `FileError` for another
+    ending than ``.vtu`` and for a file that cannot be written.
     """
     path = Path(path)
     if path.suffix.lower() != ".vtu":
@@ -48,32 +50,38 @@ def write_vtu(solution: Solution, path: str | Path) -> None:
         stress = membrane.film_stress(state.strain, places)
         stress = stress if state.added is None else stress + state.added
     mean = (stress * weights).sum(axis=1) / weights.sum(axis=1)
-    point_data = {"displacement": displacement, **_components(nodal)}
-    point_data["principal_tension"] = principal(nodal)[1]
+    point_data = {"displacement_m": displacement, "deflection_m": displacement[:, 2].copy()}
+    point_data |= {**_components(nodal), "principal_stress_Pa": principal(nodal)[1]}
     if solution.contacts:
         point_data["contact_pressure_Pa"] = _contact_pressure(solution)
     cell_data = {**_components(mean), **_masks(solution.mesh)}
-    _write(_grid(solution.mesh, point_data=point_data, cell_data=cell_data), path, "vtu")
+    grid = _grid(solution.mesh, point_data=point_data, cell_data=cell_data)
+    grid.field_data = _field_data(solution)
+    _write(grid, path, "vtu")
+
+
+def _field_data(solution: Solution) -> dict[str, Array]:
+    """Charges with their errors by electrode, and the scene, which meshio reads as numbers only."""
+    tables = {"charge_pC": solution.charges_pC, "charge_error_pC": solution.charge_errors_pC}
+    values = {
+        f"{key} {name}": np.array([value])
+        for key, table in tables.items()
+        for name, value in table.items()
+    }
+    scene = np.frombuffer(solution.scene.to_toml().encode(), dtype=np.uint8)
+    return {**values, "scene_toml": scene}
 
 
 def _at_nodes(solution: Solution) -> tuple[Array, Array]:
     """Displacement (nodes, 3) and averaged stress (nodes, 3) at the nodes of the mesh."""
-    membrane, mesh = solution.fields.equilibrium.membrane, solution.mesh
-    space = Space(mesh, membrane.space.order)
-    local_nodes = ElementTriP2.doflocs.T
-    points = np.repeat(local_nodes[:, None], mesh.nelements, axis=1)
-    gradients = space.gradients_at(np.arange(mesh.nelements), points)
-    dofs = solution.displacement[space.nodes]
-    strain = strain_of(np.matmul(dofs[:, None].swapaxes(2, 3), gradients))
-    stress = membrane.film_stress(strain, mesh.doflocs.T[mesh.dofs.element_dofs.T])
-    if (added := solution.fields.state.added) is not None:
-        stress += added
-
+    mesh, weights = solution.mesh, solution.fields.equilibrium.space.weights
+    samples = Samples.of(solution, ElementTriP2.doflocs.T)
     nodes = mesh.dofs.element_dofs.T
     displacement = np.zeros((mesh.doflocs.shape[1], 3))
-    displacement[nodes] = np.matmul(shape_values(space.basis.elem, local_nodes), dofs)
-    areas = np.broadcast_to(space.weights.sum(axis=1)[:, None], nodes.shape).ravel()
-    sums = [np.bincount(nodes.ravel(), areas * part.ravel()) for part in np.moveaxis(stress, -1, 0)]
+    displacement[nodes] = samples.displacement
+    areas = np.broadcast_to(weights.sum(axis=1)[:, None], nodes.shape).ravel()
+    parts = np.moveaxis(samples.stress, -1, 0)
+    sums = [np.bincount(nodes.ravel(), areas * part.ravel()) for part in parts]
     return displacement, np.stack(sums, axis=-1) / np.bincount(nodes.ravel(), areas)[:, None]
 
 
@@ -92,7 +100,7 @@ def _contact_pressure(solution: Solution) -> Array:
 
 
 def _components(stress: Array) -> dict[str, Array]:
-    return dict(zip(("S11", "S22", "S12"), np.moveaxis(stress, -1, 0), strict=True))
+    return dict(zip(("S11_Pa", "S22_Pa", "S12_Pa"), np.moveaxis(stress, -1, 0), strict=True))
 
 
 @dataclass(frozen=True)
@@ -223,15 +231,31 @@ def _counter_clockwise(mesh: MeshTri2) -> Indices:
 
 def _write(grid: Any, path: Path, name: str, **options: Any) -> None:
     if name == "vtu":  # meshio writes names into the XML as they are
-        grid.cell_data = {
-            escape(key).encode("ascii", "xmlcharrefreplace").decode(): values
-            for key, values in grid.cell_data.items()
-        }
+        grid.cell_data = {_xml(key): values for key, values in grid.cell_data.items()}
     try:
         with replacing(path) as temporary:
             grid.write(temporary, file_format=name, **options)
+            if name == "vtu" and grid.field_data:
+                _add_field_data(temporary, grid.field_data)
     except ImportError as error:
         raise ExportError(
             f"{path}: meshio writes this format with {error.name}; run `pip install {error.name}`,"
             " or choose another extension"
         ) from error
+
+
+def _xml(name: str) -> str:
+    return escape(name).encode("ascii", "xmlcharrefreplace").decode()
+
+
+def _add_field_data(path: Path, arrays: dict[str, Array]) -> None:
+    """Add arrays to a VTU file, as VTK has them and as meshio reads, but does not write, them."""
+    types = {"f": "Float64", "u": "UInt8"}
+    texts = [
+        f'<DataArray type="{types[array.dtype.kind]}" Name="{_xml(name)}" format="ascii"'
+        f' NumberOfTuples="{array.size}">{" ".join(map(str, array.tolist()))}</DataArray>'
+        for name, array in arrays.items()
+    ]
+    grid = "<UnstructuredGrid>"
+    added = "\n".join([grid, "<FieldData>", *texts, "</FieldData>"])
+    path.write_text(path.read_text("utf-8").replace(grid, added, 1), "utf-8")

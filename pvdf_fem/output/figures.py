@@ -7,24 +7,21 @@ draw on its axes, and write it with `save`.
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 import numpy as np
-import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon as Patch
-from matplotlib.ticker import MaxNLocator
-from matplotlib.tri import Triangulation as TriangleGrid
+from matplotlib.patheffects import withStroke
+from numpy.typing import ArrayLike
 
-from pvdf_fem.dynamics.forced import FrequencyResponse
 from pvdf_fem.files import replacing
-from pvdf_fem.scene.scene import Electrode
-from pvdf_fem.solution.solution import Solution
+from pvdf_fem.scene.outlines.outline import Outline
 
 # The look of all figures; matplotlib's stubs ask for literal keys.
 _STYLE: dict[Any, Any] = matplotlib.rc_params_from_file(
@@ -34,6 +31,14 @@ _STYLE: dict[Any, Any] = matplotlib.rc_params_from_file(
 COLOURS: tuple[str, ...] = tuple(_STYLE["axes.prop_cycle"].by_key()["color"])
 GREY = "0.45"
 LABEL_SIZE = 8.0  #: Size of labels in points.
+HALO = withStroke(linewidth=2.2, foreground="white")  #: Shows lines and texts on any colour.
+#: The look of an electrode's edge.
+EDGE: dict[str, Any] = {
+    "edgecolor": "black",
+    "linewidth": 0.9,
+    "path_effects": [HALO],
+}
+DPI = 200.0  #: Pixels per inch of pictures without lines.
 
 # Settings without which SVG files have random identifiers.
 _REPRODUCIBLE: dict[Any, Any] = {"svg.hashsalt": "pvdf_fem", "svg.fonttype": "path"}
@@ -52,9 +57,16 @@ def style() -> Iterator[None]:
         yield
 
 
+class Picture(Figure):
+    """A figure that belongs to no window and that notebooks show."""
+
+    def _repr_png_(self) -> bytes:
+        return content_of(self, ".png")
+
+
 def new_figure(width_mm: float = 160.0, height_mm: float = 100.0) -> Figure:
     """An empty figure that belongs to no window."""
-    return Figure(figsize=(width_mm / 25.4, height_mm / 25.4))  # in inches
+    return Picture(figsize=(width_mm / 25.4, height_mm / 25.4), dpi=DPI)  # in inches
 
 
 def save(figure: Figure, path: str | Path) -> None:
@@ -73,68 +85,38 @@ def content_of(figure: Figure, suffix: str) -> bytes:
             layout.execute(figure)
             figure.set_layout_engine("none")  # or matplotlib lays out twice more
         content = io.BytesIO()
-        figure.savefig(content, format=suffix[1:], dpi=200, metadata=_NO_DATE.get(suffix))
+        figure.savefig(content, format=suffix[1:], dpi=DPI, metadata=_NO_DATE.get(suffix))
     return content.getvalue()
 
 
-def frequency_response(response: FrequencyResponse) -> Figure:
-    """A figure of all charges' amplitudes over that of the force, and their phases below."""
-    with style():
-        figure = new_figure()
-        size, phase = figure.subplots(2, sharex=True)
-        for name, charge in response.charges_pC_N.items():
-            size.loglog(response.frequencies_Hz, np.abs(charge), label=name)
-            phase.semilogx(response.frequencies_Hz, np.degrees(np.angle(charge)))
-        size.legend(loc="upper left", ncols=len(response.charges_pC_N))
-        size.set(ylabel="charge (pC/N)")
-        phase.set(xlabel="frequency (Hz)", ylabel="phase (°)")
+def figure_of(ax: Axes) -> Figure:
+    """The figure that axes belong to."""
+    figure = ax.get_figure(root=True)
+    assert figure is not None
     return figure
 
 
-def deflection_map(ax: Axes, solution: Solution, *, reach_mm: float | None = None) -> None:
-    """Filled contours of the deflection with electrodes, probe and charges. The figure gets a
-    colour bar. `reach_mm` is half the width of the shown part of the film, by default all of it.
-    Raises the `NotConvergedError` of a solution without a result."""
-    grid, w = solution.basis.refinterp(solution.displacement[:, 2], nrefs=2)
-    low, high = (
-        min(1e3 * float(w.min()), 0.0),
-        max(1e3 * float(w.max()), solution.deflection_max_mm),
-    )
-    # about ten round levels that enclose all deflections; a flat film gets a small range
-    locator = MaxNLocator(10, min_n_ticks=2)
-    levels = locator.tick_values(low, high if high > low else low + 1e-9)
-    x, y = 1e3 * grid.p
-    filled = ax.tricontourf(TriangleGrid(x, y, grid.t.T), 1e3 * w, levels=levels, cmap="Blues")
-    figure = ax.get_figure(root=True)
-    assert figure is not None
-    figure.colorbar(filled, ax=ax, label="deflection (mm)", fraction=0.046, pad=0.03)
-    radius = solution.scene.film.radius_mm
-    reach = radius if reach_mm is None else reach_mm
-    angle = np.linspace(0.0, 2.0 * np.pi, 361)
-    ax.plot(radius * np.cos(angle), radius * np.sin(angle), color="black", linewidth=1.0)
-    for electrode in solution.scene.electrode_list:
-        _draw_outline(ax, electrode.outline.shape, facecolor="white", alpha=0.55)
-        _draw_outline(ax, electrode.outline.shape, edgecolor="black", linewidth=0.9)
-        _name_electrode(ax, electrode, solution.charges_pC[electrode.name])
-    for touch in solution.scene.loaded_probes:
-        if touch.patch in solution.contacts:
-            ax.plot(*solution.contacts[touch.patch].edge_mm.T, color=COLOURS[1], linewidth=1.4)
-        else:
-            _draw_outline(ax, touch.outline.shape, edgecolor=COLOURS[1], linewidth=1.4)
+def draw_rim(
+    ax: Axes, radius_mm: float, reach_mm: float, centre_mm: ArrayLike = (0.0, 0.0)
+) -> None:
+    """Draw the film's rim on axes in mm that reach this far from the film's centre."""
+    (x, y), angle = np.asarray(centre_mm, dtype=float), np.linspace(0.0, 2.0 * np.pi, 361)
+    rim = x + radius_mm * np.cos(angle), y + radius_mm * np.sin(angle)
+    ax.plot(*rim, color="black", linewidth=1.0)
+    wide = 1.02 * reach_mm
     ax.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
-    ax.set(xlim=(-1.02 * reach, 1.02 * reach), ylim=(-1.02 * reach, 1.02 * reach))
+    ax.set(xlim=(x - wide, x + wide), ylim=(y - wide, y + wide))
     ax.grid(False)
 
 
-def _draw_outline(ax: Axes, shape: shapely.Polygon, **look: Any) -> None:
-    """Draw a shape in metres on axes in mm, without face and edge unless `look` has them."""
-    corners = 1e3 * np.array(shape.exterior.coords)
+def draw_outline(ax: Axes, outline: Outline, **look: Any) -> None:
+    """Draw an outline on axes in mm, without face and edge unless `look` has them."""
+    corners = 1e3 * np.array(outline.shape.exterior.coords)
     ax.add_patch(Patch(corners, **{"facecolor": "none", "edgecolor": "none", **look}))
 
 
-def _name_electrode(ax: Axes, electrode: Electrode, charge_pC: float) -> None:
-    """Name and charge beside an electrode, on the side away from the film's centre."""
-    outline = electrode.outline
+def name_outline(ax: Axes, outline: Outline, words: Sequence[str]) -> None:
+    """Words beside an electrode's outline, on the side away from the film's centre."""
     centre = 1e3 * outline.centroid
     low_x, low_y, high_x, high_y = 1e3 * np.array(outline.shape.bounds)
     direction = centre / (np.linalg.norm(centre) or 1.0)
@@ -148,7 +130,7 @@ def _name_electrode(ax: Axes, electrode: Electrode, charge_pC: float) -> None:
         place, offset = (centre[0], high_y if beyond else low_y), (0.0, sign)
         align = {"ha": "center", "va": "bottom" if beyond else "top"}
     ax.annotate(
-        ("\n" if sideways else "  ").join([electrode.name, f"{charge_pC:.1f} pC"]),
+        ("\n" if sideways else "  ").join(words),
         place,
         offset,
         textcoords="offset points",

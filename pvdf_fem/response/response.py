@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -26,6 +27,10 @@ from pvdf_fem.response.uniform_spline import UniformSpline
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.sweeps.sweep import silent
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 ROUNDING = 1e-9  #: Share by which a touch may exceed the domain, as rounding makes it.
 # Rows of the products (value and derivatives by x, y, rotation) x (value and derivative by force):
@@ -193,6 +198,18 @@ class Response:
         )
         slopes = np.pad(np.arange(1, count) * values[:, 1:], ((0, 0), (0, 1)))
         return np.concatenate([values, slopes]).T
+
+    def plot(
+        self,
+        electrode: str,
+        rotation_deg: float = 0.0,
+        force_N: float = 1.0,
+        ax: Axes | None = None,
+    ) -> Figure:
+        """Draw the charge of an electrode by the place of the probe, with lines of equal charge."""
+        from pvdf_fem.output.touch_map import charge_map  # output/ is above
+
+        return charge_map(self, electrode, rotation_deg, force_N, ax)
 
     def save(self, path: Path | str) -> None:
         """Write the response to a file, which replaces an older one only when it is complete."""

@@ -240,7 +240,7 @@ def _least_errors(attempt: Attempt, correction: Correction) -> Array:
     if attempt.equilibrium.model.wrinkles:  # its iteration ends when the charges move that little
         least = OF_TOLERANCE * problem.scene.numerics.tolerance * attempt.charge_sizes
     if len(rigid_elements(attempt.equilibrium.terms)):
-        _, shares = _indicators(correction, factors, problem.goals)
+        _, shares = error_indicators(correction, factors, problem.goals)
         least = np.maximum(least, UNCANCELLED * shares.sum(axis=0))
     return np.broadcast_to(least, len(problem.goals))
 
@@ -260,7 +260,7 @@ def force_errors(errors: Array, forces: Array, goals: Sequence[Goal]) -> Array:
     return np.asarray(relative * np.abs(forces) * np.sign(d))
 
 
-def _indicators(
+def error_indicators(
     correction: Correction, factors: SuperLU, goals: Sequence[Goal], sizes: Array | float = 1.0
 ) -> tuple[Array, Array]:
     """Duals (unknowns, goals) and elements' shares (elements, goals) in the errors over `sizes`."""
@@ -327,7 +327,7 @@ def refined(attempt: Attempt, tolerance: float, most_unknowns: float) -> SizeFie
     mesh, flat = attempt.equilibrium.space.mesh, rigid_elements(attempt.equilibrium.terms)
     worst = np.argsort(attempt.charge_errors)[-MOST_DUALS:]
     goals = [attempt.problem.goals[i] for i in worst]
-    dual, by_goal = _indicators(correction, factors, goals, attempt.charge_sizes[worst])
+    dual, by_goal = error_indicators(correction, factors, goals, attempt.charge_sizes[worst])
     shares = by_goal.max(axis=1)
     reduction = tolerance / attempt.worst
     if attempt.edges:

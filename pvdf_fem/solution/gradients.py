@@ -46,7 +46,8 @@ from pvdf_fem.scene.change import steps_of
 from pvdf_fem.scene.film import Film, plane_stress
 from pvdf_fem.scene.scene import LoadedProbe, Probe, Scene
 from pvdf_fem.scene.shapes import FORCES
-from pvdf_fem.solution.estimate import corrected
+from pvdf_fem.solution.attempt import error_indicators
+from pvdf_fem.solution.estimate import Correction, corrected
 from pvdf_fem.solution.solution import NotConvergedError, Solution
 from pvdf_fem.solution.solve import solve
 from pvdf_fem.solvers.budget import Budget
@@ -320,19 +321,27 @@ def _adjoints(solution: Solution) -> tuple[_Adjoint, _Adjoint]:
     """The adjoint solutions of a solution, and those of the order above on the same mesh."""
     solved, q, factors = factorised(solution)
     goals = goals_of(solution.scene)
-    rich, rich_q = next_order(solved, q, factors)
+    correction = next_order(solved, q, factors)
+    rich, rich_q = correction.rich, correction.q
     rich_factors = factorise(rich.tangent(rich.state(rich_q)))
     coarse = _Adjoint.of(solved, goals, q, factors)
     return coarse, _Adjoint.of(rich, goals, rich_q, rich_factors)
 
 
-def next_order(solved: Equilibrium, q: Array, factors: SuperLU) -> tuple[Equilibrium, Array]:
-    """The equations of the order above on the same mesh, and their solution."""
+def next_order(solved: Equilibrium, q: Array, factors: SuperLU) -> Correction:
+    """The solution in the order above on the same mesh; raises `NotConvergedError`."""
     rich = Equilibrium(solved.scene, solved.space.mesh, solved.space.order + 1)
     correction = corrected(solved, q, factors, rich, Budget.of(solved.scene))
     if isinstance(correction, NewtonResult):
         raise NotConvergedError(f"{correction.status}: {correction.status.advice}")
-    return rich, correction.q
+    return correction
+
+
+def error_shares(solution: Solution) -> Array:
+    """Shares of the elements in the errors of the charges by the mesh, in C, (elements, goals)."""
+    solved, q, factors = factorised(solution)
+    correction = next_order(solved, q, factors)
+    return error_indicators(correction, factors, goals_of(solution.scene))[1]
 
 
 def factorised(solution: Solution) -> tuple[Equilibrium, Array, SuperLU]:

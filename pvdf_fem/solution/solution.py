@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +24,12 @@ from pvdf_fem.solution.history import MeshRecord, Stop
 from pvdf_fem.solution.summary import solution_html, solution_text
 from pvdf_fem.solvers.newton import Iteration
 from pvdf_fem.solvers.status import Status
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+    from pyvista import Plotter
 
 
 class NotConvergedError(RuntimeError):
@@ -236,8 +242,75 @@ class Solution:
     def _repr_html_(self) -> str:
         return solution_html(self.to_json())
 
+    # What draws and writes is above, and slow to import.
+    def plot(
+        self, quantity: str = "deflection", ax: Axes | None = None, reach_mm: float | None = None
+    ) -> Figure:
+        """Draw a map of the film with its electrodes and their charges, and the probes.
+
+        Parameters
+        ----------
+        quantity : str
+            ``deflection``, ``stress`` (S11 + S22), ``charge density``, ``principal directions`` of
+            the stress, ``mesh``, ``error`` (elements' shares in those of charges) or ``contact``
+            (pressure of tips).
+        ax : matplotlib axes, optional
+            To draw on, instead of a figure that belongs to no window.
+        reach_mm : float, optional
+            Half the width of the part that is shown, by default all of the film.
+
+        Raises
+        ------
+        ValueError
+            For a quantity that there is not, or not in this scene.
+        NotConvergedError
+        """
+        from pvdf_fem.output.film_map import film_map
+
+        return film_map(self, quantity, ax, reach_mm)
+
+    def view(
+        self,
+        quantity: str = "deflection",
+        scale: float | None = None,
+        html: str | Path | None = None,
+    ) -> Plotter:
+        """The deflected film in 3-D, coloured by a quantity; needs ``pip install pvdf-fem[view]``.
+
+        Parameters
+        ----------
+        quantity : str
+            ``deflection``, ``stress``, ``charge density`` or ``principal directions``.
+        scale : float, optional
+            Factor of the displacements, by default one that shows the film a quarter of its radius
+            deep.
+        html : path, optional
+            Where a page is written that shows the film in any browser, without a server.
+
+        Returns
+        -------
+        pyvista.Plotter
+            Its ``show()`` opens a window, or shows the film in a notebook.
+        """
+        from pvdf_fem.output.film_view import film_view
+
+        return film_view(self, quantity, scale, html)
+
+    def to_dataframe(self) -> DataFrame:
+        """Charges in pC and, with ``[readout]``, readings in V, by electrode."""
+        from pandas import DataFrame
+
+        columns = {
+            "charge_pC": self.charges_pC,
+            "charge_error_pC": self.charge_errors_pC,
+            "rest_charge_pC": self.rest_charges_pC,
+            "charge_change_pC": self.charge_changes_pC,
+        }
+        readings = {} if self.scene.readout is None else {"reading_V": self.readings_V}
+        return DataFrame({**columns, **readings}).rename_axis("electrode")
+
     def to_vtu(self, path: str | Path) -> None:
-        """Write displacement, stresses and patches to a VTU file."""
-        from pvdf_fem.output.export import write_vtu  # output/ is above, and meshio slow to import
+        """Write displacement, stresses, patches, charges and the scene to a VTU file."""
+        from pvdf_fem.output.export import write_vtu
 
         write_vtu(self, Path(path))

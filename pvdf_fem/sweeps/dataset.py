@@ -24,14 +24,18 @@ _UNITS = dict.fromkeys(("MOhm", "pF", "mm", "um", "GPa", "pC", "K", "N", "V"))
 _UNITS |= {"pC_N": "pC/N", "kg_m3": "kg/m3", "per_K": "1/K", "N_m": "N/m", "deg": "degree"}
 
 
+_BESIDE = "charge_error_pC status"  # what CF has beside charges
+
+
 def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) -> xarray.Dataset:
     """The charges of a grid's scenes.
 
     `records` are those of the distinct scenes with their indices in the plan, in any order. The
     dataset has a dimension for each axis, and `electrode`. The variables `charge_pC` and
     `charge_error_pC`, with NaN where there is no charge, and `rest_charge_pC` of the untouched film
-    have all dimensions; `status` and `deflection_max_mm` have those of the axes. Numbers have an
-    attribute `units`, coordinates an attribute `key`, the key of the scene that varies.
+    have all dimensions; `status` and `deflection_max_mm` have those of the axes. All have the
+    attributes of the CF conventions, `long_name` and `units`, and coordinates an attribute `key`,
+    the key of the scene that varies.
     """
     scenes = plan.scenes
     layouts = {scene.electrodes: scene.electrode_list for scene in scenes}
@@ -52,20 +56,30 @@ def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) 
         error[index, columns] = list(record.charge_errors_pC(*d, observable).values())
         deflection[index] = record.deflection_max_mm
     dims, first = [axis.name for axis in grid.axes], plan.first
+    over = {1: dims, 2: [*dims, "electrode"]}
 
     def over_grid(values: Any) -> Any:
         return values[first].reshape(*grid.shape, *values.shape[1:])
 
+    variables: dict[str, Any] = {
+        "charge_pC": (charge, {**_named("total charge", "pC"), "ancillary_variables": _BESIDE}),
+        "charge_error_pC": (error, _named("estimated error of the charge", "pC")),
+        "rest_charge_pC": (rest, _named("charge without a touch", "pC")),
+        "deflection_max_mm": (deflection, _named("largest deflection", "mm")),
+        "status": (status, {"long_name": "how the solve ended"}),
+    }
     return xarray.Dataset(
         {
-            "charge_pC": ([*dims, "electrode"], over_grid(charge), {"units": "pC"}),
-            "charge_error_pC": ([*dims, "electrode"], over_grid(error), {"units": "pC"}),
-            "rest_charge_pC": ([*dims, "electrode"], over_grid(rest), {"units": "pC"}),
-            "deflection_max_mm": (dims, over_grid(deflection), {"units": "mm"}),
-            "status": (dims, over_grid(status)),
+            name: (over[values.ndim], over_grid(values), about)
+            for name, (values, about) in variables.items()
         },
-        {**_coordinates(grid), "electrode": names},
-        {"scene": grid.scene.to_toml(), "source": f"pvdf_fem {__version__}"},
+        {**_coordinates(grid), "electrode": ("electrode", names, {"long_name": "electrode"})},
+        {
+            "Conventions": "CF-1.11",
+            "title": "charges of the electrodes of a PVDF membrane",
+            "scene": grid.scene.to_toml(),
+            "source": f"pvdf_fem {__version__}",
+        },
     )
 
 
@@ -79,9 +93,9 @@ def _coordinates(grid: Grid) -> dict[str, Any]:
             name = _end(key) if ends[_end(key)] == 1 else key
             if len(axis.values) == 1:
                 name = axis.name
-            coordinates[name] = (axis.name, _labels(values), {"key": key, **_unit(key)})
+            coordinates[name] = (axis.name, _labels(values), {"key": key, **_about(key)})
         for name, further in axis.beside.items():
-            coordinates[name] = (axis.name, list(further), _unit(name))
+            coordinates[name] = (axis.name, list(further), _about(name))
     return coordinates
 
 
@@ -99,10 +113,16 @@ def _labels(values: tuple[Any, ...]) -> list[Any]:
     ]
 
 
-def _unit(key: str) -> dict[str, str]:
+def _about(key: str) -> dict[str, str]:
+    """The attributes of what a key stands for: ``film.thickness_um`` is film thickness in um."""
     ends = "|".join(sorted(_UNITS, key=len, reverse=True))
     match = re.search(rf"_({ends})$", key)
-    return {"units": _UNITS[match[1]] or match[1]} if match else {}
+    unit = (_UNITS[match[1]] or match[1]) if match else ""
+    return _named(re.sub("[._]", " ", key[: match.start()] if match else key), unit)
+
+
+def _named(long_name: str, unit: str) -> dict[str, str]:
+    return {"long_name": long_name, "units": unit} if unit else {"long_name": long_name}
 
 
 def write_netcdf(data: xarray.Dataset, path: Path) -> None:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.readout.channel import READINGS
 from pvdf_fem.touch.posterior import Posterior, posterior
 from pvdf_fem.touch.problem import Problem
 from pvdf_fem.touch.touch import Touch
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: A second touch with at least this share of the likelihood makes a location ambiguous.
 SHARE = 0.01
@@ -117,6 +120,14 @@ class Location:
             limits = ", ".join(best.at_edge)
             texts.append(f"at the edge of the model's domain ({limits}): the touch may lie beyond")
         return tuple(texts)
+
+    def plot(self) -> Figure:
+        """Draw the likelihood over the film and near the likeliest touch, with the ellipse of one
+        standard deviation and the rivals. What else was sought is the likeliest at each place.
+        Raises ValueError without a touch of which x and y were sought."""
+        from pvdf_fem.output.touch_map import likelihood_map  # output/ is above
+
+        return likelihood_map(self)
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for JSON."""

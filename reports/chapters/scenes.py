@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from pvdf_fem import solve
-from pvdf_fem.output.figures import deflection_map
 from pvdf_fem.solvers.status import Status
 from reports.common.chapter import Content, comparing
 from reports.common.comparison import Comparison
@@ -43,7 +42,7 @@ def _picture(comparisons: list[Comparison], path: Path) -> None:
             solution = solve(scene.with_(numerics={}))  # a picture needs no edges
             ax.set_title(source.replace(" (", "\n("))
             if solution.status is Status.CONVERGED:
-                deflection_map(ax, solution, reach_mm=30.0)
+                solution.plot(ax=ax, reach_mm=30.0)
             else:
                 ax.text(0.5, 0.5, f"failed: {solution.status}", ha="center")
 

@@ -60,7 +60,7 @@ def test_stress_anywhere_has_that_of_the_voltages_and_not_that_of_the_tape(tmp_p
     cells = meshio.read(tmp_path / "film.vtu").cell_data
     for name in "AB":
         on = solution.mesh.subdomains[f"electrode {name}"]
-        density = 60e-12 * cells["S11"][0][on] - 20e-12 * cells["S22"][0][on]
+        density = 60e-12 * cells["S11_Pa"][0][on] - 20e-12 * cells["S22_Pa"][0][on]
         charge = 1e-12 * solution.charges_pC[name]
         assert density @ area[on] == pytest.approx(charge, rel=1e-3)
 

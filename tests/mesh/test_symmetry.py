@@ -231,7 +231,7 @@ def test_file_has_the_whole_film(tmp_path):
     written = meshio.read(tmp_path / "film.vtu")
     assert len(written.cells[0]) == 2 * solved.fields.solved.space.mesh.nelements
     x, y, _ = written.points.T
-    w = written.point_data["displacement"][:, 2]
+    w = written.point_data["displacement_m"][:, 2]
     other = np.argmin(np.hypot(x[:, None] + y, y[:, None] + x), axis=1)
     assert w[other] == pytest.approx(w, abs=1e-12)
     assert np.ptp(x) == pytest.approx(np.ptp(y), rel=1e-6)

@@ -23,6 +23,7 @@ from tests.helpers.discs import LOADS, TRIANGLE, uniform_mesh
 
 # The probe presses on half of electrode A.
 OVERLAPPING = Scene.parse('[probe]\nshape = "rectangle"\nx_mm = 3.0')
+STRESSES = ("S11_Pa", "S22_Pa", "S12_Pa")
 
 
 @pytest.fixture(scope="module")
@@ -55,14 +56,14 @@ def test_charges_follow_from_the_vtu_file(solution: Solution, tmp_path: Path) ->
     for name, charge in solution.charges_pC.items():
         inside = cells[f"electrode {name}"] == 1
         assert area[inside].sum() == pytest.approx(9e-6, rel=1e-10)
-        forces = ((cells["S11"] + cells["S22"]) * area)[inside].sum()
+        forces = ((cells["S11_Pa"] + cells["S22_Pa"]) * area)[inside].sum()
         assert 8.0 * forces == pytest.approx(charge, rel=1e-9)
     assert area[cells["probe"] == 1].sum() == pytest.approx(98e-6, rel=1e-10)
 
 
 def test_vtu_displacement_is_that_of_the_solution(solution: Solution, tmp_path: Path) -> None:
     grid, _ = read_vtu(solution, tmp_path / "a.vtu")
-    found = grid.point_data["displacement"]
+    found = grid.point_data["displacement_m"]
     distance, node = cKDTree(grid.points[:, :2]).query(solution.basis.doflocs.T)
     shared = distance < 1e-12
     assert shared.sum() == solution.mesh.nvertices
@@ -76,6 +77,22 @@ def test_vtu_displacement_is_that_of_the_solution(solution: Solution, tmp_path: 
     assert np.all(found[np.hypot(*grid.points[:, :2].T) > 0.045 * (1 - 1e-6)] == 0.0)
 
 
+def test_vtu_has_charges_and_the_scene(tmp_path: Path) -> None:
+    """For meshio, and for VTK as ParaView reads it."""
+    square = {"name": "<é & b>", "x_mm": 3.0, "y_mm": 0.0, "side_mm": 4.0}
+    scene = OVERLAPPING.with_(electrodes=[square], **{"numerics.tolerance": 0.05})
+    solution, path = solve(scene), tmp_path / "a.vtu"
+    grid, _ = read_vtu(solution, path)
+    fields, name = grid.field_data, "<é & b>"
+    assert fields[f"charge_pC {name}"].tolist() == [solution.charges_pC[name]]
+    assert fields[f"charge_error_pC {name}"].tolist() == [solution.charge_errors_pC[name]]
+    assert Scene.parse(fields["scene_toml"].tobytes().decode()) == scene
+    vtk = pytest.importorskip("pyvista", reason="VTK reads what ParaView reads").read(path)
+    assert {*vtk.field_data.keys()} >= {*fields}
+    assert vtk.field_data[f"charge_pC {name}"].tolist() == [solution.charges_pC[name]]
+    np.testing.assert_array_equal(vtk.point_data["deflection_m"], grid.point_data["deflection_m"])
+
+
 def test_vtu_nodal_stress_is_the_mean_around_a_node(tmp_path: Path) -> None:
     """Linear elements have one stress each, so that the mean can be taken from the file."""
     mesh = uniform_mesh(OVERLAPPING, 4.0)
@@ -87,13 +104,13 @@ def test_vtu_nodal_stress_is_the_mean_around_a_node(tmp_path: Path) -> None:
     area = areas(grid.points, triangles)
     for node in np.flatnonzero(~rim):
         around = (triangles == node).any(axis=1)
-        mean = [np.average(cells[c][around], weights=area[around]) for c in ("S11", "S22", "S12")]
-        found = [grid.point_data[c][node] for c in ("S11", "S22", "S12")]
+        mean = [np.average(cells[c][around], weights=area[around]) for c in STRESSES]
+        found = [grid.point_data[c][node] for c in STRESSES]
         np.testing.assert_allclose(found, mean, rtol=1e-9, atol=1e-6 * mean[0])
         tensor = np.array([[mean[0], mean[2]], [mean[2], mean[1]]])
         largest = np.linalg.eigvalsh(tensor)[1]
-        assert grid.point_data["principal_tension"][node] == pytest.approx(largest, rel=1e-9)
-    u = grid.point_data["displacement"]
+        assert grid.point_data["principal_stress_Pa"][node] == pytest.approx(largest, rel=1e-9)
+    u = grid.point_data["displacement_m"]
     np.testing.assert_allclose(u[triangles[:, 3]], u[corner[:, :2]].mean(axis=1), atol=1e-15)
 
 

@@ -62,6 +62,7 @@ def test_axes_with_the_same_end_of_a_key_have_coordinates_of_their_own(invented)
     }
     for name, (dimension, scene_key) in expected.items():
         attributes = {"key": scene_key, "units": "mm"}
+        attributes["long_name"] = scene_key.removesuffix("_mm").replace(".", " ")
         assert (data[name].dims, data[name].attrs) == ((dimension,), attributes)
     assert data.charge_pC.dims == ("place", "side_mm", "square", "electrode")
     named_as_key = [{"probe.x_mm": [0.0, 1.0], "probe.y_mm": [2.0, 3.0], "name": "x_mm"}]
@@ -79,7 +80,11 @@ def test_an_axis_with_the_name_of_another_s_coordinate_keeps_its_labels(invented
         labels = {name: values.values.tolist() for name, values in data.coords.items()}
         del labels["electrode"]
         assert labels == {"y_mm": [1.0, 2.0], "x_mm": [3.0, 4.0], "probe.y_mm": [5.0, 6.0]}
-        assert data.y_mm.attrs == {"key": "load.force_N", "units": "N"}
+        assert data.y_mm.attrs == {
+            "key": "load.force_N",
+            "long_name": "load force",
+            "units": "N",
+        }
         write_netcdf(data, tmp_path / "data.nc")
 
 
@@ -124,9 +129,12 @@ def test_a_dataset_names_its_axes_units_and_states(tmp_path):
     assert np.isnan(data.charge_pC.sel(layout="three", electrode="D")).all()
     assert data.charge_pC.sel(layout="four").notnull().all()
     assert (data.thickness_um.attrs, data.charge_pC.attrs["units"]) == (
-        {"key": "film.thickness_um", "units": "um"},
+        {"key": "film.thickness_um", "long_name": "film thickness", "units": "um"},
         "pC",
     )
+    assert data.attrs["Conventions"].startswith("CF-")
+    assert all("long_name" in variable.attrs for variable in data.variables.values())
+    assert set(data.charge_pC.attrs["ancillary_variables"].split()) <= set(data.variables)
     scene = BASE.with_(**{"electrodes.layout": "three", "film.thickness_um": 50, "load.force_N": 2})
     for name, charge in solve(scene).charges_pC.items():
         swept = data.charge_pC.sel(layout="three", electrode=name)[1]
@@ -142,7 +150,7 @@ def test_a_sweep_over_the_number_of_electrodes():
     assert len(sweep.planned(sweep.Grid.of(ring, axes).scenes()).blocks) == 2
     data = sweep.sweep(ring, axes, processes=1)
     assert data.electrode.values.tolist() == list("ABCDE")
-    assert data.pretension_N_m.attrs == {"key": "film.pretension_N_m", "units": "N/m"}
+    assert data.pretension_N_m.attrs["units"] == "N/m"
     given = data.charge_pC.notnull().all("pretension_N_m")
     assert given.sum("electrode").values.tolist() == [3, 5]
     # A stays where it is; the centre is the last one of each

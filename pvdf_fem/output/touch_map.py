@@ -1,0 +1,201 @@
+"""Maps over the places of a touch: charges of a response, and the likelihood of a location."""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
+
+from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.output.figures import (
+    COLOURS,
+    EDGE,
+    HALO,
+    draw_outline,
+    draw_rim,
+    figure_of,
+    name_outline,
+    new_figure,
+    style,
+)
+from pvdf_fem.response.model import FORCE, ROTATION, X, Y, period_deg
+from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.stage import Stage
+from pvdf_fem.touch.location import Location
+from pvdf_fem.touch.problem import Problem
+
+if TYPE_CHECKING:
+    from pvdf_fem.response.response import Response
+
+RADII = 33  #: Number of distances from the centre in a map.
+ANGLES = 97  #: Number of directions, the first one twice.
+SHADES = 256  #: Number of colours.
+LINES = 10  #: About the number of lines of equal charge.
+#: Limits of the colours of a likelihood, in standard deviations.
+LEVELS: Array = np.array([0.0, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0, 1000.0])
+WIDE = 6.0  #: Half the width of the enlarged picture, over the largest standard deviation.
+RASTER = 41  #: Places across the enlarged picture.
+FORCES = 4  #: Number of forces from which the likeliest at a place is sought.
+ROTATIONS = 8  #: Number of rotations from which it is.
+STEPS = 5  #: Gauss-Newton steps from there.
+SHORTER = 0.3  #: Factor of the next step where one led to a smaller likelihood.
+SMALL = 1e-12  #: What keeps their equations solvable where nothing depends on an unknown.
+
+
+def charge_map(
+    response: Response, electrode: str, rotation_deg: float, force_N: float, ax: Axes | None
+) -> Figure:
+    """`Response.plot`."""
+    if electrode not in response.names:
+        known = ", ".join(response.names)
+        raise ValueError(f"electrode {electrode!r}: is none of the response; choose from {known}")
+    if ax is None:
+        with style():
+            figure = new_figure(120.0, 100.0)
+            figure.set_layout_engine("compressed")
+            return charge_map(response, electrode, rotation_deg, force_N, figure.subplots())
+    places = _disc(response.domain.reach_mm)
+    touches = np.empty((*places.shape[:2], 4))
+    touches[..., :ROTATION], touches[..., ROTATION:] = places, [rotation_deg, force_N]
+    charges = response.evaluate(touches.reshape(-1, 4))[0][:, response.names.index(electrode)]
+    charges = charges.reshape(places.shape[:2])
+    x, y = np.moveaxis(places, -1, 0)
+    shades = np.linspace(charges.min(), charges.max(), SHADES)
+    filled = ax.contourf(x, y, charges, levels=shades, cmap="viridis")
+    lines = ax.contour(x, y, charges, levels=LINES, colors="white", linewidths=0.8)
+    levels = list(lines.levels)
+    ax.clabel(lines, levels[::2], fmt="%g pC", fontsize=7)
+    _electrodes(ax, response.scene, 1.15 * response.domain.reach_mm, Stage())
+    ax.set_title(f"Charge of {electrode} by the probe's place, {force_N:g} N, {rotation_deg:g}°")
+    figure = figure_of(ax)
+    label = f"charge of {electrode} (pC), with that at rest"
+    figure.colorbar(filled, ax=ax, label=label, fraction=0.046, pad=0.03, ticks=levels)
+    return figure
+
+
+def likelihood_map(location: Location) -> Figure:
+    """`Location.plot`."""
+    if not location.touches or not {"x_mm", "y_mm"} <= set(location.unknown):
+        raise ValueError("a map of the likelihood needs a touch of which x and y were sought")
+    problem = location.problem
+    centre, reach = np.array(problem.centre_mm), problem.model.domain.reach_mm
+    best = np.array([location.best.x_mm, location.best.y_mm])
+    wide = WIDE * max(location.deviations["x_mm"], location.deviations["y_mm"])
+    with style():
+        figure = new_figure(190.0, 90.0)
+        film, near = figure.subplots(1, 2)
+        drawn = _likelihood(film, location, _disc(reach) + centre)
+        scene = problem.model.scene
+        _electrodes(film, scene, 1.15 * reach, scene.stage or Stage())
+        across = np.linspace(-wide, wide, RASTER)
+        places = np.stack(np.meshgrid(across, across), axis=-1) + best
+        _likelihood(near, location, places)
+        near.set(xlim=best[0] + across[[0, -1]], ylim=best[1] + across[[0, -1]], aspect="equal")
+        near.set(xlabel="x (mm)", ylabel="y (mm)")
+        near.add_patch(ellipse_of(location))
+        for ax in (film, near):
+            ax.grid(False)
+            _touches(ax, location)
+        film.set_title("Likelihood over the film")
+        near.set_title("Enlarged, with the ellipse of one σ")
+        near.legend(loc="upper right", framealpha=0.8, frameon=True)
+        label = r"$\sqrt{2\,\ln(L_{max}/L)}$ of the likelihood $L$ (standard deviations)"
+        figure.colorbar(drawn, ax=[film, near], label=label, shrink=0.9, format="%g")
+    return figure
+
+
+def ellipse_of(location: Location) -> Ellipse:
+    """The ellipse whose shadows on the axes are the stated deviations of x and y in mm."""
+    rows = [location.unknown.index(name) for name in ("x_mm", "y_mm")]
+    squares, vectors = np.linalg.eigh(location.covariance[np.ix_(rows, rows)])
+    width, height = 2.0 * np.sqrt(np.maximum(squares, 0.0))
+    angle = np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0]))
+    best = location.best.x_mm, location.best.y_mm
+    look = {"facecolor": "none", "edgecolor": COLOURS[1], "linewidth": 1.4}
+    return Ellipse(best, width, height, angle=angle, **look)
+
+
+def _touches(ax: Axes, location: Location) -> None:
+    """Mark the likeliest touch and its rivals, these with their shares of the likelihood."""
+    for number, touch in enumerate(location.touches):
+        label = ("the likeliest", "rivals")[min(number, 1)] if number < 2 else None
+        look: dict[str, Any] = {"color": COLOURS[1], "linestyle": "none", "label": label}
+        ax.plot(touch.x_mm, touch.y_mm, marker="x+"[min(number, 1)], **look)
+        if number:
+            place, share = (touch.x_mm, touch.y_mm), f"{100.0 * touch.weight:.2g} %"
+            words = ax.annotate(share, place, (5, -11), textcoords="offset points")
+            words.set(clip_on=True, path_effects=[HALO])
+
+
+def _likelihood(ax: Axes, location: Location, places: Array) -> Any:
+    """Colours of √(2 ln(L max/L)) of the likelihood L at places (n, m, 2) in mm."""
+    problem, best = location.problem, location.best
+    at = problem.coordinates(np.tile(best.values, (places.size // 2, 1)))
+    at[:, :ROTATION] = places.reshape(-1, 2) - problem.centre_mm
+    apart = np.sqrt(np.maximum(least_chi_square(problem, at) - best.chi_square, 0.0))
+    apart = np.minimum(apart, LEVELS[-1]).reshape(places.shape[:2])
+    x, y = np.moveaxis(places, -1, 0)
+    bands = BoundaryNorm(LEVELS, SHADES, extend="neither")
+    return ax.contourf(x, y, apart, levels=LEVELS, cmap="Blues_r", norm=bands)
+
+
+def least_chi_square(problem: Problem, at: Array) -> Array:
+    """Least chi-square (n,) by force and rotation, if sought, at the places of coordinates."""
+    free = problem.unknown[~np.isin(problem.unknown, (X, Y))]
+    values = {FORCE: np.linspace(*problem.model.domain.log_force, FORCES)}
+    values[ROTATION] = period_deg(problem.model) * np.arange(ROTATIONS) / ROTATIONS
+    best, least = at, _chi_square(problem.linearised(at))
+    for start in itertools.product(*(values[column] for column in free)):
+        now = at.copy()
+        now[:, free] = start
+        best, least = _better(problem, best, least, _nearer(problem, free, now, 1.0))
+    length = np.ones(len(at))
+    for _ in range(STEPS):
+        before = least
+        best, least = _better(problem, best, least, _nearer(problem, free, best, length))
+        length = np.where(least < before, 1.0, SHORTER * length)
+    return least
+
+
+def _nearer(problem: Problem, free: Indices, at: Array, length: Array | float) -> Array:
+    """Coordinates after a part `length` of a Gauss-Newton step in the `free` ones."""
+    system, now = problem.linearised(at), at.copy()
+    J = system[:, :, 1 + free]
+    slopes = J.swapaxes(1, 2) @ J + SMALL * np.eye(len(free))
+    step = np.linalg.solve(slopes, J.swapaxes(1, 2) @ system[:, :, :1])[:, :, 0]
+    now[:, free] -= np.transpose(length * step.T)
+    now[:, FORCE] = np.clip(now[:, FORCE], *problem.model.domain.log_force)
+    return now
+
+
+def _better(problem: Problem, best: Array, least: Array, now: Array) -> tuple[Array, Array]:
+    """The likelier coordinates of two, with their chi-square."""
+    chi_square = _chi_square(problem.linearised(now))
+    lower = chi_square < least
+    return np.where(lower[:, None], now, best), np.where(lower, chi_square, least)
+
+
+def _chi_square(system: Array) -> Array:
+    return (system[:, :, 0] ** 2).sum(axis=1)
+
+
+def _disc(reach_mm: float) -> Array:
+    """Places (radii, angles, 2) in mm up to a distance from the origin, whose edge is round."""
+    radius = np.linspace(1e-6, 1.0, RADII)[:, None] * reach_mm
+    angle = np.linspace(0.0, 2.0 * np.pi, ANGLES)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
+
+
+def _electrodes(ax: Axes, scene: Scene, reach_mm: float, stage: Stage) -> None:
+    """Rim and electrodes of a scene where a stage has them."""
+    centre_mm = np.array([stage.x_mm, stage.y_mm])
+    draw_rim(ax, scene.film.radius_mm, reach_mm, centre_mm)
+    for electrode in scene.electrode_list:
+        outline = electrode.outline.mapped(stage.turn, centre_mm / 1e3)
+        draw_outline(ax, outline, **EDGE)
+        name_outline(ax, outline, [electrode.name])

@@ -1,0 +1,76 @@
+"""Charts: curves and maps have the values of the results."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from pvdf_fem import Scene, modes
+from pvdf_fem.output.charts import sweep_chart
+from pvdf_fem.sweeps import sweep
+from pvdf_fem.sweeps.store import Record
+from tests.helpers.sweep_cases import AXES, BASE, made_up
+
+
+def swept(monkeypatch: pytest.MonkeyPatch, *axes: dict) -> object:
+    """A sweep with made-up charges; none where a force of 2 N presses at 0 mm."""
+
+    def solved(scenes, frames):
+        failed = [s.load.force_N == 2.0 and s.probe.x_mm == 0.0 for s in scenes]
+        records = zip(made_up(scenes, frames), failed, strict=True)
+        return [Record("unstable", "", tuple("ABCD")) if no else r for r, no in records]
+
+    monkeypatch.setattr(sweep, "records_of", solved)
+    return sweep.sweep(BASE, axes, processes=1)
+
+
+def test_curves_of_one_axis_with_the_failed_scene_marked(monkeypatch):
+    data = swept(monkeypatch, {"load.force_N": [2.0, 0.5, 8.0, 1.0, 4.0]}, {"probe.x_mm": [0.0]})
+    [ax] = sweep_chart(data).axes
+    sorted_data = data.squeeze("x_mm").sortby("force_N")
+    for line, name in zip(ax.lines, "ABCD", strict=False):
+        np.testing.assert_array_equal(line.get_xdata(), [0.5, 1.0, 2.0, 4.0, 8.0])
+        charges = sorted_data.charge_pC.sel(electrode=name)
+        np.testing.assert_array_equal(line.get_ydata(), charges)
+    assert ax.lines[-1].get_xdata().tolist() == [2.0]
+    assert "unstable" in [text.get_text() for text in ax.texts]
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("load force (N)", "charge (pC)")
+    assert ax.get_xscale() == "log"
+
+
+def test_a_map_of_two_axes_for_each_electrode(monkeypatch):
+    probes = {"probe": [{"shape": "circle"}, {"shape": "rectangle", "x_mm": 3.0}], "name": "tip"}
+    data = swept(monkeypatch, {"load.force_N": [1.0, 2.0, 3.0]}, {"probe.x_mm": [0.0, 3.0, 5.0]})
+    figure = sweep_chart(data)
+    *panels, bar = figure.axes
+    for ax, name in zip(panels, "ABCD", strict=True):
+        drawn = np.ma.filled(ax.collections[0].get_array(), np.nan)
+        np.testing.assert_array_equal(drawn, data.charge_pC.sel(electrode=name))
+        assert ax.lines[0].get_xydata().tolist() == [[0.0, 2.0]]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["unstable"]
+    assert bar.get_ylabel() == "charge (pC)"
+    texts = sweep_chart(swept(monkeypatch, probes, {"load.force_N": [1.0, 3.0]})).axes[0]
+    assert [label.get_text()[:9] for label in texts.get_yticklabels()] == 2 * ['{"shape":']
+
+
+def test_more_axes_have_to_be_chosen_from(monkeypatch):
+    data = swept(monkeypatch, *AXES)
+    with pytest.raises(ValueError, match=r"data\.isel\(ring_radius_mm=0\)"):
+        sweep_chart(data)
+    assert isinstance(sweep_chart(data.isel(ring_radius_mm=0)), Figure)
+
+
+def test_mode_shapes_say_vacuum_and_air():
+    scene = Scene().with_(**{"air": {}, "numerics.tolerance": 0.02})
+    result = modes(scene, count=2)
+    *panels, bar = result.plot().axes
+    titles = [ax.get_title(loc="left") for ax in panels]
+    in_air = result.frequencies_in_air_Hz
+    assert in_air is not None
+    expected = [f"{i}: {f:.4g} Hz in vacuum" for i, f in enumerate(result.frequencies_Hz, 1)]
+    expected += [f"{i}: {f:.4g} Hz in air" for i, f in enumerate(in_air, 1)]
+    assert titles == expected
+    assert bar.get_ylabel() == "deflection over the largest displacement"
+    for ax in panels:
+        assert ax.get_aspect() == 1.0

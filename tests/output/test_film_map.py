@@ -1,0 +1,144 @@
+"""Maps of a solution: what is drawn is what the solution has at those places."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.text import Annotation
+
+from pvdf_fem import NotConvergedError, Scene, Solution, solve
+from pvdf_fem.output.figures import new_figure, style
+from pvdf_fem.output.film_map import QUANTITIES, Field
+from pvdf_fem.output.samples import Samples, cut
+from pvdf_fem.solution.gradients import error_shares
+from pvdf_fem.solvers.status import Status
+
+
+@pytest.fixture(scope="module")
+def solution() -> Solution:
+    probe = {"shape": "rectangle", "x_mm": 5.0}
+    return solve(Scene().with_(**{"probe": probe, "numerics.tolerance": 0.02}))
+
+
+@pytest.fixture(scope="module")
+def touched() -> Solution:
+    return solve(Scene.example("sphere").with_(**{"numerics.tolerance": 0.02}))
+
+
+def axes() -> Axes:
+    with style():
+        return new_figure().add_subplot()
+
+
+def labels(ax: Axes) -> list[str]:
+    return [text.get_text() for text in ax.texts if isinstance(text, Annotation)]
+
+
+def test_deflection_map_shows_deflection_charges_and_outlines(solution: Solution) -> None:
+    ax = axes()
+    assert solution.plot(ax=ax) is ax.figure
+    for name, charge in solution.charges_pC.items():
+        assert any(name in text and f"{charge:.1f} pC" in text for text in labels(ax))
+    levels = ax.collections[0].levels
+    assert levels[0] <= 0.0
+    assert solution.deflection_max_mm <= levels[-1] <= 1.2 * solution.deflection_max_mm
+    corners = [patch.get_xy()[:-1] for patch in ax.patches]
+    [probe] = [c for c in corners if np.ptp(c[:, 0]) == pytest.approx(14.0)]
+    np.testing.assert_allclose(probe.mean(axis=0), [5.0, 0.0], atol=1e-9)
+    assert ax.get_aspect() == 1.0
+    assert "(mm)" in ax.get_xlabel()
+    assert "(mm)" in ax.get_ylabel()
+
+
+def test_deflection_map_of_a_flat_film() -> None:
+    ax = axes()
+    solve(Scene()).plot(ax=ax)
+    assert all("48.0 pC" in text for text in labels(ax))
+
+
+def test_samples_are_the_fields_at_their_places(solution: Solution) -> None:
+    """Inside of elements, where the stress has one value."""
+    samples = Samples.of(solution, np.array([[0.3, 0.1, 0.5], [0.3, 0.7, 0.2]]))
+    at = solution.at(*np.moveaxis(1e3 * samples.places, -1, 0))
+    np.testing.assert_allclose(1e3 * samples.displacement, at.displacement_mm, atol=1e-12)
+    np.testing.assert_allclose(1e-6 * samples.stress, at.stress_MPa, rtol=1e-9, atol=1e-9)
+    film, density = solution.scene.film, QUANTITIES["charge density"]
+    assert isinstance(density, Field)
+    np.testing.assert_allclose(density.values(samples, film), at.charge_density_pC_mm2, rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["stress", "charge density", "principal directions"])
+def test_colours_go_from_the_least_to_the_largest_value(solution: Solution, name: str) -> None:
+    ax, quantity = axes(), QUANTITIES[name]
+    figure = solution.plot(name, ax=ax)
+    assert isinstance(quantity, Field)
+    values = quantity.values(Samples.of(solution, cut(solution)[0]), solution.scene.film)
+    drawn = ax.collections[0]
+    np.testing.assert_array_equal(drawn.get_array(), values.ravel())
+    assert drawn.get_clim() == (values.min(), values.max())
+    assert figure.axes[-1].get_ylabel() == quantity.label
+
+
+def test_the_rim_is_drawn_round(solution: Solution) -> None:
+    """Straight sides between the nodes on the rim would be far inside of it."""
+    x, y = Samples.of(solution, cut(solution)[0]).places.reshape(-1, 2).T
+    angle, radius = np.arctan2(y, x), np.hypot(x, y)
+    outermost = [radius[np.abs(angle - a) < 0.05].max() for a in np.linspace(-3.0, 3.0, 40)]
+    assert min(outermost) > 0.9995 * solution.scene.film.radius
+
+
+def test_strokes_are_along_the_larger_principal_stress(solution: Solution) -> None:
+    ax = axes()
+    solution.plot("principal directions", ax=ax, reach_mm=20.0)
+    [strokes] = [c for c in ax.collections if isinstance(c, LineCollection)]
+    ends = np.array(strokes.get_segments())
+    middles, along = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
+    for place, way in zip(middles[::50], along[::50], strict=True):
+        s11, s22, s12 = solution.at(*place).stress_MPa
+        _, vectors = np.linalg.eigh([[s11, s12], [s12, s22]])
+        assert abs(vectors[:, 1] @ way) == pytest.approx(np.linalg.norm(way), rel=1e-6)
+
+
+def test_mesh_and_error_shares_are_of_all_elements(solution: Solution) -> None:
+    mesh, errors = axes(), axes()
+    solution.plot("mesh", ax=mesh)
+    solution.plot("error", ax=errors)
+    count, shares = solution.mesh.nelements, error_shares(solution)
+    assert f"{count} triangles" in mesh.get_title()
+    for ax in (mesh, errors):
+        drawn = [c for c in ax.collections if isinstance(c, PolyCollection)][-1]
+        assert len(drawn.get_paths()) == count
+    np.testing.assert_allclose(drawn.get_array(), 1e12 * shares.max(axis=1))
+    # B and D are mirror images, and so is the mesh
+    sums = dict(zip(solution.charges_pC, 1e12 * shares.sum(axis=0), strict=True))
+    assert sums["B"] == pytest.approx(sums["D"], rel=1e-6)
+    for name, error in solution.charge_errors_pC.items():
+        assert 0.1 * error < sums[name] < 1e3 * error
+
+
+def test_contact_has_the_limits_and_the_edge_of_the_touch(touched: Solution) -> None:
+    ax = axes()
+    touched.plot("contact", ax=ax)
+    [contact] = touched.contacts.values()
+    limits = contact.least_pressure_MPa, contact.largest_pressure_MPa
+    assert ax.collections[0].get_clim() == pytest.approx(limits)
+    assert any(np.array_equal(line.get_xydata(), contact.edge_mm) for line in ax.lines)
+
+
+def test_a_quantity_that_there_is_not_is_refused(solution: Solution) -> None:
+    with pytest.raises(ValueError, match="choose from") as caught:
+        solution.plot("strain")
+    assert all(name in str(caught.value) for name in QUANTITIES)
+    with pytest.raises(ValueError, match=r"no contact; load\.kind"):
+        solution.plot("contact")
+    with pytest.raises(NotConvergedError):
+        Solution(Scene(), Status.MAX_ITERATIONS, "no").plot()
+
+
+def test_charges_as_a_table_of_pandas(solution: Solution) -> None:
+    table = solution.to_dataframe()
+    assert table.index.tolist() == list("ABCD")
+    assert table.charge_pC.to_dict() == solution.charges_pC
+    assert table.charge_change_pC["A"] == solution.charge_changes_pC["A"]

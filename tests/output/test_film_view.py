@@ -1,0 +1,52 @@
+"""The film in 3-D: its mesh, and the page, on a machine without a display."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pvdf_fem import Scene, Solution, solve
+
+
+@pytest.fixture(scope="module")
+def solution() -> Solution:
+    return solve(Scene.example("triangle").with_(**{"numerics.tolerance": 0.05}))
+
+
+def test_the_surface_is_the_deflected_film(solution: Solution) -> None:
+    pytest.importorskip("pyvista", reason="views in 3-D need pyvista")
+    from pvdf_fem.output.film_map import QUANTITIES, Field
+    from pvdf_fem.output.film_view import film_mesh
+
+    stress = QUANTITIES["stress"]
+    assert isinstance(stress, Field)
+    film = film_mesh(solution, stress, scale=2.0)
+    low_x, high_x, low_y, high_y, low_z, high_z = film.bounds
+    assert (low_y, high_y) == pytest.approx((-45.0, 45.0), rel=1e-3)
+    assert high_x - low_x == pytest.approx(90.0, rel=1e-3)
+    assert (low_z, high_z) == pytest.approx((-2.0 * solution.deflection_max_mm, 0.0), rel=1e-2)
+    assert film.area > np.pi * 45.0**2
+    [values] = film.point_data.values()
+    assert values.max() == pytest.approx(solution.at(5.0, 0.0).stress_MPa[:2].sum(), rel=0.5)
+
+
+def test_a_page_needs_nothing_else(solution: Solution, tmp_path: Path) -> None:
+    pytest.importorskip("pyvista", reason="views in 3-D need pyvista")
+    pytest.importorskip("trame_vtk", reason="pages in 3-D need trame-vtk")
+    solution.view("charge density", html=tmp_path / "film.html").close()
+    page = tmp_path.joinpath("film.html").read_text("utf-8")
+    assert "OfflineLocalView.load" in page
+    assert 'src="http' not in page
+    with pytest.raises(ValueError, match="no field of the film; choose from deflection"):
+        solution.view("mesh")
+
+
+def test_without_pyvista_it_says_what_to_install(
+    solution: Solution, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    with pytest.raises(ImportError, match=r"pip install pvdf-fem\[view\]"):
+        solution.view()

@@ -1,0 +1,76 @@
+"""Maps over places of a touch: charges of a model, likelihood with its ellipse and rivals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.patches import Ellipse
+
+from pvdf_fem import locate
+from pvdf_fem.output.touch_map import charge_map, least_chi_square
+from pvdf_fem.touch.location import Location
+from tests.helpers.touch_models import bumps
+
+TOUCH = np.array([[3.0, -4.0, 25.0, 0.7]])
+
+
+def located(*unknown: str, sigma: float = 0.01, **changes: object) -> Location:
+    model = bumps(**changes)  # type: ignore[arg-type]
+    charges = dict(zip(model.names, model.evaluate(TOUCH)[0][0], strict=True))
+    known = dict(zip(("x_mm", "y_mm", "rotation_deg", "force_N"), TOUCH[0], strict=True))
+    known = {name: value for name, value in known.items() if name not in unknown}
+    return locate(model, charges, unknown=unknown, known=known, sigma=sigma)
+
+
+@pytest.fixture(scope="module")
+def found() -> Location:
+    return located("x_mm", "y_mm", "force_N")
+
+
+def test_isocharge_lines_are_where_the_model_has_their_charge() -> None:
+    model = bumps()
+    ax = charge_map(model, "B", 30.0, 1.5, None).axes[0]  # type: ignore[arg-type]
+    filled, lines = ax.collections[:2]
+    for level, path in zip(lines.levels, lines.get_paths(), strict=True):
+        touches = np.array([[x, y, 30.0, 1.5] for x, y in path.vertices]).reshape(-1, 4)
+        np.testing.assert_allclose(model.evaluate(touches)[0][:, 1], level, rtol=2e-3)
+    assert np.hypot(*filled.get_paths()[0].vertices.T).max() <= 12.0 + 1e-9
+    with pytest.raises(ValueError, match="choose from A, B, C, D"):
+        charge_map(model, "E", 0.0, 1.0, None)  # type: ignore[arg-type]
+
+
+def test_the_ellipse_is_that_of_the_covariance(found: Location) -> None:
+    near = found.plot().axes[1]
+    [ellipse] = [patch for patch in near.patches if isinstance(patch, Ellipse)]
+    a = np.radians(ellipse.angle)
+    turn = np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]])
+    squares = np.diag([(ellipse.width / 2) ** 2, (ellipse.height / 2) ** 2])
+    np.testing.assert_allclose(turn @ squares @ turn.T, found.covariance[:2, :2], rtol=1e-9)
+    assert ellipse.center == (found.best.x_mm, found.best.y_mm)
+
+
+def test_the_likelihood_is_that_of_the_likeliest_force() -> None:
+    """With small errors its logarithm falls by a half on the ellipse of the curvature."""
+    found = located("x_mm", "y_mm", "force_N", sigma=1e-3)
+    root, angles = np.linalg.cholesky(found.best.covariance[:2, :2]), np.linspace(0.0, 6.0, 9)
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1) @ root.T
+    places = found.best.values[:2] + np.vstack([ring, np.zeros(2)])
+    at = found.problem.coordinates(np.tile([0.0, 0.0, 25.0, 5.0], (len(places), 1)))
+    at[:, :2] = places
+    *around, middle = least_chi_square(found.problem, at) - found.best.chi_square
+    assert middle == pytest.approx(0.0, abs=1e-6)
+    np.testing.assert_allclose(around, 1.0, rtol=0.02)
+
+
+def test_rivals_are_marked_with_their_shares() -> None:
+    found = located("x_mm", "y_mm", "force_N", electrodes=2)
+    assert len(found.touches) > 1
+    film = found.plot().axes[0]
+    marked = np.array([line.get_xydata()[0] for line in film.lines if len(line.get_xdata()) == 1])
+    np.testing.assert_allclose(marked, [(t.x_mm, t.y_mm) for t in found.touches])
+    assert f"{100 * found.touches[1].weight:.2g} %" in [text.get_text() for text in film.texts]
+
+
+def test_places_have_to_be_sought() -> None:
+    with pytest.raises(ValueError, match="x and y were sought"):
+        located("x_mm", "force_N").plot()
