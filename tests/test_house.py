@@ -79,7 +79,6 @@ UPWARD_WHEN_CALLED = {
     ("pvdf_fem.solution.solution", "pvdf_fem.output.export"),  # Solution.to_vtu
     ("pvdf_fem.solution.solution", "pvdf_fem.output.film_map"),  # Solution.plot
     ("pvdf_fem.solution.solution", "pvdf_fem.output.film_view"),  # Solution.view
-    ("pvdf_fem.dynamics.forced", "pvdf_fem.output.charts"),  # FrequencyResponse.plot
     ("pvdf_fem.dynamics.modes", "pvdf_fem.output.charts"),  # Modes.plot
     ("pvdf_fem.response.response", "pvdf_fem.output.touch_map"),  # Response.plot
     ("pvdf_fem.touch.location", "pvdf_fem.output.touch_map"),  # Location.plot

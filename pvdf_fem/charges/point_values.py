@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pvdf_fem.arrays import Array
+from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.membrane import strain_of
 from pvdf_fem.film.space import shape_values
@@ -55,26 +55,40 @@ def values_at(
         )
     points = 1e-3 * np.stack([x.ravel(), y.ravel()])
     chunks = (points[:, i : i + CHUNK] for i in range(0, x.size, CHUNK))
-    parts = [_values(equilibrium, state, chunk) for chunk in chunks]
-    values = np.concatenate([np.empty((3, 0, 3)), *parts], axis=1).reshape(3, *x.shape, 3)
-    displacement, strain, stress = values
-    film = equilibrium.film
+    found = (located(equilibrium.space.mesh, chunk) for chunk in chunks)
+    parts = [_values(equilibrium, state, elements, p[:, :, None])[:, :, 0] for elements, p in found]
+    values = np.concatenate([np.empty((4, 0, 3)), *parts], axis=1).reshape(4, *x.shape, 3)
+    return _point_values(equilibrium, values, x, y)
+
+
+def values_in_elements(equilibrium: Equilibrium, state: State, local: Array) -> PointValues:
+    """Values at the same local points (2, points) of all elements, in arrays (elements, points)."""
+    elements = np.arange(equilibrium.space.mesh.nelements)
+    points = np.repeat(local[:, None], len(elements), axis=1)
+    values = _values(equilibrium, state, elements, points)
+    return _point_values(equilibrium, values, *np.moveaxis(values[0, ..., :2], -1, 0))
+
+
+def _point_values(equilibrium: Equilibrium, values: Array, x: Array, y: Array) -> PointValues:
+    film, (_, displacement, strain, stress) = equilibrium.film, values
     density = film.d31_pC_N * stress[..., 0] + film.d32_pC_N * stress[..., 1]
     return PointValues(x, y, displacement, strain, stress, density)
 
 
-def _values(equilibrium: Equilibrium, state: State, points: Array) -> Array:
-    """Displacement in mm, strain and stress in MPa, (3, n, 3), at points (2, n) in m."""
+def _values(equilibrium: Equilibrium, state: State, elements: Indices, local: Array) -> Array:
+    """Places and displacement in mm, strain, stress in MPa, (4, n, points, 3), in elements (n,) at
+    local points (2, n, points)."""
     space, membrane = equilibrium.space, equilibrium.membrane
-    elements, local = located(space.mesh, points)
     nodal = state.dofs.reshape(-1, 3)[space.nodes[elements]]
-    displacement = np.einsum("nf,nfc->nc", shape_values(space.basis.elem, local), nodal)
-    gradients = space.gradients_at(elements, local[:, :, None])[:, 0]
-    strain = strain_of(np.matmul(nodal.swapaxes(1, 2), gradients))
-    stress = membrane.film_stress(strain, points.T)
+    displacement = np.matmul(shape_values(space.basis.elem, local), nodal)
+    gradients = space.gradients_at(elements, local)
+    strain = strain_of(np.matmul(nodal[:, None].swapaxes(2, 3), gradients))
+    places = np.zeros_like(displacement)
+    places[..., :2] = np.moveaxis(space.mesh.mapping().F(local, elements), 0, -1)
+    stress = membrane.film_stress(strain, places[..., :2])
     if state.added is not None:
-        stress += state.added[elements, 0]
-    return np.stack([1e3 * displacement, strain, 1e-6 * stress])
+        stress = stress + state.added[elements]
+    return np.stack([1e3 * places, 1e3 * displacement, strain, 1e-6 * stress])
 
 
 def values_along(

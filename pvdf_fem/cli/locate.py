@@ -7,10 +7,9 @@ import json
 import math
 import sys
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pvdf_fem.cli import response_model
+from pvdf_fem.cli import program, response_model
 from pvdf_fem.cli.locate_request import NAMES, SOUGHT, Request, require
 from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, scene_of
 from pvdf_fem.cli.response_model import model_of
@@ -118,9 +117,7 @@ def add_to(commands: Any) -> None:
         "weighed by likelihood; may be given several times",
     )
     response_model.add_options(parser)
-    parser.add_argument(
-        "--plot", metavar="FILE", type=Path, help="draw the likelihood of places of the touch"
-    )
+    program.add_plot(parser, "the likelihood of places of the touch")
     parser.add_argument(
         "--polish",
         action="store_true",
@@ -160,9 +157,7 @@ def run(options: argparse.Namespace) -> int:
         return ExitCode.NOT_CONVERGED
     print_matches(choices, options.json)
     if options.plot and choices[0].location.touches:
-        from pvdf_fem.output.figures import save
-
-        save(choices[0].location.plot(), options.plot)
+        program.save_plot(choices[0].location.plot(), options)
     return ExitCode.CONVERGED if choices[0].location.touches else ExitCode.NOT_CONVERGED
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pvdf_fem.cli.program import output_mistakes, plot_extensions
+from pvdf_fem.cli.program import plot_mistakes
 from pvdf_fem.cli.response_model import ModelChoice, number_of, positive
 
 if TYPE_CHECKING:
@@ -58,10 +58,9 @@ class Request:
             options.csv is not None or options.others or options.polish or options.plot
         ):
             wrong.append("--touches, --unknown tangential: are for --charges or --changes alone")
-        if options.plot:
-            wrong += output_mistakes(options.plot, plot_extensions(), options.scene)
-            if not {"x_mm", "y_mm"} <= set(unknown):
-                wrong.append("--plot: draws places; have x and y among --unknown")
+        wrong += plot_mistakes(options, options.scene)
+        if options.plot and not {"x_mm", "y_mm"} <= set(unknown):
+            wrong.append("--plot: draws places; have x and y among --unknown")
         model = ModelChoice.of(options, wrong)
         if options.model and options.others:
             wrong.append("--model: is of one scene; leave it out with --or")

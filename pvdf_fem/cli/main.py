@@ -20,11 +20,13 @@ from pvdf_fem.cli.program import (
     ExitCode,
     InputError,
     add_command,
+    add_plot,
     add_scene_command,
     add_texts,
     output_mistakes,
-    plot_extensions,
+    plot_mistakes,
     run_program,
+    save_plot,
     scene_of,
 )
 from pvdf_fem.scene.scene_file import example_text, examples
@@ -176,13 +178,11 @@ def _parser() -> argparse.ArgumentParser:
     for name, about in (
         ("--mesh", "solve on this mesh: of `pvdf-fem mesh`, or your own in mm or m (.msh ...)"),
         ("--vtu", "write deflection, stresses, patches for ParaView"),
-        ("--plot", "draw a map of the film (.png, .svg, .pdf, ...)"),
     ):
         solve.add_argument(name, metavar="FILE", type=Path, help=about)
-    shown = (
-        "what --plot shows: deflection, stress, charge density, principal directions, mesh, error"
-    )
-    add_texts(solve, ("--quantity", "NAME", "deflection", f"{shown} or contact"))
+    shown = "deflection, stress, charge density, principal directions, mesh, error or contact"
+    add_plot(solve, "a map of the film")
+    add_texts(solve, ("--quantity", "NAME", "deflection", f"what --plot shows: {shown}"))
     summary = "write the mesh of a scene"
     mesh = add_scene_command(commands, "mesh", _mesh, summary, _MESH, _MESH_EPILOG, as_json="")
     mesh.add_argument("file", metavar="FILE", type=Path, help="mesh file to write")
@@ -192,7 +192,7 @@ def _parser() -> argparse.ArgumentParser:
         "--loaded", action="store_true", help="about the film under its load, not the flat film"
     )
     add_texts(modes, ("--count", "N", "6", "how many frequencies"))
-    modes.add_argument("--plot", metavar="FILE", type=Path, help="draw the shapes of the modes")
+    add_plot(modes, "the shapes of the modes")
     for command in (respond, sweep, locate, track, calibrate):
         command.add_to(commands)
     return parser
@@ -210,9 +210,7 @@ def _example(options: argparse.Namespace) -> int:
 
 def _solve(options: argparse.Namespace) -> int:
     mistakes = output_mistakes(options.vtu, [".vtu"], options.scene, options.mesh)
-    if options.plot:
-        others = options.scene, options.mesh, options.vtu
-        mistakes += output_mistakes(options.plot, plot_extensions(), *others)
+    mistakes += plot_mistakes(options, options.scene, options.mesh, options.vtu)
     scene = scene_of(options, *mistakes)
     if options.plot:
         from pvdf_fem.output.film_map import require_quantity
@@ -265,15 +263,12 @@ def _modes(options: argparse.Namespace) -> int:
     count, mistakes = options.count, []
     if not re.fullmatch("[0-9]{1,9}", count) or not 1 <= int(count) <= MOST_MODES:
         mistakes = [f"--count {count[:60]}: is out of range; give 1 to {MOST_MODES}"]
-    if options.plot:
-        mistakes += output_mistakes(options.plot, plot_extensions(), options.scene)
+    mistakes += plot_mistakes(options, options.scene)
     result = modes(scene_of(options, *mistakes), int(count), options.loaded)
     _print(result.to_json(), options.json, lambda: modes_text(result))
     converged = result.status is Status.CONVERGED
     if options.plot and converged:
-        from pvdf_fem.output.figures import save
-
-        save(result.plot(), options.plot)
+        save_plot(result.plot(), options)
     return ExitCode.CONVERGED if converged else ExitCode.NOT_CONVERGED
 
 
@@ -281,9 +276,7 @@ def _write_files(solution: Solution, options: argparse.Namespace) -> None:
     if options.vtu:
         solution.to_vtu(options.vtu)
     if options.plot:
-        from pvdf_fem.output.figures import save
-
-        save(solution.plot(options.quantity), options.plot)
+        save_plot(solution.plot(options.quantity), options)
 
 
 def _print(result: dict[str, Any], as_json: bool, text: Callable[[], str]) -> None:

@@ -18,6 +18,8 @@ from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
 from pvdf_fem.scene.scene_file import SceneError
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from pvdf_fem.scene.scene import Scene
 
 LONGEST_LINE = 400  #: Largest number of characters in a line of complaint; longer lines are cut.
@@ -151,11 +153,27 @@ def output_mistakes(
     return []
 
 
-def plot_extensions() -> list[str]:
-    """The extensions of the formats that matplotlib writes."""
+def add_plot(parser: argparse.ArgumentParser, about: str) -> None:
+    """Add the option ``--plot``; `about` is what it draws."""
+    about = f"draw {about} (.png, .svg, .pdf, ...)"
+    parser.add_argument("--plot", metavar="FILE", type=Path, help=about)
+
+
+def save_plot(figure: Figure, options: argparse.Namespace) -> None:
+    """Write what ``--plot`` draws."""
+    from pvdf_fem.output.figures import save
+
+    save(figure, options.plot)
+
+
+def plot_mistakes(options: argparse.Namespace, *others: Path | None) -> list[str]:
+    """Reasons for which the file of ``--plot``, if it is given, could not be written."""
+    if options.plot is None:
+        return []
     from matplotlib.backend_bases import FigureCanvasBase
 
-    return [f".{extension}" for extension in FigureCanvasBase.get_supported_filetypes()]
+    extensions = [f".{extension}" for extension in FigureCanvasBase.get_supported_filetypes()]
+    return output_mistakes(options.plot, extensions, *others)
 
 
 def run_program(name: str, job: Callable[[], int]) -> int:

@@ -6,15 +6,15 @@ import argparse
 import csv
 import json
 import sys
-from pathlib import Path
 from typing import Any
 
 from pvdf_fem.cli.program import (
     ExitCode,
+    add_plot,
     add_scene_command,
     add_texts,
-    output_mistakes,
-    plot_extensions,
+    plot_mistakes,
+    save_plot,
     scene_of,
 )
 from pvdf_fem.cli.response_model import number_of
@@ -37,7 +37,7 @@ def add_to(commands: Any) -> None:
     summary = "charges under an oscillating force"
     parser = add_scene_command(commands, "respond", run, summary, DESCRIPTION, EPILOG)
     add_texts(parser, ("--frequencies", "SPAN", "1:1000:200", SPAN))
-    parser.add_argument("--plot", metavar="FILE", type=Path, help="draw amplitudes and phases")
+    add_plot(parser, "amplitudes and phases")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -45,9 +45,7 @@ def run(options: argparse.Namespace) -> int:
     frequencies = _frequencies(options.frequencies)
     told = f"--frequencies {options.frequencies[:60]}: is out of range; give {SPAN}"
     mistakes = [told] if frequencies is None else []
-    if options.plot:
-        mistakes += output_mistakes(options.plot, plot_extensions(), options.scene)
-    scene = scene_of(options, *mistakes)
+    scene = scene_of(options, *mistakes, *plot_mistakes(options, options.scene))
     from pvdf_fem.dynamics.forced import respond
     from pvdf_fem.solution.solution import NotConvergedError
 
@@ -63,9 +61,9 @@ def run(options: argparse.Namespace) -> int:
         table = csv.writer(sys.stdout, lineterminator="\n")
         table.writerows([columns, *zip(*columns.values(), strict=True)])
     if options.plot:
-        from pvdf_fem.output.figures import save
+        from pvdf_fem.output.charts import frequency_response
 
-        save(response.plot(), options.plot)
+        save_plot(frequency_response(response), options)
     return ExitCode.CONVERGED
 
 

@@ -8,13 +8,8 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pvdf_fem.cli.program import (
-    ExitCode,
-    InputError,
-    add_command,
-    output_mistakes,
-    plot_extensions,
-)
+from pvdf_fem.cli import program
+from pvdf_fem.cli.program import ExitCode, InputError, add_command, output_mistakes
 from pvdf_fem.files import require_distinct
 
 if TYPE_CHECKING:
@@ -83,9 +78,7 @@ def add_to(commands: Any) -> None:
     where.add_argument(
         "--scheduler", metavar="ADDRESS", help="of a Dask cluster that solves (see below)"
     )
-    parser.add_argument(
-        "--plot", metavar="FILE", type=Path, help="draw the charges over one or two axes"
-    )
+    program.add_plot(parser, "the charges over one or two axes")
     parser.add_argument("--plan", action="store_true", help="only print what there is to solve")
     parser.add_argument("--quiet", action="store_true", help="print complaints only")
 
@@ -96,8 +89,7 @@ def _sweep(options: argparse.Namespace) -> int:
     output = options.output or Path(f"{options.sweep.stem}.nc")
     unused = options.plan and not options.output
     mistakes = [] if unused else output_mistakes(output, [".nc"], options.sweep)
-    if options.plot:
-        mistakes += output_mistakes(options.plot, plot_extensions(), options.sweep, output)
+    mistakes += program.plot_mistakes(options, options.sweep, output)
     if options.processes == 0 or options.processes < -1:
         mistakes.append(f"--processes {options.processes}: give 1 or more, or -1 for all cores")
     from pvdf_fem.sweeps.grid import Grid
@@ -157,9 +149,8 @@ def _run(
     write_netcdf(data, output)
     if options.plot:
         from pvdf_fem.output.charts import sweep_chart
-        from pvdf_fem.output.figures import save
 
-        save(sweep_chart(data), options.plot)
+        program.save_plot(sweep_chart(data), options)
     if not options.quiet:
         sizes = ", ".join(f"{count} {name}" for name, count in data.sizes.items())
         print(f"{output}: {sizes}")

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -25,9 +25,6 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import solve
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 MOST_HZ = 1e6  #: Highest frequency, Hz.
 #: Starts in s, p in 1/s and c in N of c exp(p (t - start)) from each start on.
@@ -63,12 +60,6 @@ class FrequencyResponse:
             for name, values in table.items():
                 found |= {f"{name}_real_{unit}": values.real, f"{name}_imag_{unit}": values.imag}
         return found | {f"{n}_error_pC_N": error for n, error in self.charge_errors_pC_N.items()}
-
-    def plot(self) -> Figure:
-        """Draw amplitudes and phases of all charges by frequency."""
-        from pvdf_fem.output.charts import frequency_response  # output/ is above
-
-        return frequency_response(self)
 
 
 @dataclass(frozen=True, eq=False)

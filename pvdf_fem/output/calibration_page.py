@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from pvdf_fem.calibration.calibration import Calibration
 from pvdf_fem.files import replacing
-from pvdf_fem.output.figures import COLOURS, GREY, content_of, new_figure, style
+from pvdf_fem.output.figures import COLOURS, GREY, MARKERS, content_of, new_figure, style
 
 _PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>Calibration</title><style>
@@ -19,7 +19,6 @@ td, th {{ padding: 0.2em 1em; text-align: right; border-bottom: 1px solid #ddd }
 svg {{ max-width: 100%; height: auto }}
 </style></head><body><h1>Calibration</h1>{summary}{pictures}</body></html>
 """
-MARKERS = "os^Dv<>pP*"  #: A marker for each channel, besides its colour.
 
 
 def write_page(calibration: Calibration, path: Path) -> None:

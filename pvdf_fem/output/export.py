@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from skfem import ElementTriP2, MeshTri2
 
 from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.charges.point_values import values_in_elements
 from pvdf_fem.files import FileError, replacing
 from pvdf_fem.film.membrane import principal
 from pvdf_fem.mesh.gmsh_mesh import FILM, RIM
-from pvdf_fem.output.samples import Samples
 
 if TYPE_CHECKING:
     from pvdf_fem.solution.solution import Solution
@@ -75,12 +75,13 @@ def _field_data(solution: Solution) -> dict[str, Array]:
 def _at_nodes(solution: Solution) -> tuple[Array, Array]:
     """Displacement (nodes, 3) and averaged stress (nodes, 3) at the nodes of the mesh."""
     mesh, weights = solution.mesh, solution.fields.equilibrium.space.weights
-    samples = Samples.of(solution, ElementTriP2.doflocs.T)
+    equilibrium, state = solution.fields.equilibrium, solution.fields.state
+    at = values_in_elements(equilibrium, state, ElementTriP2.doflocs.T)
     nodes = mesh.dofs.element_dofs.T
     displacement = np.zeros((mesh.doflocs.shape[1], 3))
-    displacement[nodes] = samples.displacement
+    displacement[nodes] = 1e-3 * at.displacement_mm
     areas = np.broadcast_to(weights.sum(axis=1)[:, None], nodes.shape).ravel()
-    parts = np.moveaxis(samples.stress, -1, 0)
+    parts = np.moveaxis(1e6 * at.stress_MPa, -1, 0)
     sums = [np.bincount(nodes.ravel(), areas * part.ravel()) for part in parts]
     return displacement, np.stack(sums, axis=-1) / np.bincount(nodes.ravel(), areas)[:, None]
 

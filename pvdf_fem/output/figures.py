@@ -15,6 +15,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon as Patch
 from matplotlib.patheffects import withStroke
@@ -30,14 +31,9 @@ _STYLE: dict[Any, Any] = matplotlib.rc_params_from_file(
 #: The colours of lines.
 COLOURS: tuple[str, ...] = tuple(_STYLE["axes.prop_cycle"].by_key()["color"])
 GREY = "0.45"
+MARKERS = "os^Dv<>pP*"  #: A marker for each electrode, besides its colour.
 LABEL_SIZE = 8.0  #: Size of labels in points.
 HALO = withStroke(linewidth=2.2, foreground="white")  #: Shows lines and texts on any colour.
-#: The look of an electrode's edge.
-EDGE: dict[str, Any] = {
-    "edgecolor": "black",
-    "linewidth": 0.9,
-    "path_effects": [HALO],
-}
 DPI = 200.0  #: Pixels per inch of pictures without lines.
 
 # Settings without which SVG files have random identifiers.
@@ -89,11 +85,23 @@ def content_of(figure: Figure, suffix: str) -> bytes:
     return content.getvalue()
 
 
+def map_axes() -> Axes:
+    """Axes of a map in a figure of their own."""
+    figure = new_figure(120.0, 100.0)
+    figure.set_layout_engine("compressed")  # the other one cuts labels beside a colour bar
+    return figure.subplots()
+
+
 def figure_of(ax: Axes) -> Figure:
     """The figure that axes belong to."""
     figure = ax.get_figure(root=True)
     assert figure is not None
     return figure
+
+
+def colour_bar(ax: Axes, drawn: ScalarMappable, label: str, **ticks: Any) -> None:
+    """Put the bar of the colours of a map beside it."""
+    figure_of(ax).colorbar(drawn, ax=ax, label=label, fraction=0.046, pad=0.03, **ticks)
 
 
 def draw_rim(
@@ -109,33 +117,23 @@ def draw_rim(
     ax.grid(False)
 
 
-def draw_outline(ax: Axes, outline: Outline, **look: Any) -> None:
-    """Draw an outline on axes in mm, without face and edge unless `look` has them."""
+def draw_electrode(ax: Axes, outline: Outline, words: Sequence[str], veil: float = 0.0) -> None:
+    """An electrode's outline on axes in mm, and words beside it, away from the film's centre."""
     corners = 1e3 * np.array(outline.shape.exterior.coords)
-    ax.add_patch(Patch(corners, **{"facecolor": "none", "edgecolor": "none", **look}))
-
-
-def name_outline(ax: Axes, outline: Outline, words: Sequence[str]) -> None:
-    """Words beside an electrode's outline, on the side away from the film's centre."""
-    centre = 1e3 * outline.centroid
-    low_x, low_y, high_x, high_y = 1e3 * np.array(outline.shape.bounds)
-    direction = centre / (np.linalg.norm(centre) or 1.0)
-    sideways = abs(direction[0]) > 0.5
-    beyond = direction[0 if sideways else 1] >= 0.0
-    sign = 4.0 if beyond else -4.0
-    if sideways:
-        place, offset = (high_x if beyond else low_x, centre[1]), (sign, 0.0)
-        align: dict[str, Any] = {"ha": "left" if beyond else "right", "va": "center"}
-    else:
-        place, offset = (centre[0], high_y if beyond else low_y), (0.0, sign)
-        align = {"ha": "center", "va": "bottom" if beyond else "top"}
+    ax.add_patch(Patch(corners, facecolor="white", edgecolor="none", alpha=veil))
+    ax.add_patch(Patch(corners, fill=False, linewidth=0.9, path_effects=[HALO]))
+    low, high = 1e3 * np.reshape(outline.shape.bounds, (2, 2))
+    x, y = outline.centroid
+    sideways = abs(x) > 0.577 * abs(y)
+    way = np.array([sideways, not sideways]) * (1.0 if (x if sideways else y) >= 0.0 else -1.0)
     ax.annotate(
         ("\n" if sideways else "  ").join(words),
-        place,
-        offset,
+        tuple(0.5 * (low + high + way * (high - low))),
+        (4.0 * way[0], 4.0 * way[1]),
         textcoords="offset points",
+        ha=("right", "center", "left")[1 + round(way[0])],
+        va=("top", "center", "bottom")[1 + round(way[1])],
         fontsize=LABEL_SIZE,
         bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 1.0},
         clip_on=True,
-        **align,
     )

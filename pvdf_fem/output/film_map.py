@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -14,197 +13,166 @@ from matplotlib.colors import LogNorm, Normalize, PowerNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import Triangulation
+from skfem import MeshTri1
 
-from pvdf_fem.arrays import Array
+from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.charges.point_values import PointValues, values_in_elements
 from pvdf_fem.film.membrane import principal
 from pvdf_fem.mesh.gmsh_mesh import FILM, electrode_patch
-from pvdf_fem.output.figures import (
-    COLOURS,
-    EDGE,
-    GREY,
-    draw_outline,
-    draw_rim,
-    figure_of,
-    name_outline,
-    new_figure,
-    style,
-)
-from pvdf_fem.output.samples import Samples, cut
-from pvdf_fem.scene.film import Film
+from pvdf_fem.output import figures
+from pvdf_fem.output.figures import COLOURS, GREY
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.gradients import error_shares
 from pvdf_fem.solution.solution import Solution
 
+MOST_TRIANGLES = 60_000  #: Elements are cut in four again while there are no more triangles.
 STROKES = 36  #: Number of principal directions across a map.
-DECADES = 4.0  #: Range of the colours of error shares, in powers of ten.
-
-
-class Quantity(ABC):
-    """What a map of the film shows."""
-
-    label: str  #: Of the colour bar, with unit and sign.
-    veil = 0.0  #: How much electrodes hide of what is below them, 0 to 1.
-
-    def require(self, scene: Scene) -> None:  # noqa: B027
-        """Raise ValueError for a scene that has no such quantity."""
-
-    @abstractmethod
-    def draw(self, ax: Axes, solution: Solution) -> ScalarMappable | None:
-        """Draw on axes of the film in mm; returns what a colour bar is of."""
+LEAST_SHARE = 1e-4  #: Error share that has the palest colour, over the largest one.
 
 
 @dataclass(frozen=True)
-class Field(Quantity):
-    """A field of the film, drawn on its curved elements."""
+class Quantity:
+    """What a map of the film shows, drawn on axes in mm; a colour bar is of what is returned."""
 
-    label: str
-    values: Callable[[Samples, Film], Array]  #: In the label's unit, (elements, points).
+    label: str  #: Of the colour bar, with unit and sign.
+    draw: Callable[[Axes, Solution, Quantity], ScalarMappable | None]
+    #: A field in the label's unit; None of what is no field.
+    values: Callable[[PointValues], Array] | None = None
     colours: str = "viridis"  #: A colour map of matplotlib.
-
-    def draw(self, ax: Axes, solution: Solution) -> ScalarMappable:
-        local, triangles = cut(solution)
-        samples = Samples.of(solution, local)
-        x, y = 1e3 * samples.places.reshape(-1, 2).T
-        values = self.values(samples, solution.scene.film).ravel()
-        return self.coloured(ax, Triangulation(x, y, triangles), values)
-
-    def coloured(self, ax: Axes, grid: Triangulation, values: Array) -> ScalarMappable:
-        """Draw values at the points of a grid, their colours from the least to the largest. A root
-        spreads those of the film far from the probe."""
-        limits = PowerNorm(0.5, values.min(), values.max())
-        return ax.tripcolor(
-            grid, values, shading="gouraud", cmap=self.colours, norm=limits, rasterized=True
-        )
+    veil: float = 0.0  #: How much electrodes hide of what is below them, 0 to 1.
 
 
-class Deflection(Field):
-    """The deflection between about ten round levels."""
-
-    veil = 0.55
-
-    def coloured(self, ax: Axes, grid: Triangulation, values: Array) -> ScalarMappable:
-        low, high = min(float(values.min()), 0.0), float(values.max())
-        # a flat film gets a small range
-        levels = MaxNLocator(10, min_n_ticks=2).tick_values(low, high if high > low else low + 1e-9)
-        return ax.tricontourf(grid, values, levels=levels, cmap=self.colours)
-
-
-class PrincipalDirections(Field):
-    """The larger principal stress, with strokes along it that are as long as it is the larger."""
-
-    def draw(self, ax: Axes, solution: Solution) -> ScalarMappable:
-        drawn, reach = super().draw(ax, solution), np.ptp(ax.get_xlim()) / 2.0
-        middle = np.mean([ax.get_xlim(), ax.get_ylim()], axis=1)
-        across = np.linspace(-reach, reach, STROKES)
-        places = np.stack(np.meshgrid(across, across), axis=-1).reshape(-1, 2) + middle
-        places = places[np.hypot(*places.T) < 0.99 * solution.scene.film.radius_mm]
-        stress = solution.at(*places.T).stress_MPa
-        small, large = principal(stress)
-        angle = 0.5 * np.arctan2(2.0 * stress[:, 2], stress[:, 0] - stress[:, 1])
-        apart = (large - small) / (np.abs(large) + np.abs(small))
-        half = reach / STROKES * apart / max(apart.max(), 1e-9)
-        along = half[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-        strokes = np.stack([places - along, places + along], axis=1)
-        ax.add_collection(LineCollection(list(strokes), color="white", linewidth=0.8))
-        return drawn
+def sampled(solution: Solution, quantity: Quantity) -> tuple[PointValues, Indices, Array]:
+    """Points of all elements, small triangles (n, 3) of them, which no two elements share, and a
+    field there. ValueError for what is no field."""
+    if quantity.values is None:
+        fields = ", ".join(name for name, other in QUANTITIES.items() if other.values)
+        raise ValueError(f"quantity: is no field of the film; choose from {fields}")
+    count = solution.mesh.nelements
+    times = int(np.clip(np.log(MOST_TRIANGLES / count) / np.log(4.0), 1, 4))
+    element = MeshTri1.init_refdom().refined(times)
+    at = values_in_elements(solution.fields.equilibrium, solution.fields.state, element.p)
+    first = element.p.shape[1] * np.arange(count)
+    triangles = (element.t.T + first[:, None, None]).reshape(-1, 3)
+    return at, triangles, quantity.values(at)
 
 
-class Elements(Quantity):
-    """The mesh, its patches filled."""
-
-    label = ""
-
-    def draw(self, ax: Axes, solution: Solution) -> None:
-        sides, electrodes = _elements_mm(solution), map(electrode_patch, solution.charges_pC)
-        colours = dict.fromkeys(electrodes, COLOURS[0])
-        for name, elements in solution.mesh.subdomains.items():
-            if name != FILM:
-                filled = PolyCollection(list(sides[elements]), edgecolor="none", alpha=0.35)
-                filled.set_facecolor(colours.get(name, COLOURS[1]))
-                ax.add_collection(filled)
-        ax.add_collection(
-            PolyCollection(list(sides), facecolor="none", edgecolor=GREY, linewidth=0.3)
-        )
-        ax.set_title(f"{solution.mesh.nelements} triangles, {solution.unknowns} unknowns")
+def _grid(solution: Solution, quantity: Quantity) -> tuple[Triangulation, Array]:
+    at, triangles, values = sampled(solution, quantity)
+    return Triangulation(at.x_mm.ravel(), at.y_mm.ravel(), triangles), values.ravel()
 
 
-class ErrorShares(Quantity):
-    """Each element's largest share in the error of a charge."""
-
-    label = "element's largest share in the error of a charge (pC)"
-
-    def draw(self, ax: Axes, solution: Solution) -> ScalarMappable:
-        shares = 1e12 * error_shares(solution).max(axis=1)
-        most = max(float(shares.max()), np.finfo(float).tiny)
-        sides = PolyCollection(list(_elements_mm(solution)), cmap="magma_r", linewidth=0.1)
-        sides.set(array=shares, norm=LogNorm(most / 10.0**DECADES, most, clip=True))
-        sides.set_edgecolor("face")
-        ax.add_collection(sides)
-        return sides
+def _levels(ax: Axes, solution: Solution, quantity: Quantity) -> ScalarMappable:
+    """Colours between about ten round levels; a flat film gets a small range."""
+    grid, values = _grid(solution, quantity)
+    low, high = min(float(values.min()), 0.0), float(values.max())
+    levels = MaxNLocator(10, min_n_ticks=2).tick_values(low, high if high > low else low + 1e-9)
+    return ax.tricontourf(grid, values, levels=levels, cmap=quantity.colours)
 
 
-class ContactPressure(Quantity):
-    """The pressure of tips where the film rests on them, and the line along which it leaves."""
-
-    label = "contact pressure (MPa), compression positive"
-
-    def require(self, scene: Scene) -> None:
-        if not any(touch.load.kind == "contact" for touch in scene.loaded_probes):
-            advice = 'load.kind = "contact" and a probe with a round edge make one'
-            raise ValueError(f"quantity 'contact': the scene has no contact; {advice}")
-
-    def draw(self, ax: Axes, solution: Solution) -> ScalarMappable:
-        fields, thickness = solution.fields, solution.scene.film.thickness
-        contacts = fields.solved.contacts
-        places = np.asarray(fields.solved.space.basis.global_coordinates())
-        pressures = [c.traction(fields.solved_state, thickness)[1] for c in contacts]
-        limits = Normalize(min(map(np.min, pressures)) / 1e6, max(map(np.max, pressures)) / 1e6)
-        for contact, pressure in zip(contacts, pressures, strict=True):
-            x, y = 1e3 * places[:, contact.patch].reshape(2, -1)
-            values, grid = pressure.ravel() / 1e6, Triangulation(x, y)
-            drawn = ax.tripcolor(
-                grid, values, shading="gouraud", cmap="viridis", norm=limits, rasterized=True
-            )
-        edges = np.concatenate([touchdown.edge_mm for touchdown in solution.contacts.values()])
-        middle, half = (edges.max(axis=0) + edges.min(axis=0)) / 2.0, 0.7 * np.ptp(edges, axis=0)
-        (x, y), wide = middle, half.max()
-        ax.set(xlim=(x - wide, x + wide), ylim=(y - wide, y + wide))
-        return drawn
+def _shades(ax: Axes, solution: Solution, quantity: Quantity) -> ScalarMappable:
+    """Colours from the least to the largest value. A root spreads those far from the probe."""
+    grid, values = _grid(solution, quantity)
+    norm = PowerNorm(0.5, values.min(), values.max())
+    return _shaded(ax, grid, values, norm, quantity.colours)
 
 
-def _elements_mm(solution: Solution, cuts: int = 5) -> Array:
-    """Points along the curved sides of the elements in mm, (elements, points, 2)."""
+def _shaded(
+    ax: Axes, grid: Triangulation, values: Array, norm: Normalize, colours: str
+) -> ScalarMappable:
+    return ax.tripcolor(grid, values, shading="gouraud", norm=norm, cmap=colours, rasterized=True)
+
+
+def _directions(ax: Axes, solution: Solution, quantity: Quantity) -> ScalarMappable:
+    """Strokes along the larger principal stress, as long as it exceeds the other."""
+    drawn, reach = _shades(ax, solution, quantity), np.ptp(ax.get_xlim()) / 2.0
+    across = np.linspace(-reach, reach, STROKES)
+    places = np.stack(np.meshgrid(across, across), axis=-1).reshape(-1, 2)
+    places = places[np.hypot(*places.T) < 0.99 * solution.scene.film.radius_mm]
+    stress = solution.at(*places.T).stress_MPa
+    small, large = principal(stress)
+    angle = 0.5 * np.arctan2(2.0 * stress[:, 2], stress[:, 0] - stress[:, 1])
+    apart = (large - small) / (np.abs(large) + np.abs(small))
+    half = (reach / STROKES * apart / max(apart.max(), 1e-9))[:, None]
+    along = half * np.column_stack([np.cos(angle), np.sin(angle)])
+    strokes = list(np.stack([places - along, places + along], axis=1))
+    ax.add_collection(LineCollection(strokes, color="white", linewidth=0.8))
+    return drawn
+
+
+def _mesh(ax: Axes, solution: Solution, quantity: Quantity) -> None:
+    """The elements, those of patches filled."""
+    sides, electrodes = _sides_mm(solution), set(map(electrode_patch, solution.charges_pC))
+    for name, elements in solution.mesh.subdomains.items():
+        if name != FILM:
+            colour = COLOURS[0] if name in electrodes else COLOURS[1]
+            filled = PolyCollection([sides[i] for i in elements], facecolor=colour, alpha=0.35)
+            ax.add_collection(filled)
+    ax.add_collection(LineCollection(sides, color=GREY, linewidth=0.3))
+    ax.set_title(f"{solution.mesh.nelements} triangles, {solution.unknowns} unknowns")
+
+
+def _errors(ax: Axes, solution: Solution, quantity: Quantity) -> ScalarMappable:
+    shares = 1e12 * error_shares(solution).max(axis=1)
+    most = max(float(shares.max()), np.finfo(float).tiny)
+    norm = LogNorm(LEAST_SHARE * most, most, clip=True)
+    filled = PolyCollection(_sides_mm(solution), array=shares, norm=norm, cmap=quantity.colours)
+    ax.add_collection(filled)
+    return filled
+
+
+def _contact(ax: Axes, solution: Solution, quantity: Quantity) -> ScalarMappable:
+    """The pressure where the film rests on tips, and little else of the film."""
+    fields, touchdowns = solution.fields, solution.contacts.values()
+    places = 1e3 * np.asarray(fields.solved.space.basis.global_coordinates())
+    least = min(touchdown.least_pressure_MPa for touchdown in touchdowns)
+    norm = Normalize(least, max(touchdown.largest_pressure_MPa for touchdown in touchdowns))
+    for contact in fields.solved.contacts:
+        _, pressure = contact.traction(fields.solved_state, solution.scene.film.thickness)
+        grid = Triangulation(*places[:, contact.patch].reshape(2, -1))
+        drawn = _shaded(ax, grid, 1e-6 * pressure.ravel(), norm, quantity.colours)
+    edges = np.concatenate([touchdown.edge_mm for touchdown in touchdowns])
+    x, y = (edges.max(axis=0) + edges.min(axis=0)) / 2.0
+    wide = 0.7 * np.ptp(edges, axis=0).max()
+    ax.set(xlim=(x - wide, x + wide), ylim=(y - wide, y + wide))
+    return drawn
+
+
+def _sides_mm(solution: Solution, cuts: int = 5) -> list[Array]:
+    """Points along the curved sides of the elements in mm, each (points, 2)."""
     corners = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
     t = np.linspace(0.0, 3.0, 3 * cuts + 1)
     around = np.stack([np.interp(t, range(4), along) for along in corners])
-    return 1e3 * np.moveaxis(solution.mesh.mapping().F(around), 0, -1)
-
-
-def _charge_density(samples: Samples, film: Film) -> Array:
-    return 1e-6 * (samples.stress[..., :2] @ [film.d31_pC_N, film.d32_pC_N])
+    return list(1e3 * np.moveaxis(solution.mesh.mapping().F(around), 0, -1))
 
 
 #: What `Solution.plot` shows, by name.
-QUANTITIES: dict[str, Quantity] = {
-    "deflection": Deflection(
+QUANTITIES = {
+    "deflection": Quantity(
         "deflection (mm), positive along the probe's force",
-        lambda samples, film: 1e3 * samples.displacement[..., 2],
+        _levels,
+        lambda at: at.deflection_mm,
         "Blues",
+        veil=0.55,
     ),
-    "stress": Field(
+    "stress": Quantity(
         "$S_{11} + S_{22}$ (MPa), tension positive",
-        lambda samples, film: 1e-6 * samples.stress[..., :2].sum(axis=-1),
+        _shades,
+        lambda at: at.stress_MPa[..., :2].sum(axis=-1),
     ),
-    "charge density": Field(
-        "charge density $d_{31} S_{11} + d_{32} S_{22}$ (pC/mm²)", _charge_density
+    "charge density": Quantity(
+        "charge density $d_{31} S_{11} + d_{32} S_{22}$ (pC/mm²)",
+        _shades,
+        lambda at: at.charge_density_pC_mm2,
     ),
-    "principal directions": PrincipalDirections(
+    "principal directions": Quantity(
         "larger principal stress (MPa), tension positive",
-        lambda samples, film: 1e-6 * principal(samples.stress)[1],
+        _directions,
+        lambda at: principal(at.stress_MPa)[1],
     ),
-    "mesh": Elements(),
-    "error": ErrorShares(),
-    "contact": ContactPressure(),
+    "mesh": Quantity("", _mesh),
+    "error": Quantity("share in the error of a charge, the largest (pC)", _errors, None, "magma_r"),
+    "contact": Quantity("contact pressure (MPa), compression positive", _contact),
 }
 
 
@@ -212,7 +180,9 @@ def require_quantity(name: str, scene: Scene) -> Quantity:
     """The quantity of a name; ValueError for one that there is not, or not in a scene."""
     if name not in QUANTITIES:
         raise ValueError(f"quantity {name!r}: is none; choose from {', '.join(QUANTITIES)}")
-    QUANTITIES[name].require(scene)
+    if name == "contact" and all(t.load.kind != name for t in scene.loaded_probes):
+        advice = 'load.kind = "contact" and a probe with a round edge make one'
+        raise ValueError(f"quantity 'contact': the scene has no contact; {advice}")
     return QUANTITIES[name]
 
 
@@ -223,22 +193,18 @@ def film_map(
     quantity, scene = require_quantity(name, solution.scene), solution.scene
     charges = solution.charges_pC
     if ax is None:
-        with style():
-            figure = new_figure(120.0, 100.0)
-            figure.set_layout_engine("compressed")  # the other one cuts labels beside a colour bar
-            return film_map(solution, name, figure.subplots(), reach_mm)
-    draw_rim(ax, scene.film.radius_mm, scene.film.radius_mm if reach_mm is None else reach_mm)
-    drawn = quantity.draw(ax, solution)
-    figure = figure_of(ax)
-    if drawn is not None:
-        figure.colorbar(drawn, ax=ax, label=quantity.label, fraction=0.046, pad=0.03)
+        with figures.style():
+            ax = figures.map_axes()
+    radius_mm = scene.film.radius_mm
+    figures.draw_rim(ax, radius_mm, radius_mm if reach_mm is None else reach_mm)
+    if drawn := quantity.draw(ax, solution, quantity):
+        figures.colour_bar(ax, drawn, quantity.label)
     for electrode in scene.electrode_list:
-        draw_outline(ax, electrode.outline, facecolor="white", alpha=quantity.veil)
-        draw_outline(ax, electrode.outline, **EDGE)
-        name_outline(ax, electrode.outline, [electrode.name, f"{charges[electrode.name]:.1f} pC"])
+        words = [electrode.name, f"{charges[electrode.name]:.1f} pC"]
+        figures.draw_electrode(ax, electrode.outline, words, quantity.veil)
     for touch in scene.loaded_probes:
+        edge_mm = 1e3 * np.array(touch.outline.shape.exterior.coords)
         if touch.patch in solution.contacts:
-            ax.plot(*solution.contacts[touch.patch].edge_mm.T, color=COLOURS[1], linewidth=1.4)
-        else:
-            draw_outline(ax, touch.outline, edgecolor=COLOURS[1], linewidth=1.4)
-    return figure
+            edge_mm = solution.contacts[touch.patch].edge_mm
+        ax.plot(*edge_mm.T, color=COLOURS[1], linewidth=1.4)
+    return figures.figure_of(ax)

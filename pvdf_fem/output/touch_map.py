@@ -2,30 +2,21 @@
 
 from __future__ import annotations
 
-import itertools
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
-from matplotlib.patches import Ellipse
 
-from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.output.figures import (
-    COLOURS,
-    EDGE,
-    HALO,
-    draw_outline,
-    draw_rim,
-    figure_of,
-    name_outline,
-    new_figure,
-    style,
-)
-from pvdf_fem.response.model import FORCE, ROTATION, X, Y, period_deg
+from pvdf_fem.arrays import Array
+from pvdf_fem.output import figures
+from pvdf_fem.output.figures import COLOURS
+from pvdf_fem.response.model import ROTATION, X, Y, period_deg
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
+from pvdf_fem.touch.descent import SearchOptions, descend
 from pvdf_fem.touch.location import Location
 from pvdf_fem.touch.problem import Problem
 
@@ -37,14 +28,12 @@ ANGLES = 97  #: Number of directions, the first one twice.
 SHADES = 256  #: Number of colours.
 LINES = 10  #: About the number of lines of equal charge.
 #: Limits of the colours of a likelihood, in standard deviations.
-LEVELS: Array = np.array([0.0, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0, 1000.0])
+LEVELS: Array = np.array([0.0, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 1000.0])
 WIDE = 6.0  #: Half the width of the enlarged picture, over the largest standard deviation.
 RASTER = 41  #: Places across the enlarged picture.
-FORCES = 4  #: Number of forces from which the likeliest at a place is sought.
-ROTATIONS = 8  #: Number of rotations from which it is.
-STEPS = 5  #: Gauss-Newton steps from there.
-SHORTER = 0.3  #: Factor of the next step where one led to a smaller likelihood.
-SMALL = 1e-12  #: What keeps their equations solvable where nothing depends on an unknown.
+ROTATIONS = 6  #: Number of rotations from which the likeliest at a place is sought.
+#: Few steps, as most places are far from any touch that fits, and long ones by the rotation.
+SEARCH = SearchOptions(max_steps=8, longest=(0.25, 0.25, 20.0, 1.0))
 
 
 def charge_map(
@@ -55,16 +44,14 @@ def charge_map(
         known = ", ".join(response.names)
         raise ValueError(f"electrode {electrode!r}: is none of the response; choose from {known}")
     if ax is None:
-        with style():
-            figure = new_figure(120.0, 100.0)
-            figure.set_layout_engine("compressed")
-            return charge_map(response, electrode, rotation_deg, force_N, figure.subplots())
+        with figures.style():
+            ax = figures.map_axes()
     places = _disc(response.domain.reach_mm)
-    touches = np.empty((*places.shape[:2], 4))
-    touches[..., :ROTATION], touches[..., ROTATION:] = places, [rotation_deg, force_N]
-    charges = response.evaluate(touches.reshape(-1, 4))[0][:, response.names.index(electrode)]
-    charges = charges.reshape(places.shape[:2])
     x, y = np.moveaxis(places, -1, 0)
+    touches = np.column_stack(
+        [places.reshape(-1, 2), np.tile([rotation_deg, force_N], (x.size, 1))]
+    )
+    charges = response.evaluate(touches)[0][:, response.names.index(electrode)].reshape(x.shape)
     shades = np.linspace(charges.min(), charges.max(), SHADES)
     filled = ax.contourf(x, y, charges, levels=shades, cmap="viridis")
     lines = ax.contour(x, y, charges, levels=LINES, colors="white", linewidths=0.8)
@@ -72,22 +59,19 @@ def charge_map(
     ax.clabel(lines, levels[::2], fmt="%g pC", fontsize=7)
     _electrodes(ax, response.scene, 1.15 * response.domain.reach_mm, Stage())
     ax.set_title(f"Charge of {electrode} by the probe's place, {force_N:g} N, {rotation_deg:g}°")
-    figure = figure_of(ax)
-    label = f"charge of {electrode} (pC), with that at rest"
-    figure.colorbar(filled, ax=ax, label=label, fraction=0.046, pad=0.03, ticks=levels)
-    return figure
+    figures.colour_bar(ax, filled, f"charge of {electrode} (pC), with that at rest", ticks=levels)
+    return figures.figure_of(ax)
 
 
 def likelihood_map(location: Location) -> Figure:
     """`Location.plot`."""
     if not location.touches or not {"x_mm", "y_mm"} <= set(location.unknown):
         raise ValueError("a map of the likelihood needs a touch of which x and y were sought")
-    problem = location.problem
+    problem, best = location.problem, location.best.values[:ROTATION]
     centre, reach = np.array(problem.centre_mm), problem.model.domain.reach_mm
-    best = np.array([location.best.x_mm, location.best.y_mm])
     wide = WIDE * max(location.deviations["x_mm"], location.deviations["y_mm"])
-    with style():
-        figure = new_figure(190.0, 90.0)
+    with figures.style():
+        figure = figures.new_figure(190.0, 90.0)
         film, near = figure.subplots(1, 2)
         drawn = _likelihood(film, location, _disc(reach) + centre)
         scene = problem.model.scene
@@ -97,7 +81,7 @@ def likelihood_map(location: Location) -> Figure:
         _likelihood(near, location, places)
         near.set(xlim=best[0] + across[[0, -1]], ylim=best[1] + across[[0, -1]], aspect="equal")
         near.set(xlabel="x (mm)", ylabel="y (mm)")
-        near.add_patch(ellipse_of(location))
+        near.plot(*ellipse_mm(location), color=COLOURS[1])
         for ax in (film, near):
             ax.grid(False)
             _touches(ax, location)
@@ -109,15 +93,12 @@ def likelihood_map(location: Location) -> Figure:
     return figure
 
 
-def ellipse_of(location: Location) -> Ellipse:
-    """The ellipse whose shadows on the axes are the stated deviations of x and y in mm."""
+def ellipse_mm(location: Location, points: int = 97) -> Array:
+    """Points (2, n) of the ellipse whose shadows are the stated deviations of x and y."""
     rows = [location.unknown.index(name) for name in ("x_mm", "y_mm")]
     squares, vectors = np.linalg.eigh(location.covariance[np.ix_(rows, rows)])
-    width, height = 2.0 * np.sqrt(np.maximum(squares, 0.0))
-    angle = np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0]))
-    best = location.best.x_mm, location.best.y_mm
-    look = {"facecolor": "none", "edgecolor": COLOURS[1], "linewidth": 1.4}
-    return Ellipse(best, width, height, angle=angle, **look)
+    root, angle = vectors * np.sqrt(np.maximum(squares, 0.0)), np.linspace(0.0, 2 * np.pi, points)
+    return location.best.values[[[X], [Y]]] + root @ [np.cos(angle), np.sin(angle)]
 
 
 def _touches(ax: Axes, location: Location) -> None:
@@ -129,7 +110,7 @@ def _touches(ax: Axes, location: Location) -> None:
         if number:
             place, share = (touch.x_mm, touch.y_mm), f"{100.0 * touch.weight:.2g} %"
             words = ax.annotate(share, place, (5, -11), textcoords="offset points")
-            words.set(clip_on=True, path_effects=[HALO])
+            words.set(clip_on=True, path_effects=[figures.HALO])
 
 
 def _likelihood(ax: Axes, location: Location, places: Array) -> Any:
@@ -146,42 +127,13 @@ def _likelihood(ax: Axes, location: Location, places: Array) -> Any:
 
 def least_chi_square(problem: Problem, at: Array) -> Array:
     """Least chi-square (n,) by force and rotation, if sought, at the places of coordinates."""
-    free = problem.unknown[~np.isin(problem.unknown, (X, Y))]
-    values = {FORCE: np.linspace(*problem.model.domain.log_force, FORCES)}
-    values[ROTATION] = period_deg(problem.model) * np.arange(ROTATIONS) / ROTATIONS
-    best, least = at, _chi_square(problem.linearised(at))
-    for start in itertools.product(*(values[column] for column in free)):
-        now = at.copy()
-        now[:, free] = start
-        best, least = _better(problem, best, least, _nearer(problem, free, now, 1.0))
-    length = np.ones(len(at))
-    for _ in range(STEPS):
-        before = least
-        best, least = _better(problem, best, least, _nearer(problem, free, best, length))
-        length = np.where(least < before, 1.0, SHORTER * length)
-    return least
-
-
-def _nearer(problem: Problem, free: Indices, at: Array, length: Array | float) -> Array:
-    """Coordinates after a part `length` of a Gauss-Newton step in the `free` ones."""
-    system, now = problem.linearised(at), at.copy()
-    J = system[:, :, 1 + free]
-    slopes = J.swapaxes(1, 2) @ J + SMALL * np.eye(len(free))
-    step = np.linalg.solve(slopes, J.swapaxes(1, 2) @ system[:, :, :1])[:, :, 0]
-    now[:, free] -= np.transpose(length * step.T)
-    now[:, FORCE] = np.clip(now[:, FORCE], *problem.model.domain.log_force)
-    return now
-
-
-def _better(problem: Problem, best: Array, least: Array, now: Array) -> tuple[Array, Array]:
-    """The likelier coordinates of two, with their chi-square."""
-    chi_square = _chi_square(problem.linearised(now))
-    lower = chi_square < least
-    return np.where(lower[:, None], now, best), np.where(lower, chi_square, least)
-
-
-def _chi_square(system: Array) -> Array:
-    return (system[:, :, 0] ** 2).sum(axis=1)
+    sought = problem.unknown[~np.isin(problem.unknown, (X, Y))]
+    of_first, held = np.zeros(len(at), dtype=int), replace(problem, unknown=sought)
+    turns = period_deg(problem.model) * np.arange(ROTATIONS) / ROTATIONS
+    turned = [at + turn * (np.arange(at.shape[1]) == ROTATION) for turn in turns]
+    starts = turned if ROTATION in sought else [at]
+    ends = (descend(held, start, of_first, options=SEARCH) for start in starts)
+    return np.min([end.chi_square for end in ends], axis=0)
 
 
 def _disc(reach_mm: float) -> Array:
@@ -194,8 +146,7 @@ def _disc(reach_mm: float) -> Array:
 def _electrodes(ax: Axes, scene: Scene, reach_mm: float, stage: Stage) -> None:
     """Rim and electrodes of a scene where a stage has them."""
     centre_mm = np.array([stage.x_mm, stage.y_mm])
-    draw_rim(ax, scene.film.radius_mm, reach_mm, centre_mm)
+    figures.draw_rim(ax, scene.film.radius_mm, reach_mm, centre_mm)
     for electrode in scene.electrode_list:
         outline = electrode.outline.mapped(stage.turn, centre_mm / 1e3)
-        draw_outline(ax, outline, **EDGE)
-        name_outline(ax, outline, [electrode.name])
+        figures.draw_electrode(ax, outline, [electrode.name])

@@ -246,24 +246,12 @@ class Solution:
     def plot(
         self, quantity: str = "deflection", ax: Axes | None = None, reach_mm: float | None = None
     ) -> Figure:
-        """Draw a map of the film with its electrodes and their charges, and the probes.
+        """Draw a map of the film with electrodes, charges and probes, on `ax` or a new figure.
 
-        Parameters
-        ----------
-        quantity : str
-            ``deflection``, ``stress`` (S11 + S22), ``charge density``, ``principal directions`` of
-            the stress, ``mesh``, ``error`` (elements' shares in those of charges) or ``contact``
-            (pressure of tips).
-        ax : matplotlib axes, optional
-            To draw on, instead of a figure that belongs to no window.
-        reach_mm : float, optional
-            Half the width of the part that is shown, by default all of the film.
-
-        Raises
-        ------
-        ValueError
-            For a quantity that there is not, or not in this scene.
-        NotConvergedError
+        `quantity` is ``deflection``, ``stress`` (S11 + S22), ``charge density``, ``principal
+        directions``, ``mesh``, ``error`` (elements' shares in errors of charges) or ``contact``
+        (pressure of tips); ValueError for another, or none in this scene. `reach_mm` is half the
+        width of what is shown, by default all of the film.
         """
         from pvdf_fem.output.film_map import film_map
 
@@ -275,22 +263,11 @@ class Solution:
         scale: float | None = None,
         html: str | Path | None = None,
     ) -> Plotter:
-        """The deflected film in 3-D, coloured by a quantity; needs ``pip install pvdf-fem[view]``.
+        """The deflected film in 3-D, coloured by a field of `plot`; ``pip install pvdf-fem[view]``.
 
-        Parameters
-        ----------
-        quantity : str
-            ``deflection``, ``stress``, ``charge density`` or ``principal directions``.
-        scale : float, optional
-            Factor of the displacements, by default one that shows the film a quarter of its radius
-            deep.
-        html : path, optional
-            Where a page is written that shows the film in any browser, without a server.
-
-        Returns
-        -------
-        pyvista.Plotter
-            Its ``show()`` opens a window, or shows the film in a notebook.
+        `scale` multiplies the displacements, by default so that the film is a quarter of its radius
+        deep. `html` is where a page is written that any browser shows without a server. ``show()``
+        of what is returned opens a window, or shows the film in a notebook.
         """
         from pvdf_fem.output.film_view import film_view
 
@@ -300,14 +277,9 @@ class Solution:
         """Charges in pC and, with ``[readout]``, readings in V, by electrode."""
         from pandas import DataFrame
 
-        columns = {
-            "charge_pC": self.charges_pC,
-            "charge_error_pC": self.charge_errors_pC,
-            "rest_charge_pC": self.rest_charges_pC,
-            "charge_change_pC": self.charge_changes_pC,
-        }
-        readings = {} if self.scene.readout is None else {"reading_V": self.readings_V}
-        return DataFrame({**columns, **readings}).rename_axis("electrode")
+        names = ["charges_pC", "charge_errors_pC", "rest_charges_pC", "charge_changes_pC"]
+        names += ["readings_V"] if self.scene.readout else []
+        return DataFrame({name: getattr(self, name) for name in names}).rename_axis("electrode")
 
     def to_vtu(self, path: str | Path) -> None:
         """Write displacement, stresses, patches, charges and the scene to a VTU file."""

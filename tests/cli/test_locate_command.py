@@ -183,3 +183,15 @@ def test_all_mistakes_are_told_before_anything_is_built(built, file, capsys):
     assert main(["locate", str(bare), "--charges", "A=1"]) == 2
     assert "has no [probe]" in capsys.readouterr().err
     assert not built
+
+
+def test_the_likelihood_is_drawn_where_places_are_sought(built, file, tmp_path, capsys):
+    touch = ["locate", str(file), "--charges", given(), "--plot", str(tmp_path / "a.svg")]
+    assert main(touch) == 0
+    assert "Likelihood" not in capsys.readouterr().out
+    assert "<svg" in (tmp_path / "a.svg").read_text()
+    assert main([*touch, "--unknown", "x,force"]) == 2
+    assert "--plot: draws places" in capsys.readouterr().err
+    table = ["locate", str(file), "--csv", str(tmp_path / "a.csv"), "--plot", "b.svg"]
+    assert main(table) == 2
+    assert "--plot: is for single touches" in capsys.readouterr().err

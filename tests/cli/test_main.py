@@ -353,7 +353,7 @@ def test_files_are_written(scene: Path, tmp_path: Path, capsys: pytest.CaptureFi
     vtu, plot = tmp_path / "a.vtu", tmp_path / "a.svg"
     run = Run(["solve", scene, "--json", "--vtu", vtu, "--plot", plot], capsys)
     assert (run.code, run.err) == (0, "")
-    deflection = meshio.read(vtu).point_data["displacement"][:, 2]
+    deflection = meshio.read(vtu).point_data["displacement_m"][:, 2]
     # the largest is not at a node
     assert 0.99 < 1e3 * deflection.max() / run.json["deflection_max_mm"] <= 1.0 + 1e-12
     assert "<svg" in plot.read_text()[:1000]
@@ -538,3 +538,25 @@ def test_closed_pipe_is_no_error(scene: Path) -> None:
     # once gmsh was there, the signal ends the process, which a shell also shows as 141
     assert process.returncode in (141, -signal.SIGPIPE)
     assert err == ""
+
+
+def test_a_map_of_a_quantity_that_there_is_not_is_refused_before_the_solve(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text("")
+    for name, reason in (("strain", "choose from deflection"), ("contact", "has no contact")):
+        command = ["solve", scene, "--plot", tmp_path / "a.svg", "--quantity", name]
+        run = Run(command, capsys)
+        assert run.code == 2
+        assert run.err.startswith("--quantity: ")
+        assert reason in run.err
+    assert Run([*command[:-1], "stress"], capsys).code == 0
+    assert "<svg" in (tmp_path / "a.svg").read_text()[:1000]
+
+
+def test_modes_are_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene, plot = tmp_path / "scene.toml", tmp_path / "a.svg"
+    scene.write_text("[numerics]\ntolerance = 0.05\n")
+    assert Run(["modes", scene, "--count", "2", "--plot", plot], capsys).code == 0
+    assert "<svg" in plot.read_text()[:1000]

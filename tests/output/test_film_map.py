@@ -9,9 +9,9 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.text import Annotation
 
 from pvdf_fem import NotConvergedError, Scene, Solution, solve
+from pvdf_fem.charges.point_values import values_in_elements
 from pvdf_fem.output.figures import new_figure, style
-from pvdf_fem.output.film_map import QUANTITIES, Field
-from pvdf_fem.output.samples import Samples, cut
+from pvdf_fem.output.film_map import QUANTITIES, sampled
 from pvdf_fem.solution.gradients import error_shares
 from pvdf_fem.solvers.status import Status
 
@@ -44,7 +44,7 @@ def test_deflection_map_shows_deflection_charges_and_outlines(solution: Solution
     levels = ax.collections[0].levels
     assert levels[0] <= 0.0
     assert solution.deflection_max_mm <= levels[-1] <= 1.2 * solution.deflection_max_mm
-    corners = [patch.get_xy()[:-1] for patch in ax.patches]
+    corners = [line.get_xydata()[:-1] for line in ax.lines]
     [probe] = [c for c in corners if np.ptp(c[:, 0]) == pytest.approx(14.0)]
     np.testing.assert_allclose(probe.mean(axis=0), [5.0, 0.0], atol=1e-9)
     assert ax.get_aspect() == 1.0
@@ -58,23 +58,23 @@ def test_deflection_map_of_a_flat_film() -> None:
     assert all("48.0 pC" in text for text in labels(ax))
 
 
-def test_samples_are_the_fields_at_their_places(solution: Solution) -> None:
+def test_values_in_elements_are_those_at_their_places(solution: Solution) -> None:
     """Inside of elements, where the stress has one value."""
-    samples = Samples.of(solution, np.array([[0.3, 0.1, 0.5], [0.3, 0.7, 0.2]]))
-    at = solution.at(*np.moveaxis(1e3 * samples.places, -1, 0))
-    np.testing.assert_allclose(1e3 * samples.displacement, at.displacement_mm, atol=1e-12)
-    np.testing.assert_allclose(1e-6 * samples.stress, at.stress_MPa, rtol=1e-9, atol=1e-9)
-    film, density = solution.scene.film, QUANTITIES["charge density"]
-    assert isinstance(density, Field)
-    np.testing.assert_allclose(density.values(samples, film), at.charge_density_pC_mm2, rtol=1e-9)
+    local, fields = np.array([[0.3, 0.1, 0.5], [0.3, 0.7, 0.2]]), solution.fields
+    inside = values_in_elements(fields.equilibrium, fields.state, local)
+    at = solution.at(inside.x_mm, inside.y_mm)
+    np.testing.assert_allclose(inside.displacement_mm, at.displacement_mm, atol=1e-12)
+    np.testing.assert_allclose(inside.stress_MPa, at.stress_MPa, rtol=1e-9, atol=1e-9)
+    density = QUANTITIES["charge density"].values
+    assert density is not None
+    np.testing.assert_allclose(density(inside), at.charge_density_pC_mm2, rtol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["stress", "charge density", "principal directions"])
 def test_colours_go_from_the_least_to_the_largest_value(solution: Solution, name: str) -> None:
     ax, quantity = axes(), QUANTITIES[name]
     figure = solution.plot(name, ax=ax)
-    assert isinstance(quantity, Field)
-    values = quantity.values(Samples.of(solution, cut(solution)[0]), solution.scene.film)
+    _, _, values = sampled(solution, quantity)
     drawn = ax.collections[0]
     np.testing.assert_array_equal(drawn.get_array(), values.ravel())
     assert drawn.get_clim() == (values.min(), values.max())
@@ -83,10 +83,10 @@ def test_colours_go_from_the_least_to_the_largest_value(solution: Solution, name
 
 def test_the_rim_is_drawn_round(solution: Solution) -> None:
     """Straight sides between the nodes on the rim would be far inside of it."""
-    x, y = Samples.of(solution, cut(solution)[0]).places.reshape(-1, 2).T
-    angle, radius = np.arctan2(y, x), np.hypot(x, y)
+    at, *_ = sampled(solution, QUANTITIES["stress"])
+    angle, radius = np.arctan2(at.y_mm, at.x_mm), np.hypot(at.x_mm, at.y_mm)
     outermost = [radius[np.abs(angle - a) < 0.05].max() for a in np.linspace(-3.0, 3.0, 40)]
-    assert min(outermost) > 0.9995 * solution.scene.film.radius
+    assert min(outermost) > 0.9995 * solution.scene.film.radius_mm
 
 
 def test_strokes_are_along_the_larger_principal_stress(solution: Solution) -> None:
@@ -107,9 +107,10 @@ def test_mesh_and_error_shares_are_of_all_elements(solution: Solution) -> None:
     solution.plot("error", ax=errors)
     count, shares = solution.mesh.nelements, error_shares(solution)
     assert f"{count} triangles" in mesh.get_title()
-    for ax in (mesh, errors):
-        drawn = [c for c in ax.collections if isinstance(c, PolyCollection)][-1]
-        assert len(drawn.get_paths()) == count
+    lines, drawn = mesh.collections[-1], errors.collections[-1]
+    assert isinstance(lines, LineCollection)
+    assert isinstance(drawn, PolyCollection)
+    assert len(lines.get_paths()) == len(drawn.get_paths()) == count
     np.testing.assert_allclose(drawn.get_array(), 1e12 * shares.max(axis=1))
     # B and D are mirror images, and so is the mesh
     sums = dict(zip(solution.charges_pC, 1e12 * shares.sum(axis=0), strict=True))
@@ -140,5 +141,5 @@ def test_a_quantity_that_there_is_not_is_refused(solution: Solution) -> None:
 def test_charges_as_a_table_of_pandas(solution: Solution) -> None:
     table = solution.to_dataframe()
     assert table.index.tolist() == list("ABCD")
-    assert table.charge_pC.to_dict() == solution.charges_pC
-    assert table.charge_change_pC["A"] == solution.charge_changes_pC["A"]
+    assert table.charges_pC.to_dict() == solution.charges_pC
+    assert table.charge_changes_pC["A"] == solution.charge_changes_pC["A"]

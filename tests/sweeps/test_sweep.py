@@ -380,17 +380,24 @@ def test_the_command_prints_its_plan_and_writes_the_dataset(
     assert err == ""  # no bar, since this is no terminal
     with xarray.open_dataset("s.nc") as data:
         assert data.charge_pC.sel(force_N=2.0, ring_radius_mm=8.0, electrode="A") == 6.0
-    assert cli.main([*command, "--quiet"]) == 0
+    assert cli.main([*command, "--quiet", "--plot", "s.svg"]) == 0
     assert capsys.readouterr() == ("", "")
+    assert "<svg" in (tmp_path / "s.svg").read_text()
 
 
 def test_failures_are_told_and_change_the_exit_code(tmp_path, monkeypatch, capsys):
     failed = Record("unstable", "no", tuple("ABCD"), {}, {}, 0.0, (), 0.0)
     monkeypatch.setattr(sweep, "records_of", lambda scenes, frames: [failed] * len(scenes))
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "s.toml").write_text("scene = {}\n[[axes]]\nload.force_N = [1.0, 2.0]\n")
-    assert cli.main(["sweep", "s.toml", "--processes", "1"]) == 3
+    text = "scene = {}\n[[axes]]\nload.force_N = [1.0, 2.0]\n"
+    (tmp_path / "s.toml").write_text(text)
+    assert cli.main(["sweep", "s.toml", "--processes", "1", "--plot", "s.png"]) == 3
     assert "no charges in 2 scenes: unstable" in capsys.readouterr().err
+    assert (tmp_path / "s.png").stat().st_size > 1000
+    text += "[[axes]]\nfilm.radius_mm = [40, 45]\n[[axes]]\nfilm.thickness_um = [9, 25]\n"
+    (tmp_path / "s.toml").write_text(text)
+    assert cli.main(["sweep", "s.toml", "--plot", "s.png"]) == 2
+    assert "--plot: draws one or two axes, not 3" in capsys.readouterr().err
 
 
 def test_many_scenes_cost_little_memory_and_time(tmp_path, invented):
