@@ -43,10 +43,18 @@ autodoc_typehints = "none"
 napoleon_google_docstring = False
 
 
+def escape_bars(*event: object) -> None:
+    """Keep the bars of absolute values in a docstring from being taken for substitutions."""
+    lines = event[-1]
+    assert isinstance(lines, list)
+    lines[:] = [line.replace("|", r"\|") for line in lines]
+
+
 def setup(app: Sphinx) -> None:
     """Write the reference pages, which come from the code, before Sphinx reads its sources."""
     from reports.guide.mathematics import visit_block, visit_inline
     from reports.guide.references import write_references
 
     app.add_html_math_renderer("drawn", (visit_inline, None), (visit_block, None))
+    app.connect("autodoc-process-docstring", escape_bars)
     app.connect("builder-inited", lambda _: write_references(Path(__file__).parent / "generated"))
