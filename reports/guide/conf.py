@@ -6,6 +6,7 @@ import os
 import sys
 from pathlib import Path
 
+from nbclient import NotebookClient
 from sphinx.application import Sphinx
 
 ROOT = Path(__file__).parents[2]
@@ -37,6 +38,8 @@ nb_execution_in_temp = True  # an empty folder, as a reader has it
 nb_execution_timeout = 180
 nb_execution_show_tb = True
 nb_merge_streams = True
+# A command's output comes in pieces, which the line above would break into lines.
+setattr(NotebookClient, "coalesce_streams", True)  # noqa: B010
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"

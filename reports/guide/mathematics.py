@@ -12,12 +12,13 @@ from docutils import nodes
 from matplotlib.font_manager import FontProperties
 from matplotlib.mathtext import MathTextParser, math_to_image
 
-POINTS = 12.0  #: Size of the letters.
+POINTS = 12.0  #: Size of the letters within a sentence.
+LARGE_POINTS = 15.0  #: Size of those of an equation on a line of its own.
 
 
-def equation(tex: str) -> str:
+def equation(tex: str, size: float = POINTS) -> str:
     """An SVG element of an equation in TeX, its baseline on that of the text around it."""
-    font, drawn = FontProperties(size=POINTS), io.StringIO()
+    font, drawn = FontProperties(size=size), io.StringIO()
     formula = "$" + " ".join(tex.split()) + "$"
     with matplotlib.rc_context({"svg.hashsalt": "pvdf_fem", "mathtext.fontset": "stix"}):
         math_to_image(formula, drawn, prop=font, format="svg")
@@ -39,7 +40,7 @@ def visit_inline(writer: Any, node: nodes.math) -> None:
 
 
 def visit_block(writer: Any, node: nodes.math_block) -> None:
-    """Write an equation on lines of its own, split at double backslashes."""
-    lines = "<br>".join(equation(line) for line in node.astext().split(r"\\") if line.strip())
-    writer.body.append(f'<div class="equation">{lines}</div>')
+    """Write an equation on a line of its own."""
+    drawn = equation(node.astext().replace(r"\frac", r"\dfrac"), LARGE_POINTS)
+    writer.body.append(f'<div class="equation">{drawn}</div>')
     raise nodes.SkipNode
