@@ -42,14 +42,10 @@ def write_vtu(solution: Solution, path: str | Path) -> None:
     if path.suffix.lower() != ".vtu":
         raise ExportError(f"{path}: is written as VTU; give a name that ends in .vtu")
     displacement, nodal = _at_nodes(solution)
-    membrane, state = solution.fields.equilibrium.membrane, solution.fields.state
-    weights = membrane.space.weights[..., None]
-    stress = state.stress
-    if membrane.film.patches:  # which states have with the film
-        places = np.moveaxis(np.asarray(membrane.space.basis.global_coordinates()), 0, -1)
-        stress = membrane.film_stress(state.strain, places)
-        stress = stress if state.added is None else stress + state.added
-    mean = (stress * weights).sum(axis=1) / weights.sum(axis=1)
+    space, state = solution.fields.equilibrium.space, solution.fields.state
+    at = values_in_elements(solution.fields.equilibrium, state, space.basis.X)
+    weights = space.weights[..., None]
+    mean = 1e6 * (at.stress_MPa * weights).sum(axis=1) / weights.sum(axis=1)
     point_data = {"displacement_m": displacement, "deflection_m": displacement[:, 2].copy()}
     point_data |= {**_components(nodal), "principal_stress_Pa": principal(nodal)[1]}
     if solution.contacts:

@@ -194,7 +194,7 @@ def film_map(
     charges = solution.charges_pC
     if ax is None:
         with figures.style():
-            ax = figures.map_axes()
+            return film_map(solution, name, figures.map_axes(), reach_mm)
     radius_mm = scene.film.radius_mm
     figures.draw_rim(ax, radius_mm, radius_mm if reach_mm is None else reach_mm)
     if drawn := quantity.draw(ax, solution, quantity):

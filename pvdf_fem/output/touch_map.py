@@ -45,13 +45,12 @@ def charge_map(
         raise ValueError(f"electrode {electrode!r}: is none of the response; choose from {known}")
     if ax is None:
         with figures.style():
-            ax = figures.map_axes()
+            return charge_map(response, electrode, rotation_deg, force_N, figures.map_axes())
     places = _disc(response.domain.reach_mm)
     x, y = np.moveaxis(places, -1, 0)
-    touches = np.column_stack(
-        [places.reshape(-1, 2), np.tile([rotation_deg, force_N], (x.size, 1))]
-    )
-    charges = response.evaluate(touches)[0][:, response.names.index(electrode)].reshape(x.shape)
+    others = np.tile([rotation_deg, force_N], (x.size, 1))
+    charges, _ = response.evaluate(np.hstack([places.reshape(-1, 2), others]))
+    charges = charges[:, response.names.index(electrode)].reshape(x.shape)
     shades = np.linspace(charges.min(), charges.max(), SHADES)
     filled = ax.contourf(x, y, charges, levels=shades, cmap="viridis")
     lines = ax.contour(x, y, charges, levels=LINES, colors="white", linewidths=0.8)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -73,3 +75,18 @@ def test_rivals_are_marked_with_their_shares() -> None:
 def test_places_have_to_be_sought() -> None:
     with pytest.raises(ValueError, match="x and y were sought"):
         located("x_mm", "force_N").plot()
+
+
+def test_places_are_those_of_the_stage() -> None:
+    """A touch in the middle of electrode A is drawn in the middle of what is drawn of A."""
+    model = bumps()
+    stage = {"x_mm": 100.0, "y_mm": 50.0, "rotation_deg": 30.0}
+    model = replace(model, scene=model.scene.with_(stage=stage))
+    charges = dict(
+        zip(model.names, model.evaluate(np.array([[10.0, 0, 0, 1.0]]))[0][0], strict=True)
+    )
+    film = locate(model, charges, known={"rotation_deg": 30.0}).plot().axes[0]
+    [mark] = [line.get_xydata()[0] for line in film.lines if len(line.get_xdata()) == 1]
+    corners = film.patches[0].get_xy()[:-1]
+    np.testing.assert_allclose(mark, corners.mean(axis=0), atol=1e-3)
+    assert np.hypot(*(mark - [100.0, 50.0])) == pytest.approx(10.0, abs=1e-3)
