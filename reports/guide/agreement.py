@@ -146,9 +146,7 @@ def stated_and_true(seed: int = 1) -> Markdown:
         true = [abs(q - better) / abs(better) for q, better in pairs]
         errors = zip(found.charge_errors_pC.values(), finer.charges_pC.values(), strict=True)
         stated = [error / abs(better) for error, better in errors]
-        rows.append(
-            [kind, scene.numerics.tolerance, f"{max(stated):.1e}", f"{max(true):.1e}"]
-        )
+        rows.append([kind, scene.numerics.tolerance, f"{max(stated):.1e}", f"{max(true):.1e}"])
     return table(("load", "tolerance", "worst stated error", "worst true error"), rows)
 
 
@@ -170,7 +168,9 @@ def long_runs() -> Markdown:
     for name, about in LONG_RUNS.items():
         files = sorted((OUT / name).glob("*.csv"))
         if not files:
-            parts.append(f"- **{name}**, {about}: not run here. `python -m reports.{name}` runs it.")
+            parts.append(
+                f"- **{name}**, {about}: not run here. `python -m reports.{name}` runs it."
+            )
             continue
         with files[0].open(encoding="utf-8", newline="") as file:
             heads, *rows = csv.reader(file)

@@ -83,10 +83,11 @@ def scene_page() -> str:
     """Every table of a scene file with its keys, defaults and ranges."""
     lines = [
         "# Scene files",
-        "A scene is a TOML file of these tables. Every key has a default unless it is marked",
-        "as needed, and the units are in the keys' names. `pvdf-fem example four_electrodes` prints",
-        "a scene that explains every key; it stands at the end of this page.",
-        *(_cleaned(Scene.__doc__).splitlines()),
+        "A scene is a TOML file of these tables. Every key has a default unless it is marked as",
+        "needed, and the units are in the keys' names. The scene at the end of this page, which",
+        "`pvdf-fem example four_electrodes` prints, explains every key.",
+        "",
+        _cleaned(Scene.__doc__),
     ]
     for heading, models in TABLES.items():
         lines += ["", f"## `{heading}`", ""]
@@ -153,7 +154,8 @@ def _values(annotation: Any, metadata: Any = ()) -> str:
         return " or ".join(kind for kind in kinds if kind)
     if origin is tuple:
         kinds = dict.fromkeys(_values(a) for a in arguments if a is not Ellipsis)
-        return f"list of {'; '.join(kinds)}" if "Patch" not in str(kinds) else "list of the next table"
+        is_tables = any("Patch" in kind for kind in kinds)
+        return "list of the next table" if is_tables else f"list of {'; '.join(kinds)}"
     if origin is dict:
         return f"table by electrode of {_values(arguments[1])}"
     if inspect.isclass(annotation) and issubclass(annotation, Section):
@@ -212,7 +214,8 @@ def modules_page() -> str:
         modules = sorted(folder.glob("*.py"))
         if not modules:
             continue
-        lines += [f"## `{folder.relative_to(root.parent)}/`", "", "| module | holds |", "| --- | --- |"]
+        lines += [f"## `{folder.relative_to(root.parent)}/`", ""]
+        lines += ["| module | holds |", "| --- | --- |"]
         for module in modules:
             doc = ast.get_docstring(ast.parse(module.read_text("utf-8"))) or ""
             first = " ".join(doc.partition("\n\n")[0].split()).replace("|", r"\|")
