@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from IPython.display import Markdown
 
 from pvdf_fem import Scene, modes, solve
 from pvdf_fem.solvers.status import Status
@@ -42,6 +42,15 @@ LOADS: dict[str, dict[str, Any]] = {
     "a follower pressure": {"kind": "follower"},
     "a stuck punch": {"kind": "rigid", "contact": "stuck"},
 }
+
+
+class Markdown(NamedTuple):
+    """A text that notebooks show."""
+
+    text: str
+
+    def _repr_markdown_(self) -> str:
+        return self.text
 
 
 class Agreement(NamedTuple):
@@ -79,9 +88,9 @@ def agreement_table(rows: Iterable[Agreement]) -> Markdown:
 
 def other_codes(tolerance: float) -> Iterator[Agreement]:
     """Charges beside those of two other codes that agree to 1e-7, as the tests have them."""
-    from tests.validation.test_agreement import DEAD
-
-    for name, (scene, charges, _) in DEAD.items():
+    # not an import statement, since tests have no types
+    dead = import_module("tests.validation.test_agreement").DEAD
+    for name, (scene, charges, _) in dead.items():
         found = solve(scene.with_(**{"numerics.tolerance": tolerance})).charges_pC
         for electrode, theirs in charges.items():
             yield Agreement(f"{name}, {electrode} (pC)", "two codes", found[electrode], theirs)
@@ -174,6 +183,6 @@ def long_runs() -> Markdown:
             continue
         with files[0].open(encoding="utf-8", newline="") as file:
             heads, *rows = csv.reader(file)
-        lines = table(heads, rows[:12]).data
+        lines = table(heads, rows[:12]).text
         parts.append(f"- **{name}**, {about}; `{files[0].name}` of its last run:\n\n{lines}\n")
     return Markdown("\n".join(parts))

@@ -170,7 +170,7 @@ def commands_page() -> str:
     [commands] = [a for a in whole._actions if hasattr(a, "choices") and a.choices]
     lines = ["# Commands", "This is what `--help` prints.", "", "## `pvdf-fem`", ""]
     lines += ["```text", whole.format_help().rstrip(), "```"]
-    for name, command in dict(commands.choices or {}).items():  # type: ignore[call-overload]
+    for name, command in dict(commands.choices or {}).items():
         lines += ["", f"## `pvdf-fem {name}`", "", "```text", command.format_help().rstrip(), "```"]
     return "\n".join(lines) + "\n"
 
