@@ -114,7 +114,7 @@ def _mesh(ax: Axes, solution: Solution, quantity: Quantity) -> None:
 
 def _errors(ax: Axes, solution: Solution, quantity: Quantity) -> ScalarMappable:
     shares = 1e12 * error_shares(solution).max(axis=1)
-    most = max(float(shares.max()), np.finfo(float).tiny)
+    most = max(float(shares.max()), np.finfo(float).eps)
     norm = LogNorm(LEAST_SHARE * most, most, clip=True)
     filled = PolyCollection(_sides_mm(solution), array=shares, norm=norm, cmap=quantity.colours)
     ax.add_collection(filled)
@@ -171,7 +171,7 @@ QUANTITIES = {
         lambda at: principal(at.stress_MPa)[1],
     ),
     "mesh": Quantity("", _mesh),
-    "error": Quantity("share in the error of a charge, the largest (pC)", _errors, None, "magma_r"),
+    "error": Quantity("share in the errors of charges (pC)", _errors, None, "magma_r"),
     "contact": Quantity("contact pressure (MPa), compression positive", _contact),
 }
 

@@ -36,7 +36,8 @@ def film_view(solution: Solution, name: str, scale: float | None, html: str | Pa
     plotter.add_mesh(film, cmap=quantity.colours, scalar_bar_args=bar, smooth_shading=True)
     above = np.array([0.0, 0.0, ABOVE * scene.film.radius_mm])
     lines = film.contour(LEVELS, scalars=film.points[:, 2]).translate(above)
-    plotter.add_mesh(lines, color="white", opacity=0.5)
+    if lines.n_points:  # which a flat film has not
+        plotter.add_mesh(lines, color="white", opacity=0.5)
     edges = [(electrode.outline, "black") for electrode in scene.electrode_list]
     edges += [(touch.outline, COLOURS[1]) for touch in scene.loaded_probes]
     for outline, colour in edges:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
@@ -10,7 +12,7 @@ from matplotlib.text import Annotation
 
 from pvdf_fem import NotConvergedError, Scene, Solution, solve
 from pvdf_fem.charges.point_values import values_in_elements
-from pvdf_fem.output.figures import new_figure, style
+from pvdf_fem.output.figures import new_figure, save, style
 from pvdf_fem.output.film_map import QUANTITIES, sampled
 from pvdf_fem.solution.gradients import error_shares
 from pvdf_fem.solvers.status import Status
@@ -52,10 +54,12 @@ def test_deflection_map_shows_deflection_charges_and_outlines(solution: Solution
     assert "(mm)" in ax.get_ylabel()
 
 
-def test_deflection_map_of_a_flat_film() -> None:
-    ax = axes()
-    solve(Scene()).plot(ax=ax)
+def test_maps_of_a_flat_film(tmp_path: Path) -> None:
+    ax, flat = axes(), solve(Scene())
+    flat.plot(ax=ax)
     assert all("48.0 pC" in text for text in labels(ax))
+    for name in ("stress", "principal directions", "error"):
+        save(flat.plot(name), tmp_path / "flat.png")
 
 
 def test_values_in_elements_are_those_at_their_places(solution: Solution) -> None:
