@@ -34,6 +34,7 @@ html_math_renderer = "drawn"
 myst_enable_extensions = ["dollarmath", "deflist"]
 myst_heading_anchors = 3
 nb_execution_mode = "force"
+nb_render_markdown_format = "myst"  # tables in outputs
 nb_execution_in_temp = True  # an empty folder, as a reader has it
 nb_execution_timeout = 180
 nb_execution_show_tb = True
@@ -46,11 +47,13 @@ autodoc_typehints = "none"
 napoleon_google_docstring = False
 
 
-def escape_bars(*event: object) -> None:
-    """Keep the bars of absolute values in a docstring from being taken for substitutions."""
+def adapt_docstring(app: Sphinx, what: str, *event: object) -> None:
+    """Keep bars of absolute values from being substitutions, and colons from naming types."""
     lines = event[-1]
     assert isinstance(lines, list)
     lines[:] = [line.replace("|", r"\|") for line in lines]
+    if what in ("attribute", "property"):
+        lines.insert(0, "")  # napoleon takes a first line for "type: description"
 
 
 def setup(app: Sphinx) -> None:
@@ -59,5 +62,5 @@ def setup(app: Sphinx) -> None:
     from reports.guide.references import write_references
 
     app.add_html_math_renderer("drawn", (visit_inline, None), (visit_block, None))
-    app.connect("autodoc-process-docstring", escape_bars)
+    app.connect("autodoc-process-docstring", adapt_docstring, priority=400)
     app.connect("builder-inited", lambda _: write_references(Path(__file__).parent / "generated"))

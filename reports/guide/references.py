@@ -177,7 +177,11 @@ def commands_page() -> str:
 
 def api_page() -> str:
     """The public names under the headings of the package's docstring, then what they return."""
-    lines = ["# Python interface", "Everything here is imported by `from pvdf_fem import ...`.", ""]
+    lines = ["# Python interface", "", "Public names come from `pvdf_fem` itself,"]
+    lines += [
+        "other classes and functions from the modules that are written before their names.",
+        "",
+    ]
     doc = inspect.cleandoc(pvdf_fem.__doc__ or "")
     groups = re.findall(r"^(\w[^\n]*)\n((?:    [^\n]*\n?)+)", doc, re.M)
     left = list(pvdf_fem.__all__)
@@ -186,7 +190,7 @@ def api_page() -> str:
         left = [name for name in left if name not in named]
         lines += [f"## {heading}", "", inspect.cleandoc(text).replace("``", "`"), ""]
         for name in dict.fromkeys(named):
-            lines += _documented(pvdf_fem._MODULES[name] + "." + name)
+            lines += _documented(name)
     assert not left, f"in no group of the package's docstring: {left}"
     for heading, names in RESULTS.items():
         lines += [f"## {heading}", ""]
@@ -196,13 +200,16 @@ def api_page() -> str:
 
 
 def _documented(path: str) -> list[str]:
-    module, _, name = path.rpartition(".")
-    found = getattr(import_module(f"pvdf_fem.{module}"), name)
-    kind = "autoclass" if inspect.isclass(found) else "autofunction"
+    """What makes Sphinx show the docstrings of a class or function."""
+    module, _, name = f"pvdf_fem.{path}".rpartition(".")
+    found = getattr(import_module(module), name)
     # the arguments of models and results are their keys and attributes
-    call = "()" if kind == "autoclass" and name not in ("Tracker", "LocateOptions") else ""
-    members = ["   :members:"] if kind == "autoclass" else []
-    return ["```{eval-rst}", f".. {kind}:: pvdf_fem.{path}{call}", *members, "```", ""]
+    takes_arguments = not inspect.isclass(found) or name in ("Tracker", "LocateOptions")
+    kind = "autoclass" if inspect.isclass(found) else "autofunction"
+    lines = [f".. {kind}:: {module}.{name}{'' if takes_arguments else '()'}"]
+    if inspect.isclass(found):
+        lines += ["   :members:", "   :exclude-members: model_config, model_post_init"]
+    return ["```{eval-rst}", *lines, "```", ""]
 
 
 def modules_page() -> str:
