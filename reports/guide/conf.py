@@ -53,7 +53,7 @@ def adapt_docstring(app: Sphinx, what: str, *event: object) -> None:
     assert isinstance(lines, list)
     lines[:] = [line.replace("|", r"\|") for line in lines]
     if what in ("attribute", "property"):
-        lines.insert(0, "")  # napoleon takes a first line for "type: description"
+        lines[:0] = ["..", ""]  # a comment, since napoleon reads "type: description" first
 
 
 def setup(app: Sphinx) -> None:
