@@ -68,6 +68,8 @@ REPORTS = (
     "reports.speed",
     "reports.robustness",
     "reports.sensors",
+    "reports.gallery",
+    "reports.guide",
     "reports",
 )
 # `reports.reference` checks the rest, so it shares none of its code.

@@ -1,7 +1,8 @@
-"""What is handed out: the wheel runs README's snippets, the archive of sources is complete."""
+"""What is handed out: the wheel runs what README and the guide show, the sources are complete."""
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -17,20 +18,45 @@ import pytest
 ROOT = Path(__file__).parents[1]
 #: A snippet of README, and the reason in a comment before it if it is not run here.
 SNIPPET = re.compile(r"^(<!-- not run: [^\n]+ -->\n)?```(python|sh)\n(.*?)^```", re.M | re.S)
+#: A cell of a page of the guide, and what a page says whose cells read the checkout.
+CELL = re.compile(r"^```\{code-cell\} ipython3\n(.*?)^```$", re.M | re.S)
+NEEDS_CHECKOUT = "% needs the checkout"
 NOT_COPIED = (".git", ".venv", ".*cache", ".hypothesis", "__pycache__", "out", "build", "dist")
 
+#: Runs the cells of pages, each page in an empty folder of its own, as a notebook does.
+NOTEBOOK = """
+import json, os, subprocess, sys, tempfile, time
+import pvdf_fem
+for name, cells in json.load(sys.stdin).items():
+    names, began = {"__name__": name}, time.process_time()
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        for cell in cells:
+            first, _, rest = cell.partition(chr(10))
+            if first == "%%sh":
+                subprocess.run(["sh", "-euc", rest], check=True, capture_output=True, text=True)
+            elif first.startswith("%%writefile "):
+                with open(first.split()[1], "w") as file:
+                    file.write(rest)
+            else:
+                exec(compile(cell, f"{name}: {first}", "exec"), names)
+        os.chdir("/")
+    print(f"{name}: {len(cells)} cells, {time.process_time() - began:.1f} s")
+print(pvdf_fem.__file__)
+"""
 
-def run(*command: object, folder: Path, path: Path | None = None) -> str:
+
+def run(*command: object, folder: Path, path: Path | None = None, given: str = "") -> str:
     """What a command prints in a folder, `path` first among those of programs. Python finds nothing
     but what is installed."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
-    environment["LOKY_MAX_CPU_COUNT"] = "1"  # three solves need no further processes
+    environment["LOKY_MAX_CPU_COUNT"] = "1"  # a few solves need no further processes
+    environment["MPLBACKEND"] = "agg"
     if path is not None:
         environment["PATH"] = f"{path}{os.pathsep}{environment['PATH']}"
     arguments = [str(part) for part in command]
-    done = subprocess.run(
-        arguments, cwd=folder, env=environment, capture_output=True, text=True, timeout=300
-    )
+    how = {"cwd": folder, "env": environment, "input": given, "timeout": 600}
+    done = subprocess.run(arguments, capture_output=True, text=True, **how)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -79,6 +105,24 @@ def test_readme_s_python_runs_from_the_wheel(programs, tmp_path):
     printed = run(programs / "python", "-W", "error", "-c", code, folder=tmp_path)
     assert printed.startswith("converged: every result is within the tolerance")
     assert Path(printed.splitlines()[-1]).is_relative_to(programs.parent)
+
+
+def pages() -> dict[str, list[str]]:
+    """The cells of the guide's pages that need no checkout."""
+    texts = {path.stem: path.read_text("utf-8") for path in ROOT.glob("reports/guide/*.md")}
+    cells = {n: CELL.findall(text) for n, text in texts.items() if NEEDS_CHECKOUT not in text}
+    return {name: found for name, found in cells.items() if found}
+
+
+def test_every_page_of_the_guide_runs_from_the_wheel(programs, tmp_path):
+    cells = pages()
+    assert cells.keys() >= {"start", "sensor", "calibrate", "extend"}
+    # plt.show() has no window here; xarray's HTML is not asked for
+    warn = "-W", "error", "-W", "ignore:FigureCanvasAgg"
+    code = programs / "python", *warn, "-c", NOTEBOOK
+    printed = run(*code, folder=tmp_path, path=programs, given=json.dumps(cells)).splitlines()
+    print("\n".join(line for line in printed if " cells, " in line))
+    assert Path(printed[-1]).is_relative_to(programs.parent)
 
 
 def test_the_archive_of_sources_has_every_file(built):

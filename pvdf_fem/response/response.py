@@ -108,6 +108,9 @@ class Response:
     stress: ProbeCharges | None = None
     held_out: HeldOut | None = None
 
+    def __repr__(self) -> str:
+        return f"<Response: {', '.join(self.names)}, error bound {self.error_bound:.1e}>"
+
     @property
     def status(self) -> Status:
         """Whether the error bound is within the tolerance."""

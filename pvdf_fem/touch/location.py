@@ -39,6 +39,10 @@ class Location:
     #: The likeliest touch if they are the other, where only that explains them.
     other_reading: Touch | None = None
 
+    def __repr__(self) -> str:
+        values = [f"{n} = {getattr(self.best, n):.4g}" for n in self.unknown if self.touches]
+        return f"<Location: {', '.join(values)}; touches listed: {len(self.touches)}>"
+
     @property
     def explained(self) -> bool:
         """Whether a touch of the model's domain gives such charges."""

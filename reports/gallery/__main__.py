@@ -1,0 +1,26 @@
+"""Makes README's pictures, in about half a minute.
+
+    python -m reports.gallery [FOLDER]
+
+Each picture holds, in a text of its PNG file, the scenes and charges that it shows, so that
+`tests/test_gallery.py` notices when it is stale.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from reports.gallery.pictures import PICTURES, write
+
+
+def main(arguments: list[str]) -> int:
+    """Write all pictures to a folder, by default README's."""
+    folder = Path(arguments[0]) if arguments else Path(__file__).parent
+    for name in PICTURES:
+        print(write(name, folder))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,1 @@
+"""The guide: pages of text and cells, built by Sphinx."""

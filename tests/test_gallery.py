@@ -1,0 +1,35 @@
+"""README's pictures show what the package computes now."""
+
+from __future__ import annotations
+
+import pytest
+
+from pvdf_fem import Scene, solve
+from reports.gallery import pictures
+
+STALE = "README's pictures are stale: run python -m reports.gallery, and look at them"
+#: Solves of a picture that are repeated; the thesis's scenes take longer than the example.
+REPEATED = {"deflection": (0,), "rotation": (0,)}
+
+
+def expected_scenes(name):
+    if name == "deflection":
+        return [Scene.example("triangle")]
+    steps = round(90.0 / pictures.STEP_DEG) + 1
+    return [pictures.turned(i * pictures.STEP_DEG) for i in range(steps)]
+
+
+@pytest.mark.parametrize("name", pictures.PICTURES)
+def test_a_picture_is_of_today_s_charges(name):
+    shown = pictures.read(pictures.Path(pictures.__file__).with_name(f"{name}.png"))
+    scenes = [Scene.parse(text) for text in shown["scenes"]]
+    assert scenes == expected_scenes(name), STALE
+    for i in REPEATED[name]:
+        assert solve(scenes[i]).charges_pC == pytest.approx(shown["charges_pC"][i], rel=1e-6), STALE
+
+
+def test_a_picture_keeps_what_it_shows(tmp_path, monkeypatch):
+    content = {"scenes": ["[film]"], "charges_pC": [{"A": 1.0}]}
+    figure = pictures.new_figure(20.0, 20.0)
+    monkeypatch.setitem(pictures.PICTURES, "small", lambda: (figure, content))
+    assert pictures.read(pictures.write("small", tmp_path)) == content

@@ -1,0 +1,50 @@
+"""The guide's reference pages have everything, and its equations are drawings."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+import pvdf_fem
+from pvdf_fem.scene.shapes import MODELS
+from reports.guide import references
+
+
+def test_scene_files_are_told_with_every_key_and_no_python():
+    page = references.scene_page()
+    models = [model for listed in references.TABLES.values() for model in listed]
+    keys = {key for model in {*models, *MODELS.values()} for key in model.model_fields}
+    assert '`shape = "ellipse"`' in page
+    assert not {key for key in keys - {"shape"} if f"`{key}`" not in page}
+    tables = [line for line in page.splitlines() if line.startswith("| `")]
+    assert not [line for line in tables if re.search(r"<|typing|Annotated|None", line)]
+    assert "| `thickness_um` | `25.0` | 0.001 to 1e+06 µm |" in tables
+    assert '| `compression` | `"refuse"` | `"refuse"`, `"tension-field"` |' in tables
+
+
+def test_every_command_and_public_name_is_told():
+    commands = references.commands_page()
+    for name in ("example", "solve", "sweep", "calibrate", "locate", "track"):
+        assert f"usage: pvdf-fem {name}" in commands
+    api = references.api_page()
+    assert not [name for name in pvdf_fem.__all__ if f":: pvdf_fem.{name}" not in api]
+
+
+def test_pages_are_written_once(tmp_path):
+    references.write_references(tmp_path)
+    times = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    references.write_references(tmp_path)
+    assert len(times) == 4
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == times
+
+
+def test_equations_have_identifiers_of_their_own():
+    pytest.importorskip("docutils")
+    from reports.guide.mathematics import equation
+
+    drawn = [equation(tex) for tex in (r"\frac{a}{b}", r"\frac{b}{a} < 1")]
+    ids = [set(re.findall(r'id="([^"]+)"', svg)) for svg in drawn]
+    assert ids[0]
+    assert not ids[0] & ids[1]
+    assert 'aria-label="\\frac{b}{a} &lt; 1"' in drawn[1]
