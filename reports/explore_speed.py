@@ -5,7 +5,8 @@
 The probe is dragged to random places within 12 mm. A drop is the pointer's release, and a picture
 is there when the browser has painted the new image. Beside the median and the 95th percentile of
 that time stands the time of processors that all processes spent on a drop, which is less at the
-mercy of what else the machine does. The touch is located meanwhile, as for a visitor.
+mercy of what else the machine does. The first drop waits until the response is built by which the
+page locates touches; each touch is located after its picture, as for a visitor.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ import json
 import math
 import os
 import random
-import re
 import shutil
 import signal
 import subprocess
@@ -29,7 +29,7 @@ from playwright.sync_api import sync_playwright
 
 from pvdf_fem.scene.scene_file import example_text, examples
 
-LOCATED = re.compile("by a response|by full solves")  #: What the page says of a touch.
+LOCATED = "by a response"  #: What the page says of a touch once the response is built.
 #: Watches drops and pictures; a message comes after the frame that it was posted in is painted.
 WATCH = """() => {
   window.drops = [], window.pictures = []

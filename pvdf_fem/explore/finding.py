@@ -98,8 +98,10 @@ def find(scene: Scene, result: Mapping[str, Any], noise: float, file: Path | Non
     if file is None:
         touches = locate_by_solves(scene, charges, touches=len(scene.loaded_probes), **how)
         return _found([touch.to_json() for touch in touches], {}, "by full solves")
-    model = _response(file, centred(scene)).for_scene(scene)
-    location, lines = locate(model, charges, **how), isocharge_lines(model, result["charges_pC"])
+    turned = centred(scene).with_(**{"probe.rotation_deg": touch_of(scene)["rotation_deg"]})
+    model = _response(file, turned)
+    location = locate(model, charges, **how)
+    lines = isocharge_lines(model, touch_of(scene), result["charges_pC"])
     told = f"by a response whose charges are off by {100.0 * model.error_bound:.2g} % at most"
     told += ", as are the lines: places of the probe where an electrode has its charge"
     return _found(location.to_json()["touches"], lines, told, *location.remarks)
@@ -107,13 +109,16 @@ def find(scene: Scene, result: Mapping[str, Any], noise: float, file: Path | Non
 
 @lru_cache(maxsize=8)
 def _response(file: Path, scene: Scene) -> Response:
+    """The response, whose tables are kept with it."""
     return Response.load(file).for_scene(scene, 1)
 
 
-def isocharge_lines(model: Model, charges_pC: Mapping[str, float]) -> dict[str, list[Array]]:
-    """Lines in mm, (n, 2), by electrode: places where the probe of a model's scene, turned and
-    pressed as it is, would give charges. None for a force that the model does not hold for."""
-    touch, (low, high) = touch_of(model.scene), DOMAIN.force_N
+def isocharge_lines(
+    model: Model, touch: Mapping[str, float], charges_pC: Mapping[str, float]
+) -> dict[str, list[Array]]:
+    """Lines in mm, (n, 2), by electrode: places where a probe that is turned and pressed as in a
+    touch would give charges. None for a force that the model does not hold for."""
+    low, high = DOMAIN.force_N
     if not low <= touch["force_N"] <= high:
         return {}
     count = round(2.0 * DOMAIN.reach_mm / LINE_STEP_MM)

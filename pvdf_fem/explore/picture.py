@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.tri import Triangulation
-from skfem import MeshTri
+from skfem import MeshTri, MeshTri2
 
-from pvdf_fem.arrays import Array
+from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.film.space import shape_values
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solution import Solution
@@ -18,7 +18,8 @@ from pvdf_fem.solvers.status import Status
 
 TOLERANCE = 1e-2  #: Least relative error of charges that pictures are solved to.
 MOST_SECONDS = 5.0  #: Work of one core for a picture, unless the scene says how much.
-PIXELS = 200  #: Pixels along the film's diameter.
+ORDER = 2  #: Of the elements: to 1e-2, quadratic ones take a fifth less time than cubic ones.
+PIXELS = 160  #: Pixels along the film's diameter.
 #: A point between the rim and the straight sides there is taken to be in the triangle where this
 #: share of its distance from the centre leads.
 INWARD = 0.95
@@ -60,7 +61,7 @@ def picture_of(scene: Scene, quantity: str) -> Picture:
     """The picture of a scene by a solve to `TOLERANCE`, or the scene's own where that is larger."""
     limits = {"numerics.tolerance": max(TOLERANCE, scene.numerics.tolerance)}
     limits["numerics.max_seconds"] = scene.numerics.max_seconds or MOST_SECONDS
-    solution = solve(scene.with_(**limits))
+    solution = solve(scene.with_(**limits), order=ORDER)
     converged = solution.status is Status.CONVERGED
     image = image_of(solution, QUANTITIES[quantity].at_dofs(solution)) if converged else None
     return Picture(solution.to_json(), image)
@@ -77,11 +78,22 @@ def image_of(solution: Solution, values: Array, pixels: int = PIXELS) -> Array:
     elements: Any = find(*points)
     beyond = elements < 0
     elements[beyond] = find(*(INWARD * points[:, beyond]))
-    curved, straight, target = mesh.mapping(), MeshTri(mesh.p, mesh.t).mapping(), points
+    curved, straight = mesh.mapping(), MeshTri(mesh.p, mesh.t).mapping()
+    local = straight.invF(points[:, :, None], tind=elements)
+    bent = np.isin(elements, curved_elements(mesh))
+    target, inside = points[:, bent], elements[bent]
     for _ in range(NEARER):
-        local = straight.invF(target[:, :, None], tind=elements)
-        target = target + points - curved.F(local, tind=elements)[:, :, 0]
+        target = target + points[:, bent] - curved.F(local[:, bent], tind=inside)[:, :, 0]
+        local[:, bent] = straight.invF(target[:, :, None], tind=inside)
     nodal = values[basis.element_dofs[:, elements]]
     image = np.einsum("pf,fp->p", shape_values(basis.elem, local[:, :, 0]), nodal)
     image = image.clip(values.min(), values.max())  # at the rim it is extrapolated a little
     return image.reshape(pixels, pixels).astype(np.float32)
+
+
+def curved_elements(mesh: MeshTri2) -> Indices:
+    """Elements with a side whose middle node is off the chord."""
+    nodes = mesh.doflocs[:, mesh.dofs.element_dofs]
+    middles = 0.5 * (nodes[:, :3] + nodes[:, [1, 2, 0]])
+    off = np.abs(nodes[:, 3:] - middles).max(axis=(0, 1))
+    return np.flatnonzero(off > 1e-9 * np.ptp(mesh.p))

@@ -14,6 +14,7 @@ from urllib.parse import urlparse
 
 import pytest
 
+from pvdf_fem.explore.picture import ORDER
 from pvdf_fem.explore.state import View
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solve import solve
@@ -105,7 +106,7 @@ class Visit:
 
     def reads(self, scene: Scene) -> None:
         """The bars come to show what `solve` says of a scene."""
-        solution = solve(scene.with_(**{"numerics.tolerance": 1e-2}))
+        solution = solve(scene.with_(**{"numerics.tolerance": 1e-2}), order=ORDER)
         for name, values in (
             ("charges_pC", solution.charges_pC),
             ("readings_V", solution.readings_V),
