@@ -76,10 +76,12 @@ class Page:
         self.results = pn.Column(*(bars.pane for bars in self.bars), self.told, **WIDE)
         query = pn.state.location.search[1:] if pn.state.location else ""
         self._react()
-        self._show()
         pn.state.on_session_destroyed(lambda _: setattr(self, "history", History(View(start))))
         if query:
             self._go(lambda history: history.to(View.of_query(start, query)))
+        else:
+            self._solve()
+        self._show()
 
     def _react(self) -> None:
         """Let the controls do something."""
@@ -130,10 +132,16 @@ class Page:
             history, refused = self.history, f"<b>refused</b>: {told}"
         if refused or history is not self.history:
             self.history, self.message.object = history, refused
-            self._show()
+            self._solve()  # while the rest of the page follows
+            self._locked(self._show)
+
+    def _solve(self) -> None:
+        """Have the view solved."""
+        view = self.history.view
+        self._ask(self.solver, self._solved, view, view.scene, view.quantity)
 
     def _show(self) -> None:
-        """Show the view, and have it solved."""
+        """Show the view, and dim results of another one."""
         history, view = self.history, self.history.view
         self.film.show_scene(view)
         self.undo.disabled, self.redo.disabled = not history.past, not history.future
@@ -153,7 +161,6 @@ class Page:
         if self.told.object:
             self.results.styles = {"opacity": str(DIMMED)}
         self.located.object = "solving …"
-        self._ask(self.solver, self._solved, view, view.scene, view.quantity)
 
     def _ask(self, worker: Worker, show: Callable[..., None], view: View, *request: Any) -> None:
         """Have an answer about a view shown, unless another one is on the page by then."""
