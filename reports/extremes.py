@@ -282,7 +282,7 @@ def _trust(rechecks: list[Recheck]) -> Section:
         spread = [float(np.median(finite)), max(finite)] if finite else [np.nan, np.nan]
         cells.append([kind, len(values), len(finite), *spread, sum(v > TRUST for v in finite)])
     wrong = [recheck.number for recheck in rechecks if recheck.excess > TRUST]
-    text = f"More than {TRUST:g} times their estimated errors off are the scenes {wrong}."
+    text = f"Scenes that differ by more than {TRUST:g} times their estimated errors: {wrong}."
     text = text if wrong else f"No scene is off by more than {TRUST:g} times its estimated error."
     caption = "Results beside those at a tenth of the tolerance."
     table = Table("extremes-errors", caption, columns, cells)

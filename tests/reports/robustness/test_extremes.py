@@ -118,4 +118,7 @@ def test_the_report_keeps_its_endings_and_checks_a_tenth_of_the_scenes(
     assert extremes.main(arguments) == 0
     assert solved[3:] == [0, 0, 0]
     wrong = extremes.Recheck(0, Scene(), 11.0)
-    assert "Scenes that differ by more than 10 times" in extremes._trust([wrong]).paragraphs[0]
+    assert (
+        "Scenes that differ by more than 10 times their estimated errors: [0]"
+        in extremes._trust([wrong]).paragraphs[0]
+    )
