@@ -107,9 +107,9 @@ def test_cut_table_compares_at_the_same_charge_and_at_the_same_distance() -> Non
     [cut] = [c for c in DATA.contours if c.contour == "s311_1_A" and c.angle_deg == 90.0]
     factor = cut.charge_pC / float(curve(90.0)(np.array(cut.radius_mm)))
     [row] = _cut_table(FIGURES[0], [cut], [curve(90.0, factor)]).rows
-    assert row[:4] == ["s311_1_A", 90.0, 905.1037, 8.032]
-    assert row[4] == pytest.approx(8.032, abs=1e-6)
-    assert row[8] == pytest.approx(0.0, abs=1e-9)
+    assert row[:5] == ["s311_1_A", "A", 90.0, 905.1037, 8.032]
+    assert row[5] == pytest.approx(8.032, abs=1e-6)
+    assert row[9] == pytest.approx(0.0, abs=1e-9)
     [high] = _cut_table(FIGURES[0], [cut], [curve(90.0, 1.02 * factor)]).rows
-    assert high[8] == pytest.approx(2.0)
-    assert high[5] > 0.05
+    assert high[9] == pytest.approx(2.0)
+    assert high[6] > 0.05
