@@ -81,12 +81,21 @@ def model_of(scene: Scene, scene_file: str, choice: ModelChoice) -> Response:
     from pvdf_fem.response.build import build_response
     from pvdf_fem.response.model import centred
     from pvdf_fem.response.response import Response, reads_alike, refuse_other_mechanics
+    from pvdf_fem.solution.solution import NotConvergedError
 
     path = choice.path(scene, scene_file)
     if not path.exists():
         print(f"building the model of {scene_file}, to be kept as {path}", file=sys.stderr)
         domain, alone = choice.domain, centred(scene)
-        model = build_response(alone, domain.reach_mm, domain.force_N, choice.tolerance, file=path)
+        try:
+            model = build_response(
+                alone, domain.reach_mm, domain.force_N, choice.tolerance, file=path
+            )
+        except NotConvergedError as error:
+            low, high = domain.force_N
+            now = f"now {domain.reach_mm:g} mm, {low:g} to {high:g} N"
+            advice = f"or give a smaller --reach or --force-range ({now})"
+            raise NotConvergedError(f"{error}; {advice}") from error
         print(*model.remarks, sep="\n", end="\n" if model.remarks else "", file=sys.stderr)
         return model.for_scene(scene)
     kept = Response.load(path)

@@ -53,6 +53,11 @@ class FrequencyResponse:
     readings_V_N: dict[str, ComplexArray]  #: Of the channels; empty without ``[readout]``.
     left_out: tuple[str, ...]  #: What the model neglects.
 
+    def __repr__(self) -> str:
+        low, high = self.frequencies_Hz.min(), self.frequencies_Hz.max()
+        told = f"{self.frequencies_Hz.size} from {low:g} to {high:g} Hz", *self.left_out
+        return f"<FrequencyResponse: {'; '.join(told)}>"
+
     def columns(self) -> dict[str, Array]:
         """The columns of the table that `pvdf-fem respond` prints."""
         found = {"frequency_Hz": self.frequencies_Hz}

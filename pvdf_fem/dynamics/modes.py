@@ -92,6 +92,11 @@ class Modes:
     seconds: dict[str, float] = field(default_factory=dict)  #: mesh, solve, modes, total.
     _spectrum: Spectrum | None = None
 
+    def __repr__(self) -> str:
+        from pvdf_fem.output.text import modes_text
+
+        return modes_text(self) if self._spectrum else f"{self.status}: {self.reason}"
+
     @property
     def spectrum(self) -> Spectrum:
         """The modes as unknowns; raises `NotConvergedError`."""

@@ -54,7 +54,7 @@ def mode_shapes(modes: Modes) -> Figure:
             filled = _shape(ax, spectrum, i, modes.scene.film.radius_mm)
             ax.set_title(title)
             ax.label_outer()
-        label = "deflection over the largest displacement"
+        label = "deflection over its largest"
         figure.colorbar(filled, ax=panels, label=label, shrink=0.8)
         figure.suptitle(f"Modes of the stretched film {about}", x=0.02, ha="left", fontsize=9)
     return figure

@@ -76,7 +76,7 @@ def _imported(name: str) -> Any:
     try:
         return import_module(name)
     except ImportError as error:
-        advice = "run `pip install pvdf-fem[view]`"
+        advice = 'run `pip install "pvdf-fem[view]"`, or `pip install ".[view]"` in its sources'
         raise ImportError(f"a view in 3-D needs {name}: {advice}") from error
 
 

@@ -87,7 +87,7 @@ def likelihood_map(location: Location) -> Figure:
         film.set_title("Likelihood over the film")
         near.set_title("Enlarged, with the ellipse of one σ")
         near.legend(loc="upper right", framealpha=0.8, frameon=True)
-        label = r"$\sqrt{2\,\ln(L_{max}/L)}$ of the likelihood $L$ (standard deviations)"
+        label = "how much less likely than the best touch (standard deviations)"
         figure.colorbar(drawn, ax=[film, near], label=label, shrink=0.9, format="%g")
     return figure
 

@@ -41,7 +41,8 @@ class Location:
 
     def __repr__(self) -> str:
         values = [f"{n} = {getattr(self.best, n):.4g}" for n in self.unknown if self.touches]
-        return f"<Location: {', '.join(values)}; touches listed: {len(self.touches)}>"
+        listed = f"touches listed: {len(self.touches)}"
+        return f"<Location: {'; '.join([', '.join(values), listed, *self.remarks])}>"
 
     @property
     def explained(self) -> bool:

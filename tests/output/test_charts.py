@@ -72,6 +72,6 @@ def test_mode_shapes_say_vacuum_and_air():
     expected = [f"{i}: {f:.4g} Hz in vacuum" for i, f in enumerate(result.frequencies_Hz, 1)]
     expected += [f"{i}: {f:.4g} Hz in air" for i, f in enumerate(in_air, 1)]
     assert titles == expected
-    assert bar.get_ylabel() == "deflection over the largest displacement"
+    assert bar.get_ylabel() == "deflection over its largest"
     for ax in panels:
         assert ax.get_aspect() == 1.0

@@ -46,5 +46,5 @@ def test_without_pyvista_it_says_what_to_install(
     solution: Solution, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "pyvista", None)
-    with pytest.raises(ImportError, match=r"pip install pvdf-fem\[view\]"):
+    with pytest.raises(ImportError, match=r"pip install .pvdf-fem\[view\]"):
         solution.view()
