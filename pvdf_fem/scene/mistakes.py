@@ -18,11 +18,11 @@ from pvdf_fem.scene.shapes import (
     MODELS,
     MOST_ELECTRODES,
     MOST_PROBES,
+    RINGS,
     Electrode,
     Electrodes,
     PressingProbe,
     Probe,
-    Ring,
 )
 
 MOST_MISTAKES = 100  #: The largest number of mistakes that are told about one scene.
@@ -74,9 +74,15 @@ def _line(details: ErrorDetails, model: type[BaseModel]) -> str:
     elif kind == "missing":
         return f"{key} = (nothing): {reason}"
     elif kind == "extra_forbidden":
-        reason = f"is no key there; {choose(loc[-1], list(_owner(loc, model).model_fields))}"
-        if loc[:2] == ("electrodes", "layout") and loc[-1] in Ring.model_fields:
+        known = list(_owner(loc, model).model_fields)
+        reason = f"is no key there; {choose(loc[-1], known)}"
+        if loc[:2] == ("electrodes", "layout") and any(
+            loc[-1] in ring.model_fields for ring in RINGS.values()
+        ):
             reason = 'is a key of a ring; give electrodes.layout = "ring"'
+        elif shapes := _shapes_with(loc):
+            reason = f"is no key there; give shape = {' or '.join(shapes)}"
+            reason += f", or choose from {', '.join(known)}"
     elif kind == "literal_error":
         known = _quoted(context["expected"]) + ["ring"] * (key == "electrodes.layout")
         reason = f"is not known; {choose(value, known)}"
@@ -119,6 +125,16 @@ def _owner(loc: tuple[int | str, ...], model: type[BaseModel]) -> type[BaseModel
         return MODELS.get(where, model)
     section: Any = model.model_fields[str(loc[0])].annotation
     return cast(type[BaseModel], next(iter(get_args(section)), section))
+
+
+def _shapes_with(loc: tuple[int | str, ...]) -> list[str]:
+    """The other shapes that the table at `loc` could have, of which its key is one."""
+    section = tuple(step for step in loc if not isinstance(step, int))[:-2]
+    return [
+        where[-1]
+        for where, model in MODELS.items()
+        if where[:-1] == section and loc[-1] in model.model_fields
+    ]
 
 
 def _quoted(text: str) -> list[str]:

@@ -70,6 +70,7 @@ def test_entries_change_by_index():
     [
         ("probe = []", "probe = []", "too few entries; give at least 1"),
         ("[[probe]]\nx_m = 1.0", "probe[0].x_m", "did you mean x_mm?"),
+        ("[[probe]]\nradius_mm = 1.0", "probe[0].radius_mm", "give shape = sphere or circle"),
         ('[[probe]]\nshape = "disc"', 'probe[0].shape = "disc"', "choose from"),
         ("[[probe]]\nx_mm = 50.0", "probe[0].x_mm = 50.0", "over the rim"),
         ("[[probe]]\n[[probe]]\nx_mm = 1.0", "probe[1].x_mm = 1.0", "overlaps probe[0]"),
