@@ -93,9 +93,12 @@ class Modes:
     _spectrum: Spectrum | None = None
 
     def __repr__(self) -> str:
-        from pvdf_fem.output.text import modes_text
-
-        return modes_text(self) if self._spectrum else f"{self.status}: {self.reason}"
+        if self._spectrum is None:
+            return f"<Modes: {self.status}: {self.reason}>"
+        told = [", ".join(f"{f:.4g}" for f in self.frequencies_Hz) + " Hz in vacuum"]
+        if self.frequencies_in_air_Hz is not None:
+            told += [", ".join(f"{f:.4g}" for f in self.frequencies_in_air_Hz) + " Hz in air"]
+        return f"<Modes: {'; '.join([*told, *self.left_out])}>"
 
     @property
     def spectrum(self) -> Spectrum:
