@@ -44,8 +44,8 @@ def sizes_picture(bars: Sequence[Bar], error_percent: float, error_mm: float, pa
         left, right = figure.subplots(1, 2, sharey=True)
         percents = [(bar.percent, bar.on_percent) for bar in bars]
         shifts = [(bar.shift_mm, bar.on_shift_mm) for bar in bars]
-        _draw_sizes(left, percents, 1e-2, 1e3, error_percent, "%")
-        _draw_sizes(right, shifts, 1e-4, 1e2, error_mm, "mm")
+        _draw_sizes(left, percents, 1e-2, 1e4, error_percent, "%")
+        _draw_sizes(right, shifts, 1e-4, 1e4, error_mm, "mm")
         left.set_xlabel("largest change of a charge (%)")
         right.set_xlabel("shift of the place found (mm)")
         left.set_yticks(range(len(bars)), [bar.name for bar in bars])
