@@ -10,6 +10,7 @@ from matplotlib.tri import Triangulation
 from skfem import MeshTri, MeshTri2
 
 from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.charges.point_values import values_in_elements
 from pvdf_fem.film.space import shape_values
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solution import Solution
@@ -36,11 +37,9 @@ class Quantity(NamedTuple):
 
 def _stress(solution: Solution) -> Array:
     """S11 + S22 in MPa, continuous."""
-    membrane, state = solution.fields.equilibrium.membrane, solution.fields.state
-    places = np.moveaxis(np.asarray(solution.basis.global_coordinates()), 0, -1)
-    stress = membrane.film_stress(state.strain, places)
-    stress = stress if state.added is None else stress + state.added
-    return np.asarray(1e-6 * solution.basis.project(stress[..., 0] + stress[..., 1]))
+    fields, basis = solution.fields, solution.basis
+    stress = values_in_elements(fields.equilibrium, fields.state, basis.X).stress_MPa
+    return np.asarray(basis.project(stress[..., 0] + stress[..., 1]))
 
 
 #: A further one is its line here.
