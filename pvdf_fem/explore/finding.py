@@ -26,6 +26,7 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.summary import Grid
 from pvdf_fem.touch.by_solves import locate_by_solves
 from pvdf_fem.touch.locate import locate
+from pvdf_fem.touch.posterior import deviation_ellipse
 
 DOMAIN = Domain(12.0, (0.1, 5.0))  #: Touches of the response that is built for the page.
 TOLERANCE = 1e-2  #: Its error bound.
@@ -63,9 +64,8 @@ def ellipse(touch: Mapping[str, Any], x_key: str, points: int = 73) -> Array:
     """The ellipse in mm, (points, 2), of one standard deviation of a place."""
     keys = [x_key, x_key.replace("x_mm", "y_mm")]
     rows = [[*touch["standard_deviations"]].index(key) for key in keys]
-    root = np.linalg.cholesky(np.array(touch["covariance"])[np.ix_(rows, rows)])
-    turns = np.linspace(0.0, 2.0 * np.pi, points)
-    return [touch[key] for key in keys] + np.column_stack([np.cos(turns), np.sin(turns)]) @ root.T
+    centre, covariance = np.array([touch[key] for key in keys]), np.array(touch["covariance"])
+    return deviation_ellipse(centre, covariance[np.ix_(rows, rows)], points).T
 
 
 def response_file(scene: Scene, folder: Path) -> Path | None:

@@ -18,6 +18,7 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.touch.descent import SearchOptions, descend
 from pvdf_fem.touch.location import Location
+from pvdf_fem.touch.posterior import deviation_ellipse
 from pvdf_fem.touch.problem import Problem
 
 if TYPE_CHECKING:
@@ -95,9 +96,9 @@ def likelihood_map(location: Location) -> Figure:
 def ellipse_mm(location: Location, points: int = 97) -> Array:
     """Points (2, n) of the ellipse whose shadows are the stated deviations of x and y."""
     rows = [location.unknown.index(name) for name in ("x_mm", "y_mm")]
-    squares, vectors = np.linalg.eigh(location.covariance[np.ix_(rows, rows)])
-    root, angle = vectors * np.sqrt(np.maximum(squares, 0.0)), np.linspace(0.0, 2 * np.pi, points)
-    return location.best.values[[[X], [Y]]] + root @ [np.cos(angle), np.sin(angle)]
+    return deviation_ellipse(
+        location.best.values[[X, Y]], location.covariance[np.ix_(rows, rows)], points
+    )
 
 
 def _touches(ax: Axes, location: Location) -> None:

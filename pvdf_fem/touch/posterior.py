@@ -147,3 +147,11 @@ def _standard(dimension: int, seed: int) -> tuple[Array, Array, Array]:
     normal = draw.standard_normal((DRAWS, dimension))
     radius = np.sqrt(FREEDOM / draw.chisquare(FREEDOM, DRAWS))
     return normal, radius, (np.arange(DRAWS) + 0.5) / DRAWS
+
+
+def deviation_ellipse(centre: Array, covariance: Array, points: int) -> Array:
+    """Points (2, n) of the ellipse about a centre (2,) whose shadows are the standard deviations of
+    a covariance (2, 2)."""
+    squares, vectors = np.linalg.eigh(covariance)
+    root, angle = vectors * np.sqrt(np.maximum(squares, 0.0)), np.linspace(0.0, 2 * np.pi, points)
+    return np.asarray(centre[:, None] + root @ [np.cos(angle), np.sin(angle)])
