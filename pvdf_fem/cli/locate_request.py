@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -54,7 +54,7 @@ class Request:
         if noise is not None:
             noise = positive("--noise", noise, wrong, zero=True)
         unknown = sought(options.unknown, wrong)
-        if (options.touches > 1 or not set(unknown) <= {*NAMES.values()}) and (
+        if needs_solves(options.touches, unknown) and (
             options.csv is not None or options.others or options.polish or options.plot
         ):
             alone = "are for --charges or --changes alone"
@@ -71,7 +71,7 @@ class Request:
     @property
     def by_solves(self) -> bool:
         """Whether no model of a single touch serves it."""
-        return self.touches > 1 or not set(self.unknown) <= {*NAMES.values()}
+        return needs_solves(self.touches, self.unknown)
 
     def unit_pC(self, scene: Scene) -> dict[str, float]:
         """The unit of readings in nominal pC, by electrode."""
@@ -92,6 +92,11 @@ class Request:
         if self.noise is None:
             return None
         return {name: unit * self.noise for name, unit in self.unit_pC(scene).items()}
+
+
+def needs_solves(touches: int, unknown: Sequence[str]) -> bool:
+    """Whether no model of a single touch finds that many touches and these unknowns."""
+    return touches > 1 or not set(unknown) <= {*NAMES.values()}
 
 
 def _misplaced(options: argparse.Namespace) -> list[str]:
