@@ -7,13 +7,15 @@ import pytest
 
 from pvdf_fem import Scene
 from pvdf_fem.cli.main import main
-from tests.helpers.touched_sensor import SCENE, UNKNOWN, made
+from tests.helpers.touched_sensor import SCENE, TRUE, made
+
+PLACED = {key: value for key, value in TRUE.items() if key.startswith("stage.")}
 
 
 @pytest.fixture
 def files(tmp_path):
     scene, touches = tmp_path / "scene.toml", tmp_path / "touches.csv"
-    scene.write_text(SCENE.to_toml())
+    scene.write_text(SCENE.with_(**PLACED).to_toml())
 
     def write(columns):
         with open(touches, "w", newline="") as file:
@@ -21,8 +23,8 @@ def files(tmp_path):
             writer.writerow(columns)
             writer.writerows(zip(*columns.values(), strict=True))
 
-    write(made(sigma=0.01, place_sd=0.3))
-    return tmp_path, [str(scene), str(touches), "--unknown", ",".join(UNKNOWN)], write
+    write(made(6, sigma=0.01, place_sd=0.3))
+    return tmp_path, [str(scene), str(touches), "--unknown", "film.pretension_N_m,gains"], write
 
 
 def test_a_sensor_is_calibrated_and_written(files, capsys):
@@ -42,12 +44,13 @@ def test_a_sensor_is_calibrated_and_written(files, capsys):
 
 def test_what_is_not_calibrated_has_its_own_exit_code(files, capsys):
     folder, arguments, write = files
-    write({name: column[:5] for name, column in made(sigma=0.01, place_sd=0.3).items()})
+    write({name: column[:4] for name, column in made(6, sigma=0.01, place_sd=0.3).items()})
     sensor = folder / "sensor.toml"
-    assert main(["calibrate", *arguments, "--output", str(sensor)]) == 3
+    options = ["--place-sd", "0.3", "--output", str(sensor)]
+    assert main(["calibrate", *arguments, *options]) == 3
     captured = capsys.readouterr()
     assert captured.out == ""
-    assert captured.err.startswith("too_few_touches: 5 touches")
+    assert captured.err.startswith("too_few_touches: 4 touches")
     assert not sensor.exists()
 
 

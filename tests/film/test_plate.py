@@ -72,8 +72,9 @@ def profile(solution):
     return np.minimum(radius, 1.0), solution.displacement[:, 2]
 
 
-@pytest.mark.parametrize("thickness_um", [0.5, 25.0, 1000.0])
-@pytest.mark.parametrize("patch_radius", [0.02, 0.3, 1.0])
+@pytest.mark.parametrize(
+    ("thickness_um", "patch_radius"), [(0.5, 0.02), (25.0, 0.3), (1000.0, 0.02), (1000.0, 1.0)]
+)
 def test_clamped_plate(thickness_um, patch_radius):
     """F a^2/(16 pi D) and p a^4/(64 D) with the correction for a disc."""
     scene = plate(thickness_um, patch_radius)
@@ -120,7 +121,7 @@ def test_a_part_of_what_narrow_layers_do_is_uncertain():
     assert change[centre] / lost == pytest.approx(-uncertain_part(layers.widths.max()), rel=0.1)
 
 
-@pytest.mark.parametrize(("load", "tension"), [(10.0, 0.0), (100.0, 0.0), (1e3, 0.0), (1e3, 50.0)])
+@pytest.mark.parametrize(("load", "tension"), [(10.0, 0.0), (1e3, 0.0), (1e3, 50.0)])
 def test_large_deflection(load, tension):
     """von Karman's plate under a uniform pressure P = p a^4/(D h), at slopes of 1e-3."""
     scene = plate(20.0, 1.0, tension)
@@ -252,7 +253,7 @@ def test_richer_space_has_the_energy_of_the_function_written_in_it():
     assert energy == pytest.approx(problem.plate.energy(problem.state(q)), rel=1e-3)
 
 
-@pytest.mark.parametrize("kind", LOADS)
+@pytest.mark.parametrize("kind", ["dead", "stuck"])
 def test_vanishing_thickness_gives_the_membrane(kind):
     """At the same F/h: what bending changes falls with it, as its length, which goes as h.
 

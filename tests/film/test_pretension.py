@@ -62,8 +62,15 @@ def test_a_cooled_orthotropic_film_has_its_stiffness_times_the_strain():
     assert film.stress_at_rest == pytest.approx(expected, rel=1e-14)
 
 
-@pytest.mark.parametrize("load", LOADS)
-@pytest.mark.parametrize("film", [{}, {"film.bending": True}, {"film.thickness_um": 110.0}])
+@pytest.mark.parametrize(
+    ("load", "film"),
+    [
+        ("dead", {"film.bending": True}),
+        ("follower", {}),
+        ("sliding", {"film.thickness_um": 110.0}),
+        ("stuck", {}),
+    ],
+)
 def test_charges_are_those_of_the_film_that_is_cooled_to_the_same_tension(load, film):
     cooled = TRIANGLE.with_(**film, **LOADS[load])
     tension = COOLED_N_m * cooled.film.thickness_um / 25.0

@@ -18,7 +18,9 @@ from reports.chapters import shear, summary, unexplained
 from reports.chapters.film_placement import chapter as film_placement
 from reports.chapters.film_placement import fits
 from reports.chapters.film_placement.sensor import SensorStates, ThesisContours, Touch
+from reports.chapters.force_and_angle import angle
 from reports.chapters.transducer import effects, moving, taped
+from reports.common import figures
 from reports.common.thesis_data import Thesis
 from reports.maps import carried
 from tests.reports.test_page import Links, assert_links_work
@@ -74,6 +76,10 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Links]:
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(sweep, "records_of", lambda scenes, frames: list(map(made_up, scenes)))
         patched.setattr(film_placement, "DRAWS", 5)
+        patched.setattr(angle, "_half_range", lambda *of: 1.0)
+        # figures are written, and pages before the end, in the quick report
+        patched.setattr(figures, "save", lambda figure, path: path.touch())
+        patched.setattr(thesis.Report.make, "__defaults__", (np.inf,))
         cost_nothing(patched)
         thesis.main(["--out", str(out), "--processes", "1", "--quiet"])
     return out, assert_links_work(out / "thesis.html")

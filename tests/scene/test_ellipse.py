@@ -91,7 +91,7 @@ NEIGHBOURS = {
 
 @pytest.mark.parametrize("name", NEIGHBOURS)
 @given(shift=shifts, angle=angles)
-@settings(deadline=None)
+@settings(deadline=None, max_examples=25)
 def test_touching_is_no_overlap_but_a_millionth_deeper_is(name, shift, angle):
     frame = turn(np.eye(2), angle).T
     for step, meet in ((0.0, False), (1e-6, False), (-1e-6, True)):

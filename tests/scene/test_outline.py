@@ -108,7 +108,7 @@ DISC = Circle(np.zeros(2), 1.0)
     ids=["edges", "corners", "discs", "disc and edge", "corner and disc"],
 )
 @given(shift=shifts, angle=angles)
-@settings(deadline=None)
+@settings(deadline=None, max_examples=25)
 def test_touching_is_no_overlap_but_a_millionth_deeper_is(a, b, gap, shift, angle):
     def moved(outline, by):
         if isinstance(outline, Circle):

@@ -272,6 +272,7 @@ def test_the_section_is_complete_whether_states_agree_or_not(
     monkeypatch.setattr(sensor, "charge_functions", lambda *_: ROUND)
     monkeypatch.setattr(chapter, "_rows", lambda thesis: rows)
     monkeypatch.setattr(chapter, "DRAWS", 20)
+    monkeypatch.setattr(f"{Fit.__module__}._descended", lambda misfit, count: np.zeros(count))
     monkeypatch.setattr(chapter.Measured, "of", lambda *_: replace(measured, rows=rows))
     (tmp_path / chapter.VIRTUAL).parent.mkdir()
     lines = [f'"{row.case}",{i},{i + 1}' for i, row in enumerate(rows)]
