@@ -274,7 +274,6 @@ def test_vanishing_thickness_gives_the_membrane(kind):
 
 HONEST = {
     "thin": RECTANGLE.with_(**{"film.thickness_um": 9.0}),
-    "thesis": RECTANGLE,
     "thick": RECTANGLE.with_(**{"film.thickness_um": 110.0}),
     "plate": TRIANGLE.with_(**{"film.thickness_um": 1000.0}),
     "punch": RECTANGLE.with_(**{"film.thickness_um": 110.0}, **LOADS["sliding"]),

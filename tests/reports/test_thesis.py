@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import csv
-import subprocess
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -34,7 +32,6 @@ from reports.common.thesis_scene import scene_of, thesis_scene
 from tests.reports.test_coverage import cost_nothing
 from tests.reports.test_page import assert_links_work
 
-ROOT = Path(__file__).resolve().parents[2]
 DATA = Thesis.read()
 
 
@@ -153,7 +150,7 @@ def test_a_broken_chapter_leaves_the_others(
         _chapter("new", []),
     )
     monkeypatch.setattr(thesis, "CHAPTERS", chapters)
-    assert thesis.main(["--out", str(tmp_path), "--processes", "1"]) == 1
+    assert thesis.main(["--out", str(tmp_path), "--processes", "2"]) == 1
     links = assert_links_work(tmp_path / "thesis.html")
     assert "RuntimeError: this chapter is <broken>" in links.text
     assert (tmp_path / "good.csv").is_file()
@@ -276,24 +273,11 @@ def test_all_chapters_survive_failed_solves(
     assert "No charge could be compared" in text
 
 
-def test_a_figure_is_made_on_two_processes(tmp_path: Path) -> None:
-    """As a user runs it."""
-    command = [sys.executable, "-m", "reports.thesis", "--quick", "--processes", "2"]
-    ended = subprocess.run(
-        [*command, "--only", "3.5", "--out", str(tmp_path)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert ended.returncode == 0, ended.stderr
-    assert not ended.stderr  # no bar, since this is no terminal
-    assert "complete in" in ended.stdout
-    assert "Fig. 3.5" in assert_links_work(tmp_path / "thesis.html").text
-
-
-def test_the_quick_report_end_to_end(tmp_path: Path) -> None:
-    assert thesis.main(["--quick", "--quiet", "--processes", "1", "--out", str(tmp_path)]) == 0
+def test_the_quick_report_end_to_end(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert thesis.main(["--quick", "--processes", "1", "--out", str(tmp_path)]) == 0
+    told = capfd.readouterr()
+    assert told.out.startswith(f"{tmp_path / 'thesis.html'}: complete in")
+    assert not told.err  # no bar, since this is no terminal
     text = assert_links_work(tmp_path / "thesis.html").text
     assert "is met" in text
     with (tmp_path / "charges.csv").open(newline="") as stream:

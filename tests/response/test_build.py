@@ -197,7 +197,7 @@ def test_films_that_are_stiffer_in_one_direction(shape):
     """Against full solves; the stress about the rectangle depends on its rotation."""
     sizes = {"circle": {"radius_mm": 5.0}, "rectangle": {"width_mm": 9.0, "height_mm": 6.0}}
     scene = Scene().with_(**{"probe": {"shape": shape, **sizes[shape]}, **DRAWN})
-    coarse = ProbeMesh(probe_size=0.3, disc_size=0.2, growth=0.4, film_size=0.15)
+    coarse = ProbeMesh(probe_size=0.4, disc_size=0.25, growth=0.5, film_size=0.2)
     options = replace(OPTIONS, rotations=6, elements=coarse)
     small = {**SMALL, "options": options, "reach_mm": 2.0}
     response = build_response(scene, tolerance=5e-3, **small)

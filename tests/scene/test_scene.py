@@ -9,6 +9,7 @@ import pickle
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -122,8 +123,12 @@ def test_polygon_vertices_are_relative_to_its_place_and_turned_about_it():
 
 def test_files_of_the_geometry_folder():
     sweeps = {"mapping_lines", "thickness_spacing"}
-    for name in sweeps:
-        assert Grid.load(GEOMETRY / f"{name}.toml").scenes()
+    grid = Grid.load(GEOMETRY / "thickness_spacing.toml")
+    ends = [
+        replace(axis, values={key: (along[0], along[-1]) for key, along in axis.values.items()})
+        for axis in grid.axes
+    ]
+    assert len(replace(grid, axes=tuple(ends)).scenes()) == 2**4
     paths = [path for path in GEOMETRY.glob("*.toml") if path.stem not in sweeps]
     found = {path.stem: Scene.example(path.stem) for path in paths}
     assert found["triangle"] == Scene.load(GEOMETRY / "triangle.toml")
