@@ -49,7 +49,8 @@ def made_up_errors_mm(touch: Touch, contours: ThesisContours, states: SensorStat
 
 def cost_nothing(patched: pytest.MonkeyPatch) -> None:
     """The solves of effects that no store keeps, fine meshes of the others, and the crossings of
-    contours in hundreds."""
+    contours in hundreds; pages before the end."""
+    patched.setattr(thesis.Report.make, "__defaults__", (np.inf,))
     patched.setattr(shear, "deviations_N", lambda *of: (np.full(2, 0.1), np.full(2, 0.2)))
     patched.setattr(shear, "telling_noise", lambda *of: 0.02)
     patched.setattr(fits, "position_errors_mm", made_up_errors_mm)
@@ -77,9 +78,8 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Links]:
         patched.setattr(sweep, "records_of", lambda scenes, frames: list(map(made_up, scenes)))
         patched.setattr(film_placement, "DRAWS", 5)
         patched.setattr(angle, "_half_range", lambda *of: 1.0)
-        # figures are written, and pages before the end, in the quick report
+        # figures are written in the quick report
         patched.setattr(figures, "save", lambda figure, path: path.touch())
-        patched.setattr(thesis.Report.make, "__defaults__", (np.inf,))
         cost_nothing(patched)
         thesis.main(["--out", str(out), "--processes", "1", "--quiet"])
     return out, assert_links_work(out / "thesis.html")

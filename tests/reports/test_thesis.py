@@ -150,6 +150,7 @@ def test_a_broken_chapter_leaves_the_others(
         _chapter("new", []),
     )
     monkeypatch.setattr(thesis, "CHAPTERS", chapters)
+    monkeypatch.setattr(thesis.Report.make, "__defaults__", (0.0,))  # a page after each chapter
     assert thesis.main(["--out", str(tmp_path), "--processes", "2"]) == 1
     links = assert_links_work(tmp_path / "thesis.html")
     assert "RuntimeError: this chapter is <broken>" in links.text
@@ -273,7 +274,10 @@ def test_all_chapters_survive_failed_solves(
     assert "No charge could be compared" in text
 
 
-def test_the_quick_report_end_to_end(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_quick_report_end_to_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(thesis.Report.make, "__defaults__", (np.inf,))  # one page, at the end
     assert thesis.main(["--quick", "--processes", "1", "--out", str(tmp_path)]) == 0
     told = capfd.readouterr()
     assert told.out.startswith(f"{tmp_path / 'thesis.html'}: complete in")
