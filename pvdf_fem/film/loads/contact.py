@@ -393,7 +393,8 @@ class Contact(DeadPressure):
         across_tip = np.column_stack([slope, np.ones(len(slope))])
         normal = (forces.reshape(-1, 3)[self.nodes] * across_tip).sum(axis=1)
         normal /= (across_tip**2).sum(axis=1)
-        moves = self._smooth(traction, normal, facets, tension * jumps)
+        steep = 1.0 + (height.slope**2).sum(axis=1)  # a kink has a line force N e / steep along z
+        moves = self._smooth(traction, normal, facets, tension * jumps / steep)
         kinks = kinks if moves is None else -jumps * moves
         return Edge(self.tip, facets, height, place, gradient, kinks, jumps, widths, tension)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
@@ -25,7 +25,8 @@ class Touchdown:
     area_mm2: float  #: Before the film deforms.
     deformed_area_mm2: float
     projected_area_mm2: float  #: Deformed, seen along z.
-    edge_mm: Array  #: Points of the film, before it deforms, along the contact's edge, (n, 2).
+    #: Points of the film, before it deforms, along the contact's edge, (n, 2).
+    edge_mm: Array = field(repr=False)
     mean_pressure_MPa: float
     least_pressure_MPa: float
     largest_pressure_MPa: float
