@@ -106,12 +106,14 @@ class Edge:
 
     @cached_property
     def fitted(self) -> Outline:
-        """Where the edge should be; at most twice or half as far from the core as it is."""
+        """Where the edge should be; half as far from the core as it is, or farther by the mean
+        distance, at most."""
         return self.grown(1.0)
 
     def grown(self, ratio: float) -> Outline:
         """Where the edge should be, with its distance from the core times a ratio."""
-        moves = np.clip(-self.kinks / self.jumps, -0.5 * self.widths, self.widths)
+        most = np.maximum(self.widths, self.widths.mean())
+        moves = np.clip(-self.kinks / self.jumps, -0.5 * self.widths, most)
         points = self.facets.points + moves[:, None] * self.facets.normals
         away = self.tip.distances(points)
         return self.tip.fitted(points + (ratio - 1.0) * away.value[:, None] * away.normal)
