@@ -26,8 +26,8 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.charges.forces import goal_gradients
 from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.cli.program import ArgumentParser, run_program
+from pvdf_fem.derivatives.adjoint import factorised
 from pvdf_fem.film.electric.coupling import Coupling, coupled
-from pvdf_fem.solution.gradients import factorised
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import REMARKS
 from pvdf_fem.solvers.status import Status

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.derivatives.parameters import PLACE
 from pvdf_fem.files import read_text
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import choose
-from pvdf_fem.solution.gradients import PLACE
 
 TOUCH_KEYS = (*PLACE, "load.force_N")
 PLACE_COLUMNS = ("x_mm", "y_mm", "rotation_deg", "force_N")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.electric.coupling import coupled
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.contact import guessed_force, guessed_press
+from pvdf_fem.film.loads.contact_guess import guessed_force, guessed_press
 from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.gmsh_mesh import electrode_patch

@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from pvdf_fem.film.loads.contact import guessed_press
+from pvdf_fem.film.loads.contact_guess import guessed_press
 from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.film.point_load import part_by_force, tension_at
 from pvdf_fem.scene.film import Film, Layer

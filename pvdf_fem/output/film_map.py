@@ -17,12 +17,12 @@ from skfem import MeshTri1
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.charges.point_values import PointValues, values_in_elements
+from pvdf_fem.derivatives.adjoint import error_shares
 from pvdf_fem.film.membrane import principal
 from pvdf_fem.mesh.gmsh_mesh import FILM, electrode_patch
 from pvdf_fem.output import figures
 from pvdf_fem.output.figures import COLOURS, GREY
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.gradients import error_shares
 from pvdf_fem.solution.solution import Solution
 
 MOST_TRIANGLES = 60_000  #: Elements are cut in four again while there are no more triangles.

@@ -16,6 +16,7 @@ import joblib
 import numpy as np
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.derivatives.parameters import PLACE
 from pvdf_fem.files import FileError, make_directory, replacing, require_writable
 from pvdf_fem.mesh.symmetry import isotropy
 from pvdf_fem.response.held_out import SHARE, HeldOut, random_touches
@@ -26,7 +27,6 @@ from pvdf_fem.response.response_file import mechanics_of, response_key
 from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces
 from pvdf_fem.response.table import MARGIN, Grid, force_nodes_N, pressed_outline
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.gradients import PLACE
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.sweeps.store import Store
 

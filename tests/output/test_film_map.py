@@ -12,9 +12,9 @@ from matplotlib.text import Annotation
 
 from pvdf_fem import NotConvergedError, Scene, Solution, solve
 from pvdf_fem.charges.point_values import values_in_elements
+from pvdf_fem.derivatives.adjoint import error_shares
 from pvdf_fem.output.figures import new_figure, save, style
 from pvdf_fem.output.film_map import QUANTITIES, sampled
-from pvdf_fem.solution.gradients import error_shares
 from pvdf_fem.solvers.status import Status
 
 

@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.film.loads.contact import guessed_press
+from pvdf_fem.film.loads.contact_guess import guessed_press
 from pvdf_fem.film.membrane import IDENTITY, strain_of, strain_rate
 from pvdf_fem.film.point_load import part_by_force
 from pvdf_fem.film.space import Space

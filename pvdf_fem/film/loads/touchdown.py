@@ -9,7 +9,8 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.contact import Contact, Edge
+from pvdf_fem.film.loads.contact import Contact
+from pvdf_fem.film.loads.contact_edge import Edge
 from pvdf_fem.film.term import State
 
 
