@@ -71,7 +71,7 @@ def mode_shapes(modes: Modes) -> Figure:
             ax.set_title(title)
             ax.label_outer()
         label = "deflection over its largest"
-        figure.colorbar(filled, ax=panels, label=label, shrink=0.8)
+        figure.colorbar(filled, ax=panels, label=label, shrink=0.8, aspect=10 * len(panels))
         figure.suptitle(f"Modes of the stretched film {about}", x=0.02, ha="left", fontsize=9)
     return figure
 
@@ -191,6 +191,6 @@ def _maps(data: Dataset, down: list[DataArray], across: list[DataArray]) -> Figu
         ax.grid(False)
     figure.supxlabel(_label(across))
     figure.supylabel(_label(down))
-    figure.colorbar(drawn, ax=panels, label="total charge (pC)")
+    figure.colorbar(drawn, ax=panels, label="total charge (pC)", aspect=10 * len(panels))
     figure.legend(handles=marks, loc="outside upper left")
     return figure
