@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+
+from pvdf_fem.solution.summary import rounded
 
 NAN = float("nan")
 
@@ -16,6 +19,7 @@ class Row:
     model's least: the place is that of before), ``too_strong`` (it is above the largest),
     ``unexplained`` (no touch of this probe gives such charges), ``lost`` (what the touch was cannot
     be told any longer; a new baseline begins), ``clock`` (the time did not grow: all begins anew).
+    A force farther above the model's largest than `pvdf_fem.tracking.tracker.FAR_ABOVE` is NaN.
     """
 
     t_s: float
@@ -52,17 +56,21 @@ class TouchSummary(Row):
         """A line for people."""
         line = f"touch {self.touch}: {self.onset_s:.4f} to {self.end_s:.4f} s"
         if self.alternatives:
-            line += (
-                f", x {self.x_mm:.2f} ± {self.x_deviation_mm:.2f} mm"
-                f", y {self.y_mm:.2f} ± {self.y_deviation_mm:.2f} mm"
-                f", peak {self.force_N:.3f} ± {self.force_deviation_N:.3f} N"
+            numbers = (
+                ("x ", self.x_mm, self.x_deviation_mm, " mm"),
+                ("y ", self.y_mm, self.y_deviation_mm, " mm"),
+                ("peak ", self.force_N, self.force_deviation_N, " N"),
+                ("", self.rotation_deg, self.rotation_deviation_deg, "°"),
             )
-            if self.rotation_deviation_deg:
-                line += f", {self.rotation_deg:.0f} ± {self.rotation_deviation_deg:.0f}°"
+            for name, value, deviation, unit in numbers:
+                if deviation > 0.0:  # neither known nor NaN
+                    line += f", {name}{' ± '.join(rounded(value, deviation))}{unit}"
         if self.alternatives > 1:
             line += f"; {self.alternatives} places are likely"
         if not self.alternatives:
             line += "; not located"
         if self.status not in ("touch", "starting"):
             line += f"; {self.status}"
+        if self.alternatives and math.isnan(self.force_N):
+            line += ": the force is far above the model's largest"
         return line + (f"; without {self.missing} for a while" if self.missing else "")

@@ -29,6 +29,8 @@ SETTLE = 256  #: Samples of quiet signal before touches are looked for.
 #: Samples over which the baseline is followed. A faster drift than in this time is not.
 MEMORY = 2000
 PAUSE = 50  #: A pause in samples after which a touch is lost.
+#: Factor above the model's largest force beyond which no force is told: it would mean nothing.
+FAR_ABOVE = 3.0
 
 
 class Tracker:
@@ -167,8 +169,9 @@ class Tracker:
         told = contact if status else contact.closed()
         row = asdict(self._row(told.history[told.peak].time, told))
         row |= {"missing": " ".join(sorted(self._missing))} | ({"status": status} if status else {})
+        impulse = math.nan if math.isnan(row["force_N"]) else contact.impulse
         self.touches.append(
-            TouchSummary(**row, onset_s=contact.onset, end_s=told.end, impulse_N_s=contact.impulse)
+            TouchSummary(**row, onset_s=contact.onset, end_s=told.end, impulse_N_s=impulse)
         )
         self._baseline.keep(told.end, t, np.array(contact.voltages[-STILL:]))
         self._contact, self._watch = None, Watch(len(self._names))
@@ -184,7 +187,8 @@ class Tracker:
         status = "unexplained" if contact.strain > BAD else status
         place, turned = self._stage.to_stage((x, y), rotation)
         x, y = place.tolist()
-        force, rotation = math.exp(log_force), float(turned) % period_deg(self._response)
+        force = math.exp(log_force) if log_force < high + math.log(FAR_ABOVE) else math.nan
+        rotation = float(turned) % period_deg(self._response)
         dx, dy, turn, relative = contact.places.deviations(self._stage.turn).tolist()
         numbers = x, y, force, rotation, dx, dy, relative * force, turn
         return Row(t, status, number, *numbers, contact.chi_square, len(contact.places.at))
