@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import csv
 import os
+import re
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
+
+_DECIMAL_COMMA = re.compile(r"(\s*[+-]?[0-9]*),([0-9]+([eE][+-]?[0-9]+)?\s*)")
 
 
 class FileError(ValueError):
@@ -39,6 +43,19 @@ def read_text(path: Path, most_bytes: int, what: str) -> str:
         line = raw.count(b"\n", 0, error.start) + 1
         text = f"{path}: line {line} is not UTF-8 text; save the file as UTF-8"
         raise FileError(text) from None
+
+
+def separator_of(header: str = "") -> str:
+    """What separates the cells of a CSV file with this first line: semicolons where it has them and
+    no comma, as spreadsheets write them where numbers have decimal commas; else commas."""
+    return ";" if ";" in header and "," not in header else ","
+
+
+def csv_rows(lines: Iterable[str], separator: str) -> Iterator[list[str]]:
+    """The rows of a CSV file. Between semicolons decimal commas become points."""
+    for row in csv.reader(lines, delimiter=separator, strict=True):
+        decimal = (separator == ";" and _DECIMAL_COMMA.fullmatch(cell) for cell in row)
+        yield [f"{m[1]}.{m[2]}" if m else cell for m, cell in zip(decimal, row, strict=True)]
 
 
 @contextmanager

@@ -112,14 +112,16 @@ class Calibration:
 
     def __str__(self) -> str:
         grid, notes = self._parts()
-        return "\n".join([f"{self.status}: {self.reason}", "", *grid.lines(), "", *notes])
+        table = ["", *grid.lines()] if grid.rows else []
+        return "\n".join([f"{self.status}: {self.reason}", *table, "", *notes])
 
     __repr__ = __str__
 
     def _repr_html_(self) -> str:
         grid, notes = self._parts()
         head = f"<p><b>{self.status}</b>: {escape(self.reason)}</p>"
-        return head + grid.html() + "".join(f"<p>{escape(note)}</p>" for note in notes)
+        table = grid.html() if grid.rows else ""
+        return head + table + "".join(f"<p>{escape(note)}</p>" for note in notes)
 
     def _parts(self) -> tuple[Grid, list[str]]:
         """The table of parameters, and what is said below it."""

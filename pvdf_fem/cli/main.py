@@ -153,7 +153,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: Sequence[str] | None) -> int:
-    options = _parser().parse_args(arguments)
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    if "run" not in options:
+        parser.print_help()
+        return ExitCode.BAD_INPUT
     command: Callable[[argparse.Namespace], int] = options.run
     return command(options)
 
@@ -167,7 +171,7 @@ def _parser() -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"pvdf-fem {__version__}")
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND")
 
     summary = "files to begin with"
     example = add_command(commands, "example", _example, summary, _EXAMPLE, _EXAMPLE_EPILOG)

@@ -5,16 +5,17 @@ from __future__ import annotations
 import argparse
 import io
 import os
+import re
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from pvdf_fem.files import FileError, printable, require_writable
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
-from pvdf_fem.scene.scene_file import SceneError, parse_change
+from pvdf_fem.scene.scene_file import SceneError, choose, parse_change, quote
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,9 +41,14 @@ class InputError(Exception):
 
 
 class ArgumentParser(argparse.ArgumentParser):
-    """A parser whose complaints repeat arguments escaped, and shortened if they are long."""
+    """A parser whose complaints repeat arguments escaped, and shortened if they are long, and that
+    offer the command that is nearest to an unknown one."""
 
     def error(self, message: str) -> NoReturn:
+        command = r"argument COMMAND: invalid choice: '(.*)' \(choose from (.*)\)"
+        if found := re.fullmatch(command, message):
+            known = re.findall(r"\w+", found[2])
+            message = f"{found[1]} is no command; {choose(found[1], known)}"
         super().error(_line(message))
 
 
@@ -100,13 +106,33 @@ def scene_of(options: argparse.Namespace, *mistakes: str) -> Scene:
         except SceneError as error:
             problems += [f"--set {told}" for told in error.problems]
     try:
-        scene: Scene = Scene.load(options.scene)
-        scene = scene.with_(**changes) if changes else scene
+        given: Scene = Scene.load(options.scene)
+        scene = given.with_(**changes) if changes else given
     except SceneError as error:
         problems += error.problems
     if problems:
         raise InputError(*problems)
+    _tell(*(f"--set: leaves out {lost}" for lost in _lost(given, scene, changes)))
     return scene
+
+
+def _lost(given: Scene, scene: Scene, changes: Mapping[str, Any]) -> Iterator[str]:
+    """What a scene file has and the changed scene has not, though no change names it."""
+    kept = _by_key(scene.model_dump(mode="json", exclude_none=True))
+    for key, value in _by_key(given.model_dump(mode="json", exclude_unset=True)).items():
+        if key not in kept and value is not None and not key.startswith(tuple(changes)):
+            yield f"{key} = {quote(value)}, a key that the changed scene does not have"
+
+
+def _by_key(tables: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of a scene's tables and lists of tables by dotted key."""
+    found: dict[str, Any] = {}
+    for name, section in tables.items():
+        rows = section if isinstance(section, list) else [section]
+        for i, table in enumerate(rows):
+            where = f"{name}[{i}]" if rows is section else name
+            found |= {f"{where}.{key}": value for key, value in (table or {}).items()}
+    return found
 
 
 def add_texts(parser: Any, *options: tuple[str, str, str | None, str]) -> None:

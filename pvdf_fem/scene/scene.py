@@ -28,7 +28,7 @@ from pvdf_fem.scene.film import Air, Film
 from pvdf_fem.scene.mistakes import MOST_MISTAKES, mistakes
 from pvdf_fem.scene.outlines.outline import Outline, overlaps
 from pvdf_fem.scene.outlines.tip import Tip, tip_of
-from pvdf_fem.scene.placement import misplacements
+from pvdf_fem.scene.placement import LEAST_RADIUS_MM, misplacements
 from pvdf_fem.scene.quantity import Finite, Section, Whole, within
 from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES, Load
@@ -248,9 +248,14 @@ class Scene(Section):
             if 0.0 < abs(d) < _LEAST_PC_N:
                 meant = f"were {1e12 * d:g} pC/N meant, which are {d:g} C/N?"
                 found.append(f"{problem(f'film.{key}', d, 'is in pC/N')}; {meant}")
-        if (h := film.thickness_um) < _THINNEST_UM:
-            meant = f"were {1e3 * h:g} µm meant, which are {h:g} mm?"
-            found.append(f"{problem('film.thickness_um', h, 'is in µm')}; {meant}")
+        for key, least, larger in (
+            ("thickness_um", _THINNEST_UM, "mm"),
+            ("radius_mm", LEAST_RADIUS_MM, "m"),
+        ):
+            if (size := getattr(film, key)) < least:
+                unit = key.rpartition("_")[2].replace("u", "µ")
+                meant = f"were {1e3 * size:g} {unit} meant, which are {size:g} {larger}?"
+                found.append(f"{problem(f'film.{key}', size, f'is in {unit}')}; {meant}")
         return tuple(found)
 
     @property

@@ -39,7 +39,7 @@ class Grid:
 
 def solution_text(result: dict[str, Any]) -> str:
     """The text of a solution, from its JSON."""
-    lines = [f"{result['status']}: {result.get('reason', result['stop'])}"]
+    lines = [f"{result['status']}: {result.get('reason', result['stop'])}", *_warnings(result)]
     for table in _tables(result):
         lines += ["", *table.lines()]
     return "\n".join([*lines, *(["", *remarks] if (remarks := _remarks(result)) else [])])
@@ -48,8 +48,13 @@ def solution_text(result: dict[str, Any]) -> str:
 def solution_html(result: dict[str, Any]) -> str:
     """The HTML of a solution, from its JSON."""
     head = f"<p><b>{result['status']}</b>: {escape(result.get('reason', result['stop']))}</p>"
+    head += "".join(f"<p>{escape(text)}</p>" for text in _warnings(result))
     tables = "".join(table.html() for table in _tables(result))
     return head + tables + "".join(f"<p>{escape(remark)}</p>" for remark in _remarks(result))
+
+
+def _warnings(result: dict[str, Any]) -> list[str]:
+    return [f"warning: {text}" for text in result["warnings"]]
 
 
 def _tables(result: dict[str, Any]) -> list[Grid]:
@@ -100,7 +105,7 @@ def _remarks(result: dict[str, Any]) -> list[str]:
     ]
     if deflection := result.get("deflection_max_mm"):
         remarks.append(f"deflection: {deflection:.4g} mm at most")
-    for key, word in (("included", "included"), ("left_out", "left out"), ("warnings", "warning")):
+    for key, word in (("included", "included"), ("left_out", "left out")):
         remarks += [f"{word}: {text}" for text in result[key]]
     return remarks
 
