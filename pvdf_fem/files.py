@@ -45,7 +45,7 @@ def read_text(path: Path, most_bytes: int, what: str) -> str:
         raise FileError(text) from None
 
 
-def separator_of(header: str = "") -> str:
+def separator_of(header: str) -> str:
     """What separates the cells of a CSV file with this first line: semicolons where it has them and
     no comma, as spreadsheets write them where numbers have decimal commas; else commas."""
     return ";" if ";" in header and "," not in header else ","

@@ -77,8 +77,8 @@ def _columns(source: Any) -> dict[str, Sequence[Any]]:
         return {str(name): list(source[name]) for name in names}
     text = read_text(Path(source), MOST_BYTES, "a CSV file of touches")
     try:
-        lines = text.splitlines()
-        rows = [row for row in csv_rows(lines, separator_of(*lines[:1])) if any(map(str.strip, row))]
+        separator = separator_of(text.partition("\n")[0])
+        rows = [r for r in csv_rows(text.splitlines(), separator) if any(map(str.strip, r))]
     except csv.Error as error:
         raise TouchesError(f"{source}: is no CSV file ({error}); save it as one") from None
     heading, *lines = [[cell.strip() for cell in row] for row in rows] or [[]]

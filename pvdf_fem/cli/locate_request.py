@@ -75,12 +75,11 @@ class Request:
 
     def unit_pC(self, scene: Scene) -> dict[str, float]:
         """The unit of readings in nominal pC, by electrode."""
-        from pvdf_fem.readout.channel import channels
+        from pvdf_fem.readout.channel import channels, units_pC
 
-        return {
-            channel.name: 1e12 * channel.capacitance if self.unit == "V" else 1.0
-            for channel in channels(scene)
-        }
+        wired = channels(scene)
+        units = units_pC(wired)[self.unit].tolist()
+        return {channel.name: unit for channel, unit in zip(wired, units, strict=True)}
 
     def readings_pC(self, scene: Scene) -> dict[str, float]:
         """The readings in nominal pC, by electrode."""

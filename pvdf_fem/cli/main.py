@@ -43,50 +43,7 @@ example:
   pvdf-fem example triangle > scene.toml
   pvdf-fem solve scene.toml --set load.force_N=2 --plot scene.png
 
-scene files are TOML. Their keys, each with a default:
-  [film]        radius_mm, thickness_um, youngs_modulus_GPa (or [E1, E2]),
-                poisson_ratio, shear_modulus_GPa, density_kg_m3,
-                thermal_expansion_per_K, temperature_change_K (below zero
-                stretches the film) or pretension_N_m (a number, or [Nx, Ny]),
-                d31_pC_N, d32_pC_N, d33_pC_N, permittivity, loss_tangent,
-                bending and coupling (true, false, "auto": where it matters),
-                compression (refuse, tension-field: the film wrinkles),
-                warming_K (since it was zeroed), pyroelectric_uC_m2K,
-                thermal_diffusivity_m2_s,
-                rim_displacement_um ([mean, cos, sin, cos 2, sin 2, ...])
-  [[film.patches]]  layers on the film: shape as of electrodes, thickness_um,
-                both_sides, youngs_modulus_GPa, poisson_ratio, density_kg_m3,
-                bonded ("at rest", "before stretching"), thermal_expansion_per_K
-  [electrodes]  layout (four, three, ring), ring_radius_mm, side_mm; for a ring:
-                count, first_angle_deg, centre, shape and its sizes
-  [probe]       shape and its sizes, x_mm, y_mm (centroid), rotation_deg,
-                edge_radius_mm (for contact), temperature_K, contact_time_s
-  [load]        force_N, kind (dead, follower, rigid, contact), tangential_N
-                ([Fx, Fy]; dead or stuck); for rigid: contact (sliding, stuck);
-                tilt (held, free); for contact: depth_mm, instead of
-                force_N, friction (0 to 10, "stuck"); for dead:
-                profile (uniform, hertz, gaussian, or a CSV or NetCDF file),
-                profile_width_mm (of gaussian)
-  [numerics]    tolerance (of every charge), observable (material, thesis-edge),
-                max_unknowns (of a mesh; default 60000, more for tolerances
-                below 1e-3), max_seconds (work of one core, counted by unknowns
-                and iterations; default 20, more for tolerances below 1e-3),
-                load_steps (to friction; default 4, stuck 6)
-  [readout]     kind (charge, voltage), feedback_capacitance_pF,
-                feedback_resistance_MOhm, input_resistance_MOhm,
-                cable_capacitance_pF, gain, offset_V, noise_V: each for all
-                electrodes, or a table by electrode; reading (change, total)
-  [stage]       x_mm, y_mm (the film's centre on the stage that positions the
-                probe), rotation_deg (of the film's axes there)
-  [air]         density_kg_m3, baffle (true, false: the rim is in one, or not)
-Any electrodes instead of a layout, each below a heading [[electrodes]]:
-  name, x_mm, y_mm, shape and its sizes, rotation_deg
-Several probes, each below a heading [[probe]]: its keys, and force_N,
-  tangential_N and load, a table, for what differs from [load]
-Shapes: triangle (side_mm; probes only), sphere (radius_mm; probes of kind
-contact), square (side_mm; electrodes only), rectangle (width_mm, height_mm),
-circle (radius_mm), ellipse (semi_axes_mm, a pair), polygon (vertices_mm).
-
+scene files are TOML; `pvdf-fem example four_electrodes` explains every key.
 `pvdf-fem COMMAND --help` tells more about a command, that of `sweep` about sweep
 files.
 
@@ -269,10 +226,12 @@ def _modes(options: argparse.Namespace) -> int:
         mistakes = [f"--count {count[:60]}: is out of range; give 1 to {MOST_MODES}"]
     mistakes += plot_mistakes(options, options.scene)
     result = modes(scene_of(options, *mistakes), int(count), options.loaded)
-    _print(result.to_json(), options.json, lambda: modes_text(result))
     converged = result.status is Status.CONVERGED
-    if options.plot and converged:
-        save_plot(result.plot(), options)
+    try:
+        if options.plot and converged:
+            save_plot(result.plot(), options)
+    finally:
+        _print(result.to_json(), options.json, lambda: modes_text(result))
     return ExitCode.CONVERGED if converged else ExitCode.NOT_CONVERGED
 
 

@@ -112,27 +112,21 @@ def scene_of(options: argparse.Namespace, *mistakes: str) -> Scene:
         problems += error.problems
     if problems:
         raise InputError(*problems)
-    _tell(*(f"--set: leaves out {lost}" for lost in _lost(given, scene, changes)))
+    for lost in _lost(given, scene, changes):
+        _tell(f"--set: leaves out {lost}, a key that the changed scene does not have")
     return scene
 
 
 def _lost(given: Scene, scene: Scene, changes: Mapping[str, Any]) -> Iterator[str]:
     """What a scene file has and the changed scene has not, though no change names it."""
-    kept = _by_key(scene.model_dump(mode="json", exclude_none=True))
-    for key, value in _by_key(given.model_dump(mode="json", exclude_unset=True)).items():
-        if key not in kept and value is not None and not key.startswith(tuple(changes)):
-            yield f"{key} = {quote(value)}, a key that the changed scene does not have"
-
-
-def _by_key(tables: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of a scene's tables and lists of tables by dotted key."""
-    found: dict[str, Any] = {}
-    for name, section in tables.items():
-        rows = section if isinstance(section, list) else [section]
-        for i, table in enumerate(rows):
-            where = f"{name}[{i}]" if rows is section else name
-            found |= {f"{where}.{key}": value for key, value in (table or {}).items()}
-    return found
+    set_before = given.model_dump(mode="json", exclude_unset=True, exclude_none=True)
+    after = scene.model_dump(mode="json", exclude_none=True)
+    for name, section in set_before.items():
+        tables = (s if isinstance(s, list) else [s] for s in (section, after.get(name, {})))
+        for old, new in zip(*tables, strict=False):
+            for key in (f"{name}.{key}" for key in old if key not in new):
+                if not key.startswith(tuple(changes)):
+                    yield f"{key} = {quote(old[key.rpartition('.')[2]])}"
 
 
 def add_texts(parser: Any, *options: tuple[str, str, str | None, str]) -> None:

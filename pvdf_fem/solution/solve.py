@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -51,8 +50,8 @@ from pvdf_fem.solvers.wrinkling import barely_loaded
 
 #: Relative error of a charge above which a film that is barely loaded is called slack.
 UNKNOWN_CHARGE = 0.1
-#: Whether effects but bending are included, and texts with their sizes.
-REMARKS = (coupling_remarks, thickness_remarks, heat_remarks)
+#: Whether effects that are charges by themselves are included, and texts with their sizes.
+REMARKS = (thickness_remarks, heat_remarks)
 
 
 def solve(
@@ -185,8 +184,14 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
         errors = larger(fields.forces.errors, changes, problem.goals)
         fields = replace(fields, forces=replace(fields.forces, errors=errors))
     model, status = film_model(problem.scene), _status(attempt, stop, change)
-    others = (remarks(problem.scene) for remarks in REMARKS)
-    remarks = [model.remark, *chain.from_iterable(others)]
+    scene = problem.scene
+    by_stress = fields.forces.charges((scene.film.d31_pC_N, scene.film.d32_pC_N)).tolist()
+    charges_pC = {e.name: q for e, q in zip(scene.electrode_list, by_stress, strict=True)}
+    remarks = [
+        model.remark,
+        *coupling_remarks(scene),
+        *(remark for told in REMARKS for remark in told(scene, charges_pC)),
+    ]
     reason = status.advice
     if status is Status.TOLERANCE:
         reason = (

@@ -36,8 +36,10 @@ class Location:
     problem: Problem
     #: What the readings were taken for, of `READINGS`.
     reading: str = "total"
-    #: The likeliest touch if they are the other, where only that explains them.
+    #: The likeliest touch if they are the other, or in another unit, where only that explains them,
+    #: and in words what they are then.
     other_reading: Touch | None = None
+    other_words: str = ""
 
     def __repr__(self) -> str:
         values = [f"{n} = {getattr(self.best, n):.4g}" for n in self.unknown if self.touches]
@@ -96,18 +98,17 @@ class Location:
     def remarks(self) -> tuple[str, ...]:
         """What keeps the best touch from being the answer, in sentences."""
         texts = []
-        if self.other_reading:
-            touch, (other,) = self.other_reading, READINGS.keys() - {self.reading}
+        if touch := self.other_reading:
             texts.append(
-                f"wrong reading: as {READINGS[self.reading]} no touch explains what was given; as "
-                f"{READINGS[other]} one does, at ({touch.x_mm:.4g}, {touch.y_mm:.4g}) mm, "
+                f"wrong reading: as {READINGS[self.reading]} no touch explains what was given; "
+                f"{self.other_words} one does, at ({touch.x_mm:.4g}, {touch.y_mm:.4g}) mm, "
                 f"{touch.force_N:.4g} N"
             )
         if not self.touches:
-            return ("no search ended: the charges fit no touch of the model's domain", *texts)
+            return (*texts, "no search ended: the charges fit no touch of the model's domain")
         best = self.best
         if not best.explained:
-            often = f"chi-square {best.chi_square:.1f}"
+            often = f"chi-square {best.chi_square:.3g}"
             if self.degrees_of_freedom > 0:
                 often = (
                     f"a touch gives such charges once in {1 / max(best.p_value, 1e-99):.0e} cases "
