@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-_DECIMAL_COMMA = re.compile(r"(\s*[+-]?[0-9]*),([0-9]+([eE][+-]?[0-9]+)?\s*)")
+_DECIMAL_COMMA = re.compile(r"^(\s*[+-]?[0-9]*),([0-9]+([eE][+-]?[0-9]+)?\s*)$")
 
 
 class FileError(ValueError):
@@ -54,8 +54,7 @@ def separator_of(header: str) -> str:
 def csv_rows(lines: Iterable[str], separator: str) -> Iterator[list[str]]:
     """The rows of a CSV file. Between semicolons decimal commas become points."""
     for row in csv.reader(lines, delimiter=separator, strict=True):
-        decimal = (separator == ";" and _DECIMAL_COMMA.fullmatch(cell) for cell in row)
-        yield [f"{m[1]}.{m[2]}" if m else cell for m, cell in zip(decimal, row, strict=True)]
+        yield [_DECIMAL_COMMA.sub(r"\1.\2", cell) for cell in row] if separator == ";" else row
 
 
 @contextmanager

@@ -106,12 +106,14 @@ def run(options: argparse.Namespace) -> int:
         rows, told = (row for batch in batches for row in batch), 0
         unit = f"; are the readings in {options.unit}, as --unit says?"
         for count, (cells, sound) in enumerate(rows, 1):
-            if not sound or (wrong := _wrong(cells, electrodes)):
-                shown = f"{len(cells)} cells" if not sound else wrong
+            texts = {key: cells.get(key, "").strip() for key in ("t_s", *electrodes)}
+            values = {key: number(text) for key, text in texts.items()}
+            wrong = {texts[n] for n, v in values.items() if math.isnan(v)} - {"", "nan", "NaN"}
+            if wrong or not sound:
+                shown = printable(", ".join(sorted(wrong)))[:40] or f"{len(cells)} cells"
                 wanted = f"give {len(columns)} numbers, or nan for what is missing"
                 raise InputError(f"{name}: row {count} has {shown}; {wanted}")
-            readings = {key: number(cells.get(key, "")) for key in electrodes}
-            row = tracker.update(number(cells["t_s"]), readings)
+            row = tracker.update(values.pop("t_s"), values)
             write([_plain(row)])
             for summary in tracker.touches[told:]:
                 if options.json:
@@ -123,12 +125,6 @@ def run(options: argparse.Namespace) -> int:
     if not told:
         print(f"{name}: nothing touches{unit}", file=sys.stderr)
     return ExitCode.CONVERGED
-
-
-def _wrong(cells: dict[str, Any], electrodes: list[str]) -> str:
-    """What stands in the place of numbers and is none; empty cells and nan are missing readings."""
-    texts = {cells.get(key, "").strip() for key in ("t_s", *electrodes)} - {"", "nan", "NaN"}
-    return printable(", ".join(sorted(text for text in texts if math.isnan(number(text)))))[:40]
 
 
 def _plain(row: Row) -> dict[str, Any]:

@@ -154,10 +154,7 @@ def _left_out(solution: Solution) -> tuple[str, ...]:
     scene = solution.scene
     losses = "damping by the film: resonances are too high; to include it give film.loss_tangent"
     share = 0.03 * (2e3 * np.pi * scene.film.radius / SOUND_SPEED) ** 2
-    sound = (
-        f"damping by sound about a rim without a baffle: at 1 kHz {100.0 * share:.1g} % of that in"
-        " a baffle; to include the latter give air.baffle = true"
-    )
+    sound = f"damping by sound: {100.0 * share:.1g} % of that with air.baffle = true at 1 kHz"
     remarks = {air_remark(scene): scene.air is None, losses: scene.film.loss_tangent is None}
     remarks[sound] = scene.air is not None and not scene.air.baffle
     return (*solution.left_out, *(text for text, told in remarks.items() if told))

@@ -395,7 +395,5 @@ def air_remark(scene: Scene) -> str:
     """What a vacuum leaves out: per area about the density of air times the radius."""
     film = scene.film
     weight = Air().density_kg_m3 * film.radius / (film.density * film.thickness)
-    return (
-        f"air: lowers the lowest frequencies, as it adds about {weight:.2g} times the film's mass;"
-        " to include it add a table [air]"
-    )
+    mass = f"adds about {weight:.2g} times the film's mass, which lowers the lowest frequencies"
+    return f"air: {mass}; to include it give [air]"

@@ -15,6 +15,7 @@ from pvdf_fem.scene.placement import misplacements
 from pvdf_fem.scene.registry import Load
 from pvdf_fem.scene.scene_file import choose, problem, quote
 from pvdf_fem.scene.shapes import (
+    ELECTRODES,
     MODELS,
     MOST_ELECTRODES,
     MOST_PROBES,
@@ -25,8 +26,6 @@ from pvdf_fem.scene.shapes import (
     Probe,
 )
 
-#: Keys of electrodes in a list that those of a layout do not have.
-ELECTRODE_KEYS = {"name", "x_mm", "y_mm", "rotation_deg"}
 MOST_MISTAKES = 100  #: The largest number of mistakes that are told about one scene.
 
 _REASONS = {
@@ -82,14 +81,14 @@ def _line(details: ErrorDetails, model: type[BaseModel]) -> str:
             loc[-1] in ring.model_fields for ring in RINGS.values()
         ):
             reason = 'is a key of a ring; give electrodes.layout = "ring"'
-        elif loc[0] == "electrodes" and loc[1] != "list" and loc[-1] in ELECTRODE_KEYS:
+        elif key.startswith("electrodes.") and loc[-1] in ELECTRODES["square"].model_fields:
             reason = "is no key there, but of one electrode; begin each with [[electrodes]]"
         elif shapes := _shapes_with(loc):
             reason = f"is no key there; give shape = {' or '.join(shapes)}"
             reason += f", or choose from {', '.join(known)}"
     elif kind == "tuple_type" and isinstance(value, Mapping):
         reason = f"must be a list of tables; begin each with [[{key}]]"
-    elif kind in ("model_type", "dict_type") and isinstance(value, list):
+    elif kind == "model_type" and isinstance(value, list):
         reason = f"must be one table; begin it with [{key}]"
     elif kind == "literal_error":
         known = _quoted(context["expected"]) + ["ring"] * (key == "electrodes.layout")

@@ -243,19 +243,16 @@ class Scene(Section):
         film, found = self.film, []
         if self.probe is None and self.load != Load():
             found.append("load: nothing presses, since there is no probe; add [probe]")
-        for key in ("d31_pC_N", "d32_pC_N", "d33_pC_N"):
-            d = getattr(film, key) or 0.0
-            if 0.0 < abs(d) < _LEAST_PC_N:
-                meant = f"were {1e12 * d:g} pC/N meant, which are {d:g} C/N?"
-                found.append(f"{problem(f'film.{key}', d, 'is in pC/N')}; {meant}")
-        for key, least, larger in (
-            ("thickness_um", _THINNEST_UM, "mm"),
-            ("radius_mm", LEAST_RADIUS_MM, "m"),
+        for key, least, factor, unit, other in (
+            ("d31_pC_N", _LEAST_PC_N, 1e12, "pC/N", "C/N"),
+            ("d32_pC_N", _LEAST_PC_N, 1e12, "pC/N", "C/N"),
+            ("d33_pC_N", _LEAST_PC_N, 1e12, "pC/N", "C/N"),
+            ("thickness_um", _THINNEST_UM, 1e3, "µm", "mm"),
+            ("radius_mm", LEAST_RADIUS_MM, 1e3, "mm", "m"),
         ):
-            if (size := getattr(film, key)) < least:
-                unit = key.rpartition("_")[2].replace("u", "µ")
-                meant = f"were {1e3 * size:g} {unit} meant, which are {size:g} {larger}?"
-                found.append(f"{problem(f'film.{key}', size, f'is in {unit}')}; {meant}")
+            if 0.0 < abs(value := getattr(film, key) or 0.0) < least:
+                meant = f"were {factor * value:g} {unit} meant, which are {value:g} {other}?"
+                found.append(f"{problem(f'film.{key}', value, f'is in {unit}')}; {meant}")
         return tuple(found)
 
     @property

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -183,15 +184,12 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
         change = float(by_charge.max(initial=0.0))
         errors = larger(fields.forces.errors, changes, problem.goals)
         fields = replace(fields, forces=replace(fields.forces, errors=errors))
-    model, status = film_model(problem.scene), _status(attempt, stop, change)
-    scene = problem.scene
+    scene, status = problem.scene, _status(attempt, stop, change)
+    model = film_model(scene)
     by_stress = fields.forces.charges((scene.film.d31_pC_N, scene.film.d32_pC_N)).tolist()
     charges_pC = {e.name: q for e, q in zip(scene.electrode_list, by_stress, strict=True)}
-    remarks = [
-        model.remark,
-        *coupling_remarks(scene),
-        *(remark for told in REMARKS for remark in told(scene, charges_pC)),
-    ]
+    others = (told(scene, charges_pC) for told in REMARKS)
+    remarks = [model.remark, *coupling_remarks(scene), *chain.from_iterable(others)]
     reason = status.advice
     if status is Status.TOLERANCE:
         reason = (

@@ -22,10 +22,8 @@ SHORT = 0.05  #: Steps end when all are shorter than this part of the longest.
 RIDGE = 1e-10  #: Part of the largest entry that is added to the diagonal of normal equations.
 CLOSE = np.array([0.3, 0.3, 3.0, np.inf])  #: Places this close are one.
 BEYOND = 6.0  #: Places beyond the model's reach are e to this power less likely before.
-#: Forces are followed down to the model's least over e to this power, and up to its largest times
-#: e to this power.
-LIGHTEST = 7.0
-STRONGEST = 3.0
+LIGHTEST = 7.0  #: Forces are followed down to the model's least over e to this power.
+STRONGEST = 2.0  #: Forces are followed up to the model's largest times e to this power.
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ class Row:
     model's least: the place is that of before), ``too_strong`` (it is above the largest),
     ``unexplained`` (no touch of this probe gives such charges), ``lost`` (what the touch was cannot
     be told any longer; a new baseline begins), ``clock`` (the time did not grow: all begins anew).
-    A force farther above the model's largest than `pvdf_fem.tracking.tracker.FAR_ABOVE` is NaN.
+    A force that is far above the model's largest is NaN.
     """
 
     t_s: float
@@ -56,15 +56,10 @@ class TouchSummary(Row):
         """A line for people."""
         line = f"touch {self.touch}: {self.onset_s:.4f} to {self.end_s:.4f} s"
         if self.alternatives:
-            numbers = (
-                ("x ", self.x_mm, self.x_deviation_mm, " mm"),
-                ("y ", self.y_mm, self.y_deviation_mm, " mm"),
-                ("peak ", self.force_N, self.force_deviation_N, " N"),
-                ("", self.rotation_deg, self.rotation_deviation_deg, "°"),
-            )
-            for name, value, deviation, unit in numbers:
-                if deviation > 0.0:  # neither known nor NaN
-                    line += f", {name}{' ± '.join(rounded(value, deviation))}{unit}"
+            for name, unit in (("x", "mm"), ("y", "mm"), ("force", "N"), ("rotation", "deg")):
+                value, error = (getattr(self, f"{name}{of}_{unit}") for of in ("", "_deviation"))
+                if error > 0.0:  # neither known nor NaN
+                    line += f", {name} {' ± '.join(rounded(value, error))} {unit}"
         if self.alternatives > 1:
             line += f"; {self.alternatives} places are likely"
         if not self.alternatives:

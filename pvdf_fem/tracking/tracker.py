@@ -29,8 +29,6 @@ SETTLE = 256  #: Samples of quiet signal before touches are looked for.
 #: Samples over which the baseline is followed. A faster drift than in this time is not.
 MEMORY = 2000
 PAUSE = 50  #: A pause in samples after which a touch is lost.
-#: Factor above the model's largest force beyond which no force is told: it would mean nothing.
-FAR_ABOVE = 3.0
 
 
 class Tracker:
@@ -187,7 +185,7 @@ class Tracker:
         status = "unexplained" if contact.strain > BAD else status
         place, turned = self._stage.to_stage((x, y), rotation)
         x, y = place.tolist()
-        force = math.exp(log_force) if log_force < high + math.log(FAR_ABOVE) else math.nan
+        force = math.exp(log_force) if log_force < self._model.log_forces[1] else math.nan
         rotation = float(turned) % period_deg(self._response)
         dx, dy, turn, relative = contact.places.deviations(self._stage.turn).tolist()
         numbers = x, y, force, rotation, dx, dy, relative * force, turn
