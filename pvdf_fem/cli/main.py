@@ -43,7 +43,8 @@ example:
   pvdf-fem example triangle > scene.toml
   pvdf-fem solve scene.toml --set load.force_N=2 --plot scene.png
 
-scene files are TOML; `pvdf-fem example four_electrodes` explains every key.
+scene files are TOML; `pvdf-fem example four_electrodes` explains their keys, but
+for film.loss_tangent and [air] (density_kg_m3, baffle) of oscillations.
 `pvdf-fem COMMAND --help` tells more about a command, that of `sweep` about sweep
 files.
 

@@ -15,7 +15,6 @@ from pvdf_fem.scene.placement import misplacements
 from pvdf_fem.scene.registry import Load
 from pvdf_fem.scene.scene_file import choose, problem, quote
 from pvdf_fem.scene.shapes import (
-    ELECTRODES,
     MODELS,
     MOST_ELECTRODES,
     MOST_PROBES,
@@ -81,7 +80,7 @@ def _line(details: ErrorDetails, model: type[BaseModel]) -> str:
             loc[-1] in ring.model_fields for ring in RINGS.values()
         ):
             reason = 'is a key of a ring; give electrodes.layout = "ring"'
-        elif key.startswith("electrodes.") and loc[-1] in ELECTRODES["square"].model_fields:
+        elif key in {f"electrodes.{k}" for k in ("name", "x_mm", "y_mm", "rotation_deg")}:
             reason = "is no key there, but of one electrode; begin each with [[electrodes]]"
         elif shapes := _shapes_with(loc):
             reason = f"is no key there; give shape = {' or '.join(shapes)}"

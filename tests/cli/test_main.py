@@ -472,8 +472,9 @@ def test_a_profile_that_is_not_there(scene: Path, capsys: pytest.CaptureFixture[
 def test_help_leads_to_an_example_that_names_every_key_of_a_scene(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    (command,) = re.findall(r"`pvdf-fem (example .*)` explains", Run(["--help"], capsys).out)
-    told = Run(command.split(), capsys).out
+    told = Run(["--help"], capsys).out
+    (command,) = re.findall(r"`pvdf-fem (example .*)` explains", told)
+    told += Run(command.split(), capsys).out
     models: list[type[BaseModel]] = [Air, Film, Layout, Load, Numerics, Readout, Stage]
     models += [*PROBES.values(), *ELECTRODES.values(), *RINGS.values()]
     keys = {key for model in models for key in model.model_fields}

@@ -47,7 +47,7 @@ def heat_remarks(scene: Scene, charges_pC: Charges = None) -> Iterator[tuple[boo
     for touch in scene.loaded_probes:
         if touch.probe.temperature_K:
             part = 100.0 * _misplaced(touch.outline, spread(film, touch))
-            corners = f"how heat of the {touch.patch} spreads at corners and about uneven outlines"
+            corners = f"how heat of the {touch.patch} spreads at corners or bulges"
             yield False, f"{corners}: about {part:.2g} % of that heat; no key includes it"
             lost = f"heat that the air takes from the film beside the {touch.patch}"
             yield False, f"{lost}: most of it after some {seconds:.2g} s; no key includes it"
