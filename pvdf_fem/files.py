@@ -45,16 +45,12 @@ def read_text(path: Path, most_bytes: int, what: str) -> str:
         raise FileError(text) from None
 
 
-def separator_of(header: str) -> str:
-    """What separates the cells of a CSV file with this first line: semicolons where it has them and
-    no comma, as spreadsheets write them where numbers have decimal commas; else commas."""
-    return ";" if ";" in header and "," not in header else ","
-
-
-def csv_rows(lines: Iterable[str], separator: str) -> Iterator[list[str]]:
-    """The rows of a CSV file. Between semicolons decimal commas become points."""
-    for row in csv.reader(lines, delimiter=separator, strict=True):
-        yield [_DECIMAL_COMMA.sub(r"\1.\2", cell) for cell in row] if separator == ";" else row
+def csv_rows(lines: Iterable[str], header: str) -> Iterator[list[str]]:
+    """Rows of a CSV file with this first line. Where that has semicolons and no comma, as of
+    spreadsheets in countries with decimal commas, these become points."""
+    semicolons = ";" in header and "," not in header
+    for row in csv.reader(lines, delimiter=";" if semicolons else ",", strict=True):
+        yield [_DECIMAL_COMMA.sub(r"\1.\2", cell) for cell in row] if semicolons else row
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.files import csv_rows, read_text, separator_of
+from pvdf_fem.files import csv_rows, read_text
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import choose
 from pvdf_fem.solution.gradients import PLACE
@@ -77,8 +77,8 @@ def _columns(source: Any) -> dict[str, Sequence[Any]]:
         return {str(name): list(source[name]) for name in names}
     text = read_text(Path(source), MOST_BYTES, "a CSV file of touches")
     try:
-        separator = separator_of(text.partition("\n")[0])
-        rows = [r for r in csv_rows(text.splitlines(), separator) if any(map(str.strip, r))]
+        cells = csv_rows(text.splitlines(), text.partition("\n")[0])
+        rows = [row for row in cells if any(map(str.strip, row))]
     except csv.Error as error:
         raise TouchesError(f"{source}: is no CSV file ({error}); save it as one") from None
     heading, *lines = [[cell.strip() for cell in row] for row in rows] or [[]]

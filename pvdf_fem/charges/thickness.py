@@ -45,7 +45,8 @@ def thickness_remarks(scene: Scene, charges_pC: Charges = None) -> Iterator[tupl
     polygons = np.array([electrode.outline.polygon for electrode in electrodes])
     on = sum((_about(scene, touch, polygons) for touch in scene.loaded_probes), np.zeros(1))
     if on.any():
-        most, about = int(on.argmax()), "thickness direction where a probe presses: film.d33_pC_N"
+        most = int(on.argmax())
+        about = "thickness direction, pressed by a probe", "film.d33_pC_N"
         per_unit, name = -0.5 * on[most], electrodes[most].name
         yield charge_remark(about, given, TYPICAL_PC_N, per_unit, name, charges_pC)
         if given and (wired := coupled(scene)):

@@ -11,7 +11,7 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pvdf_fem import __version__
 from pvdf_fem.cli import calibrate, explore, locate, respond, sweep, track
@@ -30,9 +30,6 @@ from pvdf_fem.cli.program import (
     scene_of,
 )
 from pvdf_fem.scene.scene_file import example_text, examples
-
-if TYPE_CHECKING:
-    from pvdf_fem.solution.solution import Solution
 
 _DESCRIPTION = """\
 A model of a membrane PVDF tactile sensor: charges of its electrodes when a
@@ -188,7 +185,10 @@ def _solve(options: argparse.Namespace) -> int:
     converged = solution.status is Status.CONVERGED
     try:
         if converged:
-            _write_files(solution, options)
+            if options.vtu:
+                solution.to_vtu(options.vtu)
+            if options.plot:
+                save_plot(solution.plot(options.quantity), options)
     finally:  # a full disk does not take the charges with it
         _print(solution.to_json(), options.json, lambda: str(solution))
     return ExitCode.CONVERGED if converged else ExitCode.NOT_CONVERGED
@@ -234,13 +234,6 @@ def _modes(options: argparse.Namespace) -> int:
     finally:
         _print(result.to_json(), options.json, lambda: modes_text(result))
     return ExitCode.CONVERGED if converged else ExitCode.NOT_CONVERGED
-
-
-def _write_files(solution: Solution, options: argparse.Namespace) -> None:
-    if options.vtu:
-        solution.to_vtu(options.vtu)
-    if options.plot:
-        save_plot(solution.plot(options.quantity), options)
 
 
 def _print(result: dict[str, Any], as_json: bool, text: Callable[[], str]) -> None:

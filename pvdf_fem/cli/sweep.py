@@ -135,14 +135,9 @@ def _run(
     from pvdf_fem.sweeps.dataset import dataset, write_netcdf
     from pvdf_fem.sweeps.sweep import records, shown, silent
 
+    where: dict[str, Any] = {"processes": options.processes, "scheduler": options.scheduler}
     with nullcontext(silent) if options.quiet else shown("scene") as progress:
-        solved = records(
-            plan,
-            store,
-            processes=options.processes,
-            scheduler=options.scheduler,
-            progress=progress,
-        )
+        solved = records(plan, store, **where, progress=progress)
         data = dataset(grid, plan, solved)
     write_netcdf(data, output)
     if options.plot:

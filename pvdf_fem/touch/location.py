@@ -23,19 +23,14 @@ SHARE = 0.01
 class Location:
     """All touches that may have given some charges."""
 
-    #: The likeliest first; empty when no search ended.
-    touches: tuple[Touch, ...]
-    #: What was sought.
-    unknown: tuple[str, ...]
-    #: Charges less unknown quantities; negative when there are too few charges.
-    degrees_of_freedom: int
+    touches: tuple[Touch, ...]  #: The likeliest first; empty when no search ended.
+    unknown: tuple[str, ...]  #: What was sought.
+    degrees_of_freedom: int  #: Charges less unknown quantities; negative with too few charges.
     #: Logarithm of the probability density of the charges, whatever the touch is, with all places,
     #: rotations and magnitudes of the force in the model's domain equally likely before.
     log_evidence: float
-    #: The charges, and what explains them.
-    problem: Problem
-    #: What the readings were taken for, of `READINGS`.
-    reading: str = "total"
+    problem: Problem  #: The charges, and what explains them.
+    reading: str = "total"  #: What the readings were taken for, of `READINGS`.
     #: The likeliest touch if they are the other, or in another unit, where only that explains them,
     #: and in words what they are then.
     other_reading: Touch | None = None

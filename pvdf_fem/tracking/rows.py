@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 from pvdf_fem.solution.summary import rounded
 
-NAN = float("nan")
-
 
 @dataclass(frozen=True)
 class Row:
@@ -25,17 +23,17 @@ class Row:
     t_s: float
     status: str
     touch: int = 0  #: Number of the touch, from 1; 0 for none.
-    x_mm: float = NAN
-    y_mm: float = NAN
-    force_N: float = NAN
-    rotation_deg: float = NAN
+    x_mm: float = math.nan
+    y_mm: float = math.nan
+    force_N: float = math.nan
+    rotation_deg: float = math.nan
     #: Standard deviations. That of the place counts all places that may be touched.
-    x_deviation_mm: float = NAN
-    y_deviation_mm: float = NAN
-    force_deviation_N: float = NAN
-    rotation_deviation_deg: float = NAN
+    x_deviation_mm: float = math.nan
+    y_deviation_mm: float = math.nan
+    force_deviation_N: float = math.nan
+    rotation_deviation_deg: float = math.nan
     #: Of the charges of this sample, with one degree of freedom less than there are channels.
-    chi_square: float = NAN
+    chi_square: float = math.nan
     alternatives: int = 0  #: Number of places with a hundredth of the likelihood or more.
     missing: str = ""  #: Channels without a reading, by name: ``A C``.
 
@@ -48,9 +46,9 @@ class TouchSummary(Row):
     a while.
     """
 
-    onset_s: float = NAN
-    end_s: float = NAN
-    impulse_N_s: float = NAN  #: Integral of the force over time.
+    onset_s: float = math.nan
+    end_s: float = math.nan
+    impulse_N_s: float = math.nan  #: Integral of the force over time.
 
     def __str__(self) -> str:
         """A line for people."""

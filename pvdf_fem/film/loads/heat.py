@@ -55,22 +55,27 @@ def heat_remarks(scene: Scene, charges_pC: Charges = None) -> Iterator[tuple[boo
     heated = {e.name: _heated(scene, e.outline) for e in scene.electrode_list}
     name, most = max(heated.items(), key=lambda item: abs(item[1]), default=("", 0.0))
     if most:
-        about = "pyroelectricity: film.pyroelectric_uC_m2K"
+        about = "pyroelectricity, charge by warming", "film.pyroelectric_uC_m2K"
         yield charge_remark(about, given, typical, most, name, charges_pC)
 
 
 def charge_remark(
-    about: str, given: float | None, typical: float, per_unit: float, name: str, charges_pC: Charges
+    about: tuple[str, str],
+    given: float | None,
+    typical: float,
+    per_unit: float,
+    name: str,
+    charges_pC: Charges,
 ) -> tuple[bool, str]:
     """Whether an effect is included, and its charge on an electrode. `about` has its name and the
     key of its coefficient, and `per_unit` is the charge in pC for a coefficient of 1."""
-    (effect, key), value = about.split(": "), typical if given is None else given
+    (effect, key), value = about, typical if given is None else given
     pC, charge = value * per_unit, (charges_pC or {}).get(name)
-    size = f"about {pC:.2g} pC on {name}"
+    size = f"about {float(f'{pC:.2g}'):g} pC on {name}"
     size += f", {100.0 * abs(pC / charge):.2g} % of its charge" if charge else ""
     if given is not None:
         return True, f"{effect} ({key} = {given:g}): {size}"
-    return False, f"{effect}: {size}, by a typical {typical:g}; to include it give {key}"
+    return False, f"{effect}: {size}, for a typical {key} = {typical:g}; to include it give that"
 
 
 def _misplaced(outline: Outline, reach: float) -> float:
