@@ -89,7 +89,9 @@ def said(solution: Solution, begins: str) -> float | None:
     texts = [text for text in solution.left_out if text.startswith(begins)]
     if not texts:
         return None
-    return float(re.findall(r"(?:up to|about) (-?[\d.]+(?:e[+-]?\d+)?)", texts[0])[-1])
+    sizes = re.findall(r"(?:up to|about) (-?[\d.]+(?:e[+-]?\d+)?)( %)?", texts[0])
+    size, percent = sizes[-1]
+    return float(size) / (100.0 if percent else 1.0)
 
 
 def changes(scene: Scene, without: Tables) -> tuple[Solution, Array, Array] | None:
