@@ -28,12 +28,12 @@ if TYPE_CHECKING:
     from typing import Any
 
     from pvdf_fem.calibration.calibrate import calibrate
+    from pvdf_fem.derivatives.gradients import gradients
     from pvdf_fem.dynamics.forced import respond, transient
     from pvdf_fem.dynamics.modes import modes
     from pvdf_fem.response.build import build_response
     from pvdf_fem.response.response import Response
     from pvdf_fem.scene.scene import Scene, SceneError
-    from pvdf_fem.solution.gradients import gradients
     from pvdf_fem.solution.solution import NotConvergedError, Solution
     from pvdf_fem.solution.solve import solve
     from pvdf_fem.sweeps.sweep import sweep
@@ -71,7 +71,7 @@ _MODULES = {
     "Tracker": "tracking.tracker",
     "build_response": "response.build",
     "calibrate": "calibration.calibrate",
-    "gradients": "solution.gradients",
+    "gradients": "derivatives.gradients",
     "locate": "touch.locate",
     "locate_many": "touch.locate_many",
     "modes": "dynamics.modes",

@@ -29,6 +29,12 @@ def unit_gauss(count: int) -> tuple[Array, Array]:
     return (points + 1.0) / 2.0, weights / 2.0
 
 
+def polar_grid(radius: float, radii: int, angles: int) -> Array:
+    """Places (radii, angles, 2) on a disc about the origin, the first angle twice."""
+    r, angle = np.linspace(0.0, radius, radii)[:, None], np.linspace(0.0, 2.0 * np.pi, angles)
+    return np.stack([r * np.cos(angle), r * np.sin(angle)], axis=-1)
+
+
 def components_first(values: Array, axes: int) -> Array:
     """The last `axes` moved to the front."""
     return np.moveaxis(values, range(-axes, 0), range(axes))

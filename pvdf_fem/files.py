@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import csv
 import os
+import re
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
+
+_DECIMAL_COMMA = re.compile(r"^(\s*[+-]?[0-9]*),([0-9]+([eE][+-]?[0-9]+)?\s*)$")
 
 
 class FileError(ValueError):
@@ -39,6 +43,14 @@ def read_text(path: Path, most_bytes: int, what: str) -> str:
         line = raw.count(b"\n", 0, error.start) + 1
         text = f"{path}: line {line} is not UTF-8 text; save the file as UTF-8"
         raise FileError(text) from None
+
+
+def csv_rows(lines: Iterable[str], header: str) -> Iterator[list[str]]:
+    """Rows of a CSV file with this first line. Where that has semicolons and no comma, as of
+    spreadsheets in countries with decimal commas, these become points."""
+    semicolons = ";" in header and "," not in header
+    for row in csv.reader(lines, delimiter=";" if semicolons else ",", strict=True):
+        yield [_DECIMAL_COMMA.sub(r"\1.\2", cell) for cell in row] if semicolons else row
 
 
 @contextmanager

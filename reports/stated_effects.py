@@ -26,8 +26,8 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.charges.forces import goal_gradients
 from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.cli.program import ArgumentParser, run_program
+from pvdf_fem.derivatives.adjoint import factorised
 from pvdf_fem.film.electric.coupling import Coupling, coupled
-from pvdf_fem.solution.gradients import factorised
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import REMARKS
 from pvdf_fem.solvers.status import Status
@@ -89,7 +89,9 @@ def said(solution: Solution, begins: str) -> float | None:
     texts = [text for text in solution.left_out if text.startswith(begins)]
     if not texts:
         return None
-    return float(re.findall(r"(?:up to|about) (-?[\d.]+(?:e[+-]?\d+)?)", texts[0])[-1])
+    sizes = re.findall(r"(?:up to|about) (-?[\d.]+(?:e[+-]?\d+)?)( %)?", texts[0])
+    size, percent = sizes[-1]
+    return float(size) / (100.0 if percent else 1.0)
 
 
 def changes(scene: Scene, without: Tables) -> tuple[Solution, Array, Array] | None:

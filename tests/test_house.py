@@ -44,6 +44,7 @@ LIBRARY = (
     "pvdf_fem.readout",
     "pvdf_fem.solvers",
     "pvdf_fem.solution",
+    "pvdf_fem.derivatives",
     "pvdf_fem.dynamics",
     "pvdf_fem.calibration",
     "pvdf_fem.sweeps",
@@ -247,7 +248,8 @@ def test_public_names_are_functions_and_classes_whatever_was_imported_before():
     printed = run(
         "import inspect\n"
         "import pvdf_fem.response.response, pvdf_fem.response.build\n"
-        "import pvdf_fem.solution.gradients, pvdf_fem.dynamics.modes, pvdf_fem.solution.solution\n"
+        "import pvdf_fem.derivatives.gradients, pvdf_fem.dynamics.modes\n"
+        "import pvdf_fem.solution.solution\n"
         "import pvdf_fem.sweeps.sweep, pvdf_fem.touch.locate, pvdf_fem.touch.locate_many\n"
         "import pvdf_fem.cli.locate, pvdf_fem.cli.sweep\n"
         f"from pvdf_fem import {', '.join(PUBLIC)}\n"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.calibration.diagnosis import CalibrationStatus
 from pvdf_fem.calibration.fit import Fit
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.summary import Grid, rounded
+from pvdf_fem.solution.summary import Grid, rounded, told, told_html
 
 PART = 0.15  #: Parts of a direction, over its largest, that are told.
 
@@ -111,18 +110,15 @@ class Calibration:
         }
 
     def __str__(self) -> str:
-        grid, notes = self._parts()
-        return "\n".join([f"{self.status}: {self.reason}", "", *grid.lines(), "", *notes])
+        return told(*self._parts())
 
     __repr__ = __str__
 
     def _repr_html_(self) -> str:
-        grid, notes = self._parts()
-        head = f"<p><b>{self.status}</b>: {escape(self.reason)}</p>"
-        return head + grid.html() + "".join(f"<p>{escape(note)}</p>" for note in notes)
+        return told_html(*self._parts())
 
-    def _parts(self) -> tuple[Grid, list[str]]:
-        """The table of parameters, and what is said below it."""
+    def _parts(self) -> tuple[str, list[str], list[Grid], list[str]]:
+        """Status, reason, the table of parameters, and what is said below it."""
         fit, rows, notes = self.fit, [], []
         if self.status is CalibrationStatus.CALIBRATED:
             rows = [
@@ -137,5 +133,5 @@ class Calibration:
         freedom = f"{fit.degrees_of_freedom} degrees of freedom (p = {fit.p_value:.2g})"
         notes.insert(0, f"chi-square: {fit.chi_square:.1f} with {freedom}")
         notes += [f"left out: row {row}: {why}" for row, why in self.outliers.items()]
-        grid = Grid(("parameter", "value", "±"), tuple(rows))
-        return grid, notes + [f"remark: {text}" for text in self.remarks]
+        notes += [f"remark: {text}" for text in self.remarks]
+        return self.status, [self.reason], [Grid(("parameter", "value", "±"), tuple(rows))], notes

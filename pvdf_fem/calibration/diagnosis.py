@@ -20,6 +20,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.calibration.fit import FALSE_OUTLIERS, Fit, Noise, fitted
 from pvdf_fem.calibration.model import TouchModel
 from pvdf_fem.calibration.touches import Touches
+from pvdf_fem.readout.channel import units_pC
 
 FEW_TOUCHES = 8  #: Number of touches by which changes of places and forces are ranked.
 COARSE = 2e-3  #: Tolerance of their solves.
@@ -132,10 +133,7 @@ def _of_readings(model: TouchModel) -> Iterator[Change]:
         if len(moved) > 2:
             text += f": they are in columns {', '.join(column for _, column in moved)}"
         yield change(CalibrationStatus.SWAPPED, text, read[:, order])
-    picofarads = 1e12 * np.array([channel.capacitance for channel in model.channels])
-    charges = {"pC": 1.0, "fC": 1e-3, "nC": 1e3, "µC": 1e6, "C": 1e12}
-    units = {unit: np.full(len(names), factor) for unit, factor in charges.items()}
-    units |= {"V": picofarads, "mV": 1e-3 * picofarads, "µV": 1e-6 * picofarads}
+    units = units_pC(model.channels)
     for unit in units:
         ratio = units[unit] / units[model.unit]
         if not np.allclose(ratio, 1.0):

@@ -15,10 +15,11 @@ from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.calibration.touches import TOUCH_KEYS, Touches, touched
 from pvdf_fem.calibration.unknowns import GAIN, OFFSET, SHIFT, TURN, Unknowns, value_of
 from pvdf_fem.charges.rest import rest_charges
+from pvdf_fem.derivatives.parameters import COEFFICIENTS
+from pvdf_fem.derivatives.rates import force_rates
 from pvdf_fem.readout.channel import Channel, channels
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.solution.gradients import COEFFICIENTS, force_rates
 from pvdf_fem.solution.solve import solve
 from pvdf_fem.solvers.status import Status
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.files import read_text
+from pvdf_fem.derivatives.parameters import PLACE
+from pvdf_fem.files import csv_rows, read_text
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import choose
-from pvdf_fem.solution.gradients import PLACE
 
 TOUCH_KEYS = (*PLACE, "load.force_N")
 PLACE_COLUMNS = ("x_mm", "y_mm", "rotation_deg", "force_N")
@@ -78,7 +77,8 @@ def _columns(source: Any) -> dict[str, Sequence[Any]]:
         return {str(name): list(source[name]) for name in names}
     text = read_text(Path(source), MOST_BYTES, "a CSV file of touches")
     try:
-        rows = [row for row in csv.reader(io.StringIO(text)) if any(map(str.strip, row))]
+        cells = csv_rows(text.splitlines(), text.partition("\n")[0])
+        rows = [row for row in cells if any(map(str.strip, row))]
     except csv.Error as error:
         raise TouchesError(f"{source}: is no CSV file ({error}); save it as one") from None
     heading, *lines = [[cell.strip() for cell in row] for row in rows] or [[]]

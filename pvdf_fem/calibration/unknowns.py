@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.derivatives.parameters import COEFFICIENTS, parameters_of
 from pvdf_fem.scene.change import number_at
 from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import choose
-from pvdf_fem.solution.gradients import COEFFICIENTS, parameters_of
 
 GAIN = "gain."
 OFFSET = "offset."

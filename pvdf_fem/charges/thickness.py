@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.electric.coupling import coupled
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.contact import guessed_force, guessed_press
+from pvdf_fem.film.loads.contact_guess import guessed_force, guessed_press
+from pvdf_fem.film.loads.heat import Charges, charge_remark
 from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.gmsh_mesh import electrode_patch
@@ -37,21 +38,22 @@ def thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
     return -0.5e-12 * d33 * np.array(on)
 
 
-def thickness_remarks(scene: Scene) -> Iterator[tuple[bool, str]]:
-    """Whether the charge by d33 is included, and its size; none where no electrode is pressed."""
+def thickness_remarks(scene: Scene, charges_pC: Charges = None) -> Iterator[tuple[bool, str]]:
+    """Whether the charge by d33 is included, and its size, in parts of charges that are given;
+    none where no electrode is pressed."""
     given, electrodes = scene.film.d33_pC_N, scene.electrode_list
     polygons = np.array([electrode.outline.polygon for electrode in electrodes])
     on = sum((_about(scene, touch, polygons) for touch in scene.loaded_probes), np.zeros(1))
     if on.any():
-        d33, most = TYPICAL_PC_N if given is None else given, int(on.argmax())
-        said = f"{given:g}" if given is not None else f"not given; it would be about {d33:g}"
-        size = f"about {-0.5 * d33 * on[most]:.2g} pC on {electrodes[most].name}"
-        text = f"thickness direction (film.d33_pC_N = {said}): {size}, which a probe presses"
-        yield given is not None, text
+        most = int(on.argmax())
+        about = "thickness direction, pressed by a probe", "film.d33_pC_N"
+        per_unit, name = -0.5 * on[most], electrodes[most].name
+        yield charge_remark(about, given, TYPICAL_PC_N, per_unit, name, charges_pC)
         if given and (wired := coupled(scene)):
             share = max(float(np.trace(electrode.share)) for electrode in wired)
             back = abs(0.5 * share * given * on[most])
-            yield False, f"coupling by the charge of film.d33_pC_N: about {back:.1e} pC"
+            text = f"coupling by the charge of film.d33_pC_N: about {back:.1e} pC on {name}"
+            yield False, f"{text}; no key includes it"
 
 
 def _about(scene: Scene, touch: LoadedProbe, polygons: NDArray[np.object_]) -> Array:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import sys
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -13,6 +12,7 @@ from pvdf_fem.cli import program, response_model
 from pvdf_fem.cli.locate_request import NAMES, SOUGHT, Request, require
 from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, scene_of
 from pvdf_fem.cli.response_model import model_of
+from pvdf_fem.solution.summary import rounded
 
 if TYPE_CHECKING:
     from pvdf_fem.scene.scene import Scene
@@ -155,9 +155,11 @@ def run(options: argparse.Namespace) -> int:
     except (PolishError, NotConvergedError) as error:
         print(error, file=sys.stderr)
         return ExitCode.NOT_CONVERGED
-    print_matches(choices, options.json)
-    if options.plot and choices[0].location.touches:
-        program.save_plot(choices[0].location.plot(), options)
+    try:
+        if options.plot and choices[0].location.touches:
+            program.save_plot(choices[0].location.plot(), options)
+    finally:  # a full disk does not take the touch with it
+        print_matches(choices, options.json)
     return ExitCode.CONVERGED if choices[0].location.touches else ExitCode.NOT_CONVERGED
 
 
@@ -202,7 +204,8 @@ def _by_solves(scene: Scene, request: Request, as_json: bool) -> int:
     for number, fit in enumerate(() if as_json else found, start=1):
         print(f"alternative {number} of {len(found)}, share of likelihood {fit.weight:.3g}")
         for key, value in fit.values.items():
-            print(f"  {key:<24} {value:>12.5g} ± {fit.deviations[key]:.2g}")
+            digits, deviation = rounded(value, fit.deviations[key])
+            print(f"  {key:<24} {digits:>12} ± {deviation}")
         print(f"  {'chi-square':<24} {fit.chi_square:>12.3g}")
     return ExitCode.CONVERGED if found else ExitCode.NOT_CONVERGED
 
@@ -228,10 +231,11 @@ def location_lines(found: Location) -> list[str]:
     from pvdf_fem.readout.channel import READINGS
     from pvdf_fem.touch.measurement import electrode_columns
 
-    lines = [f"reading     {READINGS[found.reading]}"]
+    lines = [f"remark      {text}" for text in found.remarks]
+    lines.append(f"reading     {READINGS[found.reading]}")
     if found.reading == "total":
         rest = max(abs(pC) for *_, pC in electrode_columns(found.problem.model.scene).values())
-        lines[0] += f", up to {rest:.3g} pC of them without a touch"
+        lines[-1] += f", up to {rest:.3g} pC of them without a touch"
     for number, touch in enumerate(found.touches, start=1):
         several = f" {number} of {len(found.touches)}" if len(found.touches) > 1 else ""
         lines += [f"touch{several}", *_touch_lines(touch, found)]
@@ -243,7 +247,7 @@ def location_lines(found: Location) -> list[str]:
         ]
         first = "of touch 1" if len(found.touches) > 1 else "of it"
         lines.append(f"within      {', '.join(errors)} {first}: each with a probability of 68 %")
-    return lines + [f"remark      {text}" for text in found.remarks]
+    return lines
 
 
 def _touch_lines(touch: Touch, found: Location) -> list[str]:
@@ -252,12 +256,8 @@ def _touch_lines(touch: Touch, found: Location) -> list[str]:
     for short, name in NAMES.items():
         value = getattr(touch, name)
         if name in touch.unknown:
-            deviation = deviations[name]
-            sharp = min(deviation, touch.deviations[name])
-            digits = max(0, 1 - math.floor(math.log10(sharp))) if sharp > 0 else 9
-            lines.append(
-                f"  {short:<8}  {value:>12.{min(digits, 9)}f} ± {deviation:.2g} {_UNITS[short]}"
-            )
+            digits, _ = rounded(value, min(deviations[name], touch.deviations[name]))
+            lines.append(f"  {short:<8}  {digits:>12} ± {deviations[name]:.2g} {_UNITS[short]}")
         else:
             lines.append(f"  {short:<8}  {value:>12.6g} (known) {_UNITS[short]}")
     fit = f"chi-square {touch.chi_square:.3g}"

@@ -24,21 +24,14 @@ SOUGHT = f"what is sought, of {', '.join(BY_SOLVES)}"
 class Request:
     """What was asked for, read from the options."""
 
-    #: By electrode in the unit; none for a table.
-    readings: dict[str, float]
-    #: ``pC`` or ``V``.
-    unit: str
-    #: Of `pvdf_fem.touch.measurement.READINGS`; None is the scene's.
-    reading: str | None
+    readings: dict[str, float]  #: By electrode in the unit; none for a table.
+    unit: str  #: ``pC`` or ``V``.
+    reading: str | None  #: Of `pvdf_fem.touch.measurement.READINGS`; None is the scene's.
     sigma: float
-    #: In the unit; None is the scene's.
-    noise: float | None
-    #: Of the quantities of a touch.
-    unknown: tuple[str, ...]
-    #: Number of probes that touch at once.
-    touches: int
-    #: The model that is wanted.
-    model: ModelChoice
+    noise: float | None  #: In the unit; None is the scene's.
+    unknown: tuple[str, ...]  #: Of the quantities of a touch.
+    touches: int  #: Number of probes that touch at once.
+    model: ModelChoice  #: The model that is wanted.
     #: What is wrong with the options; the other values count only if nothing is.
     mistakes: tuple[str, ...]
 
@@ -75,12 +68,11 @@ class Request:
 
     def unit_pC(self, scene: Scene) -> dict[str, float]:
         """The unit of readings in nominal pC, by electrode."""
-        from pvdf_fem.readout.channel import channels
+        from pvdf_fem.readout.channel import channels, units_pC
 
-        return {
-            channel.name: 1e12 * channel.capacitance if self.unit == "V" else 1.0
-            for channel in channels(scene)
-        }
+        wired = channels(scene)
+        units = units_pC(wired)[self.unit].tolist()
+        return {channel.name: unit for channel, unit in zip(wired, units, strict=True)}
 
     def readings_pC(self, scene: Scene) -> dict[str, float]:
         """The readings in nominal pC, by electrode."""

@@ -11,7 +11,7 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pvdf_fem import __version__
 from pvdf_fem.cli import calibrate, explore, locate, respond, sweep, track
@@ -30,9 +30,6 @@ from pvdf_fem.cli.program import (
     scene_of,
 )
 from pvdf_fem.scene.scene_file import example_text, examples
-
-if TYPE_CHECKING:
-    from pvdf_fem.solution.solution import Solution
 
 _DESCRIPTION = """\
 A model of a membrane PVDF tactile sensor: charges of its electrodes when a
@@ -153,7 +150,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: Sequence[str] | None) -> int:
-    options = _parser().parse_args(arguments)
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    if "run" not in options:
+        parser.print_help()
+        return ExitCode.BAD_INPUT
     command: Callable[[argparse.Namespace], int] = options.run
     return command(options)
 
@@ -167,7 +168,7 @@ def _parser() -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"pvdf-fem {__version__}")
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND")
 
     summary = "files to begin with"
     example = add_command(commands, "example", _example, summary, _EXAMPLE, _EXAMPLE_EPILOG)
@@ -226,7 +227,10 @@ def _solve(options: argparse.Namespace) -> int:
     converged = solution.status is Status.CONVERGED
     try:
         if converged:
-            _write_files(solution, options)
+            if options.vtu:
+                solution.to_vtu(options.vtu)
+            if options.plot:
+                save_plot(solution.plot(options.quantity), options)
     finally:  # a full disk does not take the charges with it
         _print(solution.to_json(), options.json, lambda: str(solution))
     return ExitCode.CONVERGED if converged else ExitCode.NOT_CONVERGED
@@ -265,18 +269,13 @@ def _modes(options: argparse.Namespace) -> int:
         mistakes = [f"--count {count[:60]}: is out of range; give 1 to {MOST_MODES}"]
     mistakes += plot_mistakes(options, options.scene)
     result = modes(scene_of(options, *mistakes), int(count), options.loaded)
-    _print(result.to_json(), options.json, lambda: modes_text(result))
     converged = result.status is Status.CONVERGED
-    if options.plot and converged:
-        save_plot(result.plot(), options)
+    try:
+        if options.plot and converged:
+            save_plot(result.plot(), options)
+    finally:
+        _print(result.to_json(), options.json, lambda: modes_text(result))
     return ExitCode.CONVERGED if converged else ExitCode.NOT_CONVERGED
-
-
-def _write_files(solution: Solution, options: argparse.Namespace) -> None:
-    if options.vtu:
-        solution.to_vtu(options.vtu)
-    if options.plot:
-        save_plot(solution.plot(options.quantity), options)
 
 
 def _print(result: dict[str, Any], as_json: bool, text: Callable[[], str]) -> None:

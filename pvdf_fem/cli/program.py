@@ -5,16 +5,17 @@ from __future__ import annotations
 import argparse
 import io
 import os
+import re
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from pvdf_fem.files import FileError, printable, require_writable
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
-from pvdf_fem.scene.scene_file import SceneError, parse_change
+from pvdf_fem.scene.scene_file import SceneError, choose, parse_change, quote
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,9 +41,14 @@ class InputError(Exception):
 
 
 class ArgumentParser(argparse.ArgumentParser):
-    """A parser whose complaints repeat arguments escaped, and shortened if they are long."""
+    """A parser whose complaints repeat arguments escaped, and shortened if they are long, and that
+    offer the command that is nearest to an unknown one."""
 
     def error(self, message: str) -> NoReturn:
+        command = r"argument COMMAND: invalid choice: '(.*)' \(choose from (.*)\)"
+        if found := re.fullmatch(command, message):
+            known = re.findall(r"\w+", found[2])
+            message = f"{found[1]} is no command; {choose(found[1], known)}"
         super().error(_line(message))
 
 
@@ -100,13 +106,27 @@ def scene_of(options: argparse.Namespace, *mistakes: str) -> Scene:
         except SceneError as error:
             problems += [f"--set {told}" for told in error.problems]
     try:
-        scene: Scene = Scene.load(options.scene)
-        scene = scene.with_(**changes) if changes else scene
+        given: Scene = Scene.load(options.scene)
+        scene = given.with_(**changes) if changes else given
     except SceneError as error:
         problems += error.problems
     if problems:
         raise InputError(*problems)
+    for lost in _lost(given, scene, changes):
+        _tell(f"--set: leaves out {lost}, a key that the changed scene does not have")
     return scene
+
+
+def _lost(given: Scene, scene: Scene, changes: Mapping[str, Any]) -> Iterator[str]:
+    """What a scene file has and the changed scene has not, though no change names it."""
+    set_before = given.model_dump(mode="json", exclude_unset=True, exclude_none=True)
+    after = scene.model_dump(mode="json", exclude_none=True)
+    for name, section in set_before.items():
+        tables = (s if isinstance(s, list) else [s] for s in (section, after.get(name, {})))
+        for old, new in zip(*tables, strict=False):
+            for key in (f"{name}.{key}" for key in old if key not in new):
+                if not key.startswith(tuple(changes)):
+                    yield f"{key} = {quote(old[key.rpartition('.')[2]])}"
 
 
 def add_texts(parser: Any, *options: tuple[str, str, str | None, str]) -> None:

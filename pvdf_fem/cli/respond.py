@@ -55,15 +55,19 @@ def run(options: argparse.Namespace) -> int:
         print(f"not converged: {error}", file=sys.stderr)
         return ExitCode.NOT_CONVERGED
     columns = {name: values.tolist() for name, values in response.columns().items()}
-    if options.json:
-        print(json.dumps({**columns, "left_out": list(response.left_out)}, allow_nan=False))
-    else:
-        table = csv.writer(sys.stdout, lineterminator="\n")
-        table.writerows([columns, *zip(*columns.values(), strict=True)])
-    if options.plot:
-        from pvdf_fem.output.charts import frequency_response
+    try:
+        if options.plot:
+            from pvdf_fem.output.charts import frequency_response
 
-        save_plot(frequency_response(response), options)
+            save_plot(frequency_response(response), options)
+    finally:  # a full disk does not take the charges with it
+        if options.json:
+            print(json.dumps({**columns, "left_out": list(response.left_out)}, allow_nan=False))
+        else:
+            for text in response.left_out:
+                print(f"left out: {text}", file=sys.stderr)
+            table = csv.writer(sys.stdout, lineterminator="\n")
+            table.writerows([columns, *zip(*columns.values(), strict=True)])
     return ExitCode.CONVERGED
 
 

@@ -82,15 +82,16 @@ def model_of(scene: Scene, scene_file: str, choice: ModelChoice) -> Response:
     from pvdf_fem.response.model import centred
     from pvdf_fem.response.response import Response, reads_alike, refuse_other_mechanics
     from pvdf_fem.solution.solution import NotConvergedError
+    from pvdf_fem.sweeps.sweep import shown
 
     path = choice.path(scene, scene_file)
     if not path.exists():
         print(f"building the model of {scene_file}, to be kept as {path}", file=sys.stderr)
         domain, alone = choice.domain, centred(scene)
         try:
-            model = build_response(
-                alone, domain.reach_mm, domain.force_N, choice.tolerance, file=path
-            )
+            wanted = domain.reach_mm, domain.force_N, choice.tolerance
+            with shown("solve") as progress:
+                model = build_response(alone, *wanted, file=path, progress=progress)
         except NotConvergedError as error:
             low, high = domain.force_N
             now = f"now {domain.reach_mm:g} mm, {low:g} to {high:g} N"

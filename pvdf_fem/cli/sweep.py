@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import Counter
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -131,20 +132,12 @@ def _sweep(options: argparse.Namespace) -> int:
 def _run(
     grid: Grid, plan: SweepPlan, store: Store, output: Path, options: argparse.Namespace
 ) -> int:
-    from tqdm import tqdm
-
     from pvdf_fem.sweeps.dataset import dataset, write_netcdf
-    from pvdf_fem.sweeps.sweep import records
+    from pvdf_fem.sweeps.sweep import records, shown, silent
 
-    hidden = options.quiet or not sys.stderr.isatty()
-    with tqdm(total=plan.missing, unit="scene", disable=hidden) as bar:
-        solved = records(
-            plan,
-            store,
-            processes=options.processes,
-            scheduler=options.scheduler,
-            progress=lambda done, _: bar.update(done - bar.n),
-        )
+    where: dict[str, Any] = {"processes": options.processes, "scheduler": options.scheduler}
+    with nullcontext(silent) if options.quiet else shown("scene") as progress:
+        solved = records(plan, store, **where, progress=progress)
         data = dataset(grid, plan, solved)
     write_netcdf(data, output)
     if options.plot:

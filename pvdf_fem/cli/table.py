@@ -14,7 +14,7 @@ from typing import Any, BinaryIO, TextIO
 
 from pvdf_fem.cli.program import InputError
 from pvdf_fem.cli.response_model import number_of
-from pvdf_fem.files import FileError, reading, replacing
+from pvdf_fem.files import FileError, csv_rows, reading, replacing
 
 LONGEST_ROW = 1 << 20  #: Largest size in bytes of a line, or of an object.
 CHUNK = 1 << 18  #: Bytes that are read at once at most; a pipe gives what has come.
@@ -97,19 +97,19 @@ def writer(
 def _csv_rows(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
     """First a row with the columns of a table, then its rows as they come."""
     header, *first = next(lines, [""])
-    columns = [column.strip() for column in _cells(header)]
+    columns = [column.strip() for column in _cells(header, header)]
     if twice := sorted({column for column in columns if columns.count(column) > 1}):
         raise FileError(f"{name}: column {twice[0]} is there twice; rename one")
     yield [(dict.fromkeys(columns), True)]
     for batch in itertools.chain([first], lines):
-        cells = [_cells(line) for line in batch]
+        cells = [_cells(line, header) for line in batch]
         yield [(dict(zip(columns, row, strict=False)), len(row) == len(columns)) for row in cells]
 
 
-def _cells(line: str) -> list[str]:
+def _cells(line: str, header: str) -> list[str]:
     """The cells of a line; none if a quotation mark is missing."""
     try:
-        return next(csv.reader([line], strict=True), [])
+        return next(csv_rows([line], header), [])
     except csv.Error:
         return []
 

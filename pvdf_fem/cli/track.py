@@ -56,11 +56,8 @@ exit codes: 0 done, 2 bad input"""
 
 def add_to(commands: Any) -> None:
     """Add the command to those of an argument parser."""
-    summary, as_json = (
-        "touches in a stream of readings",
-        "print a JSON object for each row and touch",
-    )
-    about = "track", run, summary, DESCRIPTION, EPILOG
+    as_json = "print a JSON object for each row and touch"
+    about = "track", run, "touches in a stream of readings", DESCRIPTION, EPILOG
     parser = add_scene_command(commands, *about, as_json=as_json)
     parser.add_argument("signals", metavar="SIGNALS.csv", help="readings, or - for standard input")
     parser.add_argument(
@@ -100,10 +97,10 @@ def run(options: argparse.Namespace) -> int:
             tracker = Tracker(model, unknown=unknown, unit=options.unit)
         except ValueError as error:
             raise InputError(*str(error).splitlines()) from error
-        write = writer(
-            stack, None, ".jsonl" if options.json else ".csv", [f.name for f in fields(Row)]
-        )
+        kind = ".jsonl" if options.json else ".csv"
+        write = writer(stack, None, kind, [f.name for f in fields(Row)])
         rows, told = (row for batch in batches for row in batch), 0
+        unit = f"; are the readings in {options.unit}, as --unit says?"
         for count, (cells, sound) in enumerate(rows, 1):
             texts = {key: cells.get(key, "").strip() for key in ("t_s", *electrodes)}
             values = {key: number(text) for key, text in texts.items()}
@@ -118,8 +115,11 @@ def run(options: argparse.Namespace) -> int:
                 if options.json:
                     write([{"summary": _plain(summary)}])
                 else:
-                    print(summary, file=sys.stderr, flush=True)
+                    doubt = unit if math.isnan(summary.force_N) else ""
+                    print(f"{summary}{doubt}", file=sys.stderr, flush=True)
             told = len(tracker.touches)
+    if not told:
+        print(f"{name}: nothing touches{unit}", file=sys.stderr)
     return ExitCode.CONVERGED
 
 

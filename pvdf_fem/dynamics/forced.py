@@ -151,9 +151,10 @@ def _in_pC(solution: Solution, charges: Any) -> dict[str, Any]:
 def _left_out(solution: Solution) -> tuple[str, ...]:
     """What oscillations about a solution neglect. A disc without a baffle radiates 0.03 (k a)^2 of
     what it does in one (a rigid disc, to leading order)."""
-    scene, losses = solution.scene, "damping by the film: give film.loss_tangent"
+    scene = solution.scene
+    losses = "damping by the film: resonances are too high; to include it give film.loss_tangent"
     share = 0.03 * (2e3 * np.pi * scene.film.radius / SOUND_SPEED) ** 2
-    sound = f"sound: without a baffle it damps {share:.1g} of what it does in one at 1 kHz"
+    sound = f"damping by sound: {100.0 * share:.1g} % of that with air.baffle = true at 1 kHz"
     remarks = {air_remark(scene): scene.air is None, losses: scene.film.loss_tangent is None}
     remarks[sound] = scene.air is not None and not scene.air.baffle
     return (*solution.left_out, *(text for text, told in remarks.items() if told))

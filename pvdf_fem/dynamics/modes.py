@@ -383,7 +383,8 @@ def _wavenumber(count: int) -> float:
 
 def _left_out(scene: Scene, share: float, joins: bool) -> tuple[str, ...]:
     """Bending, unless it is part of the model, and air, where the scene has none."""
-    bending = f"bending: raises the highest of these frequencies by about {share:.1%}"
+    raised = f"bending: raises the highest of these frequencies by about {share:.1%}"
+    bending = f"{raised}; to include it give film.bending = true"
     if share > 0.3:
         bending = 'bending: the film vibrates as a plate; give film.bending = "auto" or true'
     air = () if scene.air else (air_remark(scene),)
@@ -394,4 +395,5 @@ def air_remark(scene: Scene) -> str:
     """What a vacuum leaves out: per area about the density of air times the radius."""
     film = scene.film
     weight = Air().density_kg_m3 * film.radius / (film.density * film.thickness)
-    return f"air: lowers the lowest frequencies; it adds about {weight:.2g} times the film's mass"
+    mass = f"adds about {weight:.2g} times the film's mass, which lowers the lowest frequencies"
+    return f"air: {mass}; to include it give [air]"

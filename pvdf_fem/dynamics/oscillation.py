@@ -25,13 +25,13 @@ from numpy.typing import NDArray
 from pvdf_fem.arrays import Array
 from pvdf_fem.charges.forces import goal_gradients
 from pvdf_fem.charges.goals import goals_of
+from pvdf_fem.derivatives.adjoint import factorised, next_order
 from pvdf_fem.dynamics.air import AirLoad
 from pvdf_fem.dynamics.modes import pencil_of
 from pvdf_fem.film.electric.raised import Raised
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.pressure import UP, DeadPressure
 from pvdf_fem.film.term import State
-from pvdf_fem.solution.gradients import factorised, next_order
 from pvdf_fem.solution.solution import NotConvergedError, Solution
 from pvdf_fem.solvers.newton import factorise
 from pvdf_fem.solvers.status import Status

@@ -52,6 +52,7 @@ class FilmFigure:
         plot.grid.visible = False
         self.save = SaveTool(filename="pvdf_film")
         plot.add_tools(self.save)
+        self.palette: tuple[str, ...] = palettes.Blues256
         self.colours = LinearColorMapper(low=0.0, high=1.0)
         self.bar = ColorBar(color_mapper=self.colours)
         plot.add_layout(self.bar, "right")
@@ -70,7 +71,7 @@ class FilmFigure:
         scene, radius = view.scene, view.scene.film.radius_mm
         quantity = QUANTITIES[view.quantity]
         self.bar.title = quantity.label
-        self.colours.palette = getattr(palettes, quantity.palette)[::-1]
+        self.palette = getattr(palettes, quantity.palette)
         if (outlines := (radius, scene.electrode_list)) != self.drawn:
             self.drawn = outlines
             self._draw_sensor(scene)
@@ -91,9 +92,10 @@ class FilmFigure:
         self.sources["electrodes"].data = {**outlines, "name": names}
 
     def show_image(self, image: Array, radius_mm: float) -> None:
-        """Colour the film by the field of a solve."""
-        low, high = min(0.0, float(image.min())), float(image.max())
-        self.colours.update(low=low, high=max(high, low + 1e-9))
+        """Colour the film by the field of a solve, palest where it is zero."""
+        low, high = min(0.0, float(image.min())), max(0.0, float(image.max()))
+        palette = self.palette[:: 1 if -low > high else -1]
+        self.colours.update(palette=palette, low=low, high=max(high, low + 1e-9))
         square = {"image": [image], "x": [-radius_mm], "width": [2.0 * radius_mm]}
         self.sources["image"].data = square
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import contourpy
 import numpy as np
 
-from pvdf_fem.arrays import Array
+from pvdf_fem.arrays import Array, polar_grid
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.response.build import ResponseOptions, build_response
 from pvdf_fem.response.model import Domain, Model, centred, touch_of
@@ -52,20 +52,12 @@ class Found(NamedTuple):
 def _found(touches: Sequence[dict[str, Any]], lines: dict[str, Any], *remarks: str) -> Found:
     """Of touches as JSON: quantities by name, or by key of a scene with several probes."""
     places = [(touch, key) for touch in touches for key in touch if key.endswith("x_mm")]
-    ellipses = [(ellipse(touch, key), touch["weight"]) for touch, key in places]
+    ellipses = [(deviation_ellipse(touch, key), touch["weight"]) for touch, key in places]
     rows, names = [], list(touches[0]["standard_deviations"]) if touches else []
     for touch in touches:
         cells = (f"{touch[key]:.4g} ± {touch['standard_deviations'][key]:.2g}" for key in names)
         rows.append((f"{100.0 * touch['weight']:.3g} %", *cells))
     return Found(ellipses, lines, remarks, Grid(("likely", *names), (*rows,)))
-
-
-def ellipse(touch: Mapping[str, Any], x_key: str, points: int = 73) -> Array:
-    """The ellipse in mm, (points, 2), of one standard deviation of a place."""
-    keys = [x_key, x_key.replace("x_mm", "y_mm")]
-    rows = [[*touch["standard_deviations"]].index(key) for key in keys]
-    centre, covariance = np.array([touch[key] for key in keys]), np.array(touch["covariance"])
-    return deviation_ellipse(centre, covariance[np.ix_(rows, rows)], points).T
 
 
 def response_file(scene: Scene, folder: Path) -> Path | None:
@@ -122,8 +114,7 @@ def isocharge_lines(
     if not low <= touch["force_N"] <= high:
         return {}
     count = round(2.0 * DOMAIN.reach_mm / LINE_STEP_MM)
-    radii, turns = np.linspace(0.0, DOMAIN.reach_mm, count), np.linspace(0.0, 2 * np.pi, 3 * count)
-    x, y = radii[:, None] * np.cos(turns), radii[:, None] * np.sin(turns)
+    x, y = np.moveaxis(polar_grid(DOMAIN.reach_mm, count, 3 * count), -1, 0)
     pressed = np.full((2, x.size), [[touch["rotation_deg"]], [touch["force_N"]]])
     charges = model.evaluate(np.stack([x.ravel(), y.ravel(), *pressed], axis=-1))[0]
     lines: dict[str, Any] = {}

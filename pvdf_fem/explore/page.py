@@ -16,6 +16,7 @@ import panel as pn
 from bokeh.document import without_document_lock
 from bokeh.models import ColumnDataSource, DataRange1d, FactorRange
 from bokeh.plotting import curdoc, figure
+from matplotlib.ticker import MaxNLocator
 
 from pvdf_fem.explore.film_figure import DIMMED, FilmFigure, colour_of
 from pvdf_fem.explore.finding import Found, build, find, response_file
@@ -227,10 +228,10 @@ class Bars:
     def __init__(self, key: str, label: str) -> None:
         self.key, self.source = key, ColumnDataSource(name=key)
         look = {"height": 170, "tools": "", "toolbar_location": None, "y_axis_label": label}
-        self.plot = figure(x_range=FactorRange(), y_range=DataRange1d(range_padding=0.4), **look)
+        self.plot = figure(x_range=FactorRange(), y_range=DataRange1d(range_padding=0.6), **look)
         self.plot.vbar("name", top="value", width=0.6, color="colour", source=self.source)
-        text = {"text_align": "center", "text_baseline": "bottom", "text_font_size": "12px"}
-        self.plot.text("name", "value", "text", source=self.source, **text)
+        text = {"text_align": "center", "text_baseline": "middle", "text_font_size": "12px"}
+        self.plot.text("name", "value", "text", source=self.source, y_offset="beyond", **text)
         self.pane = pn.pane.Bokeh(self.plot, **WIDE)
         self.show({})
 
@@ -240,4 +241,7 @@ class Bars:
         self.pane.visible, self.plot.x_range.factors = bool(values), [*values]
         columns = {"name": [*values], "value": [*values.values()]}
         columns["text"] = [f"{value:.4g}" for value in values.values()]
+        columns["beyond"] = [9.0 if value < 0.0 else -9.0 for value in values.values()]  # in pixels
+        ends = min([0.0, *values.values()]), max([0.0, *values.values()])
+        self.plot.yaxis.ticker = list(MaxNLocator(4).tick_values(*ends))  # enclose all bars
         self.source.data = {**columns, "colour": [colour_of(i) for i in range(len(values))]}

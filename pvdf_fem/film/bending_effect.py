@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from pvdf_fem.film.loads.contact import guessed_press
+from pvdf_fem.film.loads.contact_guess import guessed_press
 from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.film.point_load import part_by_force, tension_at
 from pvdf_fem.scene.film import Film, Layer
@@ -86,10 +86,10 @@ class BendingEffect:
         radii = (self.film_radius, self.probe_radius, self.electrode_radius)
         film, probe, electrode = (f"{1e3 * radius:.3g}" for radius in radii)
         return (
-            f"could change a charge by up to {self.change:.1e} of it; it acts within"
+            f"could change a charge by up to {100.0 * self.change:.2g} %; it acts within"
             f" {', '.join(lengths) or 'any length'} (radii: film {film}, probe {probe}, smallest"
             f" electrode {electrode} mm)"
-        ) + (f"; patches on one side: {self.patches:.1e}" if self.patches else "")
+        ) + (f"; patches on one side: {100.0 * self.patches:.2g} %" if self.patches else "")
 
 
 def bending_effect(scene: Scene) -> BendingEffect:

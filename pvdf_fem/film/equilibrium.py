@@ -20,7 +20,8 @@ from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.film.electric.raised import Raised
-from pvdf_fem.film.loads.contact import Contact, Edge
+from pvdf_fem.film.loads.contact import Contact
+from pvdf_fem.film.loads.contact_edge import Edge
 from pvdf_fem.film.loads.pressure import DeadPressure
 from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.models import film_model

@@ -125,8 +125,8 @@ class FilmModel:
     @property
     def remark(self) -> tuple[bool, str]:
         """Whether bending is included, and a text with the estimate of its effect."""
-        bending = quote(self.scene.film.bending)
-        return self.bends, f"bending (film.bending = {bending}): {self.effect}"
+        text = f"bending (film.bending = {quote(self.scene.film.bending)}): {self.effect}"
+        return self.bends, text if self.bends else f"{text}; to include it give {self._remedy}"
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -135,14 +135,16 @@ class FilmModel:
         if change <= max(self.scene.numerics.tolerance, CONSIDERABLE):
             return ()
         return (
-            f"bending: left out, it could change a charge by up to {change:.1e} of it;"
+            f"bending: left out, it could change a charge by up to {100.0 * change:.2g} %;"
             f" give {self._remedy}",
         )
 
     @property
     def _remedy(self) -> str:
-        patched = "thinner film.patches, or both_sides = true"
-        return patched if self.scene.film.patches else 'film.bending = "auto" or true'
+        if self.scene.film.patches:
+            return "thinner film.patches, or both_sides = true"
+        tips = any(touch.load.kind == "contact" for touch in self.scene.loaded_probes)
+        return 'another load.kind than "contact"' if tips else "film.bending = true"
 
     def compression_remarks(self, smallest: Array, largest: Array) -> Iterator[tuple[str, Array]]:
         """Texts with a place for an area, and where that is, from the principal stresses."""

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from pvdf_fem.calibration.calibration import Calibration
 from pvdf_fem.files import replacing
-from pvdf_fem.output.figures import COLOURS, GREY, MARKERS, content_of, new_figure, style
+from pvdf_fem.output.figures import COLOURS, GREY, content_of, look_of, new_figure, style
 
 _PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>Calibration</title><style>
@@ -37,10 +37,9 @@ def _channels(calibration: Calibration) -> Figure:
     parity, residuals = figure.subplots(1, 2)
     read, predicted = model.touches.readings, calibration.fit.prediction.readings
     for j, channel in enumerate(model.channels):
-        look = {"color": COLOURS[j % len(COLOURS)], "marker": MARKERS[j % len(MARKERS)]}
-        parity.plot(predicted[:, j], read[:, j], linestyle="none", label=channel.name, **look)
-        share = 100.0 * (read[:, j] / predicted[:, j] - 1.0)
-        residuals.plot(model.touches.rows, share, linestyle="none", **look)
+        look = {**look_of(j), "linestyle": "none"}
+        parity.plot(predicted[:, j], read[:, j], label=channel.name, **look)
+        residuals.plot(model.touches.rows, 100.0 * (read[:, j] / predicted[:, j] - 1.0), **look)
     ends = [np.nanmin([read, predicted]), np.nanmax([read, predicted])]
     parity.plot(ends, ends, color=GREY, linewidth=0.8, zorder=0)
     unit = model.unit

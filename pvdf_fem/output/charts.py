@@ -3,38 +3,54 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MultipleLocator
 from matplotlib.tri import Triangulation
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.dynamics.forced import FrequencyResponse
 from pvdf_fem.dynamics.modes import Modes, Spectrum
-from pvdf_fem.output.figures import MARKERS, draw_rim, new_figure, style
+from pvdf_fem.output.figures import MARKERS, colours_of, draw_rim, look_of, new_figure, style
 
 if TYPE_CHECKING:
     from xarray import DataArray, Dataset
 
 PANEL_MM = 45.0  #: Width of the picture of a mode, or of an electrode's charges.
+ABREAST = 2  #: Number of panels beside each other, which are readable on a phone.
+MOST_TICKS = 5  #: Of texts and logarithmic numbers on an axis, so that they do not overlap.
+SIGNS = {"um": "µm", "degree": "°"}  #: Units as figures have them.
 
 
 def frequency_response(response: FrequencyResponse) -> Figure:
-    """A figure of all charges' amplitudes over that of the force, and their phases below."""
+    """A figure of all charges' amplitudes over that of the force, and below their phases, which
+    have no jumps of 360°. Its title says what damps the film."""
+    frequencies, charges = response.frequencies_Hz, response.charges_pC_N
+    phases = np.degrees(np.unwrap(np.angle([*charges.values()])))
+    film, air = response.solution.scene.film.loss_tangent or 0.0, response.solution.scene.air
     with style():
-        figure = new_figure()
+        figure = new_figure(130.0, 110.0)
         size, phase = figure.subplots(2, sharex=True)
-        for name, charge in response.charges_pC_N.items():
-            size.loglog(response.frequencies_Hz, np.abs(charge), label=name)
-            phase.semilogx(response.frequencies_Hz, np.degrees(np.angle(charge)))
-        size.legend(loc="upper left", ncols=len(response.charges_pC_N), title="electrode")
+        for j, (name, charge) in enumerate(charges.items()):
+            look = {**look_of(j), "markevery": max(frequencies.size // 10, 1)}
+            size.loglog(frequencies, np.abs(charge), label=name, **look)
+            phase.semilogx(frequencies, phases[j], **look)
+        figure.legend(loc="outside upper left", ncols=6, title="electrode")
+        sound = "sound" if air and air.baffle else "no sound"
+        size.set_title(f"damping: loss tangent of the film {film:g}, {sound}")
         size.set(ylabel="charge over force (pC/N)")
         phase.set(xlabel="frequency (Hz)", ylabel="phase against the force (°)")
+        low, high = 45.0 * np.floor(phases.min() / 45.0), 45.0 * np.ceil(phases.max() / 45.0)
+        phase.set_ylim(low - 9.0, high + 9.0)
+        fewer = np.ceil(np.log2(max((high - low) / 225.0, 1.0)))
+        phase.yaxis.set_major_locator(MultipleLocator(45.0 * 2.0**fewer))
     return figure
 
 
@@ -49,13 +65,13 @@ def mode_shapes(modes: Modes) -> Figure:
     ]
     about = "under its load" if modes.loaded else "without a load"
     with style():
-        figure, panels = _panels(len(shapes), 6)
+        figure, panels = _panels(len(shapes))
         for ax, (title, spectrum, i) in zip(panels, shapes, strict=True):
             filled = _shape(ax, spectrum, i, modes.scene.film.radius_mm)
             ax.set_title(title)
             ax.label_outer()
         label = "deflection over its largest"
-        figure.colorbar(filled, ax=panels, label=label, shrink=0.8)
+        figure.colorbar(filled, ax=panels, label=label, shrink=0.8, aspect=10 * len(panels))
         figure.suptitle(f"Modes of the stretched film {about}", x=0.02, ha="left", fontsize=9)
     return figure
 
@@ -69,13 +85,15 @@ def _shape(ax: Axes, spectrum: Spectrum, mode: int, radius_mm: float) -> Any:
     return ax.tricontourf(triangles, w, levels=levels, cmap="RdBu_r")
 
 
-def _panels(count: int, most: int) -> tuple[Figure, list[Axes]]:
-    """A figure with panels of the same axes, at most `most` beside each other."""
-    rows, columns = math.ceil(count / most), min(count, most)
+def _panels(count: int) -> tuple[Figure, list[Axes]]:
+    """A figure with panels of the same axes."""
+    rows, columns = math.ceil(count / ABREAST), min(count, ABREAST)
     figure = new_figure(PANEL_MM * columns + 30.0, (PANEL_MM + 8.0) * rows + 10.0)
     panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     for ax in panels.flat[count:]:
         ax.remove()
+    for ax in panels.flat[count - columns : count]:  # also above an empty place
+        ax.tick_params(labelbottom=True)
     return figure, list(panels.flat[:count])
 
 
@@ -89,73 +107,90 @@ def sweep_chart(data: Dataset) -> Figure:
         pick = ", ".join(f"{name}=0" for name in axes[2:])
         advice = f"choose from the others, as data.isel({pick})" if axes[2:] else "sweep some axis"
         raise ValueError(f"a chart has one or two axes, not {len(axes)}: {advice}")
-    for along in (_along(data, axis) for axis in axes):
-        if along.dtype.kind == "f":
-            data = data.isel({along.dims[0]: np.argsort(along.values, kind="stable")})
+    for axis in axes:
+        if len(varied := _varied(data, axis)) == 1 and varied[0].dtype.kind == "f":
+            data = data.isel({axis: np.argsort(varied[0].values, kind="stable")})
     with style():
-        return (_curves if len(axes) == 1 else _maps)(data, *(_along(data, a) for a in axes))
+        return (_curves if len(axes) == 1 else _maps)(data, *(_varied(data, a) for a in axes))
 
 
-def _along(data: Dataset, axis: str) -> DataArray:
-    """The coordinate that labels an axis: its own, or the first along it."""
-    others = [values for values in data.coords.values() if values.dims == (axis,)]
-    return data[axis] if axis in data.coords or not others else others[0]
+def _varied(data: Dataset, axis: str) -> list[DataArray]:
+    """The keys that vary together along an axis."""
+    beside = [values for values in data.coords.values() if values.dims == (axis,)]
+    return [values for values in beside if "key" in values.attrs] or [data[axis]]
 
 
-def _places(along: DataArray) -> Array:
-    """Where values stand on an axis: numbers at themselves, texts in a row."""
-    return along.values if along.dtype.kind == "f" else np.arange(float(along.size))
+def _label(varied: list[DataArray]) -> str:
+    """The keys that vary along an axis with their units."""
+    names = [(v.attrs.get("long_name", v.name), v.attrs.get("units")) for v in varied]
+    return ", ".join(f"{n} ({SIGNS.get(u, u)})" if u else f"{n}" for n, u in names)
 
 
-def _label(axis: Axis, along: DataArray, set_scale: Callable[[str], None]) -> None:
-    """Name an axis with its unit, and scale it as its values are spaced."""
-    name, unit = along.attrs.get("long_name", along.name), along.attrs.get("units")
-    axis.set_label_text(f"{name} ({unit})" if unit else str(name))
-    if along.dtype.kind != "f":
-        axis.set_ticks(np.arange(along.size), [str(value)[:20] for value in along.values])
-    elif along.size > 2 and along.values.min() > 0.0:
-        steps = np.diff(np.log(along.values))
-        if np.allclose(steps, steps[0], rtol=1e-3):
-            set_scale("log")
-            axis.set_ticks(along.values, [f"{value:g}" for value in along.values])
-            axis.set_ticks([], minor=True)
+def _draw_axis(axis: Axis, varied: list[DataArray], set_scale: Callable[[str], None]) -> Array:
+    """Scale an axis as its values are spaced, and return where these stand: numbers at themselves,
+    texts and several keys in a row."""
+    values, few = varied[0].values, slice(None, None, -(-varied[0].size // MOST_TICKS))
+    if len(varied) > 1 or values.dtype.kind != "f":
+        texts = [", ".join(row) for row in zip(*map(_texts, varied), strict=True)]
+        axis.set_ticks(np.arange(values.size)[few], texts[few])
+        if set_scale.__name__ == "set_xscale":
+            axis.set_tick_params(labelrotation=90)
+        return np.arange(float(values.size))
+    steps = np.diff(np.log(values)) if values.size > 2 and values.min() > 0.0 else np.empty(0)
+    if steps.size and np.allclose(steps, steps[0], rtol=1e-3):
+        set_scale("log")
+        axis.set_ticks(values[few], [f"{value:.3g}" for value in values[few]])
+        axis.set_ticks([], minor=True)
+    return np.asarray(values)
 
 
-def _curves(data: Dataset, along: DataArray) -> Figure:
-    figure, x = new_figure(130.0, 85.0), _places(along)
-    ax = figure.subplots()
+def _texts(keys: DataArray) -> list[str]:
+    """Numbers, and the beginnings of texts, which may be tables as JSON."""
+    if keys.dtype.kind == "f":
+        return [f"{value:.4g}" for value in keys.values]
+    return [re.sub('[{}"]', "", str(value))[:20] for value in keys.values]
+
+
+def _mark_failed(ax: Axes, x: Array, y: Array, status: Array, **look: Any) -> list[Line2D]:
+    """Marks where there are no charges, labelled with their status."""
+    look |= {"color": "black", "markerfacecolor": "none", "linestyle": "none"}
+    marks: list[Line2D] = []
+    for marker, word in zip("x" + MARKERS, sorted({*status.flat} - {"converged"}), strict=False):
+        label, at = f"no charges: {word.replace('_', ' ')}", status == word
+        marks += ax.plot(x[at], y[at], marker=marker, label=label, **look)
+    return marks
+
+
+def _curves(data: Dataset, along: list[DataArray]) -> Figure:
+    figure = new_figure(130.0, 95.0)
+    ax, bars = figure.subplots(), []
+    x = _draw_axis(ax.xaxis, along, ax.set_xscale)
     for j, name in enumerate(data.electrode.values):
         charge, error = data.charge_pC.values[:, j], data.charge_error_pC.values[:, j]
-        ax.errorbar(x, charge, error, marker=MARKERS[j % len(MARKERS)], label=str(name))
-    status, foot = data.status.values, ax.get_xaxis_transform()
-    failed = np.flatnonzero(status != "converged")
-    ax.plot(x[failed], np.full(failed.size, 0.03), "x", color="black", transform=foot)
-    for i in failed:
-        words = ax.text(x[i], 0.06, status[i], rotation=90, transform=foot, clip_on=True)
-        words.set(ha="center", va="bottom")
-    ax.legend(title="electrode")
-    ax.set_ylabel("total charge (pC)")
-    _label(ax.xaxis, along, ax.set_xscale)
+        bars.append(ax.errorbar(x, charge, error, label=str(name), **look_of(j)))
+    look: Any = {"transform": ax.get_xaxis_transform(), "clip_on": False}
+    marks = _mark_failed(ax, x, np.full(x.size, 0.02), data.status.values, **look)
+    figure.legend(handles=bars, loc="outside upper left", ncols=6, title="electrode")
+    figure.legend(handles=marks, loc="outside lower center")
+    ax.set(xlabel=_label(along), ylabel="total charge (pC)")
     return figure
 
 
-def _maps(data: Dataset, down: DataArray, across: DataArray) -> Figure:
-    charges, status = data.charge_pC.values, data.status.values
-    figure, panels = _panels(data.electrode.size, 4)
-    x, y, known = _places(across), _places(down), charges[np.isfinite(charges)]
-    norm = Normalize(min(known, default=0.0), max(known, default=1.0))
-    for ax, name, j in zip(panels, data.electrode.values, range(len(panels)), strict=True):
-        drawn = ax.pcolormesh(x, y, charges[..., j], shading="nearest", norm=norm)
-        for marker, word in zip("xsd^v", sorted({*status.flat} - {"converged"}), strict=False):
-            row, column = np.nonzero(status == word)
-            ax.plot(x[column], y[row], marker, color="black", markerfacecolor="none", label=word)
-        ax.set_title(str(name))
+def _maps(data: Dataset, down: list[DataArray], across: list[DataArray]) -> Figure:
+    charges = data.charge_pC.values
+    figure, panels = _panels(data.electrode.size)
+    known = charges[np.isfinite(charges)]
+    colours, low, high = colours_of(known if known.size else [0.0, 1.0])
+    for ax, name, charge in zip(panels, data.electrode.values, charges.T, strict=True):
+        x = _draw_axis(ax.xaxis, across, ax.set_xscale)
+        y = _draw_axis(ax.yaxis, down, ax.set_yscale)
+        look: Any = {"shading": "nearest", "cmap": colours, "vmin": low, "vmax": high}
+        drawn = ax.pcolormesh(x, y, charge.T, **look)
+        marks = _mark_failed(ax, *np.meshgrid(x, y), data.status.values)
+        ax.set_title(f"electrode {name}")
         ax.grid(False)
-        _label(ax.xaxis, across, ax.set_xscale)
-        _label(ax.yaxis, down, ax.set_yscale)
-        ax.label_outer()
-    figure.colorbar(drawn, ax=panels, label="total charge (pC)")
-    handles, labels = panels[0].get_legend_handles_labels()
-    if handles:
-        figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    figure.supxlabel(_label(across))
+    figure.supylabel(_label(down))
+    figure.colorbar(drawn, ax=panels, label="total charge (pC)", aspect=10 * len(panels))
+    figure.legend(handles=marks, loc="outside upper left")
     return figure

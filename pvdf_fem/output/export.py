@@ -70,30 +70,32 @@ def _field_data(solution: Solution) -> dict[str, Array]:
 
 def _at_nodes(solution: Solution) -> tuple[Array, Array]:
     """Displacement (nodes, 3) and averaged stress (nodes, 3) at the nodes of the mesh."""
-    mesh, weights = solution.mesh, solution.fields.equilibrium.space.weights
-    equilibrium, state = solution.fields.equilibrium, solution.fields.state
-    at = values_in_elements(equilibrium, state, ElementTriP2.doflocs.T)
-    nodes = mesh.dofs.element_dofs.T
-    displacement = np.zeros((mesh.doflocs.shape[1], 3))
+    equilibrium, nodes = solution.fields.equilibrium, solution.mesh.dofs.element_dofs.T
+    at = values_in_elements(equilibrium, solution.fields.state, ElementTriP2.doflocs.T)
+    displacement = np.zeros((solution.mesh.doflocs.shape[1], 3))
     displacement[nodes] = 1e-3 * at.displacement_mm
-    areas = np.broadcast_to(weights.sum(axis=1)[:, None], nodes.shape).ravel()
+    areas = equilibrium.space.weights.sum(axis=1)[:, None]
     parts = np.moveaxis(1e6 * at.stress_MPa, -1, 0)
-    sums = [np.bincount(nodes.ravel(), areas * part.ravel()) for part in parts]
-    return displacement, np.stack(sums, axis=-1) / np.bincount(nodes.ravel(), areas)[:, None]
+    return displacement, np.stack([_means(nodes, part, areas) for part in parts], axis=-1)
 
 
 def _contact_pressure(solution: Solution) -> Array:
     """Mean pressure of tips in the elements about each node, zero beside them, (nodes,)."""
-    fields, mesh = solution.fields, solution.mesh
-    triangles = mesh.dofs.element_dofs
-    total, area = np.zeros(mesh.doflocs.shape[1]), np.zeros(mesh.doflocs.shape[1])
+    fields, nodes = solution.fields, solution.mesh.dofs.element_dofs.T
+    total, areas = np.zeros((2, len(nodes), 1))
     for contact in fields.solved.contacts:
         _, pressure = contact.traction(fields.solved_state, solution.scene.film.thickness)
         weights = contact.space.weights[contact.patch]
-        for nodes in triangles[:, contact.patch]:
-            np.add.at(total, nodes, (pressure * weights).sum(axis=1))
-            np.add.at(area, nodes, weights.sum(axis=1))
-    return total / np.where(area > 0.0, area, 1.0)
+        total[contact.patch, 0] = (pressure * weights).sum(axis=1)
+        areas[contact.patch, 0] = weights.sum(axis=1)
+    return _means(nodes, total / np.where(areas > 0.0, areas, 1.0), areas)
+
+
+def _means(nodes: Indices, values: Array, areas: Array) -> Array:
+    """Means by area about each node, (nodes,), of values in elements, (elements, 6 or 1)."""
+    at, weighted = nodes.ravel(), np.broadcast_to(areas * values, nodes.shape)
+    around = np.bincount(at, np.broadcast_to(areas, nodes.shape).ravel())
+    return np.bincount(at, weighted.ravel()) / np.where(around > 0.0, around, 1.0)
 
 
 def _components(stress: Array) -> dict[str, Array]:

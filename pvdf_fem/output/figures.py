@@ -9,18 +9,23 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import RendererBase
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon as Patch
 from matplotlib.patheffects import withStroke
+from matplotlib.text import Text
+from matplotlib.transforms import Bbox, IdentityTransform
 from numpy.typing import ArrayLike
 
+from pvdf_fem.arrays import Array
 from pvdf_fem.files import replacing
 from pvdf_fem.scene.outlines.outline import Outline
 
@@ -31,9 +36,11 @@ _STYLE: dict[Any, Any] = matplotlib.rc_params_from_file(
 #: The colours of lines.
 COLOURS: tuple[str, ...] = tuple(_STYLE["axes.prop_cycle"].by_key()["color"])
 GREY = "0.45"
+DIVERGING = "RdBu_r"  #: Colours of values of both signs, white at zero.
+BOTH_SIGNS = 0.05  #: Share of the largest magnitude that the other sign needs to be one to show.
 MARKERS = "os^Dv<>pP*"  #: A marker for each electrode, besides its colour.
 LABEL_SIZE = 8.0  #: Size of labels in points.
-HALO = withStroke(linewidth=2.2, foreground="white")  #: Shows lines and texts on any colour.
+HALO = withStroke(linewidth=1.8, foreground="white")  #: Shows lines and texts on any colour.
 DPI = 200.0  #: Pixels per inch of pictures without lines.
 
 # Settings without which SVG files have random identifiers.
@@ -104,6 +111,23 @@ def colour_bar(ax: Axes, drawn: ScalarMappable, label: str, **ticks: Any) -> Non
     figure_of(ax).colorbar(drawn, ax=ax, label=label, fraction=0.046, pad=0.03, **ticks)
 
 
+def look_of(number: int) -> dict[str, Any]:
+    """Colour, dashes and marker of the curve of an electrode."""
+    turn, colour = divmod(number, len(COLOURS))
+    look = {"color": COLOURS[colour], "linestyle": ("-", "--")[turn % 2]}
+    return {**look, "marker": MARKERS[number % len(MARKERS)]}
+
+
+def colours_of(values: ArrayLike, sequential: str = "viridis") -> tuple[str, float, float]:
+    """A colour map with its limits: `DIVERGING` about zero for values of both signs, else a
+    sequential one over the values, which is reversed where these are negative."""
+    low, high = float(np.min(values)), float(np.max(values))
+    small, large = sorted([max(high, 0.0), max(-low, 0.0)])
+    if small > BOTH_SIGNS * large:
+        return DIVERGING, -large, large
+    return sequential + "_r" * (-low > high), low, high
+
+
 def draw_rim(
     ax: Axes, radius_mm: float, reach_mm: float, centre_mm: ArrayLike = (0.0, 0.0)
 ) -> None:
@@ -118,22 +142,46 @@ def draw_rim(
 
 
 def draw_electrode(ax: Axes, outline: Outline, words: Sequence[str], veil: float = 0.0) -> None:
-    """An electrode's outline on axes in mm, and words beside it, away from the film's centre."""
+    """An electrode's outline on axes in mm, and words beside it, or in it where there is room."""
     corners = 1e3 * np.array(outline.shape.exterior.coords)
     ax.add_patch(Patch(corners, facecolor="white", edgecolor="none", alpha=veil))
     ax.add_patch(Patch(corners, fill=False, linewidth=0.9, path_effects=[HALO]))
-    low, high = 1e3 * np.reshape(outline.shape.bounds, (2, 2))
-    x, y = outline.centroid
-    sideways = abs(x) > 0.577 * abs(y)
-    way = np.array([sideways, not sideways]) * (1.0 if (x if sideways else y) >= 0.0 else -1.0)
-    ax.annotate(
-        ("\n" if sideways else "  ").join(words),
-        tuple(0.5 * (low + high + way * (high - low))),
-        (4.0 * way[0], 4.0 * way[1]),
-        textcoords="offset points",
-        ha=("right", "center", "left")[1 + round(way[0])],
-        va=("top", "center", "bottom")[1 + round(way[1])],
-        fontsize=LABEL_SIZE,
-        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 1.0},
-        clip_on=True,
-    )
+    ax.add_artist(_Label(Bbox([corners.min(axis=0), corners.max(axis=0)]), "\n".join(words)))
+
+
+class _Label(Text):
+    """Words beside a box in mm, which find their place when they are drawn, to scale."""
+
+    def __init__(self, box_mm: Bbox, words: str) -> None:
+        super().__init__(text=words, fontsize=LABEL_SIZE, ha="center", va="center")
+        self.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 1.0})
+        self.set(transform=IdentityTransform(), in_layout=False)
+        self.box_mm = box_mm
+
+    def draw(self, renderer: RendererBase) -> None:
+        """Draw the words of a box in sight where they hide the fewest lines and other words."""
+        ax: Any = self.axes
+        if (seen := Bbox.intersection(self.box_mm.transformed(ax.transData), ax.bbox)) is None:
+            return
+        paths = [x.get_path().transformed(x.get_transform()) for x in (*ax.lines, *ax.patches)]
+        earlier = takewhile(lambda text: text is not self, ax.texts)
+        boxes = [text.get_window_extent(renderer) for text in earlier]
+        margin: Any = renderer.points_to_pixels(2.0)
+        half = 0.5 * np.array(self.get_window_extent(renderer).size) + margin
+        (low, high), (least, most) = np.reshape([seen.extents, ax.bbox.extents], (2, 2, 2))
+        middles = 0.5 * (low + high) + self._ways() * (0.5 * (high - low) + half + margin)
+        middles = np.clip(middles, least + half, most - half)
+        hidden = []
+        for place in (Bbox([middle - half, middle + half]) for middle in middles):
+            lines = sum(path.intersects_bbox(place, filled=False) for path in paths)
+            hidden.append(lines + place.count_overlaps(boxes))
+        self.set_position(middles[np.argmin(hidden)])
+        super().draw(renderer)
+
+    def _ways(self) -> Array:
+        """Ways from the box, (ways, 2): to its sides, that away from the film's centre first, then
+        towards its corners, and none."""
+        around = np.stack(np.meshgrid(*[np.linspace(1.0, -1.0, 5)] * 2), axis=-1).reshape(-1, 2)
+        ways = around[np.isin(np.abs(around).max(axis=1), [0.0, 1.0])]
+        away = np.round(np.mean([self.box_mm.p0, self.box_mm.p1], axis=0), 3)
+        return ways[np.lexsort([-ways @ away, np.abs(np.abs(ways).sum(axis=1) - 1.0)])]

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import LogNorm, Normalize, PowerNorm
+from matplotlib.colors import FuncNorm, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import Triangulation
@@ -17,12 +17,12 @@ from skfem import MeshTri1
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.charges.point_values import PointValues, values_in_elements
+from pvdf_fem.derivatives.adjoint import error_shares
 from pvdf_fem.film.membrane import principal
 from pvdf_fem.mesh.gmsh_mesh import FILM, electrode_patch
 from pvdf_fem.output import figures
 from pvdf_fem.output.figures import COLOURS, GREY
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.gradients import error_shares
 from pvdf_fem.solution.solution import Solution
 
 MOST_TRIANGLES = 60_000  #: Elements are cut in four again while there are no more triangles.
@@ -65,16 +65,22 @@ def _grid(solution: Solution, quantity: Quantity) -> tuple[Triangulation, Array]
 def _levels(ax: Axes, solution: Solution, quantity: Quantity) -> ScalarMappable:
     """Colours between about ten round levels; a flat film gets a small range."""
     grid, values = _grid(solution, quantity)
-    low, high = min(float(values.min()), 0.0), float(values.max())
+    colours, low, high = figures.colours_of([0.0, *values], quantity.colours)
     levels = MaxNLocator(10, min_n_ticks=2).tick_values(low, high if high > low else low + 1e-9)
-    return ax.tricontourf(grid, values, levels=levels, cmap=quantity.colours)
+    return ax.tricontourf(grid, values, levels=levels, cmap=colours)
 
 
 def _shades(ax: Axes, solution: Solution, quantity: Quantity) -> ScalarMappable:
     """Colours from the least to the largest value. A root spreads those far from the probe."""
     grid, values = _grid(solution, quantity)
-    norm = PowerNorm(0.5, values.min(), values.max())
-    return _shaded(ax, grid, values, norm, quantity.colours)
+    colours, low, high = figures.colours_of(values, quantity.colours)
+    start = np.clip(0.0, low, high)
+
+    def root(v: Array) -> Array:
+        return np.sign(v - start) * np.sqrt(np.abs(v - start))
+
+    norm = FuncNorm((root, lambda r: start + r * np.abs(r)), low, high)
+    return _shaded(ax, grid, values, norm, colours)
 
 
 def _shaded(
@@ -149,7 +155,7 @@ def _sides_mm(solution: Solution, cuts: int = 5) -> list[Array]:
 #: What `Solution.plot` shows, by name.
 QUANTITIES = {
     "deflection": Quantity(
-        "deflection (mm), positive along the probe's force",
+        "deflection away from the probe (mm)",
         _levels,
         lambda at: at.deflection_mm,
         "Blues",
@@ -200,11 +206,11 @@ def film_map(
     if drawn := quantity.draw(ax, solution, quantity):
         figures.colour_bar(ax, drawn, quantity.label)
     for electrode in scene.electrode_list:
-        words = [electrode.name, f"{charges[electrode.name]:.1f} pC"]
+        words = [electrode.name, f"{charges[electrode.name]:.4g} pC"]
         figures.draw_electrode(ax, electrode.outline, words, quantity.veil)
     for touch in scene.loaded_probes:
         edge_mm = 1e3 * np.array(touch.outline.shape.exterior.coords)
         if touch.patch in solution.contacts:
             edge_mm = solution.contacts[touch.patch].edge_mm
-        ax.plot(*edge_mm.T, color=COLOURS[1], linewidth=1.4)
+        ax.plot(*edge_mm.T, color=COLOURS[1], path_effects=[figures.HALO])
     return figures.figure_of(ax)

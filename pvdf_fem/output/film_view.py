@@ -14,7 +14,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.charges.point_values import PointValues
 from pvdf_fem.files import replacing
-from pvdf_fem.output.figures import COLOURS
+from pvdf_fem.output.figures import COLOURS, colours_of
 from pvdf_fem.output.film_map import Quantity, require_quantity, sampled
 from pvdf_fem.solution.solution import Solution
 
@@ -33,7 +33,8 @@ def film_view(solution: Solution, name: str, scale: float | None, html: str | Pa
     plotter = pyvista.Plotter(off_screen=True if html else None)
     film = film_mesh(solution, quantity, scale)
     bar = {"title": _plain(quantity.label), "color": "black", "fmt": "%.3g"}
-    plotter.add_mesh(film, cmap=quantity.colours, scalar_bar_args=bar, smooth_shading=True)
+    colours, *limits = colours_of(film.active_scalars, quantity.colours)
+    plotter.add_mesh(film, cmap=colours, clim=limits, scalar_bar_args=bar, smooth_shading=True)
     above = np.array([0.0, 0.0, ABOVE * scene.film.radius_mm])
     lines = film.contour(LEVELS, scalars=film.points[:, 2]).translate(above)
     if lines.n_points:  # which a flat film has not

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 
-from pvdf_fem.arrays import Array
+from pvdf_fem.arrays import Array, polar_grid
 from pvdf_fem.output import figures
 from pvdf_fem.output.figures import COLOURS
 from pvdf_fem.response.model import ROTATION, X, Y, period_deg
@@ -47,16 +47,19 @@ def charge_map(
     if ax is None:
         with figures.style():
             return charge_map(response, electrode, rotation_deg, force_N, figures.map_axes())
-    places = _disc(response.domain.reach_mm)
+    places = polar_grid(response.domain.reach_mm, RADII, ANGLES)
     x, y = np.moveaxis(places, -1, 0)
     others = np.tile([rotation_deg, force_N], (x.size, 1))
     charges, _ = response.evaluate(np.hstack([places.reshape(-1, 2), others]))
     charges = charges[:, response.names.index(electrode)].reshape(x.shape)
-    shades = np.linspace(charges.min(), charges.max(), SHADES)
-    filled = ax.contourf(x, y, charges, levels=shades, cmap="viridis")
-    lines = ax.contour(x, y, charges, levels=LINES, colors="white", linewidths=0.8)
+    colours, low, high = figures.colours_of(charges)
+    shades = np.linspace(low, high, SHADES)
+    filled = ax.contourf(x, y, charges, levels=shades, cmap=colours)
+    lines = ax.contour(x, y, charges, levels=LINES, colors="black", linewidths=0.6)
     levels = list(lines.levels)
-    ax.clabel(lines, levels[::2], fmt="%g pC", fontsize=7)
+    words = ax.clabel(lines, levels[::2], fmt="%g pC", fontsize=7)
+    for drawn in (lines, *words):
+        drawn.set_path_effects([figures.HALO])
     _electrodes(ax, response.scene, 1.15 * response.domain.reach_mm, Stage())
     ax.set_title(f"Charge of {electrode} by the probe's place, {force_N:g} N, {rotation_deg:g}°")
     figures.colour_bar(ax, filled, f"charge of {electrode} (pC), with that at rest", ticks=levels)
@@ -69,11 +72,12 @@ def likelihood_map(location: Location) -> Figure:
         raise ValueError("a map of the likelihood needs a touch of which x and y were sought")
     problem, best = location.problem, location.best.values[:ROTATION]
     centre, reach = np.array(problem.centre_mm), problem.model.domain.reach_mm
-    wide = WIDE * max(location.deviations["x_mm"], location.deviations["y_mm"])
+    wide = min(WIDE * max(location.deviations["x_mm"], location.deviations["y_mm"]), reach)
     with figures.style():
-        figure = figures.new_figure(190.0, 90.0)
-        film, near = figure.subplots(1, 2)
-        drawn = _likelihood(film, location, _disc(reach) + centre)
+        figure = figures.new_figure(120.0, 190.0)  # one above the other: a phone shows them
+        figure.set_layout_engine("compressed")
+        film, near = figure.subplots(2)
+        drawn = _likelihood(film, location, polar_grid(reach, RADII, ANGLES) + centre)
         scene = problem.model.scene
         _electrodes(film, scene, 1.15 * reach, scene.stage or Stage())
         across = np.linspace(-wide, wide, RASTER)
@@ -81,7 +85,8 @@ def likelihood_map(location: Location) -> Figure:
         _likelihood(near, location, places)
         near.set(xlim=best[0] + across[[0, -1]], ylim=best[1] + across[[0, -1]], aspect="equal")
         near.set(xlabel="x (mm)", ylabel="y (mm)")
-        near.plot(*ellipse_mm(location), color=COLOURS[1])
+        ellipse = deviation_ellipse(location.to_json()["touches"][0])
+        near.plot(*ellipse.T, color=COLOURS[1])
         for ax in (film, near):
             ax.grid(False)
             _touches(ax, location)
@@ -91,14 +96,6 @@ def likelihood_map(location: Location) -> Figure:
         label = "how much less likely than the best touch (standard deviations)"
         figure.colorbar(drawn, ax=[film, near], label=label, shrink=0.9, format="%g")
     return figure
-
-
-def ellipse_mm(location: Location, points: int = 97) -> Array:
-    """Points (2, n) of the ellipse whose shadows are the stated deviations of x and y."""
-    rows = [location.unknown.index(name) for name in ("x_mm", "y_mm")]
-    return deviation_ellipse(
-        location.best.values[[X, Y]], location.covariance[np.ix_(rows, rows)], points
-    )
 
 
 def _touches(ax: Axes, location: Location) -> None:
@@ -134,13 +131,6 @@ def least_chi_square(problem: Problem, at: Array) -> Array:
     starts = turned if ROTATION in sought else [at]
     ends = (descend(held, start, of_first, options=SEARCH) for start in starts)
     return np.min([end.chi_square for end in ends], axis=0)
-
-
-def _disc(reach_mm: float) -> Array:
-    """Places (radii, angles, 2) in mm up to a distance from the origin, whose edge is round."""
-    radius = np.linspace(1e-6, 1.0, RADII)[:, None] * reach_mm
-    angle = np.linspace(0.0, 2.0 * np.pi, ANGLES)
-    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
 
 
 def _electrodes(ax: Axes, scene: Scene, reach_mm: float, stage: Stage) -> None:

@@ -9,6 +9,7 @@ electrode and cable have. A reading is an offset plus a gain times V.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,6 +56,14 @@ class Channel:
         if math.isinf(self.resistance):
             return np.where(turn == 0.0, 0.0, self.gain / self.capacitance + 0j)
         return self.gain * turn * self.resistance / (1.0 + turn * self.time_constant)
+
+
+def units_pC(channels: Sequence[Channel]) -> dict[str, Array]:
+    """Nominal pC in each unit that readings may be in, (channels,)."""
+    volt = 1e12 * np.array([channel.capacitance for channel in channels])
+    charges = {"pC": 1.0, "fC": 1e-3, "nC": 1e3, "µC": 1e6, "C": 1e12}
+    units = {unit: np.full(len(channels), factor) for unit, factor in charges.items()}
+    return units | {"V": volt, "mV": 1e-3 * volt, "µV": 1e-6 * volt}
 
 
 def electrode_capacitance(area: float, thickness: float, permittivity: float) -> float:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import math
 import shutil
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,6 +16,7 @@ import joblib
 import numpy as np
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.derivatives.parameters import PLACE
 from pvdf_fem.files import FileError, make_directory, replacing, require_writable
 from pvdf_fem.mesh.symmetry import isotropy
 from pvdf_fem.response.held_out import SHARE, HeldOut, random_touches
@@ -26,11 +27,9 @@ from pvdf_fem.response.response_file import mechanics_of, response_key
 from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces
 from pvdf_fem.response.table import MARGIN, Grid, force_nodes_N, pressed_outline
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.gradients import PLACE
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.sweeps.store import Store
-
-Progress = Callable[[int, int], None]
+from pvdf_fem.sweeps.sweep import Progress, shown
 
 LEAST_TOLERANCE = 1e-6  #: Least error bound that full solves can confirm.
 
@@ -156,7 +155,8 @@ def build_response(
     domain, file = Domain(reach_mm, force_N), None if file is None else Path(file)
     options = ResponseOptions.of(tolerance) if options is None else options
     _refuse(scene, domain, options, tolerance)
-    with _shown(progress) as show, _unfinished(file) as folder:
+    bar = shown("solve", lines=False) if progress is None else nullcontext(progress)
+    with bar as show, _unfinished(file) as folder:
         made = _best(scene, domain, tolerance, processes or -1, options, folder, show)
         if file is not None:
             made.save(file)
@@ -216,23 +216,6 @@ def _best(
         remark = f"{missing} of the {len(touches)} touches held out have no solution"
         best = replace(best, remarks=(*best.remarks, remark))
     return best
-
-
-@contextmanager
-def _shown(progress: Progress | None) -> Iterator[Progress]:
-    """The progress that was given, or a bar on a terminal's standard error."""
-    if progress is not None:
-        yield progress
-        return
-    from tqdm import tqdm
-
-    with tqdm(unit="solve", disable=None) as bar:
-
-        def show(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        yield show
 
 
 def _refuse(scene: Scene, domain: Domain, options: ResponseOptions, tolerance: float) -> None:

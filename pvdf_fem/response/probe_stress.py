@@ -20,7 +20,8 @@ from skfem.models import mass
 
 from pvdf_fem.arrays import Array, unit_gauss
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.contact import LARGEST, PENETRATION, Edge, faces, guessed_width
+from pvdf_fem.film.loads.contact_edge import LARGEST, PENETRATION, Edge
+from pvdf_fem.film.loads.contact_guess import faces, guessed_width
 from pvdf_fem.film.space import Space, transferred
 from pvdf_fem.mesh.gmsh_mesh import PROBE, mesh_scene, outlines
 from pvdf_fem.mesh.size_field import Sizes

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.loads.contact import first_contacts
+from pvdf_fem.film.loads.contact_guess import first_contacts
 from pvdf_fem.response.model import Domain
 from pvdf_fem.response.rim_places import ProbeCharges
 from pvdf_fem.response.uniform_spline import UniformAxis, UniformSpline

@@ -80,9 +80,15 @@ def _line(details: ErrorDetails, model: type[BaseModel]) -> str:
             loc[-1] in ring.model_fields for ring in RINGS.values()
         ):
             reason = 'is a key of a ring; give electrodes.layout = "ring"'
+        elif key in {f"electrodes.{k}" for k in ("name", "x_mm", "y_mm", "rotation_deg")}:
+            reason = "is no key there, but of one electrode; begin each with [[electrodes]]"
         elif shapes := _shapes_with(loc):
             reason = f"is no key there; give shape = {' or '.join(shapes)}"
             reason += f", or choose from {', '.join(known)}"
+    elif kind == "tuple_type" and isinstance(value, Mapping):
+        reason = f"must be a list of tables; begin each with [[{key}]]"
+    elif kind == "model_type" and isinstance(value, list):
+        reason = f"must be one table; begin it with [{key}]"
     elif kind == "literal_error":
         known = _quoted(context["expected"]) + ["ring"] * (key == "electrodes.layout")
         reason = f"is not known; {choose(value, known)}"

@@ -17,6 +17,8 @@ from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES, Load
 from pvdf_fem.scene.scene_file import problem
 from pvdf_fem.scene.shapes import Electrode, Layout, Pressing, PressingProbe, Probe, Ring
 
+LEAST_RADIUS_MM = 0.3  #: A smaller radius of a film in mm was probably meant in m.
+
 
 def misplacements(
     radius_mm: float | None,
@@ -163,7 +165,8 @@ def _over_rim(key: str, shape: Electrode | Probe, radius_mm: float) -> Iterator[
 
 def _beyond(reach_mm: float, radius_mm: float) -> str:
     excess = reach_mm - radius_mm
-    return f"reaches {excess:.3g} mm over the rim at film.radius_mm = {radius_mm:g}"
+    meant = f" (were {1e3 * radius_mm:g} mm meant?)" if radius_mm < LEAST_RADIUS_MM else ""
+    return f"reaches {excess:.3g} mm over the rim at film.radius_mm = {radius_mm:g}{meant}"
 
 
 def _without_edges(observable: str, electrodes: Mapping[str, Electrode]) -> Iterator[str]:

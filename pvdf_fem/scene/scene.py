@@ -28,7 +28,7 @@ from pvdf_fem.scene.film import Air, Film
 from pvdf_fem.scene.mistakes import MOST_MISTAKES, mistakes
 from pvdf_fem.scene.outlines.outline import Outline, overlaps
 from pvdf_fem.scene.outlines.tip import Tip, tip_of
-from pvdf_fem.scene.placement import misplacements
+from pvdf_fem.scene.placement import LEAST_RADIUS_MM, misplacements
 from pvdf_fem.scene.quantity import Finite, Section, Whole, within
 from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES, Load
@@ -243,14 +243,16 @@ class Scene(Section):
         film, found = self.film, []
         if self.probe is None and self.load != Load():
             found.append("load: nothing presses, since there is no probe; add [probe]")
-        for key in ("d31_pC_N", "d32_pC_N", "d33_pC_N"):
-            d = getattr(film, key) or 0.0
-            if 0.0 < abs(d) < _LEAST_PC_N:
-                meant = f"were {1e12 * d:g} pC/N meant, which are {d:g} C/N?"
-                found.append(f"{problem(f'film.{key}', d, 'is in pC/N')}; {meant}")
-        if (h := film.thickness_um) < _THINNEST_UM:
-            meant = f"were {1e3 * h:g} µm meant, which are {h:g} mm?"
-            found.append(f"{problem('film.thickness_um', h, 'is in µm')}; {meant}")
+        for key, least, factor, unit, other in (
+            ("d31_pC_N", _LEAST_PC_N, 1e12, "pC/N", "C/N"),
+            ("d32_pC_N", _LEAST_PC_N, 1e12, "pC/N", "C/N"),
+            ("d33_pC_N", _LEAST_PC_N, 1e12, "pC/N", "C/N"),
+            ("thickness_um", _THINNEST_UM, 1e3, "µm", "mm"),
+            ("radius_mm", LEAST_RADIUS_MM, 1e3, "mm", "m"),
+        ):
+            if 0.0 < abs(value := getattr(film, key) or 0.0) < least:
+                meant = f"were {factor * value:g} {unit} meant, which are {value:g} {other}?"
+                found.append(f"{problem(f'film.{key}', value, f'is in {unit}')}; {meant}")
         return tuple(found)
 
     @property

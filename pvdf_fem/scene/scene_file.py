@@ -20,6 +20,8 @@ _LONG_KEY = re.compile(
     r"""(?:^|[\[{,])[ \t]*(?:(?:"[^"\n]*"|'[^'\n]*'|[\w-]+)[ \t]*\.[ \t]*){9}""", re.MULTILINE
 )
 
+_LISTS = {"axes", "electrodes", "probe", "film.patches"}  #: Keys of which there may be several.
+
 
 class SceneError(ValueError):
     """A scene that cannot be simulated.
@@ -77,7 +79,9 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     except RecursionError:
         raise SceneError([deep], source) from None
     except tomllib.TOMLDecodeError as error:
-        text = f"{source}: not TOML: {str(error)[:300]}; correct the file there"
+        key = ".".join(re.findall(r"'([\w-]+)'", str(error)))
+        change = f"begin each of them with [[{key}]]" if key in _LISTS else "correct the file there"
+        text = f"{source}: not TOML: {str(error)[:300]}; {change}"
         raise SceneError([text], source) from None
     except ValueError:  # of int(), whose digits are limited
         text = f"{source}: has an integer of thousands of digits; give a smaller number"

@@ -22,7 +22,8 @@ from pvdf_fem.charges.forces import (
 from pvdf_fem.charges.goals import Goal, coefficients_of
 from pvdf_fem.film.equilibrium import Equilibrium, prolonged
 from pvdf_fem.film.layers import Layers, remaining_part
-from pvdf_fem.film.loads.contact import LARGEST, PENETRATION, Edge, faces, first_contacts
+from pvdf_fem.film.loads.contact_edge import LARGEST, PENETRATION, Edge
+from pvdf_fem.film.loads.contact_guess import faces, first_contacts
 from pvdf_fem.film.loads.kinds import rigid_elements
 from pvdf_fem.film.space import transferred
 from pvdf_fem.mesh.size_field import SizeField, element_sizes, refined_sizes

@@ -13,7 +13,7 @@ from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.charges.forces import Forces, goal_forces
 from pvdf_fem.charges.goals import Goal
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.contact import Edge
+from pvdf_fem.film.loads.contact_edge import Edge
 from pvdf_fem.film.loads.touchdown import Touchdown
 from pvdf_fem.film.space import shape_values
 from pvdf_fem.film.term import State

@@ -8,7 +8,7 @@ import numpy as np
 
 from pvdf_fem.charges.observables import OBSERVABLES
 from pvdf_fem.film.bending_effect import bending_effect, layer_size
-from pvdf_fem.film.loads.contact import first_contacts
+from pvdf_fem.film.loads.contact_guess import first_contacts
 from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import FILM, outlines

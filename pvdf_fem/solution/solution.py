@@ -251,7 +251,7 @@ class Solution:
         `quantity` is ``deflection``, ``stress`` (S11 + S22), ``charge density``, ``principal
         directions``, ``mesh``, ``error`` (elements' shares in errors of charges) or ``contact``
         (pressure of tips); ValueError for another, or none in this scene. `reach_mm` is half the
-        width of what is shown, by default all of the film.
+        width of what is shown, by default all of the film. Fields of both signs are white at zero.
         """
         from pvdf_fem.output.film_map import film_map
 

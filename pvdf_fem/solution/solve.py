@@ -51,8 +51,8 @@ from pvdf_fem.solvers.wrinkling import barely_loaded
 
 #: Relative error of a charge above which a film that is barely loaded is called slack.
 UNKNOWN_CHARGE = 0.1
-#: Whether effects but bending are included, and texts with their sizes.
-REMARKS = (coupling_remarks, thickness_remarks, heat_remarks)
+#: Whether effects that are charges by themselves are included, and texts with their sizes.
+REMARKS = (thickness_remarks, heat_remarks)
 
 
 def solve(
@@ -184,9 +184,12 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
         change = float(by_charge.max(initial=0.0))
         errors = larger(fields.forces.errors, changes, problem.goals)
         fields = replace(fields, forces=replace(fields.forces, errors=errors))
-    model, status = film_model(problem.scene), _status(attempt, stop, change)
-    others = (remarks(problem.scene) for remarks in REMARKS)
-    remarks = [model.remark, *chain.from_iterable(others)]
+    scene, status = problem.scene, _status(attempt, stop, change)
+    model = film_model(scene)
+    by_stress = fields.forces.charges((scene.film.d31_pC_N, scene.film.d32_pC_N)).tolist()
+    charges_pC = {e.name: q for e, q in zip(scene.electrode_list, by_stress, strict=True)}
+    others = (told(scene, charges_pC) for told in REMARKS)
+    remarks = [model.remark, *coupling_remarks(scene), *chain.from_iterable(others)]
     reason = status.advice
     if status is Status.TOLERANCE:
         reason = (

@@ -39,17 +39,33 @@ class Grid:
 
 def solution_text(result: dict[str, Any]) -> str:
     """The text of a solution, from its JSON."""
-    lines = [f"{result['status']}: {result.get('reason', result['stop'])}"]
-    for table in _tables(result):
-        lines += ["", *table.lines()]
-    return "\n".join([*lines, *(["", *remarks] if (remarks := _remarks(result)) else [])])
+    return told(*_head(result), _tables(result), _remarks(result))
 
 
 def solution_html(result: dict[str, Any]) -> str:
     """The HTML of a solution, from its JSON."""
-    head = f"<p><b>{result['status']}</b>: {escape(result.get('reason', result['stop']))}</p>"
-    tables = "".join(table.html() for table in _tables(result))
-    return head + tables + "".join(f"<p>{escape(remark)}</p>" for remark in _remarks(result))
+    return told_html(*_head(result), _tables(result), _remarks(result))
+
+
+def told(status: str, reasons: Sequence[str], tables: Sequence[Grid], notes: Sequence[str]) -> str:
+    """A result as text: what matters first, tables that have rows, and notes."""
+    blocks = [table.lines() for table in tables if table.rows]
+    head = [f"{status}: {reasons[0]}", *reasons[1:]]
+    return "\n\n".join("\n".join(block) for block in (head, *blocks, notes) if block)
+
+
+def told_html(
+    status: str, reasons: Sequence[str], tables: Sequence[Grid], notes: Sequence[str]
+) -> str:
+    """The same as HTML."""
+    texts = ["".join(f"<p>{escape(line)}</p>" for line in some) for some in (reasons[1:], notes)]
+    head = f"<p><b>{status}</b>: {escape(reasons[0])}</p>{texts[0]}"
+    return head + "".join(table.html() for table in tables if table.rows) + texts[1]
+
+
+def _head(result: dict[str, Any]) -> tuple[str, list[str]]:
+    warnings = [f"warning: {text}" for text in result["warnings"]]
+    return result["status"], [result.get("reason", result["stop"]), *warnings]
 
 
 def _tables(result: dict[str, Any]) -> list[Grid]:
@@ -100,7 +116,7 @@ def _remarks(result: dict[str, Any]) -> list[str]:
     ]
     if deflection := result.get("deflection_max_mm"):
         remarks.append(f"deflection: {deflection:.4g} mm at most")
-    for key, word in (("included", "included"), ("left_out", "left out"), ("warnings", "warning")):
+    for key, word in (("included", "included"), ("left_out", "left out")):
         remarks += [f"{word}: {text}" for text in result[key]]
     return remarks
 

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import itertools
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from tqdm import tqdm
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
@@ -34,6 +38,23 @@ Run = Callable[..., Iterator[tuple[int, Any]]]
 
 def silent(done: int, total: int) -> None:
     """A `Progress` that shows nothing."""
+
+
+@contextmanager
+def shown(unit: str, lines: bool = True) -> Iterator[Progress]:
+    """A `Progress` on standard error: a bar on a terminal, else a line for each tenth, or none."""
+    terminal, tenths = sys.stderr.isatty(), 0
+    with tqdm(unit=unit, disable=not terminal) as bar:
+
+        def show(done: int, total: int) -> None:
+            nonlocal tenths
+            bar.total = total
+            bar.update(done - bar.n)
+            before, tenths = tenths, 10 * done // max(total, 1)
+            if lines and not terminal and tenths != before:
+                print(f"{done} of {total} {unit}s", file=sys.stderr, flush=True)
+
+        yield show
 
 
 def sweep(

@@ -18,12 +18,13 @@ from scipy.interpolate import RBFInterpolator
 
 from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.charges.rest import rest_charges
+from pvdf_fem.derivatives.parameters import parameters_of
+from pvdf_fem.derivatives.rates import charge_rates
 from pvdf_fem.response.model import Domain
 from pvdf_fem.scene.change import number_at, plain, steps_of
 from pvdf_fem.scene.outlines.shape import HEAT
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.shapes import FORCES, Pressing
-from pvdf_fem.solution.gradients import charge_rates, parameters_of
 from pvdf_fem.solution.solution import NotConvergedError
 from pvdf_fem.solution.solve import solve
 from pvdf_fem.sweeps.sweep import solve_all

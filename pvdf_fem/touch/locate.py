@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.readout.channel import READINGS, channels, units_pC
 from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model, X, Y, period_deg, touch_of
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.touch.descent import Descent, SearchOptions, descend, joined
@@ -135,8 +136,9 @@ def locate(  # type: ignore[misc]  # the overloads leave its keywords out
     values = {**default, **(known or {})}
     fixed = {i: values[n] - origin[i] for i, n in enumerate(QUANTITIES) if n not in unknown}
 
-    def found(measurement: Measurement) -> Location:
-        problem = measurement.problem(np.array([list(charges_pC.values())], dtype=float), sought)
+    def found(measurement: Measurement, factor: Array | float = 1.0) -> Location:
+        readings = factor * np.array([list(charges_pC.values())], dtype=float)
+        problem = measurement.problem(readings, sought)
         ends = search(problem, fixed, how)
         return replace(location(problem, ends, how), reading=measurement.reading)
 
@@ -144,8 +146,23 @@ def locate(  # type: ignore[misc]  # the overloads leave its keywords out
     best = found(measurement)
     if best.explained:
         return best
-    other = found(measurement.other)
-    return replace(best, other_reading=other.best if other.explained else None)
+    for words, (meant, factor) in _meant_otherwise(measurement).items():
+        other = found(meant, factor)
+        if other.explained:
+            return replace(best, other_reading=other.best, other_words=words)
+    return best
+
+
+def _meant_otherwise(measurement: Measurement) -> dict[str, tuple[Measurement, Array | float]]:
+    """What readings may be instead of what they were taken for, and the factors that undo it."""
+    scene, other = measurement.model.scene, measurement.other
+    units = units_pC([channels(scene)[i] for i in measurement.electrodes])
+    factors: dict[str, Array | float] = {"with the opposite sign": -1.0}
+    if scene.readout:
+        factors |= {"as V, not pC,": units["V"], "as pC, not V,": 1.0 / units["V"]}
+    factors |= {f"as {unit}, not pC,": units[unit] for unit in ("nC", "fC", "µC", "C")}
+    by_factor = {words: (measurement, factor) for words, factor in factors.items()}
+    return {f"as {READINGS[other.reading]}": (other, 1.0), **by_factor}
 
 
 def staged_touch(scene: Scene) -> dict[str, float]:

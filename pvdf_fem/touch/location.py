@@ -23,21 +23,18 @@ SHARE = 0.01
 class Location:
     """All touches that may have given some charges."""
 
-    #: The likeliest first; empty when no search ended.
-    touches: tuple[Touch, ...]
-    #: What was sought.
-    unknown: tuple[str, ...]
-    #: Charges less unknown quantities; negative when there are too few charges.
-    degrees_of_freedom: int
+    touches: tuple[Touch, ...]  #: The likeliest first; empty when no search ended.
+    unknown: tuple[str, ...]  #: What was sought.
+    degrees_of_freedom: int  #: Charges less unknown quantities; negative with too few charges.
     #: Logarithm of the probability density of the charges, whatever the touch is, with all places,
     #: rotations and magnitudes of the force in the model's domain equally likely before.
     log_evidence: float
-    #: The charges, and what explains them.
-    problem: Problem
-    #: What the readings were taken for, of `READINGS`.
-    reading: str = "total"
-    #: The likeliest touch if they are the other, where only that explains them.
+    problem: Problem  #: The charges, and what explains them.
+    reading: str = "total"  #: What the readings were taken for, of `READINGS`.
+    #: The likeliest touch if they are the other, or in another unit, where only that explains them,
+    #: and in words what they are then.
     other_reading: Touch | None = None
+    other_words: str = ""
 
     def __repr__(self) -> str:
         values = [f"{n} = {getattr(self.best, n):.4g}" for n in self.unknown if self.touches]
@@ -96,18 +93,17 @@ class Location:
     def remarks(self) -> tuple[str, ...]:
         """What keeps the best touch from being the answer, in sentences."""
         texts = []
-        if self.other_reading:
-            touch, (other,) = self.other_reading, READINGS.keys() - {self.reading}
+        if touch := self.other_reading:
             texts.append(
-                f"wrong reading: as {READINGS[self.reading]} no touch explains what was given; as "
-                f"{READINGS[other]} one does, at ({touch.x_mm:.4g}, {touch.y_mm:.4g}) mm, "
+                f"wrong reading: as {READINGS[self.reading]} no touch explains what was given; "
+                f"{self.other_words} one does, at ({touch.x_mm:.4g}, {touch.y_mm:.4g}) mm, "
                 f"{touch.force_N:.4g} N"
             )
         if not self.touches:
-            return ("no search ended: the charges fit no touch of the model's domain", *texts)
+            return (*texts, "no search ended: the charges fit no touch of the model's domain")
         best = self.best
         if not best.explained:
-            often = f"chi-square {best.chi_square:.1f}"
+            often = f"chi-square {best.chi_square:.3g}"
             if self.degrees_of_freedom > 0:
                 often = (
                     f"a touch gives such charges once in {1 / max(best.p_value, 1e-99):.0e} cases "

@@ -58,7 +58,8 @@ def polish(
     ends = [_polished(problem, better, touch.values, solver) for touch in found.touches]
     problems, descents = zip(*ends, strict=True)
     polished = location(problems[0], joined(descents))
-    return replace(polished, reading=found.reading, other_reading=found.other_reading)
+    alike = {key: getattr(found, key) for key in ("reading", "other_reading", "other_words")}
+    return replace(polished, **alike)
 
 
 def _polished(

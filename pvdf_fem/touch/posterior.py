@@ -16,9 +16,10 @@ Statist. 39, 2012).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, reduce
+from typing import Any
 
 import numpy as np
 
@@ -149,9 +150,12 @@ def _standard(dimension: int, seed: int) -> tuple[Array, Array, Array]:
     return normal, radius, (np.arange(DRAWS) + 0.5) / DRAWS
 
 
-def deviation_ellipse(centre: Array, covariance: Array, points: int) -> Array:
-    """Points (2, n) of the ellipse about a centre (2,) whose shadows are the standard deviations of
-    a covariance (2, 2)."""
-    squares, vectors = np.linalg.eigh(covariance)
+def deviation_ellipse(touch: Mapping[str, Any], x_key: str = "x_mm", points: int = 97) -> Array:
+    """Points in mm, (points, 2), of the ellipse about a place of a touch as JSON whose shadows are
+    its standard deviations."""
+    keys = [x_key, x_key.replace("x_mm", "y_mm")]
+    rows = [[*touch["standard_deviations"]].index(key) for key in keys]
+    squares, vectors = np.linalg.eigh(np.array(touch["covariance"])[np.ix_(rows, rows)])
     root, angle = vectors * np.sqrt(np.maximum(squares, 0.0)), np.linspace(0.0, 2 * np.pi, points)
-    return np.asarray(centre[:, None] + root @ [np.cos(angle), np.sin(angle)])
+    around = root @ [np.cos(angle), np.sin(angle)]
+    return np.asarray([touch[key] for key in keys] + around.T)

@@ -43,8 +43,7 @@ def curvature(slopes: Array) -> tuple[Array, Array]:
 class Fit:
     """Values of some unknown whose charges are, among those nearby, the likeliest."""
 
-    #: The quantities that were sought; the order of all matrices.
-    unknown: tuple[str, ...]
+    unknown: tuple[str, ...]  #: The quantities that were sought; the order of all matrices.
     jacobian: Array  #: Slopes of the charges over their standard deviations, (electrodes, unknown).
     #: Size (unknown,) of the domain in each unknown: what is known of it without any charge.
     extent: Array
@@ -139,8 +138,7 @@ class Touch(Fit):
 
     x_mm: float
     y_mm: float
-    #: From 0 to the probe's period.
-    rotation_deg: float
+    rotation_deg: float  #: From 0 to the probe's period.
     force_N: float
 
     @property

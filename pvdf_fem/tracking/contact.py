@@ -138,6 +138,8 @@ class Contact:
         where the likeliest is lighter than the model knows."""
         model, sample = self.model, self.history[number]
         heard = np.flatnonzero(sample.noise < UNKNOWN)
+        if not len(heard):
+            return np.empty((0, 4))
         total = (sample.charges + model.rest_pC)[heard]
         error = model.problem.model.error_bound * total
         spread = np.sqrt((sample.walked + sample.noise)[heard] + np.square(error))

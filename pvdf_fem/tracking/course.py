@@ -23,6 +23,7 @@ RIDGE = 1e-10  #: Part of the largest entry that is added to the diagonal of nor
 CLOSE = np.array([0.3, 0.3, 3.0, np.inf])  #: Places this close are one.
 BEYOND = 6.0  #: Places beyond the model's reach are e to this power less likely before.
 LIGHTEST = 7.0  #: Forces are followed down to the model's least over e to this power.
+STRONGEST = 2.0  #: Forces are followed up to the model's largest times e to this power.
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +50,8 @@ class ChangeModel:
         """`known` are values by index of what is not sought."""
         unknown = np.array([i for i in range(len(QUANTITIES)) if i not in known])
         self.circuit, self.known = circuit, known
-        self.rest_pC, self.least = rest_pC, model.domain.log_force[0]
+        self.rest_pC, (self.least, most) = rest_pC, model.domain.log_force
+        self.log_forces = self.least - LIGHTEST, most + STRONGEST  #: Those that are followed.
         every, ones = np.arange(len(rest_pC)), np.ones((1, len(rest_pC)))
         #: Its charges are the rest charges, so that differences from them are changes.
         self.problem = Problem(model, every, rest_pC[None], ones, unknown)
@@ -81,7 +83,7 @@ class ChangeModel:
             system = self.evaluate(at)[0]
             misfit, slope = sample.charges - system[:, 0], system[:, 1 + FORCE]
             step = (weights * slope * misfit).sum() / (weights * slope * slope).sum()
-            at[0, FORCE] = max(at[0, FORCE] + np.clip(step, -1.0, 1.0), self.least - LIGHTEST)
+            at[0, FORCE] = np.clip(at[0, FORCE] + np.clip(step, -1.0, 1.0), *self.log_forces)
             if abs(step) < SHORT:
                 break
         return at[0], float((weights * np.square(misfit - slope * step)).sum())
@@ -149,7 +151,7 @@ def fitted(
         reach = ROOM_REACH * model.problem.model.domain.reach_mm
         distance = np.hypot(at[..., X], at[..., Y])[..., None]
         at[..., : Y + 1] *= reach / np.maximum(distance, reach)
-        at[:, :, FORCE] = np.maximum(at[:, :, FORCE], model.least - LIGHTEST)
+        at[:, :, FORCE] = at[:, :, FORCE].clip(*model.log_forces)
         if length.max() < SHORT:
             break
     chi_square = np.square(target).sum(axis=(1, 2)) - (right * step).sum(axis=1) + shared**2

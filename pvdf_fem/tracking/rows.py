@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-NAN = float("nan")
+from pvdf_fem.solution.summary import rounded
 
 
 @dataclass(frozen=True)
@@ -16,22 +17,23 @@ class Row:
     model's least: the place is that of before), ``too_strong`` (it is above the largest),
     ``unexplained`` (no touch of this probe gives such charges), ``lost`` (what the touch was cannot
     be told any longer; a new baseline begins), ``clock`` (the time did not grow: all begins anew).
+    A force that is far above the model's largest is NaN.
     """
 
     t_s: float
     status: str
     touch: int = 0  #: Number of the touch, from 1; 0 for none.
-    x_mm: float = NAN
-    y_mm: float = NAN
-    force_N: float = NAN
-    rotation_deg: float = NAN
+    x_mm: float = math.nan
+    y_mm: float = math.nan
+    force_N: float = math.nan
+    rotation_deg: float = math.nan
     #: Standard deviations. That of the place counts all places that may be touched.
-    x_deviation_mm: float = NAN
-    y_deviation_mm: float = NAN
-    force_deviation_N: float = NAN
-    rotation_deviation_deg: float = NAN
+    x_deviation_mm: float = math.nan
+    y_deviation_mm: float = math.nan
+    force_deviation_N: float = math.nan
+    rotation_deviation_deg: float = math.nan
     #: Of the charges of this sample, with one degree of freedom less than there are channels.
-    chi_square: float = NAN
+    chi_square: float = math.nan
     alternatives: int = 0  #: Number of places with a hundredth of the likelihood or more.
     missing: str = ""  #: Channels without a reading, by name: ``A C``.
 
@@ -44,25 +46,24 @@ class TouchSummary(Row):
     a while.
     """
 
-    onset_s: float = NAN
-    end_s: float = NAN
-    impulse_N_s: float = NAN  #: Integral of the force over time.
+    onset_s: float = math.nan
+    end_s: float = math.nan
+    impulse_N_s: float = math.nan  #: Integral of the force over time.
 
     def __str__(self) -> str:
         """A line for people."""
         line = f"touch {self.touch}: {self.onset_s:.4f} to {self.end_s:.4f} s"
         if self.alternatives:
-            line += (
-                f", x {self.x_mm:.2f} ± {self.x_deviation_mm:.2f} mm"
-                f", y {self.y_mm:.2f} ± {self.y_deviation_mm:.2f} mm"
-                f", peak {self.force_N:.3f} ± {self.force_deviation_N:.3f} N"
-            )
-            if self.rotation_deviation_deg:
-                line += f", {self.rotation_deg:.0f} ± {self.rotation_deviation_deg:.0f}°"
+            for name, unit in (("x", "mm"), ("y", "mm"), ("force", "N"), ("rotation", "deg")):
+                value, error = (getattr(self, f"{name}{of}_{unit}") for of in ("", "_deviation"))
+                if error > 0.0:  # neither known nor NaN
+                    line += f", {name} {' ± '.join(rounded(value, error))} {unit}"
         if self.alternatives > 1:
             line += f"; {self.alternatives} places are likely"
         if not self.alternatives:
             line += "; not located"
         if self.status not in ("touch", "starting"):
             line += f"; {self.status}"
+        if self.alternatives and math.isnan(self.force_N):
+            line += ": the force is far above the model's largest"
         return line + (f"; without {self.missing} for a while" if self.missing else "")

@@ -39,9 +39,8 @@ class Tracker:
     response : Response
         Its scene has the readout of the channels and the stage.
     unknown : sequence of str
-        What is sought, of ``x_mm``, ``y_mm``, ``rotation_deg`` and ``force_N``, which always is.
-    known : mapping
-        Values of the rest in the film's frame; by default those of the response's scene.
+        What is sought, of ``x_mm``, ``y_mm``, ``rotation_deg`` and ``force_N``, which always is;
+        the rest is that of the response's scene.
     unit : str
         Of the readings: ``V``, or ``pC``: V times the channel's capacitance.
 
@@ -56,20 +55,17 @@ class Tracker:
         response: Model,
         *,
         unknown: Sequence[str] = PLACE_AND_FORCE,
-        known: Mapping[str, float] | None = None,
         unit: str = "V",
     ) -> None:
-        scene, known = response.scene, known or {}
-        default = touch_of(scene)
-        mistakes = [*known_mistakes(response.domain, unknown, known, default)]
+        scene, known = response.scene, touch_of(response.scene)
+        mistakes = [*known_mistakes(response.domain, unknown, {}, known)]
         if "force_N" not in unknown:
             mistakes.append("unknown: force_N is missing; the force of a touch is always sought")
         if unit not in ("V", "pC"):
             mistakes.append(f"unit = {unit}: choose from V, pC")
         if mistakes:
             raise ValueError("\n".join(mistakes))
-        values = {**default, **known}
-        fixed = {i: values[n] for i, n in enumerate(QUANTITIES) if n not in unknown}
+        fixed = {i: known[n] for i, n in enumerate(QUANTITIES) if n not in unknown}
         circuit = Circuit.of(channels(scene))
         self.touches: list[TouchSummary] = []
         self._names, self._unit, self._stage = response.names, unit, scene.stage or Stage()
@@ -167,8 +163,9 @@ class Tracker:
         told = contact if status else contact.closed()
         row = asdict(self._row(told.history[told.peak].time, told))
         row |= {"missing": " ".join(sorted(self._missing))} | ({"status": status} if status else {})
+        impulse = math.nan if math.isnan(row["force_N"]) else contact.impulse
         self.touches.append(
-            TouchSummary(**row, onset_s=contact.onset, end_s=told.end, impulse_N_s=contact.impulse)
+            TouchSummary(**row, onset_s=contact.onset, end_s=told.end, impulse_N_s=impulse)
         )
         self._baseline.keep(told.end, t, np.array(contact.voltages[-STILL:]))
         self._contact, self._watch = None, Watch(len(self._names))
@@ -184,7 +181,8 @@ class Tracker:
         status = "unexplained" if contact.strain > BAD else status
         place, turned = self._stage.to_stage((x, y), rotation)
         x, y = place.tolist()
-        force, rotation = math.exp(log_force), float(turned) % period_deg(self._response)
+        force = math.exp(log_force) if log_force < self._model.log_forces[1] else math.nan
+        rotation = float(turned) % period_deg(self._response)
         dx, dy, turn, relative = contact.places.deviations(self._stage.turn).tolist()
         numbers = x, y, force, rotation, dx, dy, relative * force, turn
         return Row(t, status, number, *numbers, contact.chi_square, len(contact.places.at))

@@ -17,7 +17,7 @@ import numpy as np
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.arrays import Array
-from pvdf_fem.solution.gradients import force_rates
+from pvdf_fem.derivatives.rates import force_rates
 from pvdf_fem.touch.by_solves import SolveOptions, locate_by_solves
 from reports.chapters.contact import rotations_deg
 from reports.common.chapter import Chapter, Content

@@ -47,7 +47,7 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
         "film.loads.pressure.Leaning",
         "solvers.status.Status",
         "solution.history.MeshRecord",
-        "solution.gradients.Gradients",
+        "derivatives.gradients.Gradients",
         "dynamics.modes.Modes",
         "dynamics.forced.FrequencyResponse",
         "dynamics.forced.Transient",

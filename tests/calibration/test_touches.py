@@ -30,6 +30,12 @@ def test_a_file_and_columns_are_read_alike(tmp_path):
     assert (read.rows.tolist(), read.remarks) == ([1, 2, 3], ())
 
 
+def test_decimal_commas_between_semicolons_are_read(tmp_path):
+    path = tmp_path / "touches.csv"
+    path.write_text("\n".join([HEAD, *ROWS]).replace(",", ";").replace("11;", "11,25;") + "\n")
+    assert read_touches(path, SCENE).readings[1].tolist() == [11.25, 21.0, 31.0, 41.0]
+
+
 def test_empty_cells_leave_out_a_reading_or_a_row(tmp_path):
     path = tmp_path / "touches.csv"
     rows = [ROWS[0], "3,4,10,2,11,,31,41", "-5,nan,20,0.5,12,22,32,42", ROWS[2]]

@@ -51,7 +51,9 @@ def built(monkeypatch):
     """What was built: scene, reach and forces; the module of responses is replaced."""
     calls = []
 
-    def build(scene, reach_mm, force_N, tolerance, *, file):
+    def build(scene, reach_mm, force_N, tolerance, *, file, progress):
+        for done in range(41):
+            progress(done, 40)
         calls.append((scene, reach_mm, force_N, tolerance))
         model = Kept(bumps(scene.probe.shape, domain=Domain(reach_mm, force_N)), scene)
         model.save(file)
@@ -88,6 +90,9 @@ def test_a_touch_is_located_and_the_model_kept(built, file, capsys):
     assert result["deviations"] == best["standard_deviations"]
     assert "building the model" in err
     assert "a remark" in err
+    assert [line for line in err.splitlines() if line.endswith(" solves")] == [
+        f"{done} of 40 solves" for done in range(4, 41, 4)
+    ]
     [(scene, *wanted)] = built
     assert (scene.probe.rotation_deg, wanted) == (0.0, [12.0, (0.1, 5.0), 1e-3])
     assert main(arguments) == 0

@@ -237,7 +237,10 @@ def test_tables_of_changes_and_volts(file, tmp_path, capsys):
     [
         ("", "readings.csv: has no electrode among its columns ; name some of A, B, C, D"),
         ("905,731\n600,640\n", "has no electrode among its columns 905, 731; name some of A, B"),
-        ("A;B;C\n1;2;3\n", "columns A;B;C; name some of A, B, C, D in its first line; separate"),
+        (
+            "A;B\tC,D;E\n1\n",
+            "columns A;B\\tC, D;E; name some of A, B, C, D in its first line; separate",
+        ),
         ("A,B,A\n1,2,3\n", "column A is there twice; rename one"),
         ("A,B,x_mm\n1,2,3\n", "column x_mm: is what is written; rename it, such as to given_x_mm"),
         ("A,B\n" + "1" * (1 << 21), "has a line of more than 1048576 bytes"),

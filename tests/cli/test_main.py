@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+from argparse import Namespace
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -20,6 +21,7 @@ from pydantic import BaseModel
 
 from pvdf_fem import Scene, __version__, solve
 from pvdf_fem.cli import main as cli
+from pvdf_fem.cli.program import scene_of
 from pvdf_fem.dynamics.modes import modes
 from pvdf_fem.files import printable
 from pvdf_fem.scene.film import Film
@@ -339,7 +341,8 @@ def test_doubts_are_told_with_and_without_charges(tmp_path, capsys, monkeypatch)
     scene = tmp_path / "flat.toml"
     scene.write_text("[load]\nforce_N = 2.0\n")
     run = Run(["solve", scene], capsys)
-    assert "warning: load: nothing presses, since there is no probe" in run.out
+    warning = run.out.splitlines()[1]
+    assert warning.startswith("warning: load: nothing presses, since there is no probe")
     monkeypatch.setattr(
         "pvdf_fem.solvers.ladder.NewtonOptions", partial(NewtonOptions, max_iterations=2)
     )
@@ -524,10 +527,41 @@ def test_help_and_version_import_nothing_slow() -> None:
     assert run.stdout.startswith(f"pvdf-fem {__version__}\n")
 
 
-def test_no_command_is_a_mistake(capsys: pytest.CaptureFixture[str]) -> None:
-    run = Run([], capsys)
+def test_no_command_prints_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+    assert Run([], capsys).out == Run(["--help"], capsys).out
+    assert Run([], capsys).code == 2
+
+
+def test_an_unknown_command_is_told_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
+    run = Run(["slove", "scene.toml"], capsys)
     assert run.code == 2
-    assert "COMMAND" in run.err
+    assert "slove is no command; did you mean solve?" in run.err
+
+
+@pytest.mark.parametrize(
+    ("settings", "lost"),
+    [
+        (["probe.shape=circle"], ["probe.side_mm = 7.5"]),
+        (["probe={shape='circle'}"], []),
+        (
+            ["load.kind=dead", "film.pretension_N_m=9"],
+            ["film.temperature_change_K = -2.0", 'load.contact = "stuck"'],
+        ),
+        (["probe.x_mm=1", "electrodes.layout=three"], []),
+    ],
+)
+def test_keys_that_a_change_leaves_out_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], settings: list[str], lost: list[str]
+) -> None:
+    """Those of the file, not defaults, and none that a change names."""
+    (path := tmp_path / "scene.toml").write_text(
+        "[probe]\nside_mm = 7.5\n[film]\ntemperature_change_K = -2.0\n"
+        '[load]\nkind = "rigid"\ncontact = "stuck"\n'
+    )
+    options = Namespace(scene=path, settings=settings)
+    scene_of(options)
+    told = capsys.readouterr().err.splitlines()
+    assert [line.partition(": leaves out ")[2].partition(", a key")[0] for line in told] == lost
 
 
 def test_closed_pipe_is_no_error(scene: Path) -> None:

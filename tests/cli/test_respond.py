@@ -6,6 +6,7 @@ import csv
 import io
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,7 +28,9 @@ def test_table_json_and_figure_of_a_response(
 ) -> None:
     plot, span = tmp_path / "response.svg", ["--frequencies", "2:50:2"]
     assert main(["respond", scene, *span, "--plot", str(plot)]) == 0
-    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
+    told = capsys.readouterr()
+    assert "left out: damping by the film" in told.err
+    rows = list(csv.DictReader(io.StringIO(told.out)))
     expected = respond(Scene.parse(SCENE), [2.0, 50.0]).columns()
     assert list(rows[0]) == list(expected)
     for name, values in expected.items():
@@ -37,6 +40,18 @@ def test_table_json_and_figure_of_a_response(
     told = json.loads(capsys.readouterr().out)
     np.testing.assert_allclose(told["A_real_V_N"], expected["A_real_V_N"][1], rtol=1e-6)
     assert any("air" in text for text in told["left_out"])
+
+
+def test_a_closed_pipe_leaves_the_figure(
+    scene: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def closed(*_: object, **__: object) -> None:
+        raise BrokenPipeError
+
+    plot = tmp_path / "response.svg"
+    monkeypatch.setattr("pvdf_fem.cli.respond.csv", SimpleNamespace(writer=closed))
+    assert main(["respond", scene, "--frequencies", "20", "--plot", str(plot)]) == 141
+    assert plot.exists()
 
 
 @pytest.mark.parametrize("span", ["", "0", "-1", "5:1", "1:2:3:4", "1:2:2.5", "1:9e9", "nan", "1:"])

@@ -62,7 +62,8 @@ def test_json_lines_from_standard_input(files, monkeypatch, capsys):
     [
         ("t,A,B\n", "has no column t_s; give the times in s there"),
         ("t_s,A,A\n", "column A is there twice; rename one"),
-        ("t_s;A;B;C;D\n", "name some of A, B, C, D in its first line; separate columns by commas"),
+        ("t_s\tA\tB\n", "name some of A, B, C, D in its first line; separate columns by commas"),
+        ("t_s;A;B;C;D\n0;1;2;3;1,2,3\n", "row 1 has 1,2,3; give 5 numbers"),
         ("t_s,A,B,C,D\n0,1,2\n", "row 1 has 3 cells; give 5 numbers, or nan for what is missing"),
         ("t_s,A,B,C,D\n0,1,2,3,4\n1,1,2,3,x\n", "row 2 has x; give 5 numbers"),
         ("", "has no electrode among its columns"),
@@ -82,6 +83,31 @@ def test_missing_cells_are_missing_readings_and_other_columns_are_left_out(files
     first, second = capsys.readouterr().out.splitlines()[1:]
     assert first.endswith(",B C D")
     assert second.endswith(",B")
+
+
+def test_decimal_commas_between_semicolons_are_read(files, capsys):
+    scene, signals = files
+    signals.write_text("t_s;A;B;C;D\n0,5;1,25;2;3;\n0,501;-1e-3;,5;3;4\n")
+    assert main(["track", str(scene), str(signals)]) == 0
+    first, second = capsys.readouterr().out.splitlines()[1:]
+    assert (first[:4], first[-1], second[:6]) == ("0.5,", "D", "0.501,")
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [(1e3, "too_strong: the force is far above the model's largest"), (1e-9, "nothing touches")],
+)
+def test_a_wrong_unit_is_asked_for(files, factor, said, capsys):
+    scene, signals = files
+    heading, *lines = signals.read_text().splitlines()
+    rows = [[float(cell) for cell in line.split(",")] for line in lines]
+    scaled = [",".join(f"{v:.9g}" for v in (t, *(factor * x for x in row))) for t, *row in rows]
+    signals.write_text("\n".join([heading, *scaled]) + "\n")
+    assert main(["track", str(scene), str(signals)]) == 0
+    told = capsys.readouterr()
+    assert f"{said}; are the readings in V, as --unit says?" in told.err
+    forces = [row.split(",")[5] for row in told.out.splitlines()[1:]]
+    assert all(float(force) < 100.0 for force in forces if force)
 
 
 def test_volts_need_a_readout(files, capsys):

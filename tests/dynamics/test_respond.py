@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, SceneError, gradients, respond
+from pvdf_fem.derivatives.adjoint import factorised
 from pvdf_fem.dynamics.air import AirLoad
 from pvdf_fem.dynamics.modes import pencil_of
 from pvdf_fem.dynamics.oscillation import Oscillation, oscillations
 from pvdf_fem.readout.channel import channels
-from pvdf_fem.solution.gradients import factorised
 from tests.helpers.discs import LOADS, TRIANGLE, on_mesh
 
 DAMPED = TRIANGLE.with_(air={"baffle": True}, **{"film.loss_tangent": 0.08})

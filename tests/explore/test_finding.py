@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pvdf_fem.explore.finding import ellipse, isocharge_lines
+from pvdf_fem.explore.finding import isocharge_lines
 from pvdf_fem.explore.picture import ORDER, PIXELS, image_of, picture_of
 from pvdf_fem.response.model import SCENE_KEYS
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solve import solve
+from pvdf_fem.touch.posterior import deviation_ellipse
 from tests.helpers.touch_models import bumps
 
 SCENE = Scene.example("triangle").with_(**{"numerics.tolerance": 1e-2})
@@ -49,7 +50,7 @@ def test_ellipse_has_the_covariance():
     covariance = [[4.0, 0.0, 1.0], [0.0, 9.0, 0.0], [1.0, 0.0, 1.0]]
     touch = {"x_mm": 1.0, "force_N": 2.0, "y_mm": -3.0, "covariance": covariance}
     touch["standard_deviations"] = {"x_mm": 2.0, "force_N": 3.0, "y_mm": 1.0}
-    points = ellipse(touch, "x_mm") - [1.0, -3.0]
+    points = deviation_ellipse(touch, "x_mm") - [1.0, -3.0]
     inverse = np.linalg.inv([[4.0, 1.0], [1.0, 1.0]])
     assert np.einsum("ni,ij,nj->n", points, inverse, points) == pytest.approx(1.0)
 

@@ -72,7 +72,7 @@ def test_heat_spreads_at_corners_as_well_as_is_stated():
     probe = {"shape": "rectangle", "width_mm": 4.0, "height_mm": 4.0, **WARM}
     scene = Scene().with_(probe=probe)
     found = AddedStrain.of(scene).temperature(places).sum() / 10.0
-    assert "about 3.6e-02 of it" in next(heat_remarks(scene))[1]
+    assert "about 3.6 % of that heat" in next(heat_remarks(scene))[1]
     assert found / expected - 1.0 == pytest.approx(0.036, rel=0.3)
 
 
@@ -88,7 +88,7 @@ def test_heat_beside_other_outlines_is_off_as_stated(shape, excess):
     """Against finite elements of the heat equation on meshes with these outlines, after 30 s."""
     scene = Scene().with_(probe={**shape, "temperature_K": 1.0, "contact_time_s": 30.0})
     told = float(next(heat_remarks(scene))[1].split("about ")[1].split()[0])
-    assert 0.6 * excess < told < 2.0 * excess
+    assert 0.6 * excess < told / 100.0 < 2.0 * excess
 
 
 def test_a_film_that_is_warm_all_over_is_one_that_was_cooled_less():

@@ -9,6 +9,7 @@ import pytest
 from pvdf_fem import solve
 from pvdf_fem.charges.forces import goal_forces, goal_gradients
 from pvdf_fem.charges.goals import Goal, goals_of
+from pvdf_fem.derivatives.gradients import gradients
 from pvdf_fem.mesh.gmsh_mesh import RIM, mesh_scene
 from pvdf_fem.mesh.symmetry import WHOLE, part_of
 from pvdf_fem.scene.outlines.circle import Circle
@@ -17,7 +18,6 @@ from pvdf_fem.solution import admissible
 from pvdf_fem.solution import solve as solving
 from pvdf_fem.solution.attempt import Problem, solve_on
 from pvdf_fem.solution.first_sizes import first_sizes
-from pvdf_fem.solution.gradients import gradients
 from pvdf_fem.solution.history import Clock
 from pvdf_fem.solvers.budget import Budget
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 from pvdf_fem import Scene, modes
-from pvdf_fem.output.charts import sweep_chart
+from pvdf_fem.dynamics.forced import FrequencyResponse
+from pvdf_fem.output.charts import frequency_response, sweep_chart
 from pvdf_fem.sweeps import sweep
 from pvdf_fem.sweeps.store import Record
 from tests.helpers.sweep_cases import AXES, BASE, made_up
@@ -34,8 +37,9 @@ def test_curves_of_one_axis_with_the_failed_scene_marked(monkeypatch):
         np.testing.assert_array_equal(line.get_xdata(), [0.5, 1.0, 2.0, 4.0, 8.0])
         charges = sorted_data.charge_pC.sel(electrode=name)
         np.testing.assert_array_equal(line.get_ydata(), charges)
-    [mark] = [text for text in ax.texts if "unstable" in text.get_text()]
-    assert mark.get_position()[0] == 2.0
+    [mark] = [line for line in ax.lines if line.get_label() == "no charges: unstable"]
+    assert mark.get_xdata() == [2.0]
+    assert [text.get_text() for text in ax.figure.legends[1].get_texts()] == [mark.get_label()]
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("load force (N)", "total charge (pC)")
     assert ax.get_xscale() == "log"
 
@@ -49,10 +53,29 @@ def test_a_map_of_two_axes_for_each_electrode(monkeypatch):
         drawn = np.ma.filled(ax.collections[0].get_array(), np.nan)
         np.testing.assert_array_equal(drawn, data.charge_pC.sel(electrode=name))
         assert ax.lines[0].get_xydata().tolist() == [[0.0, 2.0]]
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["unstable"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["no charges: unstable"]
     assert bar.get_ylabel() == "total charge (pC)"
     texts = sweep_chart(swept(monkeypatch, probes, {"load.force_N": [1.0, 3.0]})).axes[0]
-    assert [label.get_text()[:9] for label in texts.get_yticklabels()] == 2 * ['{"shape":']
+    assert [label.get_text()[:9] for label in texts.get_yticklabels()] == ["shape: ci", "shape: re"]
+
+
+def test_keys_that_vary_together_are_all_named(monkeypatch):
+    places = {"probe.x_mm": [6.0, 0.5], "film.thickness_um": [9.0, 25.0], "name": "both"}
+    [ax] = sweep_chart(swept(monkeypatch, places)).axes
+    assert ax.get_xlabel() == "probe x (mm), film thickness (µm)"
+    assert [label.get_text() for label in ax.get_xticklabels()] == ["6, 9", "0.5, 25"]
+
+
+def test_phases_are_continuous_at_multiples_of_45_degrees():
+    turns = np.linspace(0.0, -3.0 * np.pi, 60)
+    scene = Scene().with_(**{"film.loss_tangent": 0.05, "air": {"baffle": True}})
+    charges = {"A": np.exp(1j * turns), "B": 2.0 * np.exp(0.5j * turns)}
+    about = SimpleNamespace(scene=scene)
+    response = FrequencyResponse(about, np.geomspace(1.0, 100.0, 60), charges, {}, {}, ())  # type: ignore[arg-type]
+    size, phase = frequency_response(response).axes
+    np.testing.assert_allclose(phase.lines[0].get_ydata(), np.degrees(turns), atol=1e-9)
+    np.testing.assert_array_equal(np.diff(phase.get_yticks()), 180.0)
+    assert "0.05, sound" in size.get_title(loc="left")
 
 
 def test_more_axes_have_to_be_chosen_from(monkeypatch):

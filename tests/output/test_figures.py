@@ -2,33 +2,30 @@
 
 from __future__ import annotations
 
+import io
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from matplotlib.axes import Axes
-from matplotlib.text import Annotation
 
-from pvdf_fem import Scene, Solution, solve
-from pvdf_fem.output.figures import new_figure, save, style
-
-
-@pytest.fixture(scope="module")
-def solution() -> Solution:
-    scene = Scene().with_(
-        **{"probe": {"shape": "triangle", "x_mm": 5.0}, "numerics.tolerance": 0.02}
-    )
-    return solve(scene)
+from pvdf_fem import Scene
+from pvdf_fem.output.figures import (
+    DIVERGING,
+    colours_of,
+    draw_electrode,
+    draw_rim,
+    map_axes,
+    new_figure,
+    save,
+    style,
+)
 
 
 def axes() -> Axes:
     with style():
         return new_figure().add_subplot()
-
-
-def labels(ax: Axes) -> list[Annotation]:
-    return [text for text in ax.texts if isinstance(text, Annotation)]
 
 
 @pytest.mark.parametrize("extension", ["svg", "png", "pdf"])
@@ -51,3 +48,32 @@ def test_an_unknown_format_is_refused(tmp_path: Path) -> None:
 def test_no_window_system_is_touched() -> None:
     program = "import sys, pvdf_fem.output.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("reach_mm", [15.0, 11.0, 6.0])
+@pytest.mark.parametrize("electrodes", [{"layout": "three"}, {"layout": "ring", "count": 8}])
+def test_labels_are_in_the_axes_and_no_line_crosses_them(electrodes: dict, reach_mm: float) -> None:
+    film = {"film.radius_mm": 15.0, "electrodes": {**electrodes, "ring_radius_mm": 11.5}}
+    with style():
+        ax = map_axes()
+    draw_rim(ax, 15.0, reach_mm)
+    shown = Scene().with_(**film).electrode_list
+    for electrode in shown:
+        draw_electrode(ax, electrode.outline, [electrode.name, "1234 pC"])
+    ax.figure.savefig(io.BytesIO())
+    boxes = [text.get_window_extent() for text in ax.texts if sum(text.get_position())]
+    assert len(boxes) == (len(shown) if reach_mm > 8.0 else 0)  # those in sight
+    paths = [artist.get_path().transformed(artist.get_transform()) for artist in ax.lines]
+    paths += [patch.get_path().transformed(patch.get_transform()) for patch in ax.patches]
+    for box in boxes:
+        assert ax.bbox.contains(*box.p0)
+        assert ax.bbox.contains(*box.p1)
+        assert not any(path.intersects_bbox(box, filled=False) for path in paths)
+        assert box.count_overlaps([*boxes]) == 1
+
+
+def test_colours_are_palest_at_zero_or_spread_over_one_sign() -> None:
+    assert colours_of([2.0, 5.0], "Blues") == ("Blues", 2.0, 5.0)
+    assert colours_of([-5.0, -2.0], "Blues") == ("Blues_r", -5.0, -2.0)
+    assert colours_of([-2.0, 5.0], "Blues") == (DIVERGING, -5.0, 5.0)
+    assert colours_of([-1e-3, 5.0]) == ("viridis", -1e-3, 5.0)

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.text import Annotation
 
 from pvdf_fem import NotConvergedError, Scene, Solution, solve
 from pvdf_fem.charges.point_values import values_in_elements
+from pvdf_fem.derivatives.adjoint import error_shares
 from pvdf_fem.output.figures import new_figure, save, style
 from pvdf_fem.output.film_map import QUANTITIES, sampled
-from pvdf_fem.solution.gradients import error_shares
 from pvdf_fem.solvers.status import Status
 
 
@@ -35,14 +35,14 @@ def axes() -> Axes:
 
 
 def labels(ax: Axes) -> list[str]:
-    return [text.get_text() for text in ax.texts if isinstance(text, Annotation)]
+    return [text.get_text() for text in ax.texts]
 
 
 def test_deflection_map_shows_deflection_charges_and_outlines(solution: Solution) -> None:
     ax = axes()
     assert solution.plot(ax=ax) is ax.figure
     for name, charge in solution.charges_pC.items():
-        assert any(name in text and f"{charge:.1f} pC" in text for text in labels(ax))
+        assert any(name in text and f"{charge:.4g} pC" in text for text in labels(ax))
     levels = ax.collections[0].levels
     assert levels[0] <= 0.0
     assert solution.deflection_max_mm <= levels[-1] <= 1.2 * solution.deflection_max_mm
@@ -54,10 +54,24 @@ def test_deflection_map_shows_deflection_charges_and_outlines(solution: Solution
     assert "(mm)" in ax.get_ylabel()
 
 
+def test_a_film_that_is_pulled_is_palest_where_it_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    pressed, pulled = axes(), axes()
+    flat = solve(Scene.example("triangle").with_(**{"numerics.tolerance": 0.02}))
+    flat.plot(ax=pressed)
+    deflection = QUANTITIES["deflection"]
+    upwards = replace(deflection, values=lambda at: -at.deflection_mm)
+    monkeypatch.setitem(QUANTITIES, "deflection", upwards)
+    flat.plot(ax=pulled)
+    down, up = (ax.collections[0] for ax in (pressed, pulled))
+    np.testing.assert_allclose(down.levels, -up.levels[::-1], atol=1e-12)
+    shades = down.to_rgba(down.levels[:-1]), up.to_rgba(up.levels[:0:-1])
+    np.testing.assert_allclose(*shades, atol=0.01)
+
+
 def test_maps_of_a_flat_film(tmp_path: Path) -> None:
     ax, flat = axes(), solve(Scene())
     flat.plot(ax=ax)
-    assert all("48.0 pC" in text for text in labels(ax))
+    assert all("48 pC" in text for text in labels(ax))
     for name in ("stress", "principal directions", "error"):
         save(flat.plot(name), tmp_path / "flat.png")
 

@@ -178,6 +178,10 @@ def test_scenes_built_directly_are_checked_too():
         ("[film]\nd31_pC_N = 23e-12", "were 23 pC/N meant, which are 2.3e-11 C/N?"),
         ("[film]\nd33_pC_N = -30e-12", "film.d33_pC_N = -3e-11: is in pC/N; were -30 pC/N meant"),
         ("[film]\nthickness_um = 0.04", "were 40 µm meant, which are 0.04 mm?"),
+        (
+            "[film]\nradius_mm = 0.045\n[electrodes]\nring_radius_mm = 0.01\nside_mm = 0.003",
+            "were 45 mm meant, which are 0.045 m?",
+        ),
         ("[film]\nd31_pC_N = 0.0\nthickness_um = 0.5", None),
         ('[probe]\nshape = "circle"\n[load]\nforce_N = 2.0', None),
     ],

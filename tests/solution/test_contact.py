@@ -67,6 +67,16 @@ def test_the_film_leaves_the_tip_where_nothing_holds_it(aside):
     assert pressed_N == pytest.approx(1.0, rel=1e-3)
 
 
+def test_the_edge_is_found_where_the_film_wraps_up_a_steep_tip():
+    soft = sphere(0.466, 0.8, 4.4, **{"film.youngs_modulus_GPa": 0.1})
+    rough, fine = (solve(soft.with_(**{"numerics.tolerance": t})) for t in (1e-3, 1e-4))
+    for name, charge in fine.charges_pC.items():
+        assert rough.charges_pC[name] == pytest.approx(charge, rel=1e-3)
+    contact, finer = rough.contacts["probe"], fine.contacts["probe"]
+    assert contact.area_mm2 == pytest.approx(finer.area_mm2, rel=1e-3)
+    assert contact.overlap_mm < 3e-6 * contact.depth_mm
+
+
 def test_action_is_reaction(aside):
     contact = aside.contacts["probe"]
     assert contact.force_N == pytest.approx(1.0, rel=1e-9)

@@ -72,6 +72,13 @@ def test_a_sweep_file_finds_its_scene_beside_it(tmp_path):
     assert second.film.thickness_um == 25.0
 
 
+@pytest.mark.parametrize("axes", ["[axes]\nload.force_N = [1]\n", "[axes]\n[axes]\n"])
+def test_axes_are_a_list_of_tables(axes, tmp_path):
+    (path := tmp_path / "sweep.toml").write_text(f"scene = {{}}\n{axes}")
+    with pytest.raises(SceneError, match=r"begin each (of them )?with \[\[axes\]\]"):
+        Grid.load(path)
+
+
 def test_the_examples_are_valid():
     assert Grid.load(GEOMETRY / "thickness_spacing.toml").shape == (5, 9, 41, 5)
     assert len(Grid.load(GEOMETRY / "mapping_lines.toml").scenes()) == 84

@@ -57,6 +57,25 @@ def test_changes_are_located_as_changes():
     assert probe.location.best.values == pytest.approx(TOUCH, abs=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (1e-3, "as nC, not pC,"),
+        (1e-12, "as C, not pC,"),
+        (-1.0, "with the opposite sign"),
+        (1.0 / CAPACITANCES_PF, "as V, not pC,"),
+    ],
+)
+def test_a_wrong_unit_or_sign_is_told(factor, words):
+    model = model_with(readout=CHANNELS | {"gain": 1.0, "offset_V": 0.0, "noise_V": 0.0})
+    charges = readings_of(model)
+    scaled = dict(zip(charges, factor * np.array([*charges.values()]), strict=True))
+    found = locate(model, scaled, 0.002, known=KNOWN)
+    assert found.other_words == words
+    assert found.other_reading.values == pytest.approx(TOUCH, abs=1e-3)
+    assert found.remarks[0].startswith("wrong reading: as total charges no touch explains")
+
+
 @pytest.mark.parametrize(("given", "other"), [("change", "total"), ("total", "change")])
 def test_a_wrong_reading_is_told(given, other):
     """Changes given as totals used to be some other touch, without a word about changes."""

@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.film.loads.contact import guessed_press
+from pvdf_fem.film.loads.contact_guess import guessed_press
 from pvdf_fem.film.membrane import IDENTITY, strain_of, strain_rate
 from pvdf_fem.film.point_load import part_by_force
 from pvdf_fem.film.space import Space
@@ -152,7 +152,8 @@ def coupling_effect(scene: Scene) -> float:
 def coupling_remarks(scene: Scene) -> Iterator[tuple[bool, str]]:
     """Whether coupling is included, and its size; nothing without floating electrodes."""
     if names := ", ".join(electrode.name for electrode in floating(scene)):
-        size = f"could change a charge by up to {coupling_effect(scene):.1e} of it"
-        why = f"no charge amplifier keeps {names} at zero voltage"
-        coupling = f"coupling (film.coupling = {quote(scene.film.coupling)})"
-        yield bool(coupled(scene)), f"{coupling}: {size}; {why}"
+        size = f"could change a charge by up to {100.0 * coupling_effect(scene):.2g} %"
+        why = f"no charge amplifier keeps {names} at zero voltage, which stiffens the film"
+        text = f"coupling (film.coupling = {quote(scene.film.coupling)}): {size}; {why}"
+        joins = bool(coupled(scene))
+        yield joins, text if joins else f"{text}; to include it give film.coupling = true"

@@ -3,144 +3,30 @@
 At a node X that rests on the tip the deflection is w = depth - z(X + u), with the tip's height z
 over the displaced point. So it is no unknown: the node's in-plane displacement u, which slides
 without friction, and the depth decide it. The tip's force belongs to the depth.
-
-Where the film leaves the tip it does so without a kink. A kink e = [grad w . n] tells how far the
-edge is from there: the gap beyond an edge moved by s is e s + k s^2/2 with the jump k of the film's
-curvature, which the contact pressure over the tension across the edge gives, so that s = -e/k.
 """
 
 from __future__ import annotations
 
-import math
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
 from pvdf_fem.arrays import ALL, Array, Indices, Mask, Selection
+from pvdf_fem.film.loads.contact_edge import Edge, EdgeFacets
+from pvdf_fem.film.loads.contact_guess import face_patch, guessed_force
 from pvdf_fem.film.loads.coulomb import LIKE_STICKING, Coulomb
 from pvdf_fem.film.loads.pressure import DeadPressure, shared
 from pvdf_fem.film.membrane import IDENTITY, Membrane, strain_of
-from pvdf_fem.film.point_load import point_force, tension_at
-from pvdf_fem.film.space import Space, shape_values
+from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State
-from pvdf_fem.mesh.points import facet_quadrature
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import Outline
-from pvdf_fem.scene.outlines.tip import STEEPEST, Height, Tip
-from pvdf_fem.scene.registry import Load
-from pvdf_fem.scene.scene import LoadedProbe, Scene
-
-#: Width of the contact over that guessed, measured for spheres: 1.07 to 1.11.
-WIDER = 1.09
-#: Largest overlap of film and tip over the tip's depth.
-PENETRATION = 1e-6
-#: The same from which a contact has no result.
-LARGEST = 1e-3
-
-
-@dataclass(frozen=True, eq=False)
-class EdgeFacets:
-    """Middles of the facets along a patch, counter-clockwise, seen from outside of it."""
-
-    points: Array  #: In m, (n, 2).
-    normals: Array  #: Unit normals outwards, (n, 2).
-    lengths: Array  #: Of the facets in m, (n,).
-    elements: Indices  #: Outside, (n,).
-    nodes: Indices  #: Their scalar dofs, (n, functions).
-    functions: Array  #: Values of the shape functions, (n, functions).
-    slopes: Array  #: Their gradients in 1/m, (n, functions, 2).
-
-    @classmethod
-    def of(cls, space: Space, patch: Indices) -> EdgeFacets:
-        """Those of a patch of elements."""
-        mesh = space.mesh
-        facets, count = np.unique(mesh.t2f[:, patch], return_counts=True)
-        facets = facets[count == 1]
-        first, second = mesh.f2t[:, facets]
-        outer = np.where(np.isin(first, patch), second, first)
-        along, tangents = facet_quadrature(mesh, facets, outer, 1)
-        points = mesh.mapping().F(along.points, outer)[:, :, 0].T
-        normals = np.stack([tangents[:, 0, 1], -tangents[:, 0, 0]], axis=-1)
-        outwards = mesh.p[:, mesh.t[:, outer]].mean(axis=1).T - points
-        normals *= np.sign((outwards * normals).sum(axis=1))[:, None]
-        values = shape_values(space.basis.elem, along.points[:, :, 0])
-        slopes = space.gradients_at(outer, along.points)[:, 0]
-        x, y = (points - points.mean(axis=0)).T
-        order = np.argsort(np.arctan2(y, x))
-        lengths, outer = along.weights[order, 0], outer[order]
-        values, slopes = values[order], slopes[order]
-        nodes = space.nodes[outer]
-        return cls(points[order], normals[order], lengths, outer, nodes, values, slopes)
-
-    def values(self, rows: Array) -> Array:
-        """Of displacements (n, functions, 3): (n, 3)."""
-        return np.einsum("nf,nfc->nc", self.functions, rows)
-
-    def gradient(self, rows: Array) -> Array:
-        """Of displacements (n, functions, 3): (n, 3, 2)."""
-        return np.einsum("nfa,nfc->nca", self.slopes, rows)
-
-
-@dataclass(frozen=True, eq=False)
-class Edge:
-    """The edge of the contact on a mesh, and where it should be."""
-
-    tip: Tip
-    facets: EdgeFacets
-    height: Height  #: The tip's over the points.
-    place: Array  #: The displacement in m, (n, 3).
-    gradient: Array  #: Its gradient outside, (n, 3, 2).
-    kinks: Array  #: The film's, (n,).
-    jumps: Array  #: Of the film's curvature in 1/m, (n,).
-    widths: Array  #: Distances of the points from the tip's core in m, (n,).
-    tension: Array  #: Across the edge in N/m, (n,).
-
-    @property
-    def leaving(self) -> Array:
-        """Derivative of the place along the normals, outside, (n, 3)."""
-        return np.einsum("nca,na->nc", self.gradient + IDENTITY, self.facets.normals)
-
-    @cached_property
-    def fitted(self) -> Outline:
-        """Where the edge should be; at most twice or half as far from the core as it is."""
-        return self.grown(1.0)
-
-    def grown(self, ratio: float) -> Outline:
-        """Where the edge should be, with its distance from the core times a ratio."""
-        moves = np.clip(-self.kinks / self.jumps, -0.5 * self.widths, self.widths)
-        points = self.facets.points + moves[:, None] * self.facets.normals
-        away = self.tip.distances(points)
-        return self.tip.fitted(points + (ratio - 1.0) * away.value[:, None] * away.normal)
-
-    @property
-    def penetration(self) -> float:
-        """Largest gap or overlap in m between the edge and where it should be.
-
-        It is infinite where the film would wrap the tip up to its vertical side.
-        """
-        if self.widths.max() > STEEPEST * self.tip.radius:
-            return np.inf
-        moves = self.fitted.signed_distance(self.facets.points)
-        return float(np.max(0.5 * self.jumps * moves**2))
-
-    def errors(self, duals: Array) -> Array:
-        """What the misfit changes of goals, (goals,), of their dual displacements (dofs, goals).
-
-        Moving the edge by s releases N e e* s, with the kink e* of the dual displacement; e itself
-        vanishes on the way, which leaves half of that.
-        """
-        facets, slope = self.facets, self.height.slope
-        rows = duals.reshape(-1, 3, duals.shape[1])[facets.nodes]
-        gradient = np.einsum("nfa,nfcg,na->ncg", facets.slopes, rows, facets.normals)
-        value = np.einsum("nf,nfcg->ncg", facets.functions, rows[:, :, :2])
-        kinks = gradient[:, 2] + np.einsum("nc,ncg->ng", slope, gradient[:, :2])
-        kinks += np.einsum("nc,ncd,ndg->ng", self.leaving[:, :2], self.height.hessian, value)
-        released = 0.5 * self.tension * facets.lengths * self.kinks**2 / self.jumps
-        return released @ kinks
+from pvdf_fem.scene.outlines.tip import Height, Tip
+from pvdf_fem.scene.scene import LoadedProbe
 
 
 class Contact(DeadPressure):
@@ -393,7 +279,8 @@ class Contact(DeadPressure):
         across_tip = np.column_stack([slope, np.ones(len(slope))])
         normal = (forces.reshape(-1, 3)[self.nodes] * across_tip).sum(axis=1)
         normal /= (across_tip**2).sum(axis=1)
-        moves = self._smooth(traction, normal, facets, tension * jumps)
+        steep = 1.0 + (height.slope**2).sum(axis=1)  # a kink has a line force N e / steep along z
+        moves = self._smooth(traction, normal, facets, tension * jumps / steep)
         kinks = kinks if moves is None else -jumps * moves
         return Edge(self.tip, facets, height, place, gradient, kinks, jumps, widths, tension)
 
@@ -419,50 +306,3 @@ class Contact(DeadPressure):
     @cached_property
     def _facets(self) -> EdgeFacets:
         return EdgeFacets.of(self.space, self.patch)
-
-
-def guessed_force(load: Load, film: Film) -> float:
-    """The force in N of a load, about that where it is the depth that is given."""
-    return load.force if load.depth is None else point_force(film, load.depth)
-
-
-def first_contacts(scene: Scene) -> dict[str, Outline]:
-    """Guessed contacts with a scene's tips, by patch name."""
-    tips = (touch for touch in scene.loaded_probes if touch.load.kind == "contact")
-    return {t.patch: t.tip.grown(guessed_width(t, scene.film)) for t in tips}
-
-
-def guessed_press(scene: Scene, touch: LoadedProbe) -> tuple[Outline, float]:
-    """About where a touch presses, and the size of its force in N."""
-    force = math.hypot(*touch.load.components[:2], guessed_force(touch.load, scene.film))
-    return first_contacts(scene).get(touch.patch, touch.outline), force
-
-
-def face_patch(touch: LoadedProbe) -> str:
-    """Name of the mesh's patch of a tip's flat face."""
-    return f"{touch.patch} face"
-
-
-def faces(scene: Scene) -> dict[str, Outline]:
-    """Outlines of the flat faces of a scene's tips, by patch name."""
-    tips = (touch for touch in scene.loaded_probes if touch.load.kind == "contact")
-    outlines = {face_patch(touch): touch.tip.face for touch in tips}
-    return {name: face for name, face in outlines.items() if face is not None}
-
-
-def guessed_width(touch: LoadedProbe, film: Film) -> float:
-    """The contact's distance from a tip's core in m, by the tension that a point load makes there.
-
-    The film pulls at the edge with N sin(slope), whose sum along the edge is the force.
-    """
-    tip, force = touch.tip, guessed_force(touch.load, film)
-    low, high = 0.0, STEEPEST * tip.radius
-    for _ in range(60):
-        d = 0.5 * (low + high)
-        length = tip.core_perimeter + 2.0 * np.pi * d
-        tension = tension_at(film, force, length / (2.0 * np.pi))
-        low, high = (low, d) if tension * length * d / tip.radius > force else (d, high)
-    d *= WIDER
-    while tip.grown(d).reach > 0.98 * film.radius and d > 0.0:
-        d *= 0.8
-    return d

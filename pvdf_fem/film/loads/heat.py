@@ -8,7 +8,7 @@ about a round probe as √(R/(R + d)) besides.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,7 @@ from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
+Charges = Mapping[str, float] | None  #: In pC by electrode, or not known.
 HEAT_CAPACITY = 1300.0  #: Of PVDF, J/(kg K).
 #: Pyroelectric coefficient of PVDF in µC/(m² K), by which charges that are left out are estimated.
 TYPICAL_UC_M2K = 25.0
@@ -39,26 +40,42 @@ def spread(film: Film, touch: LoadedProbe) -> float:
     return float(np.sqrt(4.0 * film.thermal_diffusivity_m2_s * (touch.probe.contact_time_s or 1.0)))
 
 
-def heat_remarks(scene: Scene) -> Iterator[tuple[bool, str]]:
-    """Whether what heat does is included, and its size."""
+def heat_remarks(scene: Scene, charges_pC: Charges = None) -> Iterator[tuple[bool, str]]:
+    """Whether what heat does is included, and its size, in parts of charges that are given."""
     film = scene.film
     seconds = film.thickness * film.density * HEAT_CAPACITY / (2.0 * HEAT_TRANSFER)
     for touch in scene.loaded_probes:
         if touch.probe.temperature_K:
-            part = f"{_misplaced(touch.outline, spread(film, touch)):.1e}"
-            yield False, f"heat of the {touch.patch}: how it spreads at corners, about {part} of it"
-            lost = f"heat that the air takes beside the {touch.patch}, within some {seconds:.2g} s"
-            yield False, lost
+            part = 100.0 * _misplaced(touch.outline, spread(film, touch))
+            corners = f"how heat of the {touch.patch} spreads at corners or bulges"
+            yield False, f"{corners}: about {part:.2g} % of that heat; no key includes it"
+            lost = f"heat that the air takes from the film beside the {touch.patch}"
+            yield False, f"{lost}: most of it after some {seconds:.2g} s; no key includes it"
     given, typical = film.pyroelectric_uC_m2K, TYPICAL_UC_M2K
     heated = {e.name: _heated(scene, e.outline) for e in scene.electrode_list}
     name, most = max(heated.items(), key=lambda item: abs(item[1]), default=("", 0.0))
     if most:
-        said = f"{given:g}" if given is not None else f"not given; it would be about {typical:g}"
-        charge = most * (typical if given is None else given)
-        text = (
-            f"pyroelectricity (film.pyroelectric_uC_m2K = {said}): about {charge:.2g} pC on {name}"
-        )
-        yield given is not None, text
+        about = "pyroelectricity, charge by warming", "film.pyroelectric_uC_m2K"
+        yield charge_remark(about, given, typical, most, name, charges_pC)
+
+
+def charge_remark(
+    about: tuple[str, str],
+    given: float | None,
+    typical: float,
+    per_unit: float,
+    name: str,
+    charges_pC: Charges,
+) -> tuple[bool, str]:
+    """Whether an effect is included, and its charge on an electrode. `about` has its name and the
+    key of its coefficient, and `per_unit` is the charge in pC for a coefficient of 1."""
+    (effect, key), value = about, typical if given is None else given
+    pC, charge = value * per_unit, (charges_pC or {}).get(name)
+    size = f"about {float(f'{pC:.2g}'):g} pC on {name}"
+    size += f", {100.0 * abs(pC / charge):.2g} % of its charge" if charge else ""
+    if given is not None:
+        return True, f"{effect} ({key} = {given:g}): {size}"
+    return False, f"{effect}: {size}, for a typical {key} = {typical:g}; to include it give that"
 
 
 def _misplaced(outline: Outline, reach: float) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.film.loads.contact import Edge
+from pvdf_fem.film.loads.contact_edge import Edge
 from pvdf_fem.scene.outlines.tip import DiscTip
 
 #: Lowest power of the distance from the core: the strain at an edge is about as its square.

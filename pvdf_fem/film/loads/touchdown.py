@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.contact import Contact, Edge
+from pvdf_fem.film.loads.contact import Contact
+from pvdf_fem.film.loads.contact_edge import Edge
 from pvdf_fem.film.term import State
 
 
@@ -25,7 +26,8 @@ class Touchdown:
     area_mm2: float  #: Before the film deforms.
     deformed_area_mm2: float
     projected_area_mm2: float  #: Deformed, seen along z.
-    edge_mm: Array  #: Points of the film, before it deforms, along the contact's edge, (n, 2).
+    #: Points of the film, before it deforms, along the contact's edge, (n, 2).
+    edge_mm: Array = field(repr=False)
     mean_pressure_MPa: float
     least_pressure_MPa: float
     largest_pressure_MPa: float

@@ -14,7 +14,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.charges.forces import charges_of, goal_forces
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.contact import Edge
+from pvdf_fem.film.loads.contact_edge import Edge
 from pvdf_fem.film.loads.coulomb import Displacement, Untouched
 from pvdf_fem.film.loads.sticking import Sticking
 from pvdf_fem.scene.outlines.tip import DiscTip

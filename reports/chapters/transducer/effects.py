@@ -16,7 +16,7 @@ import numpy as np
 
 from pvdf_fem import Scene, respond, solve
 from pvdf_fem.arrays import Array
-from pvdf_fem.solution.gradients import charge_rates
+from pvdf_fem.derivatives.rates import charge_rates
 from pvdf_fem.touch.by_solves import SolveOptions, locate_by_solves
 from reports.common.results import MATERIAL
 from reports.common.thesis_scene import thesis_scene

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from pvdf_fem import NotConvergedError, Scene, solve
+from pvdf_fem.derivatives.gradients import gradients
+from pvdf_fem.derivatives.parameters import parameters_of
 from pvdf_fem.film.models import film_model
 from pvdf_fem.scene.change import steps_of
-from pvdf_fem.solution.gradients import gradients, parameters_of
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, graded_mesh
 from tests.helpers.random_scenes import random_scene
 
@@ -257,7 +258,7 @@ def test_unreachable_tolerance_names_what_to_change():
 
 @pytest.mark.parametrize("tolerance", [0.0, -1e-3, 1.0, float("nan")])
 def test_tolerance_out_of_range_is_refused_before_meshing(tolerance, monkeypatch):
-    monkeypatch.setattr("pvdf_fem.solution.gradients.solve", None)
+    monkeypatch.setattr("pvdf_fem.derivatives.gradients.solve", None)
     with pytest.raises(ValueError, match=r"tolerance = .*give a number from 0 to 1"):
         gradients(TURNED, tolerance=tolerance)
 

@@ -1,0 +1,99 @@
+"""Adjoint solutions of the charges, and the errors that the mesh leaves in these.
+
+A charge Q(x, θ) of the displacement x that solves R(x, θ) = 0 has the derivative::
+
+    dQ/dθ = ∂Q/∂θ - λ · ∂R/∂θ,    K^T λ = ∂Q/∂x
+
+with the tangent K, so that one adjoint solve λ per electrode serves all parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse.linalg import SuperLU
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.charges.forces import charges_of, goal_forces, goal_gradients
+from pvdf_fem.charges.goals import Goal, goals_of
+from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.film.membrane import Membrane
+from pvdf_fem.film.term import State
+from pvdf_fem.solution.attempt import error_indicators
+from pvdf_fem.solution.estimate import Correction, corrected
+from pvdf_fem.solution.solution import NotConvergedError, Solution
+from pvdf_fem.solvers.budget import Budget
+from pvdf_fem.solvers.newton import NewtonResult, factorise
+from pvdf_fem.solvers.status import Status
+
+
+@dataclass(frozen=True, eq=False)
+class Adjoint:
+    """A displacement with the adjoint solutions of its charges."""
+
+    equilibrium: Equilibrium
+    goals: Sequence[Goal]
+    #: Of the displacement.
+    state: State
+    #: X and Y in N, (electrodes, 2).
+    forces: Array
+    #: Derivatives of the charges by the dofs, and λ of the charges there, (dofs, electrodes).
+    goal_rates: Array
+    dofs: Array
+
+    @classmethod
+    def of(
+        cls, equilibrium: Equilibrium, goals: Sequence[Goal], q: Array, factors: SuperLU
+    ) -> Adjoint:
+        """One solve per electrode with the tangent's `factors` at the unknowns `q`."""
+        membrane, state = equilibrium.membrane, equilibrium.state(q)
+        rates = goal_gradients(goals, membrane, state.dofs)
+        unknowns = factors.solve(equilibrium.on_unknowns(state, rates), "T")
+        forces = goal_forces(goals, membrane, state.dofs)
+        dofs = np.stack([equilibrium.step(state, column) for column in unknowns.T], axis=-1)
+        return cls(equilibrium, goals, state, forces, rates, dofs)
+
+    def of_stress(self, membrane: Membrane) -> Array:
+        """∂Q/∂θ - λ · ∂R/∂θ, (electrodes,), where the stress becomes that of `membrane`."""
+        x = self.state.dofs
+        explicit = charges_of(self.goals, goal_forces(self.goals, membrane, x))
+        return explicit - membrane.internal_forces(membrane.state(x)) @ self.dofs
+
+
+def adjoints(solution: Solution) -> tuple[Adjoint, Adjoint]:
+    """The adjoint solutions of a solution, and those of the order above on the same mesh."""
+    solved, q, factors = factorised(solution)
+    goals = goals_of(solution.scene)
+    correction = next_order(solved, q, factors)
+    rich, rich_q = correction.rich, correction.q
+    rich_factors = factorise(rich.tangent(rich.state(rich_q)))
+    coarse = Adjoint.of(solved, goals, q, factors)
+    return coarse, Adjoint.of(rich, goals, rich_q, rich_factors)
+
+
+def next_order(solved: Equilibrium, q: Array, factors: SuperLU) -> Correction:
+    """The solution in the order above on the same mesh; raises `NotConvergedError`."""
+    rich = Equilibrium(solved.scene, solved.space.mesh, solved.space.order + 1)
+    correction = corrected(solved, q, factors, rich, Budget.of(solved.scene))
+    if isinstance(correction, NewtonResult):
+        raise NotConvergedError(f"{correction.status}: {correction.status.advice}")
+    return correction
+
+
+def error_shares(solution: Solution) -> Array:
+    """Shares of the elements in the errors of the charges by the mesh, in C, (elements, goals)."""
+    solved, q, factors = factorised(solution)
+    correction = next_order(solved, q, factors)
+    return error_indicators(correction, factors, goals_of(solution.scene))[1]
+
+
+def factorised(solution: Solution) -> tuple[Equilibrium, Array, SuperLU]:
+    """The whole film's equations with their unknowns and the tangent's factors."""
+    fields, solved = solution.fields, solution.fields.equilibrium
+    q = solved.restrict(fields.displacement)
+    try:  # anew, since Newton's last factors may be of an earlier state
+        return solved, q, factorise(solved.tangent(fields.state))
+    except RuntimeError:  # SuperLU: exactly singular, as for a slack film without a load
+        raise NotConvergedError(f"{Status.SINGULAR}: {Status.SINGULAR.advice}") from None

@@ -1,0 +1,161 @@
+"""Derivatives of every charge with respect to the probe's place, the force and the film,
+with their errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pvdf_fem.derivatives.adjoint import adjoints
+from pvdf_fem.derivatives.parameters import (
+    PLACE_NAMES,
+    parameters_of,
+    refusal,
+    touched,
+)
+from pvdf_fem.derivatives.rates import rate_of
+from pvdf_fem.film.models import film_model
+from pvdf_fem.scene.change import number_at
+from pvdf_fem.scene.scene import Scene
+from pvdf_fem.solution.solution import NotConvergedError, Solution
+from pvdf_fem.solution.solve import solve
+from pvdf_fem.solvers.status import Status
+
+#: Error over what the next order takes away, of which corners leave it the least.
+SATURATION = 1.5
+#: Least error that is stated of a derivative, over the mean one: an estimate may vanish by chance.
+CHANCE = 0.5
+#: Derivatives count as no smaller than this part of the largest charge over the parameter's scale.
+NEGLIGIBLE = 1e-3
+TINY = np.finfo(float).tiny
+
+
+class Gradients(dict[str, dict[str, float]]):
+    """Derivatives of charges by key and electrode, in pC per unit of the key.
+
+    Attributes
+    ----------
+    errors : dict
+        Their estimated discretisation errors, absolute, by key and electrode.
+    relative_errors : dict
+        By key the largest error over the largest derivative, since that of one electrode may vanish
+        by cancellation. Where all nearly do, over a thousandth of the largest charge per scale of
+        the parameter: the probe's perimeter over 2 pi, a radian, or the parameter's value.
+    solution : Solution
+        Whose charges are differentiated.
+    """
+
+    errors: dict[str, dict[str, float]]
+    relative_errors: dict[str, float]
+    solution: Solution
+
+
+def gradients(
+    solution: Solution | Scene,
+    parameters: Sequence[str] | None = None,
+    *,
+    tolerance: float | None = None,
+) -> Gradients:
+    """Derivative of each charge with respect to parameters of the scene, with estimated errors.
+
+    Parameters
+    ----------
+    solution : Solution or Scene
+        A converged one, or a scene that is solved first.
+    parameters : sequence of str, optional
+        Keys of the scene file as in `Scene.with_`, by default all of `parameters_of` the scene.
+    tolerance : float, optional
+        Largest of the `Gradients.relative_errors` wanted. Where the solution's mesh leaves larger
+        ones, the scene is solved again to smaller errors of its charges. By default the derivatives
+        are those of the solution, whatever their errors.
+
+    Returns
+    -------
+    Gradients
+        A dict: for each key the derivatives by electrode, in pC per unit of the key, which is pC/mm
+        for ``probe.x_mm``.
+
+    Raises
+    ------
+    NotConvergedError
+        When the solution is not converged, or no mesh meets the tolerance.
+    ValueError
+        For a key that is not among `parameters_of` the scene, or a tolerance out of range.
+    """
+    scene = solution if isinstance(solution, Scene) else solution.scene
+    known = parameters_of(scene)
+    wanted = known if parameters is None else tuple(parameters)
+    for key in wanted:
+        if key not in known:
+            raise ValueError(f"parameters: {key!r} {refusal(scene, key)}; take some of {known}")
+    if tolerance is not None and not 0.0 < tolerance < 1.0:
+        raise ValueError(f"tolerance = {tolerance!r}: is out of range; give a number from 0 to 1")
+    found = _gradients_of(solve(scene) if isinstance(solution, Scene) else solution, wanted)
+    while tolerance and max(found.relative_errors.values(), default=0.0) > tolerance:
+        found = _gradients_of(_finer(found, tolerance), wanted)
+    return found
+
+
+def _finer(found: Gradients, tolerance: float, least: float = 2e-8) -> Solution:
+    """The solution to finer charges, not below `least`; errors of derivatives fall as theirs do."""
+    worst, key = max((error, key) for key, error in found.relative_errors.items())
+    scene, reason = found.solution.scene, "rounding allows no better mesh"
+    aim = 0.5 * tolerance / worst * scene.numerics.tolerance
+    if aim > least:
+        # the tolerance must not choose anew whether the film bends or feels voltages
+        model = film_model(scene)
+        chosen = {"film.bending": model.bends, "film.coupling": bool(model.floating)}
+        finer = solve(scene.with_(**chosen, **{"numerics.tolerance": aim}))
+        if finer.status is Status.CONVERGED:
+            return finer
+        reason = f"with charges to {aim:.1e}: {finer.reason}"
+    raise NotConvergedError(
+        f"{Status.TOLERANCE}: derivatives by {key} have errors of {worst:.1e}; raise"
+        f" tolerance = {tolerance:g} ({reason})"
+    )
+
+
+def _gradients_of(solution: Solution, wanted: Sequence[str]) -> Gradients:
+    """Derivatives of the solution's charges, and what the next order changes as their errors.
+
+    All are of one displacement and share its error, so one that nearly vanishes does so by chance:
+    none is taken for much smaller, over its `unit`, than the mean of its electrode and of all.
+    """
+    scene, keys = solution.scene, parameters_of(solution.scene)
+    adjoint, rich = adjoints(solution)
+    rates, better = (np.array([rate_of(of, key) for key in keys]) for of in (adjoint, rich))
+    errors = np.abs(better - rates)
+    sizes = np.abs(adjoint.forces) @ np.abs([scene.film.d31, scene.film.d32])
+    unit = sizes / np.array([[_scale(scene, key)] for key in keys])
+    relative = np.divide(errors, unit, out=np.zeros_like(errors), where=unit > 0.0)
+    by_place = np.array([key.endswith(PLACE_NAMES) for key in keys])
+    for group in (by_place, ~by_place):
+        means = relative[group].sum(axis=0) / max(group.sum(), 1)
+        floors = CHANCE * np.maximum(means, means @ sizes / max(sizes.sum(), TINY))
+        errors[group] = np.maximum(errors[group], floors * unit[group])
+    errors *= SATURATION * film_model(scene).saturation
+    largest = np.maximum(np.abs(rates), NEGLIGIBLE * unit).max(axis=1, initial=TINY)
+    names = [electrode.name for electrode in scene.electrode_list]
+    found = Gradients()
+    found.errors, found.relative_errors, found.solution = {}, {}, solution
+    for key in wanted:
+        row = keys.index(key)
+        for values, table in ((rates, found), (errors, found.errors)):
+            table[key] = dict(zip(names, (1e12 * values[row]).tolist(), strict=True))
+        found.relative_errors[key] = float(errors[row].max() / largest[row])
+    return found
+
+
+def _scale(scene: Scene, key: str) -> float:
+    """A change of a parameter that matters, in units of its key."""
+    touches = touched(scene).get(key)
+    if touches and key.endswith(PLACE_NAMES):
+        probe = touches[0][0].probe
+        if key.endswith("rotation_deg"):
+            return float(np.degrees(1.0)) if probe.period_deg else np.inf
+        return 1e3 * probe.outline.perimeter / (2.0 * np.pi)
+    if touches and "_N" in key:
+        return max(float(np.linalg.norm(touch.load.components)) for touch, *_ in touches) or 1.0
+    return abs(number_at(scene, key)) or 1.0

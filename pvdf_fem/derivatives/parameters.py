@@ -1,0 +1,81 @@
+"""Keys of the parameters by which charges have derivatives, and why others have none."""
+
+from __future__ import annotations
+
+from pvdf_fem.film.loads.kinds import LOADS
+from pvdf_fem.film.models import film_model
+from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.scene import LoadedProbe, Scene
+from pvdf_fem.scene.shapes import FORCES
+
+#: Names of what places a probe.
+PLACE_NAMES = ("x_mm", "y_mm", "rotation_deg")
+PLACE = tuple(f"probe.{name}" for name in PLACE_NAMES)
+IN_PLANE = ("tangential_N[0]", "tangential_N[1]")
+HEAT = "temperature_K"
+COEFFICIENTS = ("film.d31_pC_N", "film.d32_pC_N")
+
+
+def parameters_of(scene: Scene) -> tuple[str, ...]:
+    """Keys of the parameters by which `gradients` differentiates.
+
+    A film with two moduli has ``film.youngs_modulus_GPa.0`` and ``.1``. A film of given
+    ``film.pretension_N_m`` has that, or its ``.0`` and ``.1``, in place of
+    ``film.temperature_change_K``, and the others at this pretension. A rigid probe has no
+    derivative by its place, as the tractions along its edge are singular. Of a film that bends or
+    wrinkles, is uneven or warm, or touches a tip with friction, there is none by what its stiffness
+    depends on; of one that feels the voltages of electrodes none by d31 and d32 either.
+    """
+    scene.require_plain_charges("derivatives", "coupling", "warming_K", HEAT)
+    probes = tuple(key for key in touched(scene) if not _hindrance(scene, key))
+    rubs = any(touch.load.friction for touch in scene.loaded_probes)
+    model, uneven = film_model(scene), scene.film.is_uneven or scene.warm_probes
+    differentiable = model.film_is_differentiable and model.electrodes_only_read
+    differentiable = differentiable and not (rubs or uneven)
+    film = _film_keys(scene.film) if differentiable else ()
+    return (*probes, *film, *(COEFFICIENTS if model.electrodes_only_read else ()))
+
+
+def touched(scene: Scene) -> dict[str, list[tuple[LoadedProbe, int, str]]]:
+    """By key of a probe or of its load: the probes that it is of, their numbers and its name."""
+    found: dict[str, list[tuple[LoadedProbe, int, str]]] = {}
+    for i, touch in enumerate(scene.loaded_probes):
+        prefix = f"probe[{i}]" if isinstance(scene.probe, tuple) else "probe"
+        own = getattr(touch.probe, "load", None)
+        heat = () if touch.probe.temperature_K is None else (HEAT,)
+        force = "force_N" if touch.load.depth_mm is None else "depth_mm"
+        for name in (*PLACE_NAMES, *heat, force, *IN_PLANE):
+            key, _, component = name.partition("[")
+            where = prefix if key in (*PLACE_NAMES, HEAT) else f"{prefix}.load" if own else "load"
+            if key in FORCES and getattr(touch.probe, key, None) is not None:
+                where = prefix
+            if not component or touch.load.tangential_N is not None:
+                found.setdefault(f"{where}.{name}", []).append((touch, i, name))
+    return found
+
+
+def _hindrance(scene: Scene, key: str) -> str:
+    """Why the charges have no derivative by a key of `touched`; empty if they have."""
+    for touch, _, name in touched(scene)[key]:
+        if touch.load.friction:
+            return "of a tip with friction has no derivative here; give load.friction = 0"
+        if name in PLACE_NAMES and (touch.load.profile != "uniform" or touch.pressure):
+            return 'of a pressure profile has no derivative here; give load.profile = "uniform"'
+        if name in PLACE_NAMES and LOADS[touch.load.kind].rigid:
+            return "of a rigid probe has no derivative here: the tractions at its edge are singular"
+    return ""
+
+
+def _film_keys(film: Film) -> tuple[str, ...]:
+    stretched = "temperature_change_K" if film.pretension_N_m is None else "pretension_N_m"
+    names = ("thickness_um", stretched, "youngs_modulus_GPa", "poisson_ratio")
+    ends = {tuple: (".0", ".1")}
+    return tuple(f"film.{n}{end}" for n in names for end in ends.get(type(getattr(film, n)), ("",)))
+
+
+def refusal(scene: Scene, key: str) -> str:
+    if key in touched(scene):
+        return _hindrance(scene, key)
+    if key in (*_film_keys(scene.film), *COEFFICIENTS):
+        return "of a film that bends, wrinkles, sticks, warms or feels voltages has no derivative"
+    return "is not a parameter of this scene that charges are differentiated by"
