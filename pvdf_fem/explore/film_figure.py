@@ -52,11 +52,10 @@ class FilmFigure:
         plot.grid.visible = False
         self.save = SaveTool(filename="pvdf_film")
         plot.add_tools(self.save)
-        self.palette: tuple[str, ...] = palettes.Blues256
         self.colours = LinearColorMapper(low=0.0, high=1.0)
         self.bar = ColorBar(color_mapper=self.colours)
         plot.add_layout(self.bar, "right")
-        self.show_image(np.zeros((1, 1)), 1.0)
+        self.show_image(np.zeros((1, 1)), 1.0, next(iter(QUANTITIES)))
         square = {"x": "x", "y": "x", "dw": "width", "dh": "width", "source": self.sources["image"]}
         field = plot.image("image", **square, color_mapper=self.colours)
         self.field, plot.x_range.renderers, plot.y_range.renderers = field.glyph, [field], [field]
@@ -67,16 +66,12 @@ class FilmFigure:
             plot.js_on_event(event, drag)
 
     def show_scene(self, view: View) -> None:
-        """Draw film, electrodes and probes, and dim the picture, which is that of another scene."""
+        """Draw film, electrodes and probes."""
         scene, radius = view.scene, view.scene.film.radius_mm
-        quantity = QUANTITIES[view.quantity]
-        self.bar.title = quantity.label
-        self.palette = getattr(palettes, quantity.palette)
         if (outlines := (radius, scene.electrode_list)) != self.drawn:
             self.drawn = outlines
             self._draw_sensor(scene)
         self.sources["probes"].data = _probes(view)
-        self.field.global_alpha = DIMMED
         self.show_found(NONE)
 
     def _draw_sensor(self, scene: Scene) -> None:
@@ -91,11 +86,13 @@ class FilmFigure:
         outlines = _outlines([electrode.outline for electrode in scene.electrode_list])
         self.sources["electrodes"].data = {**outlines, "name": names}
 
-    def show_image(self, image: Array, radius_mm: float) -> None:
+    def show_image(self, image: Array, radius_mm: float, quantity: str) -> None:
         """Colour the film by the field of a solve, palest where it is zero."""
-        low, high = min(0.0, float(image.min())), max(0.0, float(image.max()))
-        palette = self.palette[:: 1 if -low > high else -1]
+        label, dark_to_light, _ = QUANTITIES[quantity]
+        low, high = min(0.0, float(np.nanmin(image))), max(0.0, float(np.nanmax(image)))
+        palette = getattr(palettes, dark_to_light)[:: 1 if -low > high else -1]
         self.colours.update(palette=palette, low=low, high=max(high, low + 1e-9))
+        self.bar.title = label
         square = {"image": [image], "x": [-radius_mm], "width": [2.0 * radius_mm]}
         self.sources["image"].data = square
 

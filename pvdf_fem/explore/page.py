@@ -28,6 +28,7 @@ from pvdf_fem.scene.scene_file import parse_change
 from pvdf_fem.solution.summary import solution_html
 
 ADDRESS = "127.0.0.1"  #: The page is served on this machine only.
+PATIENCE_MS = 300  #: After this time a scene is shown without its picture.
 WIDE = {"sizing_mode": "stretch_width"}
 #: Keys of a result whose numbers have bars, with the labels of these.
 BARS = (("charges_pC", "charge (pC)"), ("readings_V", "reading (V)"))
@@ -63,6 +64,7 @@ class Page:
         self.start, self.name, self.folder, self.document = start, name, folder, curdoc()
         self.solver, self.finder, self.builder = workers
         self.history = History(View(start))
+        self.shown: View | None = None  # by the controls and the outlines
         self.film, self.bars = FilmFigure(), [Bars(*bars) for bars in BARS]
         panes = (pn.pane.HTML("", styles={"overflow-x": "auto"}, **WIDE) for _ in range(3))
         self.message, self.told, self.located = panes
@@ -133,17 +135,29 @@ class Page:
             history, refused = self.history, f"<b>refused</b>: {told}"
         if refused or history is not self.history:
             self.history, self.message.object = history, refused
-            self._solve()  # while the rest of the page follows
-            self._locked(self._show)
+            self.shown = None
+            self._solve()
+            late = partial(self._late, history.view)
+            self.document.add_timeout_callback(late, PATIENCE_MS)
 
     def _solve(self) -> None:
         """Have the view solved."""
         view = self.history.view
         self._ask(self.solver, self._solved, view, view.scene, view.quantity)
 
+    def _late(self, view: View) -> None:
+        """Show a view that has no picture yet, and dim that of another one."""
+        if view is self.history.view and self.shown is not view:
+            self._show()
+            self.film.field.global_alpha = DIMMED
+            if self.told.object:
+                self.results.styles = {"opacity": str(DIMMED)}
+            self.located.object = "solving …"
+
     def _show(self) -> None:
-        """Show the view, and dim results of another one."""
+        """Show the view by outlines and controls."""
         history, view = self.history, self.history.view
+        self.shown = view
         self.film.show_scene(view)
         self.undo.disabled, self.redo.disabled = not history.past, not history.future
         self.quantity.value, self.noise.value = view.quantity, str(view.noise)
@@ -159,9 +173,6 @@ class Page:
         self.link.object = f'<a href="{escape(query or "?")}">link to this</a>'
         if pn.state.location:
             pn.state.location.search = query
-        if self.told.object:
-            self.results.styles = {"opacity": str(DIMMED)}
-        self.located.object = "solving …"
 
     def _ask(self, worker: Worker, show: Callable[..., None], view: View, *request: Any) -> None:
         """Have an answer about a view shown, unless another one is on the page by then."""
@@ -181,6 +192,18 @@ class Page:
         self.document.add_next_tick_callback(without_document_lock(ask))
 
     def _solved(self, view: View, picture: Picture | Exception) -> None:
+        """Show the picture first, the rest of the page in a message of its own."""
+        if isinstance(picture, Picture) and picture.image is not None:
+            self.film.show_image(picture.image, view.scene.film.radius_mm, view.quantity)
+            self.film.field.global_alpha = 1.0
+        self._locked(self._tell, view, picture)
+
+    def _tell(self, view: View, picture: Picture | Exception) -> None:
+        """Show what is known of a view."""
+        if view is not self.history.view:
+            return
+        if self.shown is not view:
+            self._show()
         if isinstance(picture, Exception):
             self.located.object = f"<b>failed</b>: {escape(str(picture))}"
             return
@@ -188,12 +211,9 @@ class Page:
         self.results.styles = {"opacity": "1"}
         for bars in self.bars:
             bars.show(picture.result)
-        if picture.image is not None:
-            self.film.show_image(picture.image, view.scene.film.radius_mm)
-            self.film.field.global_alpha = 1.0
-            if view.scene.loaded_probes:
-                self.located.object = "<b>locate</b>: computing …"
-                self._find(picture.result, view)
+        if picture.image is not None and view.scene.loaded_probes:
+            self.located.object = "<b>locate</b>: computing …"
+            self._find(picture.result, view)
 
     def _find(self, result: dict[str, Any], view: View, built: Any = None) -> None:
         """Have the touch located by a response, and by solves until it is built."""

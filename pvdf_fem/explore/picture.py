@@ -68,10 +68,12 @@ def picture_of(scene: Scene, quantity: str) -> Picture:
 
 def image_of(solution: Solution, values: Array, pixels: int = PIXELS) -> Array:
     """The field with values at the dofs, at the pixels of the square about the film, the lowest y
-    first, (pixels, pixels). Beyond the rim it is that at the rim."""
+    first, (pixels, pixels). A pixel beyond the rim it is that at the rim, farther out not a number."""
     mesh, basis, radius = solution.mesh, solution.basis, solution.scene.film.radius
     ticks = radius * ((np.arange(pixels) + 0.5) / pixels * 2.0 - 1.0)
-    points = np.stack(np.meshgrid(ticks, ticks)).reshape(2, -1)
+    square = np.stack(np.meshgrid(ticks, ticks))
+    near = np.hypot(*square) < (1.0 + 4.0 / pixels) * radius
+    points = square[:, near]
     points /= np.maximum(np.hypot(*points) / radius, 1.0)
     find = Triangulation(mesh.p[0], mesh.p[1], mesh.t.T).get_trifinder()
     elements: Any = find(*points)
@@ -85,9 +87,10 @@ def image_of(solution: Solution, values: Array, pixels: int = PIXELS) -> Array:
         target = target + points[:, bent] - curved.F(local[:, bent], tind=inside)[:, :, 0]
         local[:, bent] = straight.invF(target[:, :, None], tind=inside)
     nodal = values[basis.element_dofs[:, elements]]
-    image = np.einsum("pf,fp->p", shape_values(basis.elem, local[:, :, 0]), nodal)
-    image = image.clip(values.min(), values.max())  # at the rim it is extrapolated a little
-    return image.reshape(pixels, pixels).astype(np.float32)
+    field = np.einsum("pf,fp->p", shape_values(basis.elem, local[:, :, 0]), nodal)
+    image = np.full(near.shape, np.nan, dtype=np.float32)
+    image[near] = field.clip(values.min(), values.max())  # at the rim it is extrapolated a little
+    return image
 
 
 def curved_elements(mesh: MeshTri2) -> Indices:
