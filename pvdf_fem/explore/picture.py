@@ -68,7 +68,7 @@ def picture_of(scene: Scene, quantity: str) -> Picture:
 
 def image_of(solution: Solution, values: Array, pixels: int = PIXELS) -> Array:
     """The field with values at the dofs, at the pixels of the square about the film, the lowest y
-    first, (pixels, pixels). A pixel beyond the rim it is that at the rim, farther out not a number."""
+    first, (pixels, pixels). It is that at the rim for a pixel beyond, and NaN farther out."""
     mesh, basis, radius = solution.mesh, solution.basis, solution.scene.film.radius
     ticks = radius * ((np.arange(pixels) + 0.5) / pixels * 2.0 - 1.0)
     square = np.stack(np.meshgrid(ticks, ticks))
