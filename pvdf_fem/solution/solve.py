@@ -187,7 +187,9 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
     scene, status = problem.scene, _status(attempt, stop, change)
     model = film_model(scene)
     by_stress = fields.forces.charges((scene.film.d31_pC_N, scene.film.d32_pC_N)).tolist()
-    charges_pC = {e.name: q for e, q in zip(scene.electrode_list, by_stress, strict=True)}
+    names = [electrode.name for electrode in scene.electrode_list]
+    # scenes of a sweep that are solved as one have the goals of all
+    charges_pC = dict(zip(names, by_stress, strict=True)) if len(names) == len(by_stress) else None
     others = (told(scene, charges_pC) for told in REMARKS)
     remarks = [model.remark, *coupling_remarks(scene), *chain.from_iterable(others)]
     reason = status.advice

@@ -377,7 +377,7 @@ def test_the_command_prints_its_plan_and_writes_the_dataset(
     assert cli.main(command) == 0
     out, err = capsys.readouterr()
     assert out.endswith("s.nc: 2 force_N, 2 ring_radius_mm, 4 electrode\n")
-    assert err == ""  # no bar, since this is no terminal
+    assert err.splitlines() == ["2 of 4 scenes", "4 of 4 scenes"]  # no bar, as in a terminal
     with xarray.open_dataset("s.nc") as data:
         assert data.charge_pC.sel(force_N=2.0, ring_radius_mm=8.0, electrode="A") == 6.0
     assert cli.main([*command, "--quiet", "--plot", "s.svg"]) == 0
