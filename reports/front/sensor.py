@@ -152,7 +152,7 @@ def _draw_film(figure: Figure, film: DeflectedFilm) -> None:
     ax.view_init(elev=38.0, azim=-60.0)
     ax.set_axis_off()
     scale = figure.add_axes((0.86, 0.15, 0.025, 0.7))
-    figure.colorbar(surface, cax=scale, label="deflection (mm)")
+    figure.colorbar(surface, cax=scale, label="z of the film (mm)")
     scale.grid(False)
 
 
