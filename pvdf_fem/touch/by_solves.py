@@ -345,6 +345,8 @@ def _single(scene: Scene, reach_mm: float, pitch_mm: float, fine_mm: float) -> t
     scenes = [scene.with_(**dict(zip(keys, row, strict=True))) for row in rows]
     records = solve_all(scenes, processes=1)
     good = [i for i, record in enumerate(records) if record.converged]
+    if len(good) < 3:
+        raise NotConvergedError(f"{records[0].status}: one touch alone: {records[0].reason}")
     reads = scene.film.d31_pC_N, scene.film.d32_pC_N, scene.numerics.observable
     charges = np.array([[*records[i].charges_pC(*reads).values()] for i in good])
     ticks = np.arange(-reach_mm, reach_mm + 0.5 * fine_mm, fine_mm)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from pvdf_fem import Scene, locate, solve
+from pvdf_fem import NotConvergedError, Scene, locate, solve
 from pvdf_fem.response.model import Domain
 from pvdf_fem.touch.by_solves import Search, SolveOptions
 from pvdf_fem.touch.descent import descend
@@ -32,6 +34,13 @@ def test_shear_of_a_touch_is_found_with_its_place():
     best, *_ = locate(EIGHT, charges, 1e-3, unknown=unknown, options=FEW)
     assert [*best.values.values()] == pytest.approx([5.0, 3.0, 1.0, 0.4, -0.2], abs=0.03)
     assert best.deviations["probe[0].force_N"] < 0.01
+
+
+def test_a_film_that_bears_no_touch_is_told():
+    slack = PAIR.with_(**{"film.temperature_change_K": 20.0, "film.bending": False})
+    charges = dict.fromkeys("ABCDEFGH", 500.0)
+    with pytest.raises(NotConvergedError, match="one touch alone"):
+        locate(slack, charges, 1e-3, touches=2, options=replace(FEW, pitch_mm=15.0))
 
 
 def test_a_warm_touch_is_found_with_its_temperature():
