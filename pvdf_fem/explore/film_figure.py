@@ -18,7 +18,6 @@ from pvdf_fem.output.figures import COLOURS
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Electrode, Scene
 
-DIMMED = 0.2  #: Opacity of results that are not those of the scene that is shown.
 NONE = Found([], {}, ())
 _PATH = {"xs": "xs", "ys": "ys"}
 _TEXT = {"text": "name", "text_align": "center", "text_baseline": "middle"}

@@ -18,7 +18,7 @@ from bokeh.models import ColumnDataSource, DataRange1d, FactorRange
 from bokeh.plotting import curdoc, figure
 from matplotlib.ticker import MaxNLocator
 
-from pvdf_fem.explore.film_figure import DIMMED, FilmFigure, colour_of
+from pvdf_fem.explore.film_figure import FilmFigure, colour_of
 from pvdf_fem.explore.finding import Found, build, find, response_file
 from pvdf_fem.explore.picture import QUANTITIES, Picture, picture_of
 from pvdf_fem.explore.state import History, View, sliders_of
@@ -28,6 +28,7 @@ from pvdf_fem.scene.scene_file import parse_change
 from pvdf_fem.solution.summary import solution_html
 
 ADDRESS = "127.0.0.1"  #: The page is served on this machine only.
+DIMMED = 0.2  #: Opacity of results that are not those of the scene that is shown.
 PATIENCE_MS = 300  #: After this time a scene is shown without its picture.
 WIDE = {"sizing_mode": "stretch_width"}
 #: Keys of a result whose numbers have bars, with the labels of these.
@@ -149,10 +150,14 @@ class Page:
         """Show a view that has no picture yet, and dim that of another one."""
         if view is self.history.view and self.shown is not view:
             self._show()
-            self.film.field.global_alpha = DIMMED
-            if self.told.object:
-                self.results.styles = {"opacity": str(DIMMED)}
+            self._dim()
             self.located.object = "solving …"
+
+    def _dim(self) -> None:
+        """Dim picture and results, which are those of another view."""
+        self.film.field.global_alpha = DIMMED
+        if self.told.object:
+            self.results.styles = {"opacity": str(DIMMED)}
 
     def _show(self) -> None:
         """Show the view by outlines and controls."""
@@ -196,6 +201,8 @@ class Page:
         if isinstance(picture, Picture) and picture.image is not None:
             self.film.show_image(picture.image, view.scene.film.radius_mm, view.quantity)
             self.film.field.global_alpha = 1.0
+        else:
+            self._dim()
         self._locked(self._tell, view, picture)
 
     def _tell(self, view: View, picture: Picture | Exception) -> None:

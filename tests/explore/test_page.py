@@ -21,6 +21,8 @@ from pvdf_fem.solution.solve import solve
 
 pytest.importorskip("panel", reason="the extra `explore` is not installed")
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+from pvdf_fem.explore.page import DIMMED
+
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path")
@@ -41,6 +43,12 @@ PLACE = """([x, y]) => {
   const view = Bokeh.index.find_one(Bokeh.documents[0].get_model_by_name("film"))
   const box = view.el.getBoundingClientRect(), frame = view.frame
   return [box.left + frame.x_scale.compute(x), box.top + frame.y_scale.compute(y)]
+}"""
+#: The opacity of the picture.
+OPACITY = """() => {
+  const {renderers} = Bokeh.documents[0].get_model_by_name("film")
+  const {global_alpha} = renderers.find((r) => r.glyph.type == "Image").glyph
+  return global_alpha.value ?? global_alpha
 }"""
 #: The numbers of some bars, unless they are dimmed as those of another scene.
 BARS = """(name) => {
@@ -169,6 +177,7 @@ def test_what_is_refused_or_fails_is_named(visit: Visit) -> None:
     visit.page.wait_for_function(f"() => Object.keys(({BARS})('charges_pC')).length == 0")
     field = "Bokeh.documents[0].get_model_by_name('image')"
     assert visit.page.evaluate(f"{field} !== null")
+    assert visit.page.evaluate(OPACITY) == DIMMED  # the picture is that of the scene before
     visit.clicks("undo")
     visit.reads(SCENE)
 
