@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -77,7 +78,7 @@ def _columns(source: Any) -> dict[str, Sequence[Any]]:
         return {str(name): list(source[name]) for name in names}
     text = read_text(Path(source), MOST_BYTES, "a CSV file of touches")
     try:
-        cells = csv_rows(text.splitlines(), text.partition("\n")[0])
+        cells = csv_rows(io.StringIO(text), text.partition("\n")[0])
         rows = [row for row in cells if any(map(str.strip, row))]
     except csv.Error as error:
         raise TouchesError(f"{source}: is no CSV file ({error}); save it as one") from None

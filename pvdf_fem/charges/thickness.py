@@ -16,8 +16,8 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.film.electric.coupling import coupled
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.contact_guess import guessed_force, guessed_press
-from pvdf_fem.film.loads.heat import Charges, charge_remark
 from pvdf_fem.film.loads.kinds import LOADS
+from pvdf_fem.film.remarks import Charges, charge_remark
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.gmsh_mesh import electrode_patch
 from pvdf_fem.scene.scene import LoadedProbe, Scene

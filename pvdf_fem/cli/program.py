@@ -112,7 +112,7 @@ def scene_of(options: argparse.Namespace, *mistakes: str) -> Scene:
         problems += error.problems
     if problems:
         raise InputError(*problems)
-    for lost in _lost(given, scene, changes):
+    for lost in _lost(given, scene, changes) if changes else ():
         _tell(f"--set: leaves out {lost}, a key that the changed scene does not have")
     return scene
 

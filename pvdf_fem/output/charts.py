@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
+from matplotlib.axis import XAxis, YAxis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MultipleLocator
@@ -126,19 +125,19 @@ def _label(varied: list[DataArray]) -> str:
     return ", ".join(f"{n} ({SIGNS.get(u, u)})" if u else f"{n}" for n, u in names)
 
 
-def _draw_axis(axis: Axis, varied: list[DataArray], set_scale: Callable[[str], None]) -> Array:
+def _draw_axis(axis: XAxis | YAxis, varied: list[DataArray]) -> Array:
     """Scale an axis as its values are spaced, and return where these stand: numbers at themselves,
     texts and several keys in a row."""
     values, few = varied[0].values, slice(None, None, -(-varied[0].size // MOST_TICKS))
     if len(varied) > 1 or values.dtype.kind != "f":
         texts = [", ".join(row) for row in zip(*map(_texts, varied), strict=True)]
         axis.set_ticks(np.arange(values.size)[few], texts[few])
-        if set_scale.__name__ == "set_xscale":
+        if axis.axis_name == "x":
             axis.set_tick_params(labelrotation=90)
         return np.arange(float(values.size))
     steps = np.diff(np.log(values)) if values.size > 2 and values.min() > 0.0 else np.empty(0)
     if steps.size and np.allclose(steps, steps[0], rtol=1e-3):
-        set_scale("log")
+        axis.axes.set(**{f"{axis.axis_name}scale": "log"})
         axis.set_ticks(values[few], [f"{value:.3g}" for value in values[few]])
         axis.set_ticks([], minor=True)
     return np.asarray(values)
@@ -164,7 +163,7 @@ def _mark_failed(ax: Axes, x: Array, y: Array, status: Array, **look: Any) -> li
 def _curves(data: Dataset, along: list[DataArray]) -> Figure:
     figure = new_figure(130.0, 95.0)
     ax, bars = figure.subplots(), []
-    x = _draw_axis(ax.xaxis, along, ax.set_xscale)
+    x = _draw_axis(ax.xaxis, along)
     for j, name in enumerate(data.electrode.values):
         charge, error = data.charge_pC.values[:, j], data.charge_error_pC.values[:, j]
         bars.append(ax.errorbar(x, charge, error, label=str(name), **look_of(j)))
@@ -182,8 +181,8 @@ def _maps(data: Dataset, down: list[DataArray], across: list[DataArray]) -> Figu
     known = charges[np.isfinite(charges)]
     colours, low, high = colours_of(known if known.size else [0.0, 1.0])
     for ax, name, charge in zip(panels, data.electrode.values, charges.T, strict=True):
-        x = _draw_axis(ax.xaxis, across, ax.set_xscale)
-        y = _draw_axis(ax.yaxis, down, ax.set_yscale)
+        x = _draw_axis(ax.xaxis, across)
+        y = _draw_axis(ax.yaxis, down)
         look: Any = {"shading": "nearest", "cmap": colours, "vmin": low, "vmax": high}
         drawn = ax.pcolormesh(x, y, charge.T, **look)
         marks = _mark_failed(ax, *np.meshgrid(x, y), data.status.values)

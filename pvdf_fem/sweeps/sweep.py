@@ -11,8 +11,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tqdm import tqdm
-
 from pvdf_fem.arrays import Array
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
 from pvdf_fem.scene.scene import Scene
@@ -43,6 +41,8 @@ def silent(done: int, total: int) -> None:
 @contextmanager
 def shown(unit: str, lines: bool = True) -> Iterator[Progress]:
     """A `Progress` on standard error: a bar on a terminal, else a line for each tenth, or none."""
+    from tqdm import tqdm  # most scenes are solved without
+
     terminal, tenths = sys.stderr.isatty(), 0
     with tqdm(unit=unit, disable=not terminal) as bar:
 

@@ -8,18 +8,18 @@ about a round probe as √(R/(R + d)) besides.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import shapely
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.film.remarks import Charges, charge_remark
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
-Charges = Mapping[str, float] | None  #: In pC by electrode, or not known.
 HEAT_CAPACITY = 1300.0  #: Of PVDF, J/(kg K).
 #: Pyroelectric coefficient of PVDF in µC/(m² K), by which charges that are left out are estimated.
 TYPICAL_UC_M2K = 25.0
@@ -57,25 +57,6 @@ def heat_remarks(scene: Scene, charges_pC: Charges = None) -> Iterator[tuple[boo
     if most:
         about = "pyroelectricity, charge by warming", "film.pyroelectric_uC_m2K"
         yield charge_remark(about, given, typical, most, name, charges_pC)
-
-
-def charge_remark(
-    about: tuple[str, str],
-    given: float | None,
-    typical: float,
-    per_unit: float,
-    name: str,
-    charges_pC: Charges,
-) -> tuple[bool, str]:
-    """Whether an effect is included, and its charge on an electrode. `about` has its name and the
-    key of its coefficient, and `per_unit` is the charge in pC for a coefficient of 1."""
-    (effect, key), value = about, typical if given is None else given
-    pC, charge = value * per_unit, (charges_pC or {}).get(name)
-    size = f"about {float(f'{pC:.2g}'):g} pC on {name}"
-    size += f", {100.0 * abs(pC / charge):.2g} % of its charge" if charge else ""
-    if given is not None:
-        return True, f"{effect} ({key} = {given:g}): {size}"
-    return False, f"{effect}: {size}, for a typical {key} = {typical:g}; to include it give that"
 
 
 def _misplaced(outline: Outline, reach: float) -> float:
