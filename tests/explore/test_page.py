@@ -19,9 +19,8 @@ from pvdf_fem.explore.state import View
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solve import solve
 
-pytest.importorskip("panel", reason="the extra `explore` is not installed")
+page = pytest.importorskip("pvdf_fem.explore.page", reason="the extra `explore` is not installed")
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-from pvdf_fem.explore.page import DIMMED
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
@@ -177,7 +176,7 @@ def test_what_is_refused_or_fails_is_named(visit: Visit) -> None:
     visit.page.wait_for_function(f"() => Object.keys(({BARS})('charges_pC')).length == 0")
     field = "Bokeh.documents[0].get_model_by_name('image')"
     assert visit.page.evaluate(f"{field} !== null")
-    assert visit.page.evaluate(OPACITY) == DIMMED  # the picture is that of the scene before
+    assert visit.page.evaluate(OPACITY) == page.DIMMED  # the picture is that of the scene before
     visit.clicks("undo")
     visit.reads(SCENE)
 
