@@ -31,7 +31,7 @@ from pvdf_fem.sweeps.sweep import solve_all
 from pvdf_fem.touch.descent import Descent, SearchOptions, descend, joined
 from pvdf_fem.touch.measurement import Deviations, Measurement
 from pvdf_fem.touch.mistakes import charge_mistakes
-from pvdf_fem.touch.touch import Fit, p_values
+from pvdf_fem.touch.touch import Fit, explains, p_values
 
 #: What may be sought, with the longest step of a search in mm, degrees, factors e, N and K.
 LONGEST = {
@@ -59,11 +59,13 @@ class SolveOptions:
     #: Distance in mm of the places of single touches that are solved, and that are compared.
     pitch_mm: float = 2.5
     fine_mm: float = 1.0
-    #: Number of starts, their least distance, and how many go on after some first steps.
+    #: Number of starts, their least distance, and how many go on after some first steps; the others
+    #: go on where the likeliest lead to no touch that explains the charges at this significance.
     starts: int = 10
     apart_mm: float = 3.0
     first_steps: int = 3
     followed: int = 3
+    significance: float = 0.05
     max_steps: int = 40
     #: Starts about the best end, in longest steps along what the charges determine least.
     valley: tuple[float, ...] = (-2.0, -1.0, 1.0, 2.0)
@@ -139,22 +141,43 @@ def locate_by_solves(
         numbers = {"charges_pC": problem.charges_pC[0], "spread_pC": problem.deviations_pC[0]}
         return replace(search, electrodes=problem.electrodes, **numbers)
 
-    ends, fine = _searched(posed(options.first_tolerance), options), posed(options.tolerance)
-    if ends.arrived.size:
-        ends = fine.distinct(descend(fine, ends.at, options=fine.how(options)), options)
+    coarse, fine = posed(options.first_tolerance), posed(options.tolerance)
+    likely, others = _begun(coarse, options)
+    ends = _searched(coarse, fine, likely, options)
+    freedom = len(charges_pC) - len(keys)
+    explained = explains(ends.chi_square[:1], freedom, options.significance)
+    if not explained.any() and len(others):
+        more = _searched(coarse, fine, others, options)
+        ends = fine.distinct(joined([ends, more]), options)
     return fine.fits(ends)
 
 
-def _searched(search: Search, options: SolveOptions) -> Descent:
-    """Distinct ends of searches from the likeliest starts, and along the valleys of the best."""
-    how, starts = search.how(options), []
+def _begun(search: Search, options: SolveOptions) -> tuple[Array, Array]:
+    """Where first steps lead from the starts: the likeliest places, and the others."""
+    likely, others = [], []
     for cold in search.of_cold_touches():
         first = replace(cold.how(options), max_steps=options.first_steps)
         ends = descend(cold, _starts(cold, options), options=first)
-        best = ends.at[np.argsort(ends.chi_square)[: options.followed]]
-        starts.append(np.zeros((len(best), len(search.keys))))
-        starts[-1][:, np.isin(search.keys, cold.keys)] = best
-    ends = search.distinct(descend(search, np.concatenate(starts), options=how), options)
+        begun = np.zeros((len(ends.at), len(search.keys)))
+        begun[:, np.isin(search.keys, cold.keys)] = ends.at
+        begun = begun[np.argsort(ends.chi_square)]
+        likely.append(begun[: options.followed])
+        others.append(begun[options.followed :])
+    return np.concatenate(likely), np.concatenate(others)
+
+
+def _searched(coarse: Search, fine: Search, starts: Array, options: SolveOptions) -> Descent:
+    """Distinct ends of fine searches, which start where coarse ones end."""
+    ends = _along_valleys(coarse, starts, options)
+    if not ends.at.size:
+        return ends
+    return fine.distinct(descend(fine, ends.at, options=fine.how(options)), options)
+
+
+def _along_valleys(search: Search, starts: Array, options: SolveOptions) -> Descent:
+    """Distinct ends of searches from some starts, and along the valleys of the best."""
+    how = search.how(options)
+    ends = search.distinct(descend(search, starts, options=how), options)
     for _ in range(options.rounds if ends.arrived.size else 0):
         least, steps = ends.chi_square[0], np.array(options.valley)[:, None]
         weak = np.linalg.svd(ends.slopes[0] * search.longest)[2][-1]
