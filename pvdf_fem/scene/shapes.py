@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from string import ascii_uppercase
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
 
@@ -220,7 +220,7 @@ class Layout(Section):
     ring_radius_mm: Length = 10.0
     side_mm: Length = 3.0
 
-    @property
+    @cached_property
     def electrodes(self) -> tuple[Electrode, ...]:
         """The electrodes of the layout."""
         angles = _ANGLES_DEG[self.layout].items()
@@ -251,7 +251,7 @@ class Ring(Section):
     centre: Annotated[bool, Field(strict=True)] = False
     shape: str
 
-    @property
+    @cached_property
     def electrodes(self) -> tuple[Electrode, ...]:
         """The electrodes on the ring, then that on the centre."""
         turns = 360.0 * np.arange(self.count) / self.count

@@ -235,7 +235,8 @@ class NewtonOptions:
     #: Below this size full steps keep the quadratic convergence, and no line search is made.
     local_size: float = 1e-2
     defer_size: float = 0.3  #: A tangent serves on after a smaller step ...
-    contraction: float = 0.5  #: ... as long as each step is at most this part of the one before.
+    contraction: float = 0.5  #: ... as long as each step is at most this part of the one before,
+    tangent_cost: float = 12.0  #: ... and unless a new one, at the cost of these steps, saves more.
     max_iterations: int = 60
     #: The same under a load that follows the film, whose energy along a step is not known.
     max_following: int = 25
@@ -271,8 +272,19 @@ class DeferredNewton(Variant):
         """Whether a new tangent would save more steps than it costs."""
         if tangent.convex or table[-1].step > self.options.defer_size:
             return True
-        contraction = self.options.contraction
-        return not table[-1].fresh and table[-1].step > contraction * table[-2].step
+        if table[-1].fresh:
+            return False
+        step, rate = table[-1].step, table[-1].step / table[-2].step
+        if rate > self.options.contraction:
+            return True
+        # a step of this size is about the rate of the steps after it with a new tangent
+        now, later = (self._steps_left(size, size) for size in (step, rate * step))
+        saved = self._steps_left(step, rate) - now
+        return saved > self.options.tangent_cost and now <= later + 1.0
+
+    def _steps_left(self, step: float, rate: float) -> float:
+        """Number of steps after one of this size that end the search, if they shrink at a rate."""
+        return float(np.log(self.options.tolerance**2 / step) / np.log(rate))
 
     def _fresh_tangent(self, state: State, size: float) -> Tangent:
         """The full tangent near the solution, otherwise the convex one. Where no stress is

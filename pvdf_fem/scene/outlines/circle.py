@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -66,6 +67,6 @@ class CircleShape(Shape):
     shape: Literal["circle"] = "circle"
     radius_mm: Length = 1.0
 
-    @property
+    @cached_property
     def outline(self) -> Circle:
         return Circle(np.array([self.x_mm, self.y_mm]) / 1e3, self.radius_mm / 1e3)

@@ -85,7 +85,7 @@ class EllipseShape(Shape):
     shape: Literal["ellipse"] = "ellipse"
     semi_axes_mm: Annotated[tuple[Length, Length], AfterValidator(_is_not_thin)]
 
-    @property
+    @cached_property
     def outline(self) -> Ellipse:
         first, second = self.semi_axes_mm
         centre = np.array([self.x_mm, self.y_mm]) / 1e3

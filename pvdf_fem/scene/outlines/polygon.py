@@ -181,7 +181,7 @@ class TriangleShape(_PolygonalShape):
     shape: Literal["triangle"] = "triangle"
     side_mm: Length = 7.0
 
-    @property
+    @cached_property
     def outline(self) -> Polygon:
         return self._placed(triangle(self.side_mm))
 
@@ -195,7 +195,7 @@ class SquareShape(_PolygonalShape):
     shape: Literal["square"] = "square"
     side_mm: Length = 3.0
 
-    @property
+    @cached_property
     def outline(self) -> Polygon:
         return self._placed(rectangle(self.side_mm, self.side_mm))
 
@@ -211,7 +211,7 @@ class RectangleShape(_PolygonalShape):
     width_mm: Length = 14.0
     height_mm: Length = 7.0
 
-    @property
+    @cached_property
     def outline(self) -> Polygon:
         return self._placed(rectangle(self.width_mm, self.height_mm))
 
@@ -233,6 +233,6 @@ class PolygonShape(_PolygonalShape):
         AfterValidator(_is_simple),
     ]
 
-    @property
+    @cached_property
     def outline(self) -> Polygon:
         return self._placed(np.array(self.vertices_mm))

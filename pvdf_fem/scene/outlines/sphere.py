@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -20,7 +21,7 @@ class SphereShape(Shape):
     shape: Literal["sphere"] = "sphere"
     radius_mm: Length = 5.0
 
-    @property
+    @cached_property
     def outline(self) -> Circle:
         return Circle(np.array([self.x_mm, self.y_mm]) / 1e3, self.radius_mm / 1e3)
 
