@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from bokeh import palettes
 from bokeh.models import ColorBar, ColumnDataSource, CustomJS, LinearColorMapper, SaveTool
 from bokeh.plotting import figure
+from numpy.typing import NDArray
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.explore.finding import Found
@@ -37,6 +38,28 @@ _LAYERS: tuple[tuple[str, str, dict[str, Any]], ...] = (
 )
 
 
+class Scale(NamedTuple):
+    """Colours of a field."""
+
+    low: float
+    high: float
+    palette: tuple[str, ...]  #: From the lowest value to the highest.
+
+    @classmethod
+    def of(cls, image: Array, dark_to_light: tuple[str, ...]) -> Scale:
+        """A scale that is palest at zero."""
+        low, high = min(0.0, float(np.nanmin(image))), max(0.0, float(np.nanmax(image)))
+        return cls(low, max(high, low + 1e-9), dark_to_light[:: 1 if -low > high else -1])
+
+    def colours(self, image: Array) -> NDArray[np.uint32]:
+        """Those of an image's pixels, for Bokeh; transparent where it is NaN."""
+        shades = palettes.to_rgba_array(self.palette).view(np.uint32)[:, 0]
+        outside = np.isnan(image)
+        share = (np.where(outside, self.low, image) - self.low) / (self.high - self.low)
+        steps = np.minimum(len(shades) * share, len(shades) - 1).astype(int)
+        return np.where(outside, np.uint32(0), shades[steps])
+
+
 class FilmFigure:
     """The figure, and the columns of what it shows."""
 
@@ -51,12 +74,14 @@ class FilmFigure:
         plot.grid.visible = False
         self.save = SaveTool(filename="pvdf_film")
         plot.add_tools(self.save)
-        self.colours = LinearColorMapper(low=0.0, high=1.0)
+        self.scale = Scale(0.0, 1.0, ("white",))
+        self.colours = LinearColorMapper()
         self.bar = ColorBar(color_mapper=self.colours)
         plot.add_layout(self.bar, "right")
-        self.show_image(np.zeros((1, 1)), 1.0, next(iter(QUANTITIES)))
+        self.show_image(np.zeros((1, 1)), 1.0, first := next(iter(QUANTITIES)))
+        self.show_scale(first)
         square = {"x": "x", "y": "x", "dw": "width", "dh": "width", "source": self.sources["image"]}
-        field = plot.image("image", **square, color_mapper=self.colours)
+        field = plot.image_rgba("image", **square)
         self.field, plot.x_range.renderers, plot.y_range.renderers = field.glyph, [field], [field]
         for name, glyph, look in _LAYERS:
             getattr(plot, glyph)(source=self.sources[name], **look)
@@ -87,13 +112,14 @@ class FilmFigure:
 
     def show_image(self, image: Array, radius_mm: float, quantity: str) -> None:
         """Colour the film by the field of a solve, palest where it is zero."""
-        label, dark_to_light, _ = QUANTITIES[quantity]
-        low, high = min(0.0, float(np.nanmin(image))), max(0.0, float(np.nanmax(image)))
-        palette = getattr(palettes, dark_to_light)[:: 1 if -low > high else -1]
-        self.colours.update(palette=palette, low=low, high=max(high, low + 1e-9))
-        self.bar.title = label
-        square = {"image": [image], "x": [-radius_mm], "width": [2.0 * radius_mm]}
+        self.scale = Scale.of(image, getattr(palettes, QUANTITIES[quantity].palette))
+        square = {"image": [self.scale.colours(image)], "x": [-radius_mm], "width": [2 * radius_mm]}
         self.sources["image"].data = square
+
+    def show_scale(self, quantity: str) -> None:
+        """Draw the colour bar of the image, which takes a browser longer than the image."""
+        self.colours.update(**self.scale._asdict())
+        self.bar.title = QUANTITIES[quantity].label
 
     def show_found(self, found: Found) -> None:
         """Draw likely touches with their ellipses, and isocharge lines."""

@@ -214,6 +214,8 @@ class Page:
         if isinstance(picture, Exception):
             self.located.object = f"<b>failed</b>: {escape(str(picture))}"
             return
+        if picture.image is not None:
+            self.film.show_scale(view.quantity)
         self.told.object, self.located.object = solution_html(picture.result), ""
         self.results.styles = {"opacity": "1"}
         for bars in self.bars:

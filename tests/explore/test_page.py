@@ -46,7 +46,7 @@ PLACE = """([x, y]) => {
 #: The opacity of the picture.
 OPACITY = """() => {
   const {renderers} = Bokeh.documents[0].get_model_by_name("film")
-  const {global_alpha} = renderers.find((r) => r.glyph.type == "Image").glyph
+  const {global_alpha} = renderers.find((r) => r.glyph.type == "ImageRGBA").glyph
   return global_alpha.value ?? global_alpha
 }"""
 #: The numbers of some bars, unless they are dimmed as those of another scene.
