@@ -60,17 +60,20 @@ class SolveOptions:
     pitch_mm: float = 2.5
     fine_mm: float = 1.0
     #: Number of starts, their least distance, and how many go on after some first steps; the others
-    #: go on where the likeliest lead to no touch that explains the charges at this significance.
+    #: go on where these lead to no touch that explains the charges.
     starts: int = 10
     apart_mm: float = 3.0
     first_steps: int = 3
     followed: int = 3
+    #: Charges of which a larger chi-square is less probable than this are not explained.
     significance: float = 0.05
     max_steps: int = 40
     #: Starts about the best end, in longest steps along what the charges determine least.
     valley: tuple[float, ...] = (-2.0, -1.0, 1.0, 2.0)
     #: How often that is done again where it led to a better end.
     rounds: int = 3
+    #: Starts about the best of the last ends, along the same, in standard deviations.
+    near: tuple[float, ...] = (-2.0, 2.0)
     #: Chi-square that a last step may gain, and above the least one up to which touches are listed.
     arrived: float = 0.02
     listed: float = 25.0
@@ -142,50 +145,42 @@ def locate_by_solves(
         return replace(search, electrodes=problem.electrodes, **numbers)
 
     coarse, fine = posed(options.first_tolerance), posed(options.tolerance)
-    likely, others = _begun(coarse, options)
-    ends = _searched(coarse, fine, likely, options)
-    freedom = len(charges_pC) - len(keys)
-    explained = explains(ends.chi_square[:1], freedom, options.significance)
-    if not explained.any() and len(others):
-        more = _searched(coarse, fine, others, options)
+    begun, freedom = _begun(coarse, options), len(charges_pC) - len(keys)
+    ends = _searched(coarse, fine, [likely[: options.followed] for likely in begun], options)
+    if not explains(ends.chi_square[:1], freedom, options.significance).any():
+        more = _searched(coarse, fine, [likely[options.followed :] for likely in begun], options)
         ends = fine.distinct(joined([ends, more]), options)
     return fine.fits(ends)
 
 
-def _begun(search: Search, options: SolveOptions) -> tuple[Array, Array]:
-    """Where first steps lead from the starts: the likeliest places, and the others."""
-    likely, others = [], []
+def _begun(search: Search, options: SolveOptions) -> list[Array]:
+    """Where first steps lead from the starts, (n, keys), the likeliest first; one for each of the
+    searches for cold touches."""
+    begun = []
     for cold in search.of_cold_touches():
         first = replace(cold.how(options), max_steps=options.first_steps)
         ends = descend(cold, _starts(cold, options), options=first)
-        begun = np.zeros((len(ends.at), len(search.keys)))
-        begun[:, np.isin(search.keys, cold.keys)] = ends.at
-        begun = begun[np.argsort(ends.chi_square)]
-        likely.append(begun[: options.followed])
-        others.append(begun[options.followed :])
-    return np.concatenate(likely), np.concatenate(others)
+        begun.append(np.zeros((len(ends.at), len(search.keys))))
+        begun[-1][:, np.isin(search.keys, cold.keys)] = ends.at[np.argsort(ends.chi_square)]
+    return begun
 
 
-def _searched(coarse: Search, fine: Search, starts: Array, options: SolveOptions) -> Descent:
-    """Distinct ends of fine searches, which start where coarse ones end."""
-    ends = _along_valleys(coarse, starts, options)
-    if not ends.at.size:
-        return ends
-    return fine.distinct(descend(fine, ends.at, options=fine.how(options)), options)
-
-
-def _along_valleys(search: Search, starts: Array, options: SolveOptions) -> Descent:
-    """Distinct ends of searches from some starts, and along the valleys of the best."""
-    how = search.how(options)
-    ends = search.distinct(descend(search, starts, options=how), options)
-    for _ in range(options.rounds if ends.arrived.size else 0):
-        least, steps = ends.chi_square[0], np.array(options.valley)[:, None]
-        weak = np.linalg.svd(ends.slopes[0] * search.longest)[2][-1]
-        along = search.longest * weak / np.abs(weak).max()
-        more = descend(search, ends.at[0] + steps * along, options=how)
-        ends = search.distinct(joined([ends, more]), options)
+def _searched(
+    coarse: Search, fine: Search, starts: Sequence[Array], options: SolveOptions
+) -> Descent:
+    """Distinct ends of fine searches, which start where coarse ones end, and near the best."""
+    how = coarse.how(options)
+    ends = coarse.distinct(descend(coarse, np.concatenate(starts), options=how), options)
+    for _ in range(options.rounds if ends.at.size else 0):
+        least = ends.chi_square[0]
+        ends = coarse.along_valley(ends, np.array(options.valley), options)
         if ends.chi_square[0] > least - how.arrived:
             break
+    if ends.at.size:
+        ends = fine.distinct(descend(fine, ends.at, options=fine.how(options)), options)
+    if ends.at.size:
+        deviation = 1.0 / float(np.linalg.norm(ends.slopes[0] @ fine.along(ends)))
+        ends = fine.along_valley(ends, min(deviation, 1.0) * np.array(options.near), options)
     return ends
 
 
@@ -241,8 +236,9 @@ class Search:
 
     def evaluate(self, touches: Array) -> tuple[Array, Array]:
         """Charges (n, electrodes) and slopes (n, electrodes, keys) at coordinates, NaN if none."""
-        charges, slopes = zip(*map(self._solved, touches), strict=True)
-        return np.stack(charges), np.stack(slopes)
+        solved, shape = [*map(self._solved, touches)], (len(self.names), len(self.keys))
+        charges = np.array([charges for charges, _ in solved]).reshape(-1, shape[0])
+        return charges, np.array([slopes for _, slopes in solved]).reshape(-1, *shape)
 
     def _solved(self, at: Array) -> tuple[Array, Array]:
         try:
@@ -280,6 +276,17 @@ class Search:
         lost = np.isnan(system).any(axis=(1, 2))
         system[lost], system[lost, :, 0] = 0.0, FAR
         return system
+
+    def along(self, ends: Descent) -> Array:
+        """A longest step from the best end along what the charges determine least."""
+        weak = np.linalg.svd(ends.slopes[0] * self.longest)[2][-1]
+        return np.asarray(self.longest * weak / np.abs(weak).max())
+
+    def along_valley(self, ends: Descent, steps: Array, options: SolveOptions) -> Descent:
+        """The ends with those of searches that start such steps (n,) away from the best."""
+        starts = ends.at[0] + steps[:, None] * self.along(ends)
+        more = descend(self, starts, options=self.how(options))
+        return self.distinct(joined([ends, more]), options)
 
     def distinct(self, ends: Descent, options: SolveOptions) -> Descent:
         """The likely ends that do not repeat a better one, the best first.

@@ -160,7 +160,7 @@ def damped_steps(normal: Array, damping: Array | float) -> tuple[Array, Array]:
     """Damped Gauss-Newton steps (n, k), and the decrease of chi-square they promise, (n,). `normal`
     (n, 1 + k, 1 + k) are the `products` of the system."""
     damped = normal[:, 1:, 1:].copy()
-    diagonal = damped.reshape(len(damped), -1)[:, :: damped.shape[1] + 1]
+    diagonal = np.einsum("nii->ni", damped)  # a view
     diagonal *= 1.0 + damping
     # coordinates that charges do not depend on stay
     diagonal += diagonal == 0.0
