@@ -191,7 +191,7 @@ def located(
 
 def _by_solves(scene: Scene, request: Request, as_json: bool) -> int:
     """Find and print touches by full solves; returns the exit code."""
-    from pvdf_fem.touch.by_solves import locate_by_solves
+    from pvdf_fem.touch.by_solves import default_reach_mm, locate_by_solves
 
     asked: dict[str, Any] = {"touches": request.touches, "unknown": request.unknown}
     errors: dict[str, Any] = {"sigma": request.sigma, "noise_pC": request.noise_pC(scene)}
@@ -200,7 +200,10 @@ def _by_solves(scene: Scene, request: Request, as_json: bool) -> int:
     if as_json:
         print(json.dumps({"touches": [fit.to_json() for fit in found]}, allow_nan=False))
     elif not found:
-        print("no search ended: the charges fit no touches within reach")
+        reach = f"{default_reach_mm(scene):.3g} mm of the centre"
+        print(f"no search ended: the charges fit no touches within {reach}")
+    for text in found[0].remarks if found and not as_json else ():
+        print(f"remark: {text}")
     for number, fit in enumerate(() if as_json else found, start=1):
         print(f"alternative {number} of {len(found)}, share of likelihood {fit.weight:.3g}")
         for key, value in fit.values.items():

@@ -46,6 +46,10 @@ def rows_of(
         advice = "; separate columns by commas" if ";" in shown or "\t" in shown else ""
         wanted = f"name some of {', '.join(electrodes)} in its first line{advice}"
         raise InputError(f"{name}: has no electrode among its columns {shown}; {wanted}")
+    if missing := [electrode for electrode in electrodes if electrode not in columns]:
+        others = ", ".join(repr(column) for column in columns if column not in electrodes)
+        told = f"{name}: no column for {', '.join(missing)}, which are left out"
+        print(f"warning: {told}" + (f"; it also has {others}" if others else ""), file=sys.stderr)
     return columns, batches
 
 

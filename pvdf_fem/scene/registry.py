@@ -99,7 +99,7 @@ class Load(Section):
     """
 
     kind: LoadKind = "dead"
-    depth_mm: Annotated[Finite, within(0.0, 1e3, "mm")] | None = None
+    depth_mm: Annotated[Finite, within(1e-6, 1e3, "mm")] | None = None
     force_N: Force = 1.0
     friction: Any = 0.0
     contact: Literal["sliding", "stuck"] | None = Field(None, validate_default=True)
@@ -161,6 +161,8 @@ class Load(Section):
     def _is_not_given_twice(cls, value: float, info: ValidationInfo) -> float:
         if info.data.get("depth_mm") is not None:
             raise refusal("follows from depth_mm; remove one of the two")
+        if value == 0.0 and info.data.get("kind") == "contact":
+            raise refusal("presses no tip on the film; give more, or remove [probe]")
         return value
 
     @model_serializer(mode="wrap")

@@ -147,6 +147,7 @@ class LoadedProbe:
 
 
 _THINNEST_UM = 0.5  #: A thinner film in µm was probably meant in mm.
+_MOST_N = 100.0  #: A larger force in N was probably meant in grams.
 _LEAST_PC_N = 1e-6  #: A smaller piezoelectric coefficient in pC/N was probably meant in C/N.
 
 
@@ -243,6 +244,9 @@ class Scene(Section):
         film, found = self.film, []
         if self.probe is None and self.load != Load():
             found.append("load: nothing presses, since there is no probe; add [probe]")
+        elif (force := self.load.force_N) >= _MOST_N:
+            meant = f"were {force * 9.81e-3:.3g} N meant, which are {force:g} grams?"
+            found.append(f"{problem('load.force_N', force, 'is in N')}; {meant}")
         for key, least, factor, unit, other in (
             ("d31_pC_N", _LEAST_PC_N, 1e12, "pC/N", "C/N"),
             ("d32_pC_N", _LEAST_PC_N, 1e12, "pC/N", "C/N"),

@@ -46,6 +46,7 @@ CLOSE = 0.15  #: Searches that are closer than this share of the longest step go
 #: Charges of touches are those of single ones, added up, with each force times this power of the
 #: sum of all shares: their common tension makes the film stiffer.
 STIFFENING = 0.35
+REACH = 1.5  #: How far out touches are sought, over the distance of the farthest electrode.
 FAR = 1e6  #: Residual over its deviation of a scene that cannot be solved.
 
 
@@ -53,6 +54,9 @@ FAR = 1e6  #: Residual over its deviation of a scene that cannot be solved.
 class SolveOptions:
     """How touches are searched for by solves."""
 
+    #: Largest distance of a touch from the centre in mm; by default `REACH` times that of the
+    #: farthest electrode.
+    reach_mm: float | None = None
     #: Tolerance of the solves of searches, and of those from where these end.
     first_tolerance: float = 1e-2
     tolerance: float = 1e-4
@@ -96,10 +100,20 @@ class Touches(Fit):
         """Of the unknown, by key."""
         return {key: number_at(self.scene, key) for key in self.unknown}
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What keeps the touches from being the answer, in sentences."""
+        texts = []
+        if not explains(np.array([self.chi_square]), len(self.jacobian) - len(self.unknown)).all():
+            texts.append(f"unexplained: no touches fit; chi-square {self.chi_square:.3g}")
+        if self.at_edge:
+            texts.append("at the edge of where touches are sought (reach_mm): one may lie beyond")
+        return tuple(texts)
+
     def to_json(self) -> dict[str, Any]:
         """Plain values for JSON."""
         spread = {"standard_deviations": self.deviations, "covariance": self.covariance.tolist()}
-        return {**self.values, **spread, **self.fit_json()}
+        return {**self.values, **spread, **self.fit_json(), "remarks": list(self.remarks)}
 
 
 def locate_by_solves(
@@ -118,7 +132,7 @@ def locate_by_solves(
     `touches`, 1 or 2, is the number of probes that touch at once: those of the scene's list, or
     its one probe. `unknown`, of x_mm, y_mm, rotation_deg, force_N, tangential_N and temperature_K,
     is sought of each, the rest is the scene's. Readings, `sigma`, `noise_pC` and `reading` are as
-    in `locate`. Places are sought within a third of the film's radius.
+    in `locate`. Places are sought within `options.reach_mm` of the centre.
 
     Raises `ValueError` with a line for each mistake.
     """
@@ -135,8 +149,10 @@ def locate_by_solves(
     if wrong := set(keys) - set(parameters_of(listed)):
         raise ValueError(f"unknown: charges have no derivative by {', '.join(sorted(wrong))}")
 
+    reach_mm = default_reach_mm(scene) if options.reach_mm is None else options.reach_mm
+
     def posed(tolerance: float) -> Search:
-        none, domain = np.empty(0), Domain(scene.film.radius_mm / 3.0, (1e-3, 1e3))
+        none, domain = np.empty(0), Domain(reach_mm, (1e-3, 1e3))
         search = Search(listed, keys, domain, tolerance, np.empty(0, int), none, none)
         measurement = Measurement.of(search, tuple(charges_pC), sigma, noise_pC, reading)
         readings = np.array([list(charges_pC.values())], dtype=float)
@@ -151,6 +167,14 @@ def locate_by_solves(
         more = _searched(coarse, fine, [likely[options.followed :] for likely in begun], options)
         ends = fine.distinct(joined([ends, more]), options)
     return fine.fits(ends)
+
+
+def default_reach_mm(scene: Scene) -> float:
+    """Where touches are sought, by the farthest electrode, and with their probes on the film."""
+    radius_mm = scene.film.radius_mm
+    farthest_mm = max(1e3 * float(np.hypot(*e.outline.centroid)) for e in scene.electrode_list)
+    width_mm = max(1e3 / np.pi * touch.outline.perimeter for touch in scene.loaded_probes)
+    return min(REACH * farthest_mm, max(radius_mm - width_mm, 0.2 * radius_mm))
 
 
 def _begun(search: Search, options: SolveOptions) -> list[Array]:
@@ -259,13 +283,23 @@ class Search:
         changes = dict(zip(self.keys, values, strict=True))
         return self.scene.with_(**changes, **{"numerics.tolerance": self.error_bound})
 
+    @cached_property
+    def _places(self) -> list[int]:
+        """Where the coordinates x, y of places that are sought begin."""
+        names = [*map(_name, self.keys)]
+        return [i for i in range(len(names)) if names[i : i + 2] == ["x_mm", "y_mm"]]
+
     def held_back(self, at: Array) -> Array:
         """Coordinates with places moved to the nearest within reach."""
-        names, moved, reach = [*map(_name, self.keys)], at.copy(), 1.05 * self.domain.reach_mm
-        for x in (i for i, name in enumerate(names[:-1]) if names[i : i + 2] == ["x_mm", "y_mm"]):
+        moved, reach = at.copy(), 1.05 * self.domain.reach_mm
+        for x in self._places:
             distance = np.hypot(at[:, x], at[:, x + 1])
             moved[:, x : x + 2] *= (reach / np.maximum(distance, reach))[:, None]
         return moved if (moved != at).any() else at
+
+    def _farthest_mm(self, at: Array) -> float:
+        """Distance of the farthest place from the centre."""
+        return max((float(np.hypot(at[x], at[x + 1])) for x in self._places), default=0.0)
 
     def linearised(self, at: Array, touch: Indices | None = None) -> Array:
         """Differences of charges, then slopes, over deviations, (n, electrodes, 1 + keys)."""
@@ -320,7 +354,8 @@ class Search:
             at, chi_square = ends.at[row], float(ends.chi_square[row])
             lengths = ends.slopes[row] / self.units(at), extent * self.units(at)
             likely = float(chances[row]), float(weights[row])
-            found.append(Touches(self.keys, *lengths, chi_square, *likely, (), self.at(at)))
+            edge = ("reach_mm",) if self._farthest_mm(at) >= self.domain.reach_mm else ()
+            found.append(Touches(self.keys, *lengths, chi_square, *likely, edge, self.at(at)))
         return tuple(found)
 
 
@@ -411,8 +446,8 @@ def _listed(scene: Scene, touches: int, unknown: Sequence[str]) -> Scene:
         if "tangential_N" in unknown or touch.load.tangential_N:
             table["tangential_N"] = touch.load.tangential_N or (0.0, 0.0)
     if len(probes) > len(scene.loaded_probes):
-        width_mm = 1e3 * probes[0].outline.perimeter
-        for table, x_mm in zip(tables, (-0.5 * width_mm, 0.5 * width_mm), strict=True):
+        apart_mm = min(0.5e3 * probes[0].outline.perimeter, 0.5 * scene.film.radius_mm)
+        for table, x_mm in zip(tables, (-apart_mm, apart_mm), strict=True):
             table |= {"x_mm": x_mm, "y_mm": 0.0}
     return scene.with_(probe=tables)
 

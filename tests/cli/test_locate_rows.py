@@ -114,11 +114,21 @@ def test_bad_rows_are_named_and_change_no_other(file, tmp_path, capsys):
     assert [row["id"] for row in rows[1:5:2]] == ["a", "b"]
 
 
+def test_a_column_that_is_nearly_an_electrode_is_told(file, tmp_path, monkeypatch, capsys):
+    source = tmp_path / "readings.csv"
+    source.write_text("A,B,C,D [pC]\nnan,1,1,1\n")
+    run(file, source)
+    told = capsys.readouterr().err
+    assert "no column for D, which are left out; it also has 'D [pC]'" in told
+
+
 def test_rows_that_fit_no_touch_have_their_exit_code(file, tmp_path, monkeypatch, capsys):
     source = tmp_path / "readings.csv"
     source.write_text("A,B\nnan,1\n,2\n")
     assert run(file, source) == 3
-    assert capsys.readouterr().err == "2 rows: 2 not_finite\n"
+    missing, counts = capsys.readouterr().err.splitlines()
+    assert missing.endswith("readings.csv: no column for C, D, which are left out")
+    assert counts == "2 rows: 2 not_finite"
     source.write_text("A,B\n")
     assert run(file, source) == 0
     assert rows_of(capsys.readouterr().out) == []

@@ -182,6 +182,7 @@ def test_scenes_built_directly_are_checked_too():
             "[film]\nradius_mm = 0.045\n[electrodes]\nring_radius_mm = 0.01\nside_mm = 0.003",
             "were 45 mm meant, which are 0.045 m?",
         ),
+        ('[probe]\nshape = "circle"\n[load]\nforce_N = 500.0', "were 4.9 N meant"),
         ("[film]\nd31_pC_N = 0.0\nthickness_um = 0.5", None),
         ('[probe]\nshape = "circle"\n[load]\nforce_N = 2.0', None),
     ],

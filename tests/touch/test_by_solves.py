@@ -9,7 +9,7 @@ import pytest
 
 from pvdf_fem import NotConvergedError, Scene, locate, solve
 from pvdf_fem.response.model import Domain
-from pvdf_fem.touch.by_solves import Search, SolveOptions
+from pvdf_fem.touch.by_solves import Search, SolveOptions, default_reach_mm
 from pvdf_fem.touch.descent import descend
 
 DISC = {"shape": "circle", "radius_mm": 2.0}
@@ -34,6 +34,23 @@ def test_shear_of_a_touch_is_found_with_its_place():
     best, *_ = locate(EIGHT, charges, 1e-3, unknown=unknown, options=FEW)
     assert [*best.values.values()] == pytest.approx([5.0, 3.0, 1.0, 0.4, -0.2], abs=0.03)
     assert best.deviations["probe[0].force_N"] < 0.01
+
+
+def test_a_touch_beyond_reach_is_told():
+    charges = solve(EIGHT.with_(**{"probe.x_mm": 7.0})).charges_pC
+    near = replace(FEW, reach_mm=4.0, pitch_mm=4.0)
+    best, *_ = locate(EIGHT, charges, 1e-3, touches=1, options=near)
+    assert best.at_edge == ("reach_mm",)
+    unexplained, beyond = best.remarks
+    assert unexplained.startswith("unexplained")
+    assert "may lie beyond" in beyond
+
+
+def test_touches_are_sought_about_the_electrodes():
+    """Not only within a third of the film: a small film may be covered by its electrodes."""
+    assert default_reach_mm(EIGHT) == pytest.approx(15.0)
+    small = {"film.radius_mm": 15.0, "electrodes.ring_radius_mm": 7.0, "electrodes.side_mm": 2.0}
+    assert default_reach_mm(EIGHT.with_(**small)) == pytest.approx(10.5)
 
 
 def test_a_film_that_bears_no_touch_is_told():
