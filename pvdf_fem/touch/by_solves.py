@@ -65,10 +65,10 @@ class SolveOptions:
     fine_mm: float = 1.0
     #: Number of starts, their least distance, and how many go on after some first steps; the others
     #: go on where these lead to no touch that explains the charges.
-    starts: int = 10
+    starts: int = 25
     apart_mm: float = 3.0
     first_steps: int = 3
-    followed: int = 3
+    followed: int = 5
     #: Charges of which a larger chi-square is less probable than this are not explained.
     significance: float = 0.05
     max_steps: int = 40
