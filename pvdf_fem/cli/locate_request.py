@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.cli.program import plot_mistakes
 from pvdf_fem.cli.response_model import ModelChoice, number_of, positive
@@ -47,11 +47,10 @@ class Request:
         if noise is not None:
             noise = positive("--noise", noise, wrong, zero=True)
         unknown = sought(options.unknown, wrong)
-        if needs_solves(options.touches, unknown) and (
-            options.csv is not None or options.others or options.polish or options.plot
-        ):
-            alone = "are for --charges or --changes alone"
-            wrong.append(f"--touches, --unknown tangential or temperature: {alone}")
+        if needs_solves(options.touches, unknown):
+            solves = "is not for --touches 2, --unknown tangential or temperature; leave it out"
+            used = {"--csv": options.csv is not None, **_singles(options)}
+            wrong += [f"{name}: {solves}" for name, given in used.items() if given]
         wrong += plot_mistakes(options, options.scene)
         if options.plot and not {"x_mm", "y_mm"} <= set(unknown):
             wrong.append("--plot: draws places; have x and y among --unknown")
@@ -99,8 +98,13 @@ def _misplaced(options: argparse.Namespace) -> list[str]:
         wrong.append(f"--output: {single}")
     if not table:
         return wrong
-    each = {"--or": options.others, "--polish": options.polish, "--plot": options.plot}
-    return [f"{name}: is for single touches; leave it out" for name, used in each.items() if used]
+    each = _singles(options).items()
+    return [f"{name}: is for single touches; leave it out" for name, used in each if used]
+
+
+def _singles(options: argparse.Namespace) -> dict[str, Any]:
+    """Options for single touches, and whether they were given."""
+    return {"--or": options.others, "--polish": options.polish, "--plot": options.plot}
 
 
 def _charges(option: str, text: str, mistakes: list[str]) -> dict[str, float]:

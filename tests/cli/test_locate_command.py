@@ -190,6 +190,15 @@ def test_all_mistakes_are_told_before_anything_is_built(built, file, capsys):
     assert not built
 
 
+def test_an_option_that_two_touches_do_not_have_is_named(file, tmp_path, capsys):
+    chosen = ["--touches", "2", "--polish", "--plot", str(tmp_path / "a.svg")]
+    assert main(["locate", str(file), "--charges", given(), *chosen]) == 2
+    told = capsys.readouterr().err
+    assert "--plot: is not for --touches 2" in told
+    assert "--polish: is not for --touches 2" in told
+    assert "--or" not in told
+
+
 def test_the_likelihood_is_drawn_where_places_are_sought(built, file, tmp_path, capsys):
     touch = ["locate", str(file), "--charges", given(), "--plot", str(tmp_path / "a.svg")]
     assert main(touch) == 0
