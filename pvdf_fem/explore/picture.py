@@ -45,7 +45,7 @@ def _stress(solution: Solution) -> Array:
 #: A further one is its line here.
 QUANTITIES = {
     "deflection": Quantity("deflection (mm)", "Blues256", lambda s: 1e3 * s.displacement[:, 2]),
-    "stress": Quantity("S11 + S22 (MPa)", "Oranges256", _stress),
+    "stress": Quantity("S11 + S22 (MPa)", "Purples256", _stress),
 }
 
 
