@@ -16,6 +16,7 @@ from pvdf_fem.solution.summary import rounded
 
 if TYPE_CHECKING:
     from pvdf_fem.scene.scene import Scene
+    from pvdf_fem.touch.by_solves import Touches
     from pvdf_fem.touch.locate import ProbeMatch
     from pvdf_fem.touch.location import Location
     from pvdf_fem.touch.touch import Touch
@@ -199,18 +200,24 @@ def _by_solves(scene: Scene, request: Request, as_json: bool) -> int:
     found = locate_by_solves(scene, readings, reading=request.reading, **asked, **errors)
     if as_json:
         print(json.dumps({"touches": [fit.to_json() for fit in found]}, allow_nan=False))
-    elif not found:
+    elif found:
+        print(*solved_lines(found), sep="\n")
+    else:
         reach = f"{default_reach_mm(scene):.3g} mm of the centre"
         print(f"no search ended: the charges fit no touches within {reach}")
-    for text in found[0].remarks if found and not as_json else ():
-        print(f"remark: {text}")
-    for number, fit in enumerate(() if as_json else found, start=1):
-        print(f"alternative {number} of {len(found)}, share of likelihood {fit.weight:.3g}")
+    return ExitCode.CONVERGED if found else ExitCode.NOT_CONVERGED
+
+
+def solved_lines(found: Sequence[Touches]) -> list[str]:
+    """Touches by full solves as lines."""
+    lines = [f"remark: {text}" for text in found[0].remarks]
+    for number, fit in enumerate(found, start=1):
+        lines.append(f"alternative {number} of {len(found)}, share of likelihood {fit.weight:.3g}")
         for key, value in fit.values.items():
             digits, deviation = rounded(value, fit.deviations[key])
-            print(f"  {key:<24} {digits:>12} ± {deviation}")
-        print(f"  {'chi-square':<24} {fit.chi_square:>12.3g}")
-    return ExitCode.CONVERGED if found else ExitCode.NOT_CONVERGED
+            lines.append(f"  {key:<24} {digits:>12} ± {deviation}")
+        lines.append(f"  {'chi-square':<24} {fit.chi_square:>12.3g}")
+    return lines
 
 
 def print_matches(matches: Sequence[ProbeMatch], as_json: bool) -> None:

@@ -74,7 +74,6 @@ class FilmFigure:
         plot.grid.visible = False
         self.save = SaveTool(filename="pvdf_film")
         plot.add_tools(self.save)
-        self.scale = Scale(0.0, 1.0, ("white",))
         self.colours = LinearColorMapper()
         self.bar = ColorBar(color_mapper=self.colours)
         plot.add_layout(self.bar, "right")

@@ -47,6 +47,7 @@ CLOSE = 0.15  #: Searches that are closer than this share of the longest step go
 #: sum of all shares: their common tension makes the film stiffer.
 STIFFENING = 0.35
 REACH = 1.5  #: How far out touches are sought, over the distance of the farthest electrode.
+LEAST_REACH = 0.2  #: The same over the film's radius, where probes are nearly as wide as the film.
 FAR = 1e6  #: Residual over its deviation of a scene that cannot be solved.
 
 
@@ -174,7 +175,7 @@ def default_reach_mm(scene: Scene) -> float:
     radius_mm = scene.film.radius_mm
     farthest_mm = max(1e3 * float(np.hypot(*e.outline.centroid)) for e in scene.electrode_list)
     width_mm = max(1e3 / np.pi * touch.outline.perimeter for touch in scene.loaded_probes)
-    return min(REACH * farthest_mm, max(radius_mm - width_mm, 0.2 * radius_mm))
+    return min(REACH * farthest_mm, max(radius_mm - width_mm, LEAST_REACH * radius_mm))
 
 
 def _begun(search: Search, options: SolveOptions) -> list[Array]:

@@ -114,7 +114,7 @@ def test_bad_rows_are_named_and_change_no_other(file, tmp_path, capsys):
     assert [row["id"] for row in rows[1:5:2]] == ["a", "b"]
 
 
-def test_a_column_that_is_nearly_an_electrode_is_told(file, tmp_path, monkeypatch, capsys):
+def test_a_column_that_is_nearly_an_electrode_is_told(file, tmp_path, capsys):
     source = tmp_path / "readings.csv"
     source.write_text("A,B,C,D [pC]\nnan,1,1,1\n")
     run(file, source)
