@@ -61,6 +61,7 @@ def aside():
 
 def test_the_film_leaves_the_tip_where_nothing_holds_it(aside):
     contact = aside.contacts["probe"]
+    assert contact.penetration_mm < 1e-12 * contact.depth_mm
     assert contact.overlap_mm < 3e-6 * contact.depth_mm
     assert contact.least_pressure_MPa > 0.0
     pressed_N = contact.mean_pressure_MPa * contact.projected_area_mm2
@@ -74,6 +75,7 @@ def test_the_edge_is_found_where_the_film_wraps_up_a_steep_tip():
         assert rough.charges_pC[name] == pytest.approx(charge, rel=1e-3)
     contact, finer = rough.contacts["probe"], fine.contacts["probe"]
     assert contact.area_mm2 == pytest.approx(finer.area_mm2, rel=1e-3)
+    assert contact.penetration_mm < 1e-12 * contact.depth_mm
     assert contact.overlap_mm < 3e-6 * contact.depth_mm
 
 

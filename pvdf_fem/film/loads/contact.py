@@ -236,7 +236,14 @@ class Contact(DeadPressure):
 
     def overlap(self, state: State) -> float:
         """How far the film reaches into the tip in m, at the worst of all quadrature points."""
-        moved, deflection = self._moved(state, ALL)
+        return self._deepest(*self._moved(state, ALL), state)
+
+    def penetration(self, state: State) -> float:
+        """How far a node of the film lies in the tip in m: nodes in the contact rest on it."""
+        rows = state.dofs.reshape(-1, 3)
+        return self._deepest(self.space.basis.doflocs.T + rows[:, :2], rows[:, 2], state)
+
+    def _deepest(self, moved: Array, deflection: Array, state: State) -> float:
         shifted = moved.reshape(-1, 2) - self._shift(state)
         height = self.tip.height(shifted).value.reshape(deflection.shape)
         return max(float((self.depth_of(state.dofs) - height - deflection).max()), 0.0)

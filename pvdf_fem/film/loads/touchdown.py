@@ -31,7 +31,10 @@ class Touchdown:
     mean_pressure_MPa: float
     least_pressure_MPa: float
     largest_pressure_MPa: float
-    overlap_mm: float  #: How far the film reaches into the tip, at the worst quadrature point.
+    #: How far a node lies in the tip: how well the discrete contact is complementary.
+    penetration_mm: float
+    #: How far the film reaches into the tip between nodes, at the worst quadrature point.
+    overlap_mm: float
 
     def to_json(self) -> dict[str, Any]:
         """Its values but for the points of its edge."""
@@ -69,5 +72,6 @@ class Touchdown:
             1e-6 * float((pressure * deformed).sum() / deformed.sum()),
             1e-6 * float(pressure.min()),
             1e-6 * float(pressure.max()),
+            1e3 * contact.penetration(state),
             1e3 * contact.overlap(state),
         )
