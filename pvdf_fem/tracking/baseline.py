@@ -56,9 +56,10 @@ class Baseline:
 
     def keep(self, since: float, time: float, voltages: Array) -> None:
         """Go on after a touch that leaves voltages (n, channels) over the level, NaN for none. They
-        are of the samples between two times. Where they stay, the level is learned anew."""
-        stay = self.circuit.decay(time - since).max() > LEFT
-        self.left = np.nan_to_num(voltages.mean(axis=0) if stay else voltages[-1])
+        are of the samples after `since` to `time`. Where they stay, the level is learned anew."""
+        decay = self.circuit.decay(np.linspace(time - since, 0.0, len(voltages) + 1)[1:])
+        stay = decay[0].max() > LEFT
+        self.left = np.nan_to_num((voltages * decay).mean(axis=0) if stay else voltages[-1])
         self.left_at, self.fresh = time, len(voltages) if stay else self.fresh
 
     def follow(self, time: float, voltage: Array) -> None:

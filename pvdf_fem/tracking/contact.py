@@ -29,9 +29,12 @@ TELLING = 0.3  #: Share of the largest charges that a sample needs to tell of th
 #: Samples after the onset before the first search; up to more the onset is corrected again.
 FIRST_SEARCH = 6
 ONSET_SAMPLES = 24
-SLOW = 0.9  #: Share of a voltage left after a sample above which sampling misses nothing.
-#: Relative error of charges by what sampling misses at an onset or an end that is not corrected.
+SLOW = 0.1  #: Share of a voltage lost in a sample below which sampling misses little.
+#: Relative error of charges by what sampling misses at an onset or an end that is not corrected,
+#: where it may be large.
 ONSET_ERROR = 0.05
+#: Charges may be at their largest where they are this many deviations below the largest.
+AT_PEAK = 4.0
 STILL = 12  #: Samples over which charges must not change for a touch to have ended.
 #: A touch has ended when this share of its largest charges is left, or, after a number of samples,
 #: this many deviations.
@@ -62,6 +65,7 @@ class Contact:
         self.voltages = [before]  #: Voltages over the baseline, from the beginning on.
         self._missed, self._onset_error = np.zeros_like(before), ONSET_ERROR
         self._searched, self._fitted, self._corrected = 0.0, 0, False
+        self._decay = 0.0  #: Largest share of a voltage lost in a sample, where it is small.
 
     def add(self, time: float, voltage: Array, noise: Array, doubt: Array) -> None:
         """Take in a sample. Voltages are those over the baseline, NaN where missing, and `noise`
@@ -111,7 +115,8 @@ class Contact:
     def _fit(self, others: Array) -> None:
         """Fit the known places and others to the course, the last sample last."""
         last, self._fitted = len(self.history) - 1, len(self.history)
-        common = self._onset_error * np.abs(self.history[-1].charges)
+        error = math.hypot(self._onset_error, self._jump_error())
+        common = error * np.abs(self.history[-1].charges)
         none = np.zeros_like(common)
         self._fit_places(others, last, none, none + np.inf, common)
 
@@ -158,7 +163,9 @@ class Contact:
         circuit, before = self.model.circuit, self._missed
         times = np.array([self.onset, *(sample.time for sample in self.history)])
         self._corrected, self._onset_error = True, 0.0
-        if circuit.decay(times[1] - times[0]).min() > SLOW:
+        decay = 1.0 - float(circuit.decay(times[1] - times[0]).min())
+        if decay < SLOW:
+            self._decay = decay
             return
         noise = np.sqrt(self.history[-1].noise) / circuit.capacitance
         voltages = np.array(self.voltages)
@@ -167,6 +174,27 @@ class Contact:
             replace(sample, charges=sample.charges + self._missed - before)
             for sample in self.history
         ]
+
+    def _jump_error(self) -> float:
+        """Relative error of charges by what sampling misses of a jump, where voltages decay slowly:
+        it comes anywhere within an interval, for half of which its decay is told."""
+        if not self._decay:
+            return 0.0
+        charges = np.array([sample.charges for sample in self.history])
+        jump = np.linalg.norm(np.diff(charges, axis=0, prepend=0.0), axis=1).max()
+        size = np.linalg.norm(charges[self.peak])
+        return float(self._decay / math.sqrt(12.0) * jump / size)
+
+    def _middle_of_peak(self) -> int:
+        """Number of the sample in the middle of those that may have the largest charges; the one
+        that has is where noise is largest, too."""
+        charges = np.array([sample.charges for sample in self.history])
+        sizes, noise = np.linalg.norm(charges, axis=1), self.history[self.peak].noise
+        heard = noise < UNKNOWN
+        along = charges[self.peak] / sizes[self.peak]
+        spread = math.sqrt(np.square(along[heard]) @ noise[heard])
+        at_peak = np.flatnonzero(sizes >= sizes.max() - AT_PEAK * spread)
+        return int(at_peak[len(at_peak) // 2])
 
     def ended(self) -> bool:
         """Whether the charges do not change any longer, and hardly any are left."""
@@ -190,20 +218,30 @@ class Contact:
             self.places is None and len(self.history) > patience
         )
 
+    def _left(self) -> tuple[Array, Array]:
+        """Mean charges (electrodes,) after the end in pC, and the variance of their noise."""
+        after = self.history[-STILL:]
+        weights = 1.0 / np.array([sample.noise for sample in after])
+        variance = 1.0 / weights.sum(axis=0)
+        charges = np.array([sample.charges for sample in after])
+        return variance * (weights * charges).sum(axis=0), variance
+
     def closed(self) -> Contact:
         """The touch with what its end tells: no charge is left, so that what is was an error. The
         errors' walk is a bridge between onset and end then. The touch is that at its peak."""
         last, size = self.history[-1], np.square(self.history[self.peak].charges)
+        left, noise = self._left()
         begin = self._onset_error**2 * size
-        total = begin + last.walked + (ONSET_ERROR**2 * size if self._onset_error else 0.0)
+        end = ONSET_ERROR**2 * size if self._onset_error else 0.0
+        total = begin + last.walked + end + noise
         closed = copy(self)
         closed.end = self.history[-1 - STILL].time
         closed.history = [
-            replace(s, charges=s.charges - last.charges * (begin + s.walked) / total)
-            for s in self.history
+            replace(s, charges=s.charges - left * (begin + s.walked) / total) for s in self.history
         ]
-        others, none = closed._candidates(self.peak), np.zeros_like(total)
-        closed._fit_places(others, self.peak, begin, total, none)
+        closed.peak = closed._middle_of_peak()
+        others, common = closed._candidates(closed.peak), self._jump_error() * np.sqrt(size)
+        closed._fit_places(others, closed.peak, begin, total, common)
         if closed.places:
             closed.at = closed.places.at[0]
         return closed

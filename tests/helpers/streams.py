@@ -30,6 +30,15 @@ class Tap:
         return self.force_N * np.sin(np.pi * phase)
 
 
+@dataclass(frozen=True)
+class Hold(Tap):
+    """A touch that begins and ends with a jump of its force."""
+
+    def force(self, t):
+        held = (t >= self.begin_s) & (t < self.begin_s + self.duration_s)
+        return np.where(held, self.force_N, 0.0)
+
+
 @dataclass(frozen=True, eq=False)
 class Rested(Bumps):
     """Made-up charges that grow with the force as those of a stretched membrane.

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem.tracking.tracker import Tracker
-from tests.helpers.streams import RESISTIVE, Tap, sensor, stream
+from tests.helpers.streams import RESISTIVE, Hold, Tap, sensor, stream
 
 TAP = Tap(0.6004, 0.12, (3.0, -2.0), 0.8)
 
@@ -66,6 +66,24 @@ def test_a_charge_amplifier_that_decays_during_the_touch():
     tracker, _ = followed(model, *stream(model, [tap], 1.5, noise_V=1e-3))
     (touch,) = tracker.touches
     assert_found(touch, tap, mm=0.2)
+
+
+def test_a_held_touch_is_told_within_its_deviations_and_leaves_nothing_behind():
+    """A jump is seen at the next sample only, and half of its charge is left after the touch."""
+    readout = {"kind": "charge", "feedback_capacitance_pF": 1000.0}
+    model = sensor(**readout, feedback_resistance_MOhm=1000.0)  # 1 s
+    pulls = []
+    for seed, shift in enumerate(np.linspace(0.0, 0.9, 8)):
+        tap = Hold(2.0 + 5e-3 * shift, 0.7023, (3.0, 1.0), 0.5)
+        circuit = {"noise_V": 2e-3, "seed": seed, "rate_Hz": 200.0}
+        tracker, _ = followed(model, *stream(model, [tap], 5.0, **circuit))
+        (touch,) = tracker.touches
+        errors = touch.x_mm - 3.0, touch.y_mm - 1.0, touch.force_N - 0.5
+        deviations = touch.x_deviation_mm, touch.y_deviation_mm, touch.force_deviation_N
+        pulls.append(np.divide(errors, deviations))
+        assert touch.force_deviation_N < 0.01
+    assert np.abs(pulls).max() < 4.0
+    assert np.sqrt(np.square(pulls).mean(axis=0)).max() < 1.8
 
 
 def test_gains_offsets_the_stage_and_readings_in_pC_count():
