@@ -192,7 +192,7 @@ def located(
 
 def _by_solves(scene: Scene, request: Request, as_json: bool) -> int:
     """Find and print touches by full solves; returns the exit code."""
-    from pvdf_fem.touch.by_solves import default_reach_mm, locate_by_solves
+    from pvdf_fem.touch.by_solves import locate_by_solves, reach_by_electrodes_mm
 
     asked: dict[str, Any] = {"touches": request.touches, "unknown": request.unknown}
     errors: dict[str, Any] = {"sigma": request.sigma, "noise_pC": request.noise_pC(scene)}
@@ -203,7 +203,7 @@ def _by_solves(scene: Scene, request: Request, as_json: bool) -> int:
     elif found:
         print(*solved_lines(found), sep="\n")
     else:
-        reach = f"{default_reach_mm(scene):.3g} mm of the centre"
+        reach = f"{reach_by_electrodes_mm(scene):.3g} mm of the centre"
         print(f"no search ended: the charges fit no touches within {reach}")
     return ExitCode.CONVERGED if found else ExitCode.NOT_CONVERGED
 

@@ -148,7 +148,8 @@ def require(
     for name, scene in scenes.items():
         mistakes += request.model.mistakes(scene, name)
     if not (request.model.file and request.model.file.exists()):
-        centre = centre_mm(next(iter(scenes.values())))
-        mistakes += known_mistakes(request.model.domain, request.unknown, {}, known, centre)
+        first = next(iter(scenes.values()))
+        domain, centre = request.model.domain(first), centre_mm(first)
+        mistakes += known_mistakes(domain, request.unknown, {}, known, centre)
     if mistakes:
         raise ValueError("\n".join(dict.fromkeys(mistakes)))

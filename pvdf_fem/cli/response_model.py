@@ -30,9 +30,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "SCENE-HASH.response beside the scene file, the hash being of film and probe, domain, "
         "tolerance and code); for other electrodes, d31 and d32 it is read anew",
     )
+    parser.add_argument(
+        "--reach",
+        metavar="MM",
+        help="a new model's largest distance of the centroid from the centre (default: 12, at "
+        "most 0.6 of the film's radius and the probe's width away from the rim)",
+    )
     add_texts(
         parser,
-        ("--reach", "MM", "12", "a new model's largest distance of the centroid from the centre"),
         ("--force-range", "LEAST,LARGEST", "0.1,5", "a new model's forces in N"),
         ("--tolerance", "SHARE", "1e-3", "its largest error bound, relative to a charge"),
     )
@@ -43,17 +48,25 @@ class ModelChoice:
     """Which model is wanted, as the options say."""
 
     file: Path | None
-    domain: Domain  #: Of a new model.
+    #: Of a new model: the largest distance from the centre in mm, None for the default, and forces.
+    reach_mm: float | None
+    force_N: tuple[float, float]
     tolerance: float  #: Largest error bound of a new model.
 
     @classmethod
     def of(cls, options: argparse.Namespace, mistakes: list[str]) -> ModelChoice:
         """The choice of a command line; what is wrong with it is added to `mistakes`."""
-        from pvdf_fem.response.model import Domain
+        reach = None if options.reach is None else positive("--reach", options.reach, mistakes)
+        forces = _range(options.force_range, mistakes)
+        tolerance = positive("--tolerance", options.tolerance, mistakes)
+        return cls(options.model, reach, forces, tolerance)
 
-        reach = positive("--reach", options.reach, mistakes)
-        domain = Domain(reach, _range(options.force_range, mistakes))
-        return cls(options.model, domain, positive("--tolerance", options.tolerance, mistakes))
+    def domain(self, scene: Scene) -> Domain:
+        """Touches that a new model of a scene holds for."""
+        from pvdf_fem.response.model import Domain, default_reach_mm
+
+        reach_mm = default_reach_mm(scene) if self.reach_mm is None else self.reach_mm
+        return Domain(reach_mm, self.force_N)
 
     def path(self, scene: Scene, scene_file: str) -> Path:
         """The file of a scene's model: the one that was named, or the default one."""
@@ -61,7 +74,7 @@ class ModelChoice:
 
         if self.file:
             return self.file
-        name = response_key(scene, self.domain, self.tolerance)[:16]
+        name = response_key(scene, self.domain(scene), self.tolerance)[:16]
         return Path(scene_file).with_name(f"{Path(scene_file).stem}-{name}.response")
 
     def mistakes(self, scene: Scene, scene_file: str) -> list[str]:
@@ -70,7 +83,7 @@ class ModelChoice:
         if path.is_file():  # the domain is the file's
             return []
         require_writable(path)
-        reach, rim = self.domain.reach_mm, scene.film.radius_mm
+        reach, rim = self.reach_mm or 0.0, scene.film.radius_mm
         beyond = f"--reach {reach:g}: is beyond the rim at film.radius_mm = {rim:g}; give less"
         return [beyond] if reach > rim else []
 
@@ -87,7 +100,7 @@ def model_of(scene: Scene, scene_file: str, choice: ModelChoice) -> Response:
     path = choice.path(scene, scene_file)
     if not path.exists():
         print(f"building the model of {scene_file}, to be kept as {path}", file=sys.stderr)
-        domain, alone = choice.domain, centred(scene)
+        domain, alone = choice.domain(scene), centred(scene)
         try:
             wanted = domain.reach_mm, domain.force_N, choice.tolerance
             with shown("solve") as progress:

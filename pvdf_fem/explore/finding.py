@@ -18,7 +18,7 @@ import numpy as np
 from pvdf_fem.arrays import Array, polar_grid
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.response.build import ResponseOptions, build_response
-from pvdf_fem.response.model import Domain, Model, centred, touch_of
+from pvdf_fem.response.model import Domain, Model, centred, default_reach_mm, touch_of
 from pvdf_fem.response.probe_stress import ProbeMesh
 from pvdf_fem.response.response import Response
 from pvdf_fem.response.response_file import response_key
@@ -28,7 +28,7 @@ from pvdf_fem.touch.by_solves import locate_by_solves
 from pvdf_fem.touch.locate import locate
 from pvdf_fem.touch.posterior import deviation_ellipse
 
-DOMAIN = Domain(12.0, (0.1, 5.0))  #: Touches of the response that is built for the page.
+FORCES_N = 0.1, 5.0  #: Forces of the response that is built for the page.
 TOLERANCE = 1e-2  #: Its error bound.
 LINE_STEP_MM = 0.5  #: Distance of the places between which isocharge lines are interpolated.
 #: Coarser than those of `pvdf-fem locate`, which take four times as long.
@@ -63,14 +63,15 @@ def _found(touches: Sequence[dict[str, Any]], lines: dict[str, Any], *remarks: s
 def response_file(scene: Scene, folder: Path) -> Path | None:
     """The file of a scene's response in a folder; None of a scene that can have none."""
     try:
-        return folder / response_key(scene, DOMAIN, TOLERANCE)
+        domain = Domain(default_reach_mm(scene), FORCES_N)
+        return folder / response_key(scene, domain, TOLERANCE)
     except ValueError:  # of several probes, and of loads that are no force
         return None
 
 
 def build(scene: Scene, file: Path) -> Path:
     """Build the response of a scene and write its file, which is returned."""
-    limits = DOMAIN.reach_mm, DOMAIN.force_N, TOLERANCE
+    limits = default_reach_mm(scene), FORCES_N, TOLERANCE
     build_response(centred(scene), *limits, processes=1, file=file, options=OPTIONS)
     return file
 
@@ -110,11 +111,11 @@ def isocharge_lines(
 ) -> dict[str, list[Array]]:
     """Lines in mm, (n, 2), by electrode: places where a probe that is turned and pressed as in a
     touch would give charges. None for a force that the model does not hold for."""
-    low, high = DOMAIN.force_N
+    (low, high), reach_mm = model.domain.force_N, model.domain.reach_mm
     if not low <= touch["force_N"] <= high:
         return {}
-    count = round(2.0 * DOMAIN.reach_mm / LINE_STEP_MM)
-    x, y = np.moveaxis(polar_grid(DOMAIN.reach_mm, count, 3 * count), -1, 0)
+    count = round(2.0 * reach_mm / LINE_STEP_MM)
+    x, y = np.moveaxis(polar_grid(reach_mm, count, 3 * count), -1, 0)
     pressed = np.full((2, x.size), [[touch["rotation_deg"]], [touch["force_N"]]])
     charges = model.evaluate(np.stack([x.ravel(), y.ravel(), *pressed], axis=-1))[0]
     lines: dict[str, Any] = {}

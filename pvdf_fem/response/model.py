@@ -24,6 +24,11 @@ ROTATION = 2
 FORCE = 3
 #: Keys of a scene that hold these quantities.
 SCENE_KEYS = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg", "load.force_N")
+#: Largest distance of touches from the centre in mm where none is asked for, and over the film's
+#: radius; and the part of the radius where touches by probes of any width are sought.
+REACH_MM = 12.0
+MOST_REACH = 0.6
+LEAST_REACH = 0.2
 FEW_TOUCHES = 32  #: Number of touches up to which plain floats are compared faster than arrays.
 
 
@@ -92,6 +97,19 @@ def all_within(touches: Array, reach_mm: float, lowest: float, highest: float) -
     x, y, rotation, force = touches.T
     inside = (x * x + y * y <= square) & (lowest <= force) & (force <= highest)
     return bool((inside & np.isfinite(rotation)).all())
+
+
+def room_mm(scene: Scene) -> float:
+    """How far from the centre probes are their width away from the rim; a part of the film's radius
+    for probes that are nearly as wide as the film."""
+    radius = scene.film.radius_mm
+    width = max(1e3 / math.pi * touch.outline.perimeter for touch in scene.loaded_probes)
+    return max(radius - width, LEAST_REACH * radius)
+
+
+def default_reach_mm(scene: Scene) -> float:
+    """Largest distance of touches from the centre where none is asked for."""
+    return min(REACH_MM, MOST_REACH * scene.film.radius_mm, room_mm(scene))
 
 
 def touch_of(scene: Scene) -> dict[str, float]:

@@ -20,7 +20,7 @@ from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.derivatives.parameters import parameters_of
 from pvdf_fem.derivatives.rates import charge_rates
-from pvdf_fem.response.model import Domain
+from pvdf_fem.response.model import Domain, room_mm
 from pvdf_fem.scene.change import number_at, plain, steps_of
 from pvdf_fem.scene.outlines.shape import HEAT
 from pvdf_fem.scene.scene import Scene, SceneError
@@ -47,7 +47,6 @@ CLOSE = 0.15  #: Searches that are closer than this share of the longest step go
 #: sum of all shares: their common tension makes the film stiffer.
 STIFFENING = 0.35
 REACH = 1.5  #: How far out touches are sought, over the distance of the farthest electrode.
-LEAST_REACH = 0.2  #: The same over the film's radius, where probes are nearly as wide as the film.
 FAR = 1e6  #: Residual over its deviation of a scene that cannot be solved.
 
 
@@ -150,7 +149,7 @@ def locate_by_solves(
     if wrong := set(keys) - set(parameters_of(listed)):
         raise ValueError(f"unknown: charges have no derivative by {', '.join(sorted(wrong))}")
 
-    reach_mm = default_reach_mm(scene) if options.reach_mm is None else options.reach_mm
+    reach_mm = reach_by_electrodes_mm(scene) if options.reach_mm is None else options.reach_mm
 
     def posed(tolerance: float) -> Search:
         none, domain = np.empty(0), Domain(reach_mm, (1e-3, 1e3))
@@ -170,12 +169,10 @@ def locate_by_solves(
     return fine.fits(ends)
 
 
-def default_reach_mm(scene: Scene) -> float:
+def reach_by_electrodes_mm(scene: Scene) -> float:
     """Where touches are sought, by the farthest electrode, and with their probes on the film."""
-    radius_mm = scene.film.radius_mm
     farthest_mm = max(1e3 * float(np.hypot(*e.outline.centroid)) for e in scene.electrode_list)
-    width_mm = max(1e3 / np.pi * touch.outline.perimeter for touch in scene.loaded_probes)
-    return min(REACH * farthest_mm, max(radius_mm - width_mm, LEAST_REACH * radius_mm))
+    return min(REACH * farthest_mm, room_mm(scene))
 
 
 def _begun(search: Search, options: SolveOptions) -> list[Array]:

@@ -9,7 +9,7 @@ import pytest
 
 from pvdf_fem import NotConvergedError, Scene, locate, solve
 from pvdf_fem.response.model import Domain
-from pvdf_fem.touch.by_solves import Search, SolveOptions, default_reach_mm
+from pvdf_fem.touch.by_solves import Search, SolveOptions, reach_by_electrodes_mm
 from pvdf_fem.touch.descent import descend
 
 DISC = {"shape": "circle", "radius_mm": 2.0}
@@ -48,9 +48,9 @@ def test_a_touch_beyond_reach_is_told():
 
 def test_touches_are_sought_about_the_electrodes():
     """Not only within a third of the film: a small film may be covered by its electrodes."""
-    assert default_reach_mm(EIGHT) == pytest.approx(15.0)
+    assert reach_by_electrodes_mm(EIGHT) == pytest.approx(15.0)
     small = {"film.radius_mm": 15.0, "electrodes.ring_radius_mm": 7.0, "electrodes.side_mm": 2.0}
-    assert default_reach_mm(EIGHT.with_(**small)) == pytest.approx(10.5)
+    assert reach_by_electrodes_mm(EIGHT.with_(**small)) == pytest.approx(10.5)
 
 
 def test_a_film_that_bears_no_touch_is_told():
