@@ -49,7 +49,8 @@ class Request:
         unknown = sought(options.unknown, wrong)
         if needs_solves(options.touches, unknown):
             solves = "is not for --touches 2, --unknown tangential or temperature; leave it out"
-            used = {"--csv": options.csv is not None, **_singles(options)}
+            table = options.csv is not None  # which is not for single touches' options either
+            used = {"--csv": True} if table else _singles(options)
             wrong += [f"{name}: {solves}" for name, given in used.items() if given]
         wrong += plot_mistakes(options, options.scene)
         if options.plot and not {"x_mm", "y_mm"} <= set(unknown):

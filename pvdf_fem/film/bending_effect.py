@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from pvdf_fem.film.loads.contact_guess import guessed_press
 from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.film.point_load import part_by_force, tension_at
+from pvdf_fem.film.remarks import two_digits
 from pvdf_fem.scene.film import Film, Layer
 from pvdf_fem.scene.outlines.outline import TOUCH, Outline
 from pvdf_fem.scene.scene import LoadedProbe, Scene
@@ -86,10 +87,10 @@ class BendingEffect:
         radii = (self.film_radius, self.probe_radius, self.electrode_radius)
         film, probe, electrode = (f"{1e3 * radius:.3g}" for radius in radii)
         return (
-            f"could change a charge by up to {100.0 * self.change:.2g} %; it acts within"
+            f"could change a charge by up to {two_digits(100.0 * self.change)} %; it acts within"
             f" {', '.join(lengths) or 'any length'} (radii: film {film}, probe {probe}, smallest"
             f" electrode {electrode} mm)"
-        ) + (f"; patches on one side: {100.0 * self.patches:.2g} %" if self.patches else "")
+        ) + (f"; patches on one side: {two_digits(100.0 * self.patches)} %" if self.patches else "")
 
 
 def bending_effect(scene: Scene) -> BendingEffect:

@@ -21,6 +21,7 @@ from pvdf_fem.film.loads.heat import AddedStrain
 from pvdf_fem.film.loads.kinds import LOADS, presses_rigidly, rigid_elements
 from pvdf_fem.film.membrane import Membrane, UnevenMembrane, UnevenWrinkling, WrinklingMembrane
 from pvdf_fem.film.plate import LOWEST_ORDER, Plate
+from pvdf_fem.film.remarks import two_digits
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State, Term
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
@@ -135,7 +136,7 @@ class FilmModel:
         if change <= max(self.scene.numerics.tolerance, CONSIDERABLE):
             return ()
         return (
-            f"bending: left out, it could change a charge by up to {100.0 * change:.2g} %;"
+            f"bending: left out, it could change a charge by up to {two_digits(100.0 * change)} %;"
             f" give {self._remedy}",
         )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 RADII = 33  #: Number of distances from the centre in a map.
 ANGLES = 97  #: Number of directions, the first one twice.
+TITLE_LETTERS = 62  #: Longest line of the title.
 SHADES = 256  #: Number of colours.
 LINES = 10  #: About the number of lines of equal charge.
 #: Limits of the colours of a likelihood, in standard deviations.
@@ -95,6 +97,10 @@ def likelihood_map(location: Location) -> Figure:
         near.legend(loc="upper right", framealpha=0.8, frameon=True)
         label = "how much less likely than the best touch (standard deviations)"
         figure.colorbar(drawn, ax=[film, near], label=label, shrink=0.9, format="%g")
+        if location.remarks:
+            heads = (remark.partition(";")[0] for remark in location.remarks)
+            lines = [fill(head, TITLE_LETTERS) for head in heads]
+            figure.suptitle("\n".join(lines), fontsize="medium")
     return figure
 
 

@@ -24,6 +24,7 @@ from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.film.loads.contact_guess import guessed_press
 from pvdf_fem.film.membrane import IDENTITY, strain_of, strain_rate
 from pvdf_fem.film.point_load import part_by_force
+from pvdf_fem.film.remarks import two_digits
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State, Term
 from pvdf_fem.mesh.gmsh_mesh import electrode_patch
@@ -152,7 +153,7 @@ def coupling_effect(scene: Scene) -> float:
 def coupling_remarks(scene: Scene) -> Iterator[tuple[bool, str]]:
     """Whether coupling is included, and its size; nothing without floating electrodes."""
     if names := ", ".join(electrode.name for electrode in floating(scene)):
-        size = f"could change a charge by up to {100.0 * coupling_effect(scene):.2g} %"
+        size = f"could change a charge by up to {two_digits(100.0 * coupling_effect(scene))} %"
         why = f"no charge amplifier keeps {names} at zero voltage, which stiffens the film"
         text = f"coupling (film.coupling = {quote(scene.film.coupling)}): {size}; {why}"
         joins = bool(coupled(scene))
