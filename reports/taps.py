@@ -143,7 +143,8 @@ def _trial(
     tracked, located, delays, within = [], [], [], []
     for seed in range(options.draws):
         stream = _stream(model, *_tapped(model, tap, charges, seed))
-        touch = max(stream.touches, key=lambda touch: touch.impulse_N_s, default=None)
+        placed = [touch for touch in stream.touches if touch.alternatives]
+        touch = max(placed, key=lambda touch: touch.impulse_N_s, default=None)
         if touch is None:
             tracked.append((np.inf, np.inf))
             delays.append(np.inf)

@@ -36,12 +36,12 @@ ONSET_ERROR = 0.05
 #: Charges may be at their largest where they are this many deviations below the largest.
 AT_PEAK = 4.0
 STILL = 12  #: Samples over which charges must not change for a touch to have ended.
-#: A touch has ended when this share of its largest charges is left, or, after a number of samples,
-#: this many deviations.
+#: A touch has ended when this share of its largest charges is left, or, after a number of samples
+#: in which the charges of a light one come out of the noise, this many deviations.
 ENDED = 0.2
 INSIGNIFICANT = 4.0
 PATIENCE = 100
-LOST = 0.3  #: It is lost when the deviations of charges are this share of its largest charges.
+LOST = 0.3  #: It is lost when the deviations of charges are this share of its largest, then.
 #: Mean chi-square per degree of freedom above which places are searched for anew, and the share of
 #: a new sample in it.
 BAD = 4.0
@@ -214,9 +214,9 @@ class Contact:
         """Whether the errors have grown over the charges, or no place was found in time."""
         deviation = np.linalg.norm(np.sqrt(self.history[-1].walked))
         largest = np.linalg.norm(self.history[self.peak].charges)
-        return bool(deviation > LOST * largest) or (
-            self.places is None and len(self.history) > patience
-        )
+        count = len(self.history)
+        drowned = count > PATIENCE and deviation > LOST * largest
+        return bool(drowned) or (self.places is None and count > patience)
 
     def _left(self) -> tuple[Array, Array]:
         """Mean charges (electrodes,) after the end in pC, and the variance of their noise."""
