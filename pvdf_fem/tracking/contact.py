@@ -185,16 +185,17 @@ class Contact:
         size = np.linalg.norm(charges[self.peak])
         return float(self._decay / math.sqrt(12.0) * jump / size)
 
-    def _middle_of_peak(self) -> int:
-        """Number of the sample in the middle of those that may have the largest charges; the one
-        that has is where noise is largest, too."""
+    def _smooth_peak(self) -> int:
+        """Number of the sample with the largest mean of charges about it. The largest charges
+        themselves are where noise is largest, too. The mean is over a quarter of as many samples as
+        noise may have made the largest."""
         charges = np.array([sample.charges for sample in self.history])
         sizes, noise = np.linalg.norm(charges, axis=1), self.history[self.peak].noise
         heard = noise < UNKNOWN
         along = charges[self.peak] / sizes[self.peak]
         spread = math.sqrt(np.square(along[heard]) @ noise[heard])
-        at_peak = np.flatnonzero(sizes >= sizes.max() - AT_PEAK * spread)
-        return int(at_peak[len(at_peak) // 2])
+        width = max(int((sizes >= sizes.max() - AT_PEAK * spread).sum()) // 4, 1)
+        return int(np.argmax(np.convolve(sizes, np.full(width, 1.0 / width), "same")))
 
     def ended(self) -> bool:
         """Whether the charges do not change any longer, and hardly any are left."""
@@ -239,7 +240,7 @@ class Contact:
         closed.history = [
             replace(s, charges=s.charges - left * (begin + s.walked) / total) for s in self.history
         ]
-        closed.peak = closed._middle_of_peak()
+        closed.peak = closed._smooth_peak()
         others, common = closed._candidates(closed.peak), self._jump_error() * np.sqrt(size)
         closed._fit_places(others, closed.peak, begin, total, common)
         if closed.places:

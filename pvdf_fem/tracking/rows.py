@@ -40,7 +40,7 @@ class Row:
 
 @dataclass(frozen=True)
 class TouchSummary(Row):
-    """A touch that has ended: its row in the middle of its largest charges, by the whole course.
+    """A touch that has ended: its row at the peak of its charges, by the whole course.
 
     The status is ``starting`` if no place was found; `missing` are channels that had no reading for
     a while.
