@@ -254,6 +254,11 @@ def _refuse(scene: Scene, domain: Domain, options: ResponseOptions, tolerance: f
         )
     beyond_mm = 1e3 * pressed_outline(scene, high).reach + MARGIN * options.cell_mm(scene, domain)
     limit = scene.film.radius_mm - beyond_mm
+    if limit <= 0.0:
+        raise ValueError(
+            "probe: comes too near the rim wherever it is; a response needs a smaller probe, or a"
+            " larger film"
+        )
     if not 0.0 < domain.reach_mm < limit:
         raise ValueError(
             f"reach_mm: {domain.reach_mm:g} is not between zero and where the probe would come too"

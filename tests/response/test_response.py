@@ -120,6 +120,7 @@ def test_a_touch_outside_is_refused(made, touch):
         ({"load.kind": "rigid"}, {}, "take 'dead' or 'follower'"),
         ({"numerics.observable": "thesis-edge"}, {}, "take 'material'"),
         ({}, {"reach_mm": 40.0}, "reach_mm: 40"),
+        ({"probe.radius_mm": 44.0}, {"reach_mm": 1.0}, "needs a smaller probe"),
         ({}, {"force_N": (0.0, 1.0)}, "force_N"),
         ({}, {"tolerance": 0.0}, "tolerance"),
     ],
