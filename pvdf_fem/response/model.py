@@ -108,8 +108,9 @@ def room_mm(scene: Scene) -> float:
 
 
 def default_reach_mm(scene: Scene) -> float:
-    """Largest distance of touches from the centre where none is asked for."""
-    return min(REACH_MM, MOST_REACH * scene.film.radius_mm, room_mm(scene))
+    """Largest distance of touches from the centre where none is asked for, to the last digit the
+    same wherever the probe is: it is in the names of responses."""
+    return min(REACH_MM, MOST_REACH * scene.film.radius_mm, room_mm(centred(scene)))
 
 
 def touch_of(scene: Scene) -> dict[str, float]:
