@@ -65,7 +65,6 @@ class Contact:
         self.voltages = [before]  #: Voltages over the baseline, from the beginning on.
         self._missed, self._onset_error = np.zeros_like(before), ONSET_ERROR
         self._searched, self._fitted, self._corrected = 0.0, 0, False
-        self._decay = 0.0  #: Largest share of a voltage lost in a sample, where it is small.
 
     def add(self, time: float, voltage: Array, noise: Array, doubt: Array) -> None:
         """Take in a sample. Voltages are those over the baseline, NaN where missing, and `noise`
@@ -163,9 +162,7 @@ class Contact:
         circuit, before = self.model.circuit, self._missed
         times = np.array([self.onset, *(sample.time for sample in self.history)])
         self._corrected, self._onset_error = True, 0.0
-        decay = 1.0 - float(circuit.decay(times[1] - times[0]).min())
-        if decay < SLOW:
-            self._decay = decay
+        if self._loss < SLOW:
             return
         noise = np.sqrt(self.history[-1].noise) / circuit.capacitance
         voltages = np.array(self.voltages)
@@ -175,21 +172,31 @@ class Contact:
             for sample in self.history
         ]
 
+    @property
+    def _loss(self) -> float:
+        """Largest share of a voltage that is lost in the first interval."""
+        return 1.0 - float(self.model.circuit.decay(self.history[0].time - self.onset).min())
+
+    @property
+    def _charges(self) -> Array:
+        """Charges (samples, electrodes) of the whole course in pC."""
+        return np.array([sample.charges for sample in self.history])
+
     def _jump_error(self) -> float:
         """Relative error of charges by what sampling misses of a jump, where voltages decay slowly:
         it comes anywhere within an interval, for half of which its decay is told."""
-        if not self._decay:
+        if not self._corrected or self._loss >= SLOW:
             return 0.0
-        charges = np.array([sample.charges for sample in self.history])
+        charges = self._charges
         jump = np.linalg.norm(np.diff(charges, axis=0, prepend=0.0), axis=1).max()
         size = np.linalg.norm(charges[self.peak])
-        return float(self._decay / math.sqrt(12.0) * jump / size)
+        return float(self._loss / math.sqrt(12.0) * jump / size)
 
     def _smooth_peak(self) -> int:
         """Number of the sample with the largest mean of charges about it. The largest charges
         themselves are where noise is largest, too. The mean is over a quarter of as many samples as
         noise may have made the largest."""
-        charges = np.array([sample.charges for sample in self.history])
+        charges = self._charges
         sizes, noise = np.linalg.norm(charges, axis=1), self.history[self.peak].noise
         heard = noise < UNKNOWN
         along = charges[self.peak] / sizes[self.peak]
@@ -221,11 +228,9 @@ class Contact:
 
     def _left(self) -> tuple[Array, Array]:
         """Mean charges (electrodes,) after the end in pC, and the variance of their noise."""
-        after = self.history[-STILL:]
-        weights = 1.0 / np.array([sample.noise for sample in after])
+        weights = 1.0 / np.array([sample.noise for sample in self.history[-STILL:]])
         variance = 1.0 / weights.sum(axis=0)
-        charges = np.array([sample.charges for sample in after])
-        return variance * (weights * charges).sum(axis=0), variance
+        return variance * (weights * self._charges[-STILL:]).sum(axis=0), variance
 
     def closed(self) -> Contact:
         """The touch with what its end tells: no charge is left, so that what is was an error. The
