@@ -60,18 +60,23 @@ def _found(touches: Sequence[dict[str, Any]], lines: dict[str, Any], *remarks: s
     return Found(ellipses, lines, remarks, Grid(("likely", *names), (*rows,)))
 
 
+def domain_of(scene: Scene) -> Domain:
+    """Touches of the response that is built for a scene."""
+    return Domain(default_reach_mm(scene), FORCES_N)
+
+
 def response_file(scene: Scene, folder: Path) -> Path | None:
     """The file of a scene's response in a folder; None of a scene that can have none."""
     try:
-        domain = Domain(default_reach_mm(scene), FORCES_N)
-        return folder / response_key(scene, domain, TOLERANCE)
+        return folder / response_key(scene, domain_of(scene), TOLERANCE)
     except ValueError:  # of several probes, and of loads that are no force
         return None
 
 
 def build(scene: Scene, file: Path) -> Path:
     """Build the response of a scene and write its file, which is returned."""
-    limits = default_reach_mm(scene), FORCES_N, TOLERANCE
+    domain = domain_of(scene)
+    limits = domain.reach_mm, domain.force_N, TOLERANCE
     build_response(centred(scene), *limits, processes=1, file=file, options=OPTIONS)
     return file
 

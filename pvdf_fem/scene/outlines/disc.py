@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from functools import cached_property
 
 import numpy as np
@@ -18,9 +19,9 @@ class ImageOfDisc(Outline):
     centre: Array
 
     @property
+    @abstractmethod
     def axes(self) -> Array:
         """Semi-axes in m as orthogonal columns (2, 2)."""
-        raise NotImplementedError
 
     @property
     def area(self) -> float:
