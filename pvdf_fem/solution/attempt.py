@@ -56,6 +56,8 @@ UNCANCELLED = 0.3
 
 #: A mesh whose edge of a contact has more than this part of the overlap before is not moved again.
 NEARER = 0.5
+#: Nor one whose edge makes errors of charges below this part of the tolerance.
+MATTERS = 0.1
 #: Reach of a contact over the film's radius from which a tip meets the clamped rim.
 NEAR_RIM = 0.99
 
@@ -97,12 +99,15 @@ class Attempt:
         return self.equilibrium.overlap(self.fields.solved_dofs, self.edges)
 
     def misplaced(self, coarser: Attempt | None) -> bool:
-        """Whether the edges of contacts have to move, and still come nearer to their places."""
+        """Whether the edges of contacts have to move: at first, then while that still takes away a
+        good part of an error of charges that matters."""
         if self.overlap <= PENETRATION:
             return False
-        if coarser is None or coarser.status is not Status.MISPLACED:
+        if coarser is None or coarser.status is not Status.MISPLACED or self.overlap > LARGEST:
             return True
-        return self.overlap > LARGEST or self.overlap < NEARER * coarser.overlap
+        errors = charges_of(self.problem.goals, _errors_by_edges(self)) / self.charge_sizes
+        matters = np.abs(errors).max(initial=0.0) > MATTERS * self.problem.scene.numerics.tolerance
+        return bool(matters) and self.overlap < NEARER * coarser.overlap
 
     @property
     def unknowns(self) -> int:

@@ -59,19 +59,22 @@ def _slid(scene: Scene, solve: Callable[[Scene], Solution]) -> Scene | Solution:
     last: Untouched | Displacement = Untouched()
     roots = np.linspace(FIRST, 1.0, scene.numerics.load_steps or SLIDING_STEPS)
     for width in roots[:-1]:
+        # a step's own error by the steps before is no reason to do without it
         solution = solve(scene.at(Step(float(width) ** 3, 0.0, dict.fromkeys(patches, last))))
         if solution.status is Status.CONVERGED:
-            last = _displacement(solution, 1.0 / (len(roots) - 1), Untouched())
+            last = _displacement(solution)
+    if solution.status is not Status.CONVERGED:
+        return replace(solution, scene=scene)
+    assert isinstance(last, Displacement)
+    last = replace(last, share=1.0 / (len(roots) - 1), less_exact=Untouched())
     guided = scene.at(Step(1.0, 0.0, dict.fromkeys(patches, last)))
     pushed = [touch for touch in _rubbed(scene) if touch.load.tangential_N]
     return _pushed(guided, pushed, solve) if pushed else guided
 
 
-def _displacement(
-    solution: Solution, share: float = 0.0, less_exact: Untouched | None = None
-) -> Displacement:
+def _displacement(solution: Solution) -> Displacement:
     fields = solution.fields
-    return Displacement(fields.solved.space, fields.solved_dofs, share, less_exact)
+    return Displacement(fields.solved.space, fields.solved_dofs, 0.0, None)
 
 
 def _pushed(
@@ -122,7 +125,8 @@ def _stuck(scene: Scene, solve: Callable[[Scene], Solution]) -> Scene | Solution
     tips = {touch.patch: touch.tip for touch in touches}
     # the scene refuses others
     held = {name: Sticking(tip) for name, tip in tips.items() if isinstance(tip, DiscTip)}
-    for width in np.linspace(FIRST, 1.0, scene.numerics.load_steps or STEPS):
+    count = scene.numerics.load_steps or STEPS
+    for width in (np.arange(1, count + 1) / count) ** 1.5:
         for _ in range(MOST_SOLVES):
             still = {name: replace(sticking, less_exact=None) for name, sticking in held.items()}
             solution = solve(scene.at(Step(float(width) ** 3, 0.0, others | still)))
