@@ -226,6 +226,10 @@ class _Attempt:
         return max((float(np.max(s.errors / s.frequencies)) for s in spectra), default=0.0)
 
     @property
+    def bound(self) -> float:
+        return self.worst
+
+    @property
     def unknowns(self) -> int:
         return self.equilibrium.unknowns.count
 

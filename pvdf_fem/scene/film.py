@@ -69,7 +69,9 @@ class Film(Section):
     compression, below zero, it is like a film that is heated.
 
     `rim_displacement_um` then moves the rim outwards, and the film with all patches: coefficients
-    of 1, cos θ, sin θ, cos 2θ, sin 2θ and so on.
+    of 1, cos θ, sin θ, cos 2θ, sin 2θ and so on. The strain of that is added to the film's, whose
+    disc, electrodes and probe stay in their places: an error of second order, of 3e-4 in charges
+    for 9 µm on 45 mm.
 
     `pyroelectric_uC_m2K` is the charge per area and kelvin of a film that is free to expand; where
     it is not, its stress makes charge by d31 and d32. Without a value it is left out.

@@ -31,6 +31,10 @@ class Attempted(Protocol):
         """Largest relative error; 0 without a result."""
 
     @property
+    def bound(self) -> float:
+        """What of it the tolerance is compared with."""
+
+    @property
     def unknowns(self) -> int: ...
     @property
     def iterations(self) -> int: ...
@@ -105,7 +109,7 @@ class MeshLoop(Generic[T]):
         rules, tolerance = self.rules, self.scene.numerics.tolerance
         aim, spent = rules.safety * tolerance, self.budget.spent_seconds
         attempt = best = self.attempt(self.first_sizes(), None)
-        while attempt.worst > tolerance:
+        while attempt.bound > tolerance:
             if len(self.history) == rules.most_meshes:
                 return best, Stop.MESHES
             most, limit = self._affordable(attempt, self.budget.spent_seconds - spent)
@@ -126,7 +130,7 @@ class MeshLoop(Generic[T]):
             attempt = finer
             if finer.status is Status.CONVERGED and finer.worst < best.worst:
                 best = finer
-            if slow and large and attempt.worst > tolerance:
+            if slow and large and attempt.bound > tolerance:
                 return best, Stop.UNKNOWNS
         converged = attempt.status is Status.CONVERGED
         return attempt, Stop.ACCURATE if converged else Stop.NO_EQUILIBRIUM

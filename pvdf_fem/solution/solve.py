@@ -51,6 +51,8 @@ from pvdf_fem.solvers.wrinkling import barely_loaded
 
 #: Relative error of a charge above which a film that is barely loaded is called slack.
 UNKNOWN_CHARGE = 0.1
+#: Tolerance over the error of steps of the load from which both that and a mesh's keep to it.
+ROOM = 2.0
 #: Whether effects that are charges by themselves are included, and texts with their sizes.
 REMARKS = (thickness_remarks, heat_remarks)
 
@@ -138,7 +140,7 @@ def solve_goals(
         seconds = problem.clock.seconds()
         return Solution(scene, Status.TOLERANCE, str(error), Stop.UNKNOWNS, seconds=seconds)
     judged = steps.with_errors(attempt)
-    few = attempt.worst <= scene.numerics.tolerance < judged.worst
+    few = attempt.bound <= scene.numerics.tolerance < judged.bound
     return _solution(judged, Stop.STEPS if few else stop, loop.history)
 
 
@@ -194,9 +196,9 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
     remarks = [model.remark, *coupling_remarks(scene), *chain.from_iterable(others)]
     reason = status.advice
     if status is Status.TOLERANCE:
-        reason = (
-            f"{reason}, to at least {_rounded_up(attempt.worst)}, which was reached ({stop.value})"
-        )
+        # a coarser mesh leaves more beside what the steps do
+        enough = attempt.bound * (ROOM if stop is Stop.STEPS else 1.0)
+        reason = f"{reason}, to at least {_rounded_up(enough)} ({stop.value})"
     elif status is Status.CONVERGED and (change or 0.0) > problem.scene.numerics.tolerance:
         reason = f"{reason}, but for {change:.1e} of a charge that wrinkles would change"
     return Solution(
@@ -227,7 +229,7 @@ def _status(attempt: Attempt, stop: Stop, change: float | None) -> Status:
         status = admissible.refusal(fields, attempt.result.factors, change) or status
     if stop is Stop.GIVEN_MESH:
         return status
-    if status is Status.CONVERGED and attempt.worst > scene.numerics.tolerance:
+    if status is Status.CONVERGED and attempt.bound > scene.numerics.tolerance:
         status = Status.TOLERANCE
     missed = status in (Status.MAX_ITERATIONS, Status.UNBALANCED)
     unknown = status is Status.TOLERANCE and attempt.worst > UNKNOWN_CHARGE

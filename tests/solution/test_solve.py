@@ -22,6 +22,7 @@ from pvdf_fem.solvers import ladder
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.newton import NewtonOptions
 from pvdf_fem.solvers.status import Status
+from reports.robustness.usual_scenes import usual_scene
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, free_disc
 
 #: The corners of the punch make its charges slow to converge.
@@ -285,3 +286,14 @@ def test_a_first_mesh_that_needs_more_unknowns_than_the_scene_allows_is_not_solv
         assert key in solution.reason
     enough = solve(TRIANGLE.with_(**{"numerics.max_unknowns": 3000}))
     assert enough.status is Status.CONVERGED
+
+
+def test_an_accepted_charge_is_within_the_tolerance():
+    """The probe's corner lies in an electrode, where the estimate is two thirds of the error."""
+    tension = {"film.temperature_change_K": None, "film.pretension_N_m": [38.88, 94.28]}
+    scene = usual_scene("other", 72, 31).with_(**tension)
+    charge, known = (
+        solve(scene.with_(**{"numerics.tolerance": tolerance})).charges_pC["A"]
+        for tolerance in (1e-4, 5e-6)
+    )
+    assert charge == pytest.approx(known, rel=1e-4)

@@ -80,7 +80,7 @@ def _spline(
     degree: int, steps: Sequence[float], tip: DiscTip, z: Array, stretch: Array
 ) -> tuple[BSpline, float]:
     """The least squares of a stretch at points z, zero on the core, with a piece for each step;
-    and the relative standard error of a step's mean."""
+    and its relative standard error by the scatter along the edges, of all waves together."""
     ends = np.array([0.0, *steps])
     degree = min(degree, len(steps))
     inner = ends[1:-1] if degree == 1 else 0.5 * (ends[1:-2] + ends[2:-1])
@@ -89,8 +89,8 @@ def _spline(
     functions = BSpline.design_matrix(d, knots, degree, extrapolate=True).toarray()[:, 1:]
     rows = (functions[:, :, None] * _waves(z)[:, None]).reshape(len(z), -1)
     found = np.asarray(np.linalg.lstsq(rows, stretch, rcond=None)[0], complex)
-    left = np.linalg.norm(stretch - rows @ found) / np.linalg.norm(stretch)
-    error = float(left * np.sqrt(len(steps) / len(z)))
+    left = np.abs(stretch - rows @ found).mean() / np.abs(stretch).mean()
+    error = float(left * np.sqrt((2 * HIGHEST_MODE + 1) / len(z)))
     found = found.reshape(functions.shape[1], -1)
     return BSpline(knots, np.concatenate([np.zeros_like(found[:1]), found]), degree), error
 

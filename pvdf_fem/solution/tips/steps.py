@@ -30,6 +30,11 @@ STEPS = 6
 SLIDING_STEPS = 4
 #: Third root of the first step's part: widths of contacts are about as the third root of the force.
 FIRST = 0.25
+#: The same of the parts of a load that sticks, as a power of the part of the steps that are done.
+GROWTH = 1.5
+#: Tolerance of the steps of a load that sticks. What these leave is the same at any tolerance of the
+#: scene, so that a tolerance above it is met.
+FINE = 1e-3
 #: Change of what sticks, over its largest value, at which a step ends.
 SETTLED = 1e-2
 #: Most solves of a step.
@@ -59,7 +64,6 @@ def _slid(scene: Scene, solve: Callable[[Scene], Solution]) -> Scene | Solution:
     last: Untouched | Displacement = Untouched()
     roots = np.linspace(FIRST, 1.0, scene.numerics.load_steps or SLIDING_STEPS)
     for width in roots[:-1]:
-        # a step's own error by the steps before is no reason to do without it
         solution = solve(scene.at(Step(float(width) ** 3, 0.0, dict.fromkeys(patches, last))))
         if solution.status is Status.CONVERGED:
             last = _displacement(solution)
@@ -119,6 +123,8 @@ def _pushed(
 
 
 def _stuck(scene: Scene, solve: Callable[[Scene], Solution]) -> Scene | Solution:
+    numerics = scene.numerics.model_copy(update={"tolerance": FINE})
+    final, scene = scene, scene.model_copy(update={"numerics": numerics})
     touches = [touch for touch in _rubbed(scene) if touch.load.friction == "stuck"]
     others = {touch.patch: Untouched() for touch in _rubbed(scene) if touch not in touches}
     known: dict[str, list[Edge]] = {touch.patch: [] for touch in touches}
@@ -126,7 +132,7 @@ def _stuck(scene: Scene, solve: Callable[[Scene], Solution]) -> Scene | Solution
     # the scene refuses others
     held = {name: Sticking(tip) for name, tip in tips.items() if isinstance(tip, DiscTip)}
     count = scene.numerics.load_steps or STEPS
-    for width in (np.arange(1, count + 1) / count) ** 1.5:
+    for width in (np.arange(1, count + 1) / count) ** GROWTH:
         for _ in range(MOST_SOLVES):
             still = {name: replace(sticking, less_exact=None) for name, sticking in held.items()}
             solution = solve(scene.at(Step(float(width) ** 3, 0.0, others | still)))
@@ -139,8 +145,8 @@ def _stuck(scene: Scene, solve: Callable[[Scene], Solution]) -> Scene | Solution
         if solution.status is Status.CONVERGED:
             known = {name: [*known[name], edges[name]] for name in known}
     if solution.status is not Status.CONVERGED:
-        return replace(solution, scene=scene)
-    return scene.at(Step(held=others | held))
+        return replace(solution, scene=final)
+    return final.at(Step(held=others | held))
 
 
 def _edges(solution: Solution, held: Mapping[str, Sticking]) -> dict[str, Edge]:
