@@ -198,7 +198,7 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
     if status is Status.TOLERANCE:
         # a coarser mesh leaves more beside what the steps do
         enough = attempt.bound * (ROOM if stop is Stop.STEPS else 1.0)
-        reason = f"{reason}, to at least {_rounded_up(enough)} ({stop.value})"
+        reason = f"{reason}, to at least {_rounded_up(enough)}, which can be reached ({stop.value})"
     elif status is Status.CONVERGED and (change or 0.0) > problem.scene.numerics.tolerance:
         reason = f"{reason}, but for {change:.1e} of a charge that wrinkles would change"
     return Solution(
