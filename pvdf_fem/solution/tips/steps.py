@@ -32,8 +32,8 @@ SLIDING_STEPS = 4
 FIRST = 0.25
 #: The same of the parts of a load that sticks, as a power of the part of the steps that are done.
 GROWTH = 1.5
-#: Tolerance of the steps of a load that sticks. What these leave is the same at any tolerance of the
-#: scene, so that a tolerance above it is met.
+#: Tolerance of the steps of a load that sticks. They leave one error at any tolerance of the scene,
+#: so that a tolerance above that error is met.
 FINE = 1e-3
 #: Change of what sticks, over its largest value, at which a step ends.
 SETTLED = 1e-2
