@@ -13,6 +13,7 @@ from copy import copy
 from dataclasses import replace
 from functools import cached_property, reduce
 from operator import add
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -22,6 +23,7 @@ from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.film.electric.raised import Raised
 from pvdf_fem.film.loads.contact import Contact
 from pvdf_fem.film.loads.contact_edge import Edge
+from pvdf_fem.film.loads.posed import NOTHING, Posed
 from pvdf_fem.film.loads.pressure import DeadPressure
 from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.models import film_model
@@ -42,16 +44,26 @@ class Equilibrium:
     """The nonlinear equations of a scene on a mesh of it, or of a part: stationary energy."""
 
     def __init__(
-        self, scene: Scene, mesh: MeshTri2, order: int = 2, part: MirroredPart = WHOLE
+        self,
+        scene: Scene,
+        mesh: MeshTri2,
+        order: int = 2,
+        part: MirroredPart = WHOLE,
+        posed: Posed = NOTHING,
     ) -> None:
-        self.scene, self.film, self.part = scene, scene.film, part
+        self.scene, self.film, self.part, self.posed = scene, scene.film, part, posed
         self.model = film_model(scene)
         self.space = Space(mesh, order)
         #: The membrane, first, the loads, coupling and, where the film bends, the plate.
-        self.terms: list[Term] = self.model.terms(self.space, part)
+        self.terms: list[Term] = self.model.terms(self.space, part, posed)
         rim = self.space.basis.get_dofs(RIM).all()
         self.rim_dofs = (3 * rim[:, None] + np.arange(3)).ravel()
         self.unknowns = self._unknowns()
+
+    def with_(self, **changes: Any) -> Equilibrium:
+        """The equations of another `scene`, `mesh`, `order`, `part` or `posed`, set up anew."""
+        own = {"scene": self.scene, "mesh": self.space.mesh, "order": self.space.order}
+        return Equilibrium(**{**own, "part": self.part, "posed": self.posed, **changes})
 
     def _unknowns(self) -> Unknowns:
         """The unknowns of displacements that are even about the mirror lines."""

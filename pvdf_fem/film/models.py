@@ -19,6 +19,7 @@ from pvdf_fem.film.laws import Law, StVenantKirchhoff, TensionField
 from pvdf_fem.film.layers import Layers
 from pvdf_fem.film.loads.heat import AddedStrain
 from pvdf_fem.film.loads.kinds import LOADS, presses_rigidly, rigid_elements
+from pvdf_fem.film.loads.posed import NOTHING, Posed
 from pvdf_fem.film.membrane import Membrane, UnevenMembrane, UnevenWrinkling, WrinklingMembrane
 from pvdf_fem.film.plate import LOWEST_ORDER, Plate
 from pvdf_fem.film.remarks import two_digits
@@ -87,9 +88,9 @@ class FilmModel:
         uneven = film.patches or added
         return UnevenMembrane(space, film, added, part.frame) if uneven else Membrane(space, film)
 
-    def terms(self, space: Space, part: MirroredPart = WHOLE) -> list[Term]:
+    def terms(self, space: Space, part: MirroredPart = WHOLE, posed: Posed = NOTHING) -> list[Term]:
         """The terms of the film's energy on a space of a part of it: membrane and loads."""
-        touches = self.scene.loaded_probes
+        touches = posed.touches(self.scene)
         return [
             self.membrane(space, part),
             *(LOADS[touch.load.kind](touch, space, part) for touch in touches),
@@ -185,9 +186,9 @@ class PlateModel(FilmModel):
     force_over_thickness = False
     film_is_differentiable = False
 
-    def terms(self, space: Space, part: MirroredPart = WHOLE) -> list[Term]:
+    def terms(self, space: Space, part: MirroredPart = WHOLE, posed: Posed = NOTHING) -> list[Term]:
         """The membrane's terms and the plate."""
-        terms, effect, film = super().terms(space, part), self.effect, self.scene.film
+        terms, effect, film = super().terms(space, part, posed), self.effect, self.scene.film
         plate = Plate(
             space, film, rigid_elements(terms, flat=True), effect.rim_tension, effect.probe_tension
         )

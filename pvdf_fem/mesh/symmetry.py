@@ -81,7 +81,7 @@ def part_of(scene: Scene, with_images_below: float = 1e-4) -> MirroredPart:
     touches, slack = scene.loaded_probes, TOUCH * scene.film.radius
     pressed = any(any(touch.load.components) for touch in touches)
     symmetric = not scene.film.rim_displacement_um
-    if not (pressed and symmetric and all(touch.is_symmetric for touch in touches)):
+    if not (pressed and symmetric and all(t.load.profile_entry.is_symmetric for t in touches)):
         return WHOLE
     with_images = []
     for mirror in _mirrors(scene, slack):

@@ -178,12 +178,10 @@ class Load(Section):
         """Depth of a tip in m, where it is given instead of a force."""
         return None if self.depth_mm is None else self.depth_mm / 1e3
 
-    def times(self, part: float, sideways: float) -> Load:
-        """A part of the load; a tip's depth is about as the third root of its force."""
-        if part == sideways == 1.0:
-            return self
+    def times(self, part: float) -> Load:
+        """A part of the force along z, none sideways; a tip's depth is about as its third root."""
         depth_mm = self.depth_mm and self.depth_mm * part ** (1.0 / 3.0)
-        pushed = self.tangential_N and tuple(sideways * force for force in self.tangential_N)
+        pushed = self.tangential_N and (0.0, 0.0)
         update = {"depth_mm": depth_mm, "tangential_N": pushed, "force_N": part * self.force_N}
         return self.model_copy(update=update)
 

@@ -8,14 +8,13 @@ nothing else in the package converts lengths or moduli. Defaults are the thesis'
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, overload
 
 from pydantic import (
-    PrivateAttr,
     SerializerFunctionWrapHandler,
     ValidationError,
     model_serializer,
@@ -41,7 +40,7 @@ from pvdf_fem.scene.scene_file import (
     read_scene_text,
     write_toml,
 )
-from pvdf_fem.scene.shapes import Electrode, Electrodes, Layout, Probe, Probes
+from pvdf_fem.scene.shapes import FORCES, Electrode, Electrodes, Layout, Probe, Probes
 from pvdf_fem.scene.stage import Stage
 
 __all__ = [
@@ -102,24 +101,6 @@ if TYPE_CHECKING:
         def __get__(self, scene: Any, owner: Any) -> Any: ...
 
 
-#: A pressure, in any unit, at arrays of x and y in mm.
-Pressure: TypeAlias = Callable[[Any, Any], Any]
-
-
-@dataclass(frozen=True)
-class Step:
-    """A step on the way to the loads, and what its friction with tips depends on, by patch.
-
-    All loads have a `part` of their forces, and `sideways` is that of the ones in the plane. By
-    patch, a probe has `moved` in the plane, in m.
-    """
-
-    part: float = 1.0
-    sideways: float = 1.0
-    held: Mapping[str, Any] = field(default_factory=dict)
-    moved: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-
-
 @dataclass(frozen=True)
 class LoadedProbe:
     """One of a scene's probes with its load, and the name of its patch in a mesh."""
@@ -127,8 +108,6 @@ class LoadedProbe:
     patch: str
     probe: Probe
     load: Load
-    pressure: Pressure | None = None  #: In place of the load's profile, in the probe's own axes.
-    held: Any = None  #: A `Sticking` or `Displacement` of `pvdf_fem.film.loads`.
 
     @property
     def outline(self) -> Outline:
@@ -139,11 +118,6 @@ class LoadedProbe:
     def tip(self) -> Tip:
         """The rigid tip that it is; ValueError of a probe that is none."""
         return tip_of(self.probe)
-
-    @property
-    def is_symmetric(self) -> bool:
-        """Whether its pressure is as symmetric as its outline."""
-        return self.pressure is None and self.load.profile_entry.is_symmetric
 
 
 _THINNEST_UM = 0.5  #: A thinner film in µm was probably meant in mm.
@@ -171,8 +145,6 @@ class Scene(Section):
     readout: Readout | None = None
     stage: Stage | None = None
     air: Air | None = None
-    _pressure: Pressure | None = PrivateAttr(None)
-    _step: Step = PrivateAttr(Step())
 
     if not TYPE_CHECKING:  # type checkers have the keys from the fields
 
@@ -286,28 +258,21 @@ class Scene(Section):
         entries: list[tuple[str, Any, Load]] = [("probe", probe, load)]
         if isinstance(probe, tuple):
             entries = [(f"probe {i}", p, p.load_in(load)) for i, p in enumerate(probe, 1)]
-        return tuple(self._loaded(*entry) for entry in entries)
+        return tuple(LoadedProbe(*entry) for entry in entries)
 
-    def _loaded(self, patch: str, probe: Probe, load: Load) -> LoadedProbe:
-        step = self._step
-        load = load.times(step.part, step.sideways)
-        if moved := step.moved.get(patch):
-            x_mm, y_mm = (
-                1e3 * m + at for m, at in zip(moved, (probe.x_mm, probe.y_mm), strict=True)
-            )
-            probe = probe.model_copy(update={"x_mm": x_mm, "y_mm": y_mm})
-        return LoadedProbe(patch, probe, load, self._pressure, step.held.get(patch))
-
-    @property
-    def step(self) -> Step:
-        """The step of its loads."""
-        return self._step
-
-    def at(self, step: Step) -> Scene:
-        """The same scene at a step of its loads; no file holds it."""
-        other = self.model_copy()
-        other._step = step
-        return other
+    def loaded(self, touches: Sequence[LoadedProbe]) -> Scene:
+        """The scene with other `loaded_probes`, or with some of them; their values go unchecked."""
+        if not touches:
+            return self.model_copy(update={"probe": None})
+        if not isinstance(self.probe, tuple):
+            (touch,) = touches
+            return self.model_copy(update={"probe": touch.probe, "load": touch.load})
+        probes = []
+        for touch in touches:
+            load = touch.load.model_copy(update=vars(touch.load))  # none of its keys is the scene's
+            own = {**dict.fromkeys(FORCES), "load": load}
+            probes.append(touch.probe.model_copy(update=own))
+        return self.model_copy(update={"probe": tuple(probes)})
 
     def require_no_tips(self, what: str) -> None:
         """SceneError for a scene with tips, whose contact has to be found, which `what` cannot."""
@@ -333,17 +298,6 @@ class Scene(Section):
             reason = "is a list [[probe]], and this serves one probe only; give a table [probe]"
             raise SceneError([problem("probe", [probe.shape for probe in self.probe], reason)])
         return self.probe
-
-    def under(self, pressure: Pressure | None) -> Scene:
-        """The same scene with a function in place of its load's profile; no file holds it."""
-        if pressure is None:
-            return self
-        if self.single_probe is None or self.load.kind != "dead" or self.load.profile != "uniform":
-            reason = 'is no load to spread; give a [probe], kind "dead" and no load.profile'
-            raise SceneError([problem("load.kind", self.load.kind, reason)])
-        other = self.model_copy()
-        other._pressure = pressure
-        return other
 
     @classmethod
     def parse(cls, text: str, source: str = "<text>") -> Scene:

@@ -15,6 +15,7 @@ from pvdf_fem.charges.point_values import PointValues, values_along, values_at
 from pvdf_fem.charges.rest import heat_charges, rest_charges
 from pvdf_fem.charges.thickness import thickness_charges
 from pvdf_fem.film.electric.coupling import floating
+from pvdf_fem.film.loads.posed import Pressure
 from pvdf_fem.film.loads.pressure import Leaning, Punch
 from pvdf_fem.film.loads.touchdown import Touchdown
 from pvdf_fem.readout.channel import channels
@@ -53,6 +54,8 @@ class Solution:
     warnings: tuple[str, ...] = ()
     #: ``mesh``, ``solve``, ``estimate``, ``refine`` and ``total``.
     seconds: dict[str, float] = field(default_factory=dict)
+    #: What was given to `solve` in place of the scene's ``load.profile``.
+    pressure: Pressure | None = None
     _fields: Fields | None = None
 
     @property

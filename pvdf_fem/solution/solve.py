@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -24,12 +23,13 @@ from pvdf_fem.charges.goals import Goal, goals_of
 from pvdf_fem.charges.thickness import thickness_remarks
 from pvdf_fem.film.electric.coupling import coupling_remarks
 from pvdf_fem.film.loads.heat import heat_remarks
+from pvdf_fem.film.loads.posed import NOTHING, Held, Posed, Pressure
 from pvdf_fem.film.loads.profiles import profile_of
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError
 from pvdf_fem.mesh.mesh_file import read_mesh
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart, part_of
-from pvdf_fem.scene.scene import Pressure, Scene
+from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution import admissible
 from pvdf_fem.solution.attempt import (
     UNKNOWNS_PER_ELEMENT,
@@ -51,8 +51,6 @@ from pvdf_fem.solvers.wrinkling import barely_loaded
 
 #: Relative error of a charge above which a film that is barely loaded is called slack.
 UNKNOWN_CHARGE = 0.1
-#: Whether effects that are charges by themselves are included, and texts with their sizes.
-REMARKS = (thickness_remarks, heat_remarks)
 
 
 def solve(
@@ -76,8 +74,9 @@ def solve(
     budget : Budget, optional
         What the solve may cost, by default what the scene's numerics say.
     pressure : callable, optional
-        ``p(x_mm, y_mm)`` for arrays in the probe's own axes, in place of ``load.profile``; it is
-        scaled to the scene's force.
+        ``p(x_mm, y_mm)`` for arrays (n,) in the probe's own axes, in place of ``load.profile``: one
+        value for each point, or one for all. It is scaled to the scene's force. It is no part of
+        the scene: `Solution.pressure` keeps it, and `gradients` of the solution are under it.
 
     Returns
     -------
@@ -88,11 +87,14 @@ def solve(
     ------
     MeshFileError, FileError
         When a file holds no mesh of the scene; when it cannot be read. Both are ValueErrors.
+    SceneError
+        For a pressure that cannot be used or has no single dead load; it is a ValueError, too.
     """
+    posed = Posed.under(scene, pressure)
     if isinstance(mesh, str | Path):
         mesh = read_mesh(mesh, scene)
-    scene = scene.under(pressure)
-    solution = solve_goals(scene, goals_of(scene), mesh=mesh, order=order, budget=budget)
+    goals = goals_of(scene)
+    solution = solve_goals(scene, goals, mesh=mesh, order=order, budget=budget, posed=posed)
     warnings = [*scene.doubts, *solution.warnings]
     if solution.status is Status.CONVERGED:
         warnings += admissible.cancelled_charges(scene, solution.fields.forces)
@@ -106,24 +108,33 @@ def solve_goals(
     mesh: MeshTri2 | None = None,
     order: int = ORDER,
     budget: Budget | None = None,
+    posed: Posed = NOTHING,
 ) -> Solution:
     """`solve` for other charges than those of the scene's electrodes.
 
     The charges that meet the tolerance, and the `forces` of the solution's `fields`, are those of
     the goals; a solution's charges by electrode have no meaning here.
     """
-    for touch in scene.loaded_probes:
-        profile_of(touch)  # refuses files before any mesh
-    budget = Budget.of(scene) if budget is None else budget
-    if steps.takes_steps(scene):
-        stepped = steps.stepped(scene, lambda s: solve_goals(s, goals, order=order, budget=budget))
-        if isinstance(stepped, Solution):
-            return stepped
-        scene = stepped
-    problem = Problem(scene, goals, order, budget, Clock())
-    loop = _mesh_loop(problem, WHOLE)
+    for touch in posed.touches(scene):  # before any mesh, files and functions are refused
+        profile_of(touch).mean(touch.outline.polygon)
     if mesh is not None:
         scene.require_no_tips("a mesh that is given")
+    budget = Budget.of(scene) if budget is None else budget
+
+    def solved(loaded: Scene, held: Mapping[str, Held]) -> Solution:
+        """With less load or tips that have moved, and what these hold."""
+        here = replace(posed, held=held)
+        return _solved(Problem(loaded, goals, order, budget, Clock(), here), mesh)
+
+    solution = steps.stepped(scene, solved)
+    included = (*posed.remarks, *solution.included)
+    return replace(solution, scene=scene, pressure=posed.pressure, included=included)
+
+
+def _solved(problem: Problem, mesh: MeshTri2 | None) -> Solution:
+    """The solution of a problem on a mesh, or on those that its tolerance asks for."""
+    scene, loop = problem.scene, _mesh_loop(problem, WHOLE)
+    if mesh is not None:
         attempt = loop.attempt_on(mesh, None, time.perf_counter())
         return _solution(steps.with_errors(attempt), Stop.GIVEN_MESH, loop.history)
     try:
@@ -158,11 +169,11 @@ def _mesh_loop(problem: Problem, part: MirroredPart) -> MeshLoop[Attempt]:
 
 def _on_part(problem: Problem) -> Solution | None:
     """The solution on a part of a symmetric film; None where it is not that of the film."""
-    scene = problem.scene
+    scene, pressure = problem.scene, problem.posed.pressure
     loads = [touch.load for touch in scene.loaded_probes]
     leaning = any(load.kind == "contact" or load.tilt == "free" for load in loads)
     model = film_model(scene)
-    whole = leaning or not (model.solved_on_parts and model.electrodes_only_read)
+    whole = leaning or pressure or not (model.solved_on_parts and model.electrodes_only_read)
     part = WHOLE if whole else part_of(scene)
     if not part.mirrored:
         return None
@@ -190,8 +201,9 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
     names = [electrode.name for electrode in scene.electrode_list]
     # scenes of a sweep that are solved as one have the goals of all
     charges_pC = dict(zip(names, by_stress, strict=True)) if len(names) == len(by_stress) else None
-    others = (told(scene, charges_pC) for told in REMARKS)
-    remarks = [model.remark, *coupling_remarks(scene), *chain.from_iterable(others)]
+    remarks = [model.remark, *coupling_remarks(scene)]
+    remarks += thickness_remarks(scene, charges_pC, problem.posed)
+    remarks += heat_remarks(scene, charges_pC)
     reason = status.advice
     if status is Status.TOLERANCE:
         reason = (
@@ -210,7 +222,7 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
         tuple(text for included, text in remarks if included),
         (*model.warnings, *admissible.warnings(fields.solved, fields.solved_state, change)),
         problem.clock.seconds(),
-        fields,
+        _fields=fields,
     )
 
 

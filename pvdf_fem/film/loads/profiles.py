@@ -13,18 +13,22 @@ from pathlib import Path
 from pkgutil import resolve_name
 
 import numpy as np
+import shapely
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.files import FileError, read_text
+from pvdf_fem.film.loads.posed import PosedProbe, Pressure, name_of
 from pvdf_fem.scene.outlines.disc import ImageOfDisc
 from pvdf_fem.scene.outlines.outline import turn
-from pvdf_fem.scene.scene import LoadedProbe, Pressure, SceneError
+from pvdf_fem.scene.scene import SceneError
 from pvdf_fem.scene.scene_file import problem
 
 #: Largest CSV file of a profile in bytes.
 MOST_BYTES = 20_000_000
 #: Polynomial degree that quadrature is exact for under a profile that is not uniform.
 RICH_ORDER = 16
+#: Cells along each side of the raster of a mean value.
+RASTER = 24
 
 
 class Profile(ABC):
@@ -33,12 +37,27 @@ class Profile(ABC):
     #: Degree of the quadrature that it takes; None for that of the film.
     order: int | None = RICH_ORDER
 
-    def __init__(self, touch: LoadedProbe) -> None:
+    def __init__(self, touch: PosedProbe) -> None:
         self.touch = touch
+        #: What a refusal names, and its value.
+        self.source = "load.profile", touch.load.profile
 
     @abstractmethod
     def __call__(self, points: Array) -> Array:
         """Values (...) at points (..., 2) in m on the film, none of them negative."""
+
+    def mean(self, shape: shapely.Geometry) -> float:
+        """About the mean over a shape on the film, in m: of a raster, or at one point."""
+        x0, y0, x1, y1 = shape.bounds
+        s = (np.arange(RASTER) + 0.5) / RASTER
+        points = np.dstack(np.meshgrid(x0 + s * (x1 - x0), y0 + s * (y1 - y0))).reshape(-1, 2)
+        inside = points[shapely.contains_xy(shape, points)]
+        one = shapely.get_coordinates(shapely.point_on_surface(shape))
+        return float(self(inside if len(inside) else one).mean())
+
+    def refused(self, reason: str) -> SceneError:
+        """The error of a profile that cannot be integrated."""
+        return SceneError([problem(*self.source, reason)])
 
 
 class Uniform(Profile):
@@ -72,31 +91,39 @@ class Gaussian(Profile):
 class Given(Profile):
     """A function of x and y in mm in the probe's own axes."""
 
-    def __init__(self, touch: LoadedProbe, pressure: Pressure) -> None:
+    def __init__(self, touch: PosedProbe, pressure: Pressure) -> None:
         super().__init__(touch)
         self.pressure = pressure
+        if pressure is touch.pressure:
+            self.source = "pressure", name_of(pressure)
 
     def __call__(self, points: Array) -> Array:
-        probe = self.touch.probe
-        x, y = np.moveaxis(
-            turn(1e3 * points - [probe.x_mm, probe.y_mm], -probe.rotation_deg), -1, 0
-        )
-        values = np.broadcast_to(np.asarray(self.pressure(x, y), dtype=float), x.shape)
-        if not (np.isfinite(values).all() and values.min(initial=0.0) >= 0.0 < values.max()):
-            reason = "is negative, not finite or nowhere positive under the probe; change it"
-            raise SceneError([problem("load.profile", self.touch.load.profile, reason)])
-        return values
+        probe, places = self.touch.probe, 1e3 * points.reshape(-1, 2)
+        x, y = turn(places - [probe.x_mm, probe.y_mm], -probe.rotation_deg).T.copy()
+        try:
+            values = np.asarray(self.pressure(x, y))
+        except Exception as error:
+            reason = f"raises {type(error).__name__} at x_mm, y_mm of shape {x.shape}: {error}"
+            raise self.refused(f"{reason}; give a function of arrays") from error
+        if values.dtype.kind not in "biuf":
+            raise self.refused(f"gives values of type {values.dtype}; give real numbers")
+        if values.shape not in ((), x.shape):
+            reason = f"gives shape {values.shape} at x_mm, y_mm of shape {x.shape}"
+            raise self.refused(f"{reason}; give a value for each point, or one for all")
+        if not (np.isfinite(values).all() and values.min(initial=0.0) >= 0.0):
+            raise self.refused("is negative or not finite under the probe; change it")
+        return np.broadcast_to(values.astype(float), x.shape).reshape(points.shape[:-1])
 
 
 class Table(Given):
     """Values on a grid in a file, interpolated bilinearly, and zero outside."""
 
-    def __init__(self, touch: LoadedProbe) -> None:
+    def __init__(self, touch: PosedProbe) -> None:
         grid = _read(touch.load.profile)
         super().__init__(touch, lambda x, y: grid(np.stack([x, y], axis=-1)))
 
 
-def profile_of(touch: LoadedProbe) -> Profile:
+def profile_of(touch: PosedProbe) -> Profile:
     """The profile of a probe's load; SceneError for a file that cannot be read."""
     if touch.pressure is not None:
         return Given(touch, touch.pressure)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,15 +31,19 @@ class Sticking:
     """The displacement u + i v in m of film that sticks, a polynomial about the tip.
 
     `coefficients` (powers, modes) are of (d/`scale`)^i e^(i m angle), d the distance from the core.
-    `less_exact` is the polynomial of one degree less, and `share` the factor of what that changes
-    which is the error: it covers the errors of the steps' meshes.
+    `less_exact` is the polynomial of one degree less. The error is three times what that changes,
+    so that it covers the errors of the steps' meshes.
     """
 
     tip: DiscTip
     coefficients: NDArray[np.complex128] = field(default_factory=lambda: _NONE)
     scale: float = 1.0
     less_exact: Sticking | None = None
-    share: ClassVar[float] = 3.0
+
+    @property
+    def share(self) -> float:
+        """Error of the steps over the change by the `less_exact` displacement."""
+        return 3.0 if self.less_exact else 0.0
 
     def fitted(self, edges: Sequence[Edge]) -> Sticking:
         """The least squares of what the film is stretched by outside of the edges of steps.
