@@ -267,12 +267,9 @@ class Scene(Section):
         if not isinstance(self.probe, tuple):
             (touch,) = touches
             return self.model_copy(update={"probe": touch.probe, "load": touch.load})
-        probes = []
-        for touch in touches:
-            load = touch.load.model_copy(update=vars(touch.load))  # none of its keys is the scene's
-            own = {**dict.fromkeys(FORCES), "load": load}
-            probes.append(touch.probe.model_copy(update=own))
-        return self.model_copy(update={"probe": tuple(probes)})
+        own = ({**dict.fromkeys(FORCES), "load": touch.load} for touch in touches)
+        probes = tuple(t.probe.model_copy(update=o) for t, o in zip(touches, own, strict=True))
+        return self.model_copy(update={"probe": probes})
 
     def require_no_tips(self, what: str) -> None:
         """SceneError for a scene with tips, whose contact has to be found, which `what` cannot."""

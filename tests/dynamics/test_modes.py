@@ -206,6 +206,14 @@ def punched(scene: Scene, diameters: int) -> float:
     return float(k) * wave_speed(scene) / (2.0 * np.pi)
 
 
+def test_of_several_probes_only_rigid_ones_bind_the_flat_film() -> None:
+    rigid = {"shape": "circle", "radius_mm": 4.0, "x_mm": -8.0, "load": {"kind": "rigid"}}
+    tip = {"shape": "sphere", "radius_mm": 5.0, "x_mm": 9.0, "load": {"kind": "contact"}}
+    dead = {"shape": "circle", "radius_mm": 2.0, "y_mm": 12.0}
+    alone, beside = (modes(Scene(probe=p), 2) for p in ([rigid], [rigid, tip, dead]))
+    assert beside.frequencies_Hz == pytest.approx(alone.frequencies_Hz, rel=1e-12)
+
+
 def test_rigid_punch_binds_the_flat_film() -> None:
     text = '[probe]\nshape = "circle"\nradius_mm = 8\n[load]\nkind = "rigid"\n'
     found = modes(with_tolerance(Scene.parse(text), 1e-3), 3)

@@ -26,12 +26,13 @@ def of_A(scene, **how):
 
 
 def test_finer_derivatives_are_under_the_pressure():
-    found = gradients(solve(COARSE, pressure=ramp), ["load.force_N"], tolerance=1e-5)
+    rough = solve(COARSE, order=2, pressure=ramp)
+    found = gradients(rough, ["load.force_N"], tolerance=2e-4)
     rate, error = (table["load.force_N"]["A"] for table in (found, found.errors))
-    fine = SCENE.with_(**{"numerics.tolerance": 1e-5})
+    fine = SCENE.with_(**{"numerics.tolerance": 1e-4})
     more, less = (of_A(fine.with_(**{"load.force_N": f}), pressure=ramp) for f in (1.02, 0.98))
-    assert rate == pytest.approx((more - less) / 0.04, rel=2e-4)
-    assert error < 1e-5 * rate
+    assert rate == pytest.approx((more - less) / 0.04, rel=4e-4)
+    assert error < 2e-4 * rate
     assert abs(rate - gradients(COARSE)["load.force_N"]["A"]) > 1e-2 * rate
     assert found.solution.scene.numerics.tolerance < COARSE.numerics.tolerance
     assert found.solution.pressure is ramp
@@ -46,8 +47,7 @@ def test_a_place_has_no_derivative_under_a_pressure():
 
 
 def test_slow_oscillations_are_under_the_pressure():
-    scene = SCENE.with_(**{"film.density_kg_m3": 1780.0})
-    solution = solve(scene, pressure=ramp)
+    solution = solve(COARSE, pressure=ramp)
     slow = respond(solution, [0.01]).charges_pC_N["A"].real
     by_force = gradients(solution, ["load.force_N"])["load.force_N"]["A"]
     assert slow == pytest.approx([by_force], rel=1e-6)

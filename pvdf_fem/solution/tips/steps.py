@@ -91,10 +91,10 @@ def _pushed(scene: Scene, touches: list[LoadedProbe], solution: Solution, solve:
 
     def solved(moves: Array) -> Solution:
         """With tips that have moved by these ways in m."""
-        ways = dict(zip([touch.patch for touch in touches], moves, strict=True))
-        resting = {touch.patch: replace(last, moved=np.zeros(2)) for touch in _rubbed(scene)}
-        held = resting | {patch: replace(last, moved=way) for patch, way in ways.items()}
-        there = [_moved(t, ways.get(t.patch, np.zeros(2))) for t in guided.loaded_probes]
+        ways = dict.fromkeys((touch.patch for touch in scene.loaded_probes), np.zeros(2))
+        ways |= zip((touch.patch for touch in touches), moves, strict=True)
+        held = {touch.patch: replace(last, moved=ways[touch.patch]) for touch in _rubbed(scene)}
+        there = [_moved(touch, ways[touch.patch]) for touch in guided.loaded_probes]
         return solve(guided.loaded(there), held)
 
     contacts = [solution.contacts[touch.patch] for touch in touches]
