@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import signal
 import socket
 import subprocess
@@ -18,13 +17,10 @@ from pvdf_fem.explore.picture import ORDER
 from pvdf_fem.explore.state import View
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solve import solve
+from tests.helpers.browsers import browser_or_skip
 
 page = pytest.importorskip("pvdf_fem.explore.page", reason="the extra `explore` is not installed")
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-
-NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
-CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path")
+pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
 #: Two electrodes tell no touch, and of charges with d33 there is no response: so `locate` says
 #: what is missing, and takes no time.
@@ -73,11 +69,8 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    with playwright.sync_playwright() as driver:
-        options = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
-        chromium = driver.chromium.launch(executable_path=CHROMIUM, args=options)
-        yield chromium
-        chromium.close()
+    with browser_or_skip() as started:
+        yield started
 
 
 class Visit:
