@@ -105,7 +105,7 @@ def _csv_rows(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
     if twice := sorted({column for column in columns if columns.count(column) > 1}):
         raise FileError(f"{name}: column {twice[0]} is there twice; rename one")
     yield [(dict.fromkeys(columns), True)]
-    for batch in itertools.chain([first], lines):
+    for batch in itertools.chain([first] if first else [], lines):
         cells = [_cells(line, header) for line in batch]
         yield [(dict(zip(columns, row, strict=False)), len(row) == len(columns)) for row in cells]
 
