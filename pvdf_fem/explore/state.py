@@ -13,6 +13,7 @@ from urllib.parse import parse_qsl, urlencode
 from pvdf_fem.calibration.unknowns import value_of
 from pvdf_fem.explore.picture import QUANTITIES
 from pvdf_fem.scene.change import plain
+from pvdf_fem.scene.registry import PROFILE_ENTRIES
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import choose, parse_change, problem, toml_value
 
@@ -28,14 +29,19 @@ class View:
     noise: float = 0.01  #: Standard deviation of readings, relative to them.
 
     def changed(self, changes: Mapping[str, Any]) -> View:
-        """Another view, by keys of the view and its scene; SceneError for what is refused."""
+        """Another view, by keys of the view and its scene; SceneError for what is refused, such as
+        a file that the scene did not name: who changes a page may be no user of this machine."""
         scene = {**changes}
         quantity, noise = scene.pop("quantity", self.quantity), scene.pop("noise", self.noise)
         if quantity not in QUANTITIES:
             raise SceneError([problem("quantity", quantity, choose(quantity, [*QUANTITIES]))])
         if not (isinstance(noise, float | int) and 0.0 <= noise <= MOST_NOISE):
             raise SceneError([problem("noise", noise, f"give a number from 0 to {MOST_NOISE:g}")])
-        return View(self.scene.with_(**scene), quantity, noise)
+        changed = self.scene.with_(**scene)
+        if others := sorted(_profile_files(changed) - _profile_files(self.scene)):
+            told = "names a file, which a page does not read; name it in the scene file"
+            raise SceneError([problem("load.profile", others[0], told)])
+        return View(changed, quantity, noise)
 
     def query(self, start: Scene) -> str:
         """The query of a link with what differs from the scene of the file: whole sections."""
@@ -50,6 +56,12 @@ class View:
         """The view of a link to the page of a scene; SceneError for what leads to none."""
         words = parse_qsl(query, keep_blank_values=True)
         return cls(start).changed(dict(parse_change(f"{key}={value}") for key, value in words))
+
+
+def _profile_files(scene: Scene) -> set[str]:
+    """The files of a scene's pressure profiles."""
+    loads = [scene.load, *(touch.load for touch in scene.loaded_probes)]
+    return {load.profile for load in loads} - PROFILE_ENTRIES.keys()
 
 
 @dataclass(frozen=True)

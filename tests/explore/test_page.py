@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlparse
@@ -183,6 +184,21 @@ def test_scene_and_picture_are_saved(visit: Visit, tmp_path: Path) -> None:
         download.value.save_as(tmp_path / file)
     assert Scene.load(tmp_path / "scene.toml") == changed
     assert (tmp_path / "film.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("path", ["/", "/?load.force_N=2", "/ws", "/static/js/bokeh.min.js"])
+def test_a_name_that_leads_here_is_refused(address: str, path: str) -> None:
+    """As of a site whose name was rebound to this machine, so that its scripts may read answers."""
+    port = urlparse(address).port
+    answers = {}
+    for host in (f"rebound.example:{port}", "127.0.0.1.rebound.example", f"localhost:{port}"):
+        request = HTTPConnection("127.0.0.1", port, timeout=60)
+        request.request("GET", path, headers={"Host": host})
+        answers[host] = request.getresponse().status
+        request.close()
+    *others, own = answers.values()
+    assert others == [403, 403]
+    assert own == (400 if path == "/ws" else 200)  # as no websocket is asked for
 
 
 def test_it_is_served_on_this_machine_only(address: str) -> None:
