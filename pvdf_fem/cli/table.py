@@ -14,7 +14,7 @@ from typing import Any, BinaryIO, TextIO
 
 from pvdf_fem.cli.program import InputError
 from pvdf_fem.cli.response_model import number_of
-from pvdf_fem.files import FileError, csv_rows, reading, replacing
+from pvdf_fem.files import FileError, csv_rows, reading, replacing, require_lines
 
 LONGEST_ROW = 1 << 20  #: Largest size in bytes of a line, or of an object.
 CHUNK = 1 << 18  #: Bytes that are read at once at most; a pipe gives what has come.
@@ -152,14 +152,19 @@ _BETWEEN = "[], \t"  #: Characters before, between and after objects of a list.
 
 def _lines(stream: BinaryIO, name: str) -> Iterator[list[str]]:
     """Lines that are not blank, as many at once as have come."""
-    rest = b""
+    rest, begun = b"", False
     while chunk := stream.read1(CHUNK):  # type: ignore[attr-defined]
         *lines, rest = (rest + chunk).split(b"\n")
+        if not begun and (lines or len(rest) > LONGEST_ROW):
+            require_lines([*lines, rest][0], name)
+            begun = True
         if len(rest) > LONGEST_ROW:
             raise FileError(f"{name}: has a line of more than {LONGEST_ROW} bytes; give a table")
         if texts := [_text(line) for line in lines if line.strip()]:
             yield texts
     if rest.strip():
+        if not begun:
+            require_lines(rest, name)
         yield [_text(rest)]
 
 

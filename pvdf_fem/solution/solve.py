@@ -89,6 +89,8 @@ def solve(
     MeshFileError, FileError
         When a file holds no mesh of the scene; when it cannot be read. Both are ValueErrors.
     """
+    if order not in tuple(UNKNOWNS_PER_ELEMENT):
+        raise ValueError(f"order = {order!r}: there are no such elements; give 1, 2 or 3")
     if isinstance(mesh, str | Path):
         mesh = read_mesh(mesh, scene)
     scene = scene.under(pressure)

@@ -117,12 +117,14 @@ def locate(  # type: ignore[misc]  # the overloads leave its keywords out
     if isinstance(model, Scene):
         from pvdf_fem.touch.by_solves import SolveOptions, locate_by_solves  # with gmsh
 
+        _require_options(options, SolveOptions, "scene")
         asked: dict[str, Any] = {"touches": touches, "noise_pC": noise_pC, "reading": reading}
         if known:
             raise ValueError("known: a scene has what is known; change the scene")
         if isinstance(options, SolveOptions):
             asked["options"] = options
         return locate_by_solves(model, charges_pC, sigma, unknown=unknown, **asked)
+    _require_options(options, LocateOptions, "response")
     how = options if isinstance(options, LocateOptions) else DEFAULTS
     if touches != 1:
         raise ValueError(f"touches = {touches}: a response is of one; give its scene instead")
@@ -151,6 +153,12 @@ def locate(  # type: ignore[misc]  # the overloads leave its keywords out
         if other.explained:
             return replace(best, other_reading=other.best, other_words=words)
     return best
+
+
+def _require_options(options: Any, wanted: type, what: str) -> None:
+    if not isinstance(options, wanted | None):
+        given = type(options).__name__
+        raise ValueError(f"options: {given} is not for a {what}; give {wanted.__name__}")
 
 
 def _meant_otherwise(measurement: Measurement) -> dict[str, tuple[Measurement, Array | float]]:
