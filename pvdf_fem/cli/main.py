@@ -183,8 +183,7 @@ def _parser() -> argparse.ArgumentParser:
         solve.add_argument(name, metavar="FILE", type=Path, help=about)
     shown = "stress, charge density, principal directions, mesh, error or contact"
     add_plot(solve, "a map of the film")
-    about = f"what --plot shows instead of deflection: {shown}"
-    add_texts(solve, ("--quantity", "NAME", None, about))
+    add_texts(solve, ("--quantity", "NAME", None, f"what --plot shows, if not deflection: {shown}"))
     summary = "write the mesh of a scene"
     mesh = add_scene_command(commands, "mesh", _mesh, summary, _MESH, _MESH_EPILOG, as_json="")
     mesh.add_argument("file", metavar="FILE", type=Path, help="mesh file to write")
@@ -213,7 +212,7 @@ def _example(options: argparse.Namespace) -> int:
 def _solve(options: argparse.Namespace) -> int:
     mistakes = output_mistakes(options.vtu, [".vtu"], options.scene, options.mesh)
     mistakes += plot_mistakes(options, options.scene, options.mesh, options.vtu)
-    quantity = options.quantity or "deflection"
+    quantity = "deflection" if options.quantity is None else options.quantity
     if options.quantity is not None and not options.plot:
         mistakes.append("--quantity: is what --plot shows; give --plot FILE, or leave it out")
     scene = scene_of(options, *mistakes)

@@ -39,7 +39,11 @@ def rows_of(
         raise InputError("standard input: is closed; redirect it from a file")
     stream = stack.enter_context(reading(source, "a table")) if source else sys.stdin.buffer
     name = str(source or "standard input")
-    batches = (_csv_rows if kind == ".csv" else _json_rows)(_lines(stream, name), name)
+    lines = _lines(stream, name)
+    first = next(lines, [""])
+    require_lines(first[0].encode("utf-8", "surrogateescape"), name)
+    read = _csv_rows if kind == ".csv" else _json_rows
+    batches = read(itertools.chain([first], lines), name)
     columns = list(next(batches, [({}, True)])[0][0])
     if not set(columns) & set(electrodes):
         shown = ", ".join(columns)
@@ -100,7 +104,7 @@ def writer(
 
 def _csv_rows(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
     """First a row with the columns of a table, then its rows as they come."""
-    header, *first = next(lines, [""])
+    header, *first = next(lines)
     columns = [column.strip() for column in _cells(header, header)]
     if twice := sorted({column for column in columns if columns.count(column) > 1}):
         raise FileError(f"{name}: column {twice[0]} is there twice; rename one")
@@ -152,19 +156,14 @@ _BETWEEN = "[], \t"  #: Characters before, between and after objects of a list.
 
 def _lines(stream: BinaryIO, name: str) -> Iterator[list[str]]:
     """Lines that are not blank, as many at once as have come."""
-    rest, begun = b"", False
+    rest = b""
     while chunk := stream.read1(CHUNK):  # type: ignore[attr-defined]
         *lines, rest = (rest + chunk).split(b"\n")
-        if not begun and (lines or len(rest) > LONGEST_ROW):
-            require_lines([*lines, rest][0], name)
-            begun = True
         if len(rest) > LONGEST_ROW:
             raise FileError(f"{name}: has a line of more than {LONGEST_ROW} bytes; give a table")
         if texts := [_text(line) for line in lines if line.strip()]:
             yield texts
     if rest.strip():
-        if not begun:
-            require_lines(rest, name)
         yield [_text(rest)]
 
 

@@ -21,8 +21,6 @@ from pvdf_fem.files import printable
 if TYPE_CHECKING:
     from pvdf_fem.tracking.rows import Row
 
-MALFORMED = "malformed"  #: Status of a row of the file that cannot be used.
-
 DESCRIPTION = """\
 Follow touches in sampled readings of the scene's channels ([readout]): when they
 begin and end, where they are (on the [stage]) and their force, with standard
@@ -74,6 +72,7 @@ def add_to(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the command; returns its exit code."""
     scene = scene_of(options)
+    from pvdf_fem.touch.locate_many import RowStatus
     from pvdf_fem.tracking.rows import Row
     from pvdf_fem.tracking.tracker import Tracker
 
@@ -103,17 +102,16 @@ def run(options: argparse.Namespace) -> int:
             raise InputError(*str(error).splitlines()) from error
         kind = ".jsonl" if options.json else ".csv"
         write = writer(stack, None, kind, [f.name for f in fields(Row)])
-        rows, told = (row for batch in batches for row in batch), 0
+        rows, malformed, count, told = (row for batch in batches for row in batch), 0, 0, 0
         unit = f"; are the readings in {options.unit}, as --unit says?"
         wanted = f"give {len(columns)} numbers, or nan for what is missing"
-        count = malformed = 0
         for count, (cells, sound) in enumerate(rows, 1):
             values, wrong = _sample(cells, sound, electrodes)
             t_s = values.pop("t_s")
             if wrong and not malformed:
                 print(f"{name}: row {count} has {wrong}; {wanted}", file=sys.stderr, flush=True)
             malformed += bool(wrong)
-            row = Row(t_s, MALFORMED) if wrong else tracker.update(t_s, values)
+            row = Row(t_s, RowStatus.MALFORMED) if wrong else tracker.update(t_s, values)
             write([_plain(row)])
             for summary in tracker.touches[told:]:
                 if options.json:
@@ -123,9 +121,9 @@ def run(options: argparse.Namespace) -> int:
                     print(f"{summary}{doubt}", file=sys.stderr, flush=True)
             told = len(tracker.touches)
     if malformed:
-        print(f"{name}: {malformed} of {count} rows are {MALFORMED}, left out", file=sys.stderr)
-    if malformed and malformed == count:
-        return ExitCode.BAD_INPUT
+        print(f"{name}: {malformed} of {count} rows are malformed, left out", file=sys.stderr)
+        if malformed == count:
+            return ExitCode.BAD_INPUT
     if not told:
         print(f"{name}: nothing touches{unit}", file=sys.stderr)
     return ExitCode.CONVERGED

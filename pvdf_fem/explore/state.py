@@ -29,8 +29,7 @@ class View:
     noise: float = 0.01  #: Standard deviation of readings, relative to them.
 
     def changed(self, changes: Mapping[str, Any]) -> View:
-        """Another view, by keys of the view and its scene; SceneError for what is refused, such as
-        a file that the scene did not name: who changes a page may be no user of this machine."""
+        """Another view, by keys of the view and its scene; SceneError for what is refused."""
         scene = {**changes}
         quantity, noise = scene.pop("quantity", self.quantity), scene.pop("noise", self.noise)
         if quantity not in QUANTITIES:
@@ -59,7 +58,7 @@ class View:
 
 
 def _profile_files(scene: Scene) -> set[str]:
-    """The files of a scene's pressure profiles."""
+    """Files of pressure profiles; whoever changes a page may be no user of this machine."""
     loads = [scene.load, *(touch.load for touch in scene.loaded_probes)]
     return {load.profile for load in loads} - PROFILE_ENTRIES.keys()
 

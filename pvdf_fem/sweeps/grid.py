@@ -109,8 +109,7 @@ class Grid:
             reason = "must be a list of tables; in a file begin each with [[axes]]"
             raise SceneError([problem("axes", axes, reason)], source)
         if not axes:
-            told = "axes = (nothing): is required; add a table with a key, in a file below [[axes]]"
-            raise SceneError([told], source)
+            raise SceneError(["axes = (nothing): is required; add a table [[axes]]"], source)
         if len(axes) > MOST_AXES:
             reason = f"is the number of axes; at most {MOST_AXES} are allowed, put keys together"
             raise SceneError([problem("axes", len(axes), reason)], source)

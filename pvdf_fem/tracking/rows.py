@@ -16,9 +16,8 @@ class Row:
     touch that is too faint yet to be located), ``touch``, ``too_light`` (the force is below the
     model's least: the place is that of before), ``too_strong`` (it is above the largest),
     ``unexplained`` (no touch of this probe gives such charges), ``lost`` (what the touch was cannot
-    be told any longer; a new baseline begins), ``clock`` (the time did not grow: all begins anew);
-    ``malformed`` is a row of a file that cannot be used. A force that is far above the model's
-    largest is NaN.
+    be told any longer; a new baseline begins), ``clock`` (the time did not grow: all begins anew).
+    A force that is far above the model's largest is NaN.
     """
 
     t_s: float
