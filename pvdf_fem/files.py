@@ -37,12 +37,21 @@ def read_text(path: Path, most_bytes: int, what: str) -> str:
         raise FileError(
             f"{path}: has {size} bytes, more than {most_bytes}; give the path of {what}"
         )
+    require_lines(raw, str(path))
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
         text = f"{path}: line {line} is not UTF-8 text; save the file as UTF-8"
         raise FileError(text) from None
+
+
+def require_lines(raw: bytes, name: str) -> None:
+    """Raise `FileError` for a text, or a first line, in UTF-16, or whose lines end in CR alone."""
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")) or raw[:2].count(0) == 1:
+        raise FileError(f"{name}: is UTF-16 text; save the file as UTF-8")
+    if b"\r" in raw.removesuffix(b"\r") and b"\n" not in raw:
+        raise FileError(f"{name}: has lines that end in CR alone; save the file with LF or CR LF")
 
 
 def csv_rows(lines: Iterable[str], header: str) -> Iterator[list[str]]:

@@ -45,8 +45,10 @@ With --csv every row of a file is located. Its header has names of electrodes,
 and may have rotation_deg and force_N, which are then known. Other columns are
 passed through; columns x_mm, y_mm, rotation_deg, force_N, their deviations,
 chi_square, p_value, alternatives (other touches with 1 % of the likelihood or
-more), status and remark follow. Files that end in .json or .jsonl have a list
-of objects, or an object on each line; - is CSV, or such a list with --json."""
+more), status and remark follow. A row that no touch of the model explains is
+`unexplained`; its numbers are those of the nearest touch. Files that end in
+.json or .jsonl have a list of objects, or an object on each line; - is CSV, or
+such a list with --json."""
 
 EPILOG = """\
 examples:
@@ -60,8 +62,8 @@ examples:
   read-amplifier | pvdf-fem locate sensor.toml --csv - --quick | show-touches
   pvdf-fem locate triangle.toml --or rectangle.toml --charges A=905,B=731,C=600,D=641
 
-exit codes: 0 located (look at the remarks; with --csv all rows that can be
-used), 2 bad input, 3 no touch found, or a solve failed"""
+exit codes: 0 located (look at the remarks; with --csv one row or more),
+2 bad input, 3 no touch found, with --csv in any row, or a solve failed"""
 
 _UNITS = {"x": "mm", "y": "mm", "force": "N", "rotation": "°"}
 

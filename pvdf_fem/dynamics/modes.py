@@ -176,8 +176,9 @@ def modes(scene: Scene, count: int = 6, loaded: bool = False) -> Modes:
         About the equilibrium under the load instead of the flat film, which has no frequencies
         without tension in all directions.
     """
-    if not 1 <= count <= MOST_MODES:
-        raise ValueError(f"count = {count!r}: is out of range; give 1 to {MOST_MODES}")
+    if count not in range(1, MOST_MODES + 1):
+        raise ValueError(f"count = {count!r}: is no number of modes; give 1 to {MOST_MODES}")
+    count = int(count)
     if loaded:
         scene.require_no_tips("frequencies about the load")
         bare = scene

@@ -363,7 +363,7 @@ def _read(
         points[axis, np.abs(points[axis]) < ON_LINE * 100.0 * unit] = 0.0
     curved = np.zeros(len(tags), dtype=bool)
     for _, curve in gmsh.model.getEntities(1):
-        if gmsh.model.getType(1, curve) != "Line":
+        if gmsh.model.getEntityType(1, curve) != "Line":
             curved[row[gmsh.model.mesh.getNodes(1, curve)[0]]] = True
     for outline in smooth:
         bulge(points, triangles, outline, curved, 100.0 * unit)

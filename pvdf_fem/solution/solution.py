@@ -270,7 +270,8 @@ class Solution:
 
         `scale` multiplies the displacements, by default so that the film is a quarter of its radius
         deep. `html` is where a page is written that any browser shows without a server. ``show()``
-        of what is returned opens a window, or shows the film in a notebook.
+        of what is returned opens a window, or shows the film in a notebook. `ImportError` says what
+        to install where nothing can be rendered.
         """
         from pvdf_fem.output.film_view import film_view
 

@@ -91,6 +91,8 @@ def solve(
         For a pressure that cannot be used or has no single dead load; it is a ValueError, too.
     """
     posed = Posed.under(scene, pressure)
+    if order not in tuple(UNKNOWNS_PER_ELEMENT):
+        raise ValueError(f"order = {order!r}: there are no such elements; give 1, 2 or 3")
     if isinstance(mesh, str | Path):
         mesh = read_mesh(mesh, scene)
     goals = goals_of(scene)

@@ -105,6 +105,11 @@ class Grid:
         ``distances_mm`` and ``reach_mm`` as in `MappingScheme`. Raises `SceneError` with all
         mistakes, which names `source` as their file.
         """
+        if not isinstance(axes, list | tuple) or not all(isinstance(a, Mapping) for a in axes):
+            reason = "must be a list of tables; in a file begin each with [[axes]]"
+            raise SceneError([problem("axes", axes, reason)], source)
+        if not axes:
+            raise SceneError(["axes = (nothing): is required; add a table [[axes]]"], source)
         if len(axes) > MOST_AXES:
             reason = f"is the number of axes; at most {MOST_AXES} are allowed, put keys together"
             raise SceneError([problem("axes", len(axes), reason)], source)
@@ -143,15 +148,10 @@ class Grid:
                 problems.append(problem("scene", "(nothing)" if given is None else given, reason))
         except SceneError as error:
             problems += error.problems
-        if not isinstance(axes, list) or not all(isinstance(axis, Mapping) for axis in axes):
-            problems.append(problem("axes", axes, "must be tables; begin each with [[axes]]"))
-        elif not axes:
-            problems.append("axes = (nothing): is required; add a table [[axes]] with a key")
-        else:
-            try:
-                grid = cls.of(scene, axes, str(path))
-            except SceneError as error:
-                problems += error.problems
+        try:
+            grid = cls.of(scene, axes, str(path))
+        except SceneError as error:
+            problems += error.problems
         if problems:
             raise SceneError(problems[:MOST_MISTAKES], str(path))
         return replace(grid, files=tuple(files))

@@ -120,10 +120,9 @@ def locate(  # type: ignore[misc]  # the overloads leave its keywords out
         asked: dict[str, Any] = {"touches": touches, "noise_pC": noise_pC, "reading": reading}
         if known:
             raise ValueError("known: a scene has what is known; change the scene")
-        if isinstance(options, SolveOptions):
-            asked["options"] = options
+        asked["options"] = _options(options, SolveOptions, "scene")
         return locate_by_solves(model, charges_pC, sigma, unknown=unknown, **asked)
-    how = options if isinstance(options, LocateOptions) else DEFAULTS
+    how = _options(options, LocateOptions, "response")
     if touches != 1:
         raise ValueError(f"touches = {touches}: a response is of one; give its scene instead")
     default = staged_touch(model.scene)
@@ -151,6 +150,12 @@ def locate(  # type: ignore[misc]  # the overloads leave its keywords out
         if other.explained:
             return replace(best, other_reading=other.best, other_words=words)
     return best
+
+
+def _options(given: Any, kind: type, what: str) -> Any:
+    if not isinstance(given, kind | None):
+        raise ValueError(f"options: {type(given).__name__} suits no {what}; give {kind.__name__}")
+    return given or kind()
 
 
 def _meant_otherwise(measurement: Measurement) -> dict[str, tuple[Measurement, Array | float]]:

@@ -585,6 +585,7 @@ def test_a_map_of_a_quantity_that_there_is_not_is_refused_before_the_solve(
         assert run.code == 2
         assert run.err.startswith("--quantity: ")
         assert reason in run.err
+    assert Run(["solve", scene, "--quantity", "stress"], capsys).code == 2  # without --plot
     assert Run([*command[:-1], "stress"], capsys).code == 0
     assert "<svg" in (tmp_path / "a.svg").read_text()[:1000]
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -294,9 +296,9 @@ def test_unreachable_tolerance_is_said_before_meshing() -> None:
     assert "mesh" not in found.seconds
 
 
-@pytest.mark.parametrize("count", [0, -1, MOST_MODES + 1])
-def test_count_out_of_range(count: int) -> None:
-    with pytest.raises(ValueError, match=f"count = {count}: .* give 1 to {MOST_MODES}"):
+@pytest.mark.parametrize("count", [0, -1, MOST_MODES + 1, 2.5, "2"])
+def test_count_out_of_range(count: Any) -> None:
+    with pytest.raises(ValueError, match=f"count = {count!r}: .* give 1 to {MOST_MODES}"):
         modes(Scene(), count)
 
 

@@ -49,6 +49,26 @@ def test_a_link_and_a_scene_file_give_the_view_again(start, changes):
     assert Scene.parse(view.scene.to_toml()) == view.scene
 
 
+@pytest.mark.parametrize(
+    ("start", "changes"),
+    [
+        (TRIANGLE, {"load.profile": "/srv/secret.csv"}),
+        (TRIANGLE, {"load": {"profile": "secret.nc"}}),
+        (TRIANGLE, {"probe": None, "load.profile": "secret.csv"}),
+        (TWO, {"probe[0].load": {"profile": "secret.csv"}}),
+    ],
+)
+def test_a_page_reads_no_file_that_the_scene_did_not_name(start, changes):
+    with pytest.raises(SceneError, match=r"load\.profile"):
+        View(start).changed(changes)
+    given = View(TRIANGLE.with_(**{"load.profile": "mine.csv"}))
+    moved = given.changed({"probe.x_mm": 1.0})
+    assert View.of_query(given.scene, moved.query(given.scene)) == moved
+    assert moved.changed({"load.profile": "uniform"}).scene.load.profile == "uniform"
+    with pytest.raises(SceneError, match=r"load\.profile"):
+        View.of_query(TRIANGLE, moved.query(TRIANGLE))
+
+
 def test_a_link_tells_only_what_was_changed():
     view = View(TRIANGLE).changed({"probe.x_mm": -3.25})
     assert [*parse_qs(view.query(TRIANGLE))] == ["probe"]

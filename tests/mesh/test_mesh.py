@@ -218,6 +218,12 @@ def test_meshes_are_made_outside_of_the_main_thread():
     assert same(made[0], graded_mesh(RECTANGLE, 1.0, 6.0))
 
 
+def test_a_name_that_gmsh_has_deprecated_is_not_needed(monkeypatch):
+    """Since 4.14 `getEntityType`; with that version, the oldest allowed one, tests pass too."""
+    monkeypatch.delattr(gmsh.model, "getType", raising=False)
+    assert PROBE in mesh_scene(RECTANGLE, first_sizes(RECTANGLE, 2)).subdomains
+
+
 def test_gmsh_is_left_finalized_when_it_fails(monkeypatch):
     def fail(_):
         raise Exception("no elements in surface 7")

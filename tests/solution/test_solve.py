@@ -159,6 +159,12 @@ def test_a_given_mesh_is_the_only_one():
     assert len(solution.history) == 1
 
 
+@pytest.mark.parametrize("order", [0, 4, 2.5, "2", None])
+def test_an_order_that_no_element_has_is_refused_before_any_mesh(order, tmp_path):
+    with pytest.raises(ValueError, match=f"order = {order!r}"):
+        solve(RECTANGLE, order=order, mesh=tmp_path / "none.msh")
+
+
 def test_a_scene_without_an_equilibrium_ends_for_that():
     solution = solve(RECTANGLE.with_(**{"film.temperature_change_K": 10.0, "load.force_N": 0.0}))
     assert solution.status is Status.UNSTABLE

@@ -93,7 +93,8 @@ def test_a_wrong_reading_is_told(given, other):
         model, [list(readings.values())] * 2, 0.002, rotations_deg=[25.0, 25.0], reading=given
     )
     assert many.other_reading.all()
-    assert many.to_table()["remark"][1] == f"unexplained; explained as {other}"
+    assert many.to_table()["remark"][1] == f"explained as {other}"
+    assert many.status[1] is RowStatus.UNEXPLAINED
     right = locate_many(
         model, [list(readings.values())], 0.002, rotations_deg=[25.0], reading=other
     )
