@@ -12,7 +12,7 @@ from urllib.parse import parse_qsl, urlencode
 
 from pvdf_fem.calibration.unknowns import value_of
 from pvdf_fem.explore.picture import QUANTITIES
-from pvdf_fem.scene.change import plain
+from pvdf_fem.scene.change import Replaced, plain
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import choose, parse_change, problem, toml_value
 
@@ -49,7 +49,9 @@ class View:
     def of_query(cls, start: Scene, query: str) -> View:
         """The view of a link to the page of a scene; SceneError for what leads to none."""
         words = parse_qsl(query, keep_blank_values=True)
-        return cls(start).changed(dict(parse_change(f"{key}={value}") for key, value in words))
+        given = dict(parse_change(f"{key}={value}") for key, value in words)
+        whole = {k: Replaced(v) if isinstance(v, dict) else v for k, v in given.items()}
+        return cls(start).changed(whole)
 
 
 @dataclass(frozen=True)

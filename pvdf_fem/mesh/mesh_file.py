@@ -11,10 +11,11 @@ round outlines, where sides are curved to the outline's area as those of `mesh_s
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -40,7 +41,7 @@ LEAST_JACOBIAN = 0.14
 
 
 class MeshFileError(FileError):
-    """A file holds no mesh of the scene; each argument is a line about a mistake."""
+    """What is given is no mesh of the scene; each argument is a line about a mistake."""
 
     def __str__(self) -> str:
         return "\n".join(self.args)
@@ -69,6 +70,19 @@ def read_mesh(path: str | Path, scene: Scene, slack: float = 1e-3) -> MeshTri2:
         return _mesh(_contents(_grid(path)), scene, slack)
     except MeshFileError as error:
         raise MeshFileError(*(f"{path}: {line}" for line in error.args)) from error.__cause__
+
+
+def mesh_of_scene(mesh: MeshTri2, scene: Scene, slack: float = 1e-3) -> MeshTri2:
+    """A mesh in m of the whole film, as of `mesh_scene`, with the patches of a scene, after the
+    checks of `read_mesh`; `MeshFileError` for the mesh of another scene."""
+    reach = float(np.hypot(*mesh.p).max())
+    try:
+        if abs(reach / scene.film.radius - 1.0) > slack:
+            text = f"give one of the film of {scene.film.radius:g} m radius about (0, 0)"
+            raise MeshFileError(f"has nodes up to {reach:.6g} m from the origin; {text}")
+        return _patched(mesh, scene, slack)
+    except MeshFileError as error:
+        raise MeshFileError(*(f"mesh: {line}" for line in error.args)) from error.__cause__
 
 
 def _grid(path: Path) -> Any:
@@ -151,15 +165,28 @@ def _mesh(contents: _Contents, scene: Scene, slack: float) -> MeshTri2:
     if flat.any():
         raise MeshFileError(f"has {flat.sum()} triangles without an area; mesh the film again")
     mesh = MeshTri2(points.T, with_sorted_vertices(triangles).T)
-    _require_disc(mesh, contents.rim, radius, slack)
+    return _patched(mesh, scene, slack, contents.groups, contents.rim, straight)
+
+
+def _patched(
+    mesh: MeshTri2,
+    scene: Scene,
+    slack: float,
+    groups: Mapping[str, Indices] = MappingProxyType({}),
+    rim: int = 0,
+    straight: bool = False,
+) -> MeshTri2:
+    """The mesh with the scene's patches, of sides that are curved where they are `straight`."""
+    radius = scene.film.radius
+    _require_disc(mesh, rim, radius, slack)
     shapes = {FILM: Circle(np.zeros(2), radius), **outlines(scene)}
     inside = _inside(mesh, shapes)
     if straight:
         mesh = _curved(mesh, {shapes[name]: elements for name, elements in inside.items()}, slack)
     if (folded := compression(mesh) <= 0.0).any():
         raise MeshFileError(f"has {folded.sum()} triangles that fold; move their midside nodes")
-    if mistakes := [*_misplaced(mesh, shapes, inside, contents.groups, slack)]:
-        names = ", ".join(contents.groups) or "none"
+    if mistakes := [*_misplaced(mesh, shapes, inside, groups, slack)]:
+        names = ", ".join(groups) or "none"
         raise MeshFileError(*mistakes, f"the names of its groups are: {names}")
     return named(mesh, inside, WHOLE)
 
@@ -232,7 +259,7 @@ def _misplaced(
     mesh: MeshTri2,
     shapes: dict[str, Outline],
     inside: dict[str, Indices],
-    groups: dict[str, Indices],
+    groups: Mapping[str, Indices],
     slack: float,
 ) -> Iterator[str]:
     """What is wrong with each patch."""
@@ -259,7 +286,7 @@ def _misplaced(
             )
 
 
-def _group(groups: dict[str, Indices], patch: str) -> Indices:
+def _group(groups: Mapping[str, Indices], patch: str) -> Indices:
     """Triangles that a file has by the name of a patch, alone or of a combination of patches."""
     plain = re.sub(r"\s", "_", patch)
     found = [rows for name, rows in groups.items() if patch in (name, *name.split(" + "))]

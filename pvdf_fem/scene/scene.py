@@ -8,7 +8,7 @@ nothing else in the package converts lengths or moduli. Defaults are the thesis'
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, islice
 from pathlib import Path
@@ -23,7 +23,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from pvdf_fem.scene.change import change
+from pvdf_fem.scene.change import Replaced, change
 from pvdf_fem.scene.film import Air, Film
 from pvdf_fem.scene.mistakes import MOST_MISTAKES, mistakes
 from pvdf_fem.scene.outlines.outline import Outline, overlaps
@@ -41,7 +41,7 @@ from pvdf_fem.scene.scene_file import (
     read_scene_text,
     write_toml,
 )
-from pvdf_fem.scene.shapes import Electrode, Electrodes, Layout, Probe, Probes
+from pvdf_fem.scene.shapes import Electrode, Electrodes, Layout, Probe, Probes, said_at
 from pvdf_fem.scene.stage import Stage
 
 __all__ = [
@@ -53,6 +53,7 @@ __all__ = [
     "Numerics",
     "Probe",
     "Readout",
+    "Replaced",
     "Scene",
     "SceneError",
     "Stage",
@@ -192,7 +193,7 @@ class Scene(Section):
             self.load,
             self.numerics.observable,
         )
-        if self.film.bending is True and any(t.load.kind == "contact" for t in self.loaded_probes):
+        if self.film.bending is True and "contact" in self._kinds.values():
             reason = 'is not for tips; give "auto" or false, and its effect is estimated'
             complaints = chain(complaints, [problem("film.bending", True, reason)])
         film = self.film
@@ -231,9 +232,10 @@ class Scene(Section):
             found["film.warming_K"] = coupled
         if film.coupling:
             found["film.coupling"] = edges
-        for key, probe in self.warm_probes.items():
-            kind = (getattr(probe, "load", None) or self.load).kind
-            found[key] = wrinkles + edges + coupled + [("load.kind", kind)] * (kind == "contact")
+        for key in self.warm_probes:
+            kind = self._kinds[probe := key.rpartition(".")[0]]
+            tips = [(said_at(probe, self._probes[probe], "kind"), kind)] * (kind == "contact")
+            found[key] = wrinkles + edges + coupled + tips
         for key, clashing in found.items():
             for name, value in clashing:
                 yield problem(name, value, f"is not for {key}; change it or remove that")
@@ -244,6 +246,8 @@ class Scene(Section):
         film, found = self.film, []
         if self.probe is None and self.load != Load():
             found.append("load: nothing presses, since there is no probe; add [probe]")
+        elif unheeded := self.unheeded(self.load.model_dump(exclude_defaults=True)):
+            found.append(f"load: each probe says its own {', '.join(unheeded)}; remove that here")
         elif (force := self.load.force_N) >= _MOST_N:
             meant = f"were {force * 9.81e-3:.3g} N meant, which are {force:g} grams?"
             found.append(f"{problem('load.force_N', force, 'is in N')}; {meant}")
@@ -267,6 +271,12 @@ class Scene(Section):
         return {"probe": self.probe} if self.probe else {}
 
     @property
+    def _kinds(self) -> dict[str, str]:
+        """The kinds of the probes' loads by the keys of the probes."""
+        own = {key: getattr(probe, "load", None) for key, probe in self._probes.items()}
+        return {key: (load and load.kind) or self.load.kind for key, load in own.items()}
+
+    @property
     def warm_probes(self) -> dict[str, Probe]:
         """The warm probes by the keys of their temperatures."""
         return {f"{key}.temperature_K": p for key, p in self._probes.items() if p.temperature_K}
@@ -287,6 +297,11 @@ class Scene(Section):
         if isinstance(probe, tuple):
             entries = [(f"probe {i}", p, p.load_in(load)) for i, p in enumerate(probe, 1)]
         return tuple(self._loaded(*entry) for entry in entries)
+
+    def unheeded(self, keys: Iterable[str]) -> list[str]:
+        """Those of the keys of the scene's load that no probe of a list has from there."""
+        probes = self.probe if isinstance(self.probe, tuple) else ()
+        return [key for key in keys if probes and not any(probe.heeds(key) for probe in probes)]
 
     def _loaded(self, patch: str, probe: Probe, load: Load) -> LoadedProbe:
         step = self._step
@@ -367,11 +382,15 @@ class Scene(Section):
         Parameters
         ----------
         **changes
-            Values by dotted key, ``{"load.force_N": 2.0, "electrodes.0.x_mm": 8}``, or whole
-            sections, ``probe=None``. A new shape leaves the sizes of the old one behind, a new
-            layout the keys that it does not have, and a load that becomes ``dead`` or ``follower``
-            its contact. ``film.pretension_N_m`` takes the place of ``film.temperature_change_K``,
-            and the other way round.
+            Values by dotted key, ``{"load.force_N": 2.0, "electrodes.0.x_mm": 8}``, or tables,
+            ``film={"thickness_um": 12}``, which are merged: keys that a table does not have stay. A
+            model of a section, a `Replaced` table, a list and None take the place of the old value.
+
+            A new shape leaves the sizes of the old one behind, a new layout the keys that it does
+            not have, and a new kind or profile of a load the keys that need the old one.
+            ``film.pretension_N_m`` takes the place of ``film.temperature_change_K``,
+            ``load.depth_mm`` of ``load.force_N``, and the other way round; both of them together
+            are refused.
 
         Raises
         ------

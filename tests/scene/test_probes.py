@@ -40,8 +40,9 @@ def test_each_probe_has_its_load():
     assert [touch.patch for touch in scene.loaded_probes] == ["probe 1", "probe 2", "probe 3"]
     loads = [touch.load for touch in scene.loaded_probes]
     assert loads[0] == Load(force_N=0.5, tangential_N=(0.5, 0.0))
-    assert loads[1] == Load(kind="rigid", contact="stuck", force_N=0.25)
-    assert loads[2] == Load(profile="hertz", tangential_N=(0.0, -1.0))
+    pushed = (0.5, 0.0)
+    assert loads[1] == Load(kind="rigid", contact="stuck", force_N=0.25, tangential_N=pushed)
+    assert loads[2] == Load(profile="hertz", force_N=3.0, tangential_N=(0.0, -1.0))
     alone = scene.with_(probe={"shape": "circle"})
     assert [touch.load for touch in alone.loaded_probes] == [alone.load]
 
@@ -58,7 +59,7 @@ def test_entries_change_by_index():
     assert (changed.probe[1].x_mm, changed.probe[0].y_mm) == (9.0, 1.0)
     assert changed.loaded_probes[0].load.force_N == 1.5
     kind = scene.with_(**{"probe[1].load.kind": "dead"})
-    assert kind.loaded_probes[1].load == Load(force_N=0.25)
+    assert kind.loaded_probes[1].load == Load(force_N=0.25, tangential_N=(0.5, 0.0))
     grid = Grid.of(scene, [{"probe[1].x_mm": [8.0, 9.0], "probe[0].force_N": [1.0, 2.0]}])
     assert [s.loaded_probes[0].load.force_N for s in grid.scenes()] == [1.0, 2.0]
     with pytest.raises(SceneError, match="probes are addressed by index in a list"):
