@@ -5,8 +5,8 @@ from __future__ import annotations
 from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.film.models import film_model
 from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.registry import said_at
 from pvdf_fem.scene.scene import LoadedProbe, Scene
-from pvdf_fem.scene.shapes import said_at
 
 #: Names of what places a probe.
 PLACE_NAMES = ("x_mm", "y_mm", "rotation_deg")

@@ -11,11 +11,10 @@ round outlines, where sides are curved to the outline's area as those of `mesh_s
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -57,6 +56,17 @@ class _Contents:
     rim: int  #: Number of lines in the group `RIM`, zero without one.
 
 
+def mesh_of(given: MeshTri2 | str | Path, scene: Scene, slack: float = 1e-3) -> MeshTri2:
+    """A mesh of the whole film, or that in a file, with the patches of a scene; see `read_mesh`."""
+    if isinstance(given, str | Path):
+        return read_mesh(given, scene, slack)
+    contents = _Contents(given.doflocs.T, given.dofs.element_dofs.T, given.subdomains or {}, 0)
+    try:
+        return _mesh(contents, scene, slack)
+    except MeshFileError as error:
+        raise MeshFileError(*(f"mesh: {line}" for line in error.args)) from error.__cause__
+
+
 def read_mesh(path: str | Path, scene: Scene, slack: float = 1e-3) -> MeshTri2:
     """The mesh in a file, which ends in one of `READERS`, with the patches of a scene; see the
     module. Areas of film and patches may differ by the part `slack` from the scene's; outlines and
@@ -70,19 +80,6 @@ def read_mesh(path: str | Path, scene: Scene, slack: float = 1e-3) -> MeshTri2:
         return _mesh(_contents(_grid(path)), scene, slack)
     except MeshFileError as error:
         raise MeshFileError(*(f"{path}: {line}" for line in error.args)) from error.__cause__
-
-
-def mesh_of_scene(mesh: MeshTri2, scene: Scene, slack: float = 1e-3) -> MeshTri2:
-    """A mesh in m of the whole film, as of `mesh_scene`, with the patches of a scene, after the
-    checks of `read_mesh`; `MeshFileError` for the mesh of another scene."""
-    reach = float(np.hypot(*mesh.p).max())
-    try:
-        if abs(reach / scene.film.radius - 1.0) > slack:
-            text = f"give one of the film of {scene.film.radius:g} m radius about (0, 0)"
-            raise MeshFileError(f"has nodes up to {reach:.6g} m from the origin; {text}")
-        return _patched(mesh, scene, slack)
-    except MeshFileError as error:
-        raise MeshFileError(*(f"mesh: {line}" for line in error.args)) from error.__cause__
 
 
 def _grid(path: Path) -> Any:
@@ -165,28 +162,15 @@ def _mesh(contents: _Contents, scene: Scene, slack: float) -> MeshTri2:
     if flat.any():
         raise MeshFileError(f"has {flat.sum()} triangles without an area; mesh the film again")
     mesh = MeshTri2(points.T, with_sorted_vertices(triangles).T)
-    return _patched(mesh, scene, slack, contents.groups, contents.rim, straight)
-
-
-def _patched(
-    mesh: MeshTri2,
-    scene: Scene,
-    slack: float,
-    groups: Mapping[str, Indices] = MappingProxyType({}),
-    rim: int = 0,
-    straight: bool = False,
-) -> MeshTri2:
-    """The mesh with the scene's patches, of sides that are curved where they are `straight`."""
-    radius = scene.film.radius
-    _require_disc(mesh, rim, radius, slack)
+    _require_disc(mesh, contents.rim, radius, slack)
     shapes = {FILM: Circle(np.zeros(2), radius), **outlines(scene)}
     inside = _inside(mesh, shapes)
     if straight:
         mesh = _curved(mesh, {shapes[name]: elements for name, elements in inside.items()}, slack)
     if (folded := compression(mesh) <= 0.0).any():
         raise MeshFileError(f"has {folded.sum()} triangles that fold; move their midside nodes")
-    if mistakes := [*_misplaced(mesh, shapes, inside, groups, slack)]:
-        names = ", ".join(groups) or "none"
+    if mistakes := [*_misplaced(mesh, shapes, inside, contents.groups, slack)]:
+        names = ", ".join(contents.groups) or "none"
         raise MeshFileError(*mistakes, f"the names of its groups are: {names}")
     return named(mesh, inside, WHOLE)
 
@@ -259,7 +243,7 @@ def _misplaced(
     mesh: MeshTri2,
     shapes: dict[str, Outline],
     inside: dict[str, Indices],
-    groups: Mapping[str, Indices],
+    groups: dict[str, Indices],
     slack: float,
 ) -> Iterator[str]:
     """What is wrong with each patch."""
@@ -286,7 +270,7 @@ def _misplaced(
             )
 
 
-def _group(groups: Mapping[str, Indices], patch: str) -> Indices:
+def _group(groups: dict[str, Indices], patch: str) -> Indices:
     """Triangles that a file has by the name of a patch, alone or of a combination of patches."""
     plain = re.sub(r"\s", "_", patch)
     found = [rows for name, rows in groups.items() if patch in (name, *name.split(" + "))]

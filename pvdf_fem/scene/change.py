@@ -11,9 +11,9 @@ import numpy as np
 from pydantic import BaseModel
 
 from pvdf_fem.scene.outlines.shape import HEAT
-from pvdf_fem.scene.registry import RIVALS, put
+from pvdf_fem.scene.registry import FORCES, RIVALS, put
 from pvdf_fem.scene.scene_file import problem
-from pvdf_fem.scene.shapes import FORCES, Bonded
+from pvdf_fem.scene.shapes import Bonded
 
 # Keys that a shape keeps when it becomes another one, alone or all around a ring.
 _PLACE = {"name", "shape", "x_mm", "y_mm", "rotation_deg"}
@@ -111,8 +111,8 @@ def leaves(steps: tuple[Any, ...], value: Any) -> Iterator[tuple[tuple[Any, ...]
 def named(changes: Mapping[str, Any]) -> set[str]:
     """The keys of sections that changes name, ``load.force_N``, and sections that they replace."""
     every = (leaf for key, value in changes.items() for leaf in leaves(steps_of(key), value))
-    words = ([word for word in steps if isinstance(word, str)] for steps, v in every if v != _TABLE)
-    return {".".join(name[:2]) for name in words}
+    found = (steps for steps, value in every if value is not _TABLE)
+    return {".".join([step for step in steps if isinstance(step, str)][:2]) for steps in found}
 
 
 def _put(tables: dict[str, Any], steps: tuple[Any, ...], value: Any, rival: Any) -> None:

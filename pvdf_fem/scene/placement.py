@@ -13,17 +13,9 @@ from pydantic import ValidationError
 from pvdf_fem.scene.outlines.outline import TOUCH, overlaps
 from pvdf_fem.scene.outlines.sphere import SphereShape
 from pvdf_fem.scene.outlines.tip import tip_of
-from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES, Load
+from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES, Load, said_at
 from pvdf_fem.scene.scene_file import problem
-from pvdf_fem.scene.shapes import (
-    Electrode,
-    Layout,
-    Pressing,
-    PressingProbe,
-    Probe,
-    Ring,
-    said_at,
-)
+from pvdf_fem.scene.shapes import Electrode, Layout, Pressing, PressingProbe, Probe, Ring
 
 LEAST_RADIUS_MM = 0.3  #: A smaller radius of a film in mm was probably meant in m.
 

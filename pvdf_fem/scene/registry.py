@@ -80,6 +80,8 @@ _NEEDS = {
 #: Keys of a table of which one takes the place of the other.
 RIVALS = {"depth_mm": "force_N", "temperature_change_K": "pretension_N_m"}
 RIVALS |= {rival: key for key, rival in RIVALS.items()}
+#: Keys of a load that a probe of a list has beside its shape; a file may have them in `load`, too.
+FORCES = ("depth_mm", "force_N", "tangential_N")
 
 
 def put(table: dict[str, Any], key: str, value: Any, rival: Any = None) -> None:
@@ -229,3 +231,10 @@ else:
         for key, field in Load.model_fields.items()
     }
     OwnLoad = create_model("OwnLoad", __base__=Load, __module__=__name__, **_own)
+
+
+def said_at(where: str, probe: Any, key: str) -> str:
+    """The key that says a value of the load of the probe at `where`: the probe's or the scene's."""
+    if key not in getattr(probe, "said", ()):
+        return f"load.{key}"
+    return f"{where}.{key}" if key in FORCES else f"{where}.load.{key}"

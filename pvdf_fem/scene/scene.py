@@ -31,7 +31,7 @@ from pvdf_fem.scene.outlines.tip import Tip, tip_of
 from pvdf_fem.scene.placement import LEAST_RADIUS_MM, misplacements
 from pvdf_fem.scene.quantity import Finite, Section, Whole, within
 from pvdf_fem.scene.readout import Readout
-from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES, Load
+from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES, Load, said_at
 from pvdf_fem.scene.scene_file import (
     SceneError,
     example_text,
@@ -41,7 +41,7 @@ from pvdf_fem.scene.scene_file import (
     read_scene_text,
     write_toml,
 )
-from pvdf_fem.scene.shapes import Electrode, Electrodes, Layout, Probe, Probes, said_at
+from pvdf_fem.scene.shapes import Electrode, Electrodes, Layout, Probe, Probes
 from pvdf_fem.scene.stage import Stage
 
 __all__ = [
@@ -246,11 +246,11 @@ class Scene(Section):
         film, found = self.film, []
         if self.probe is None and self.load != Load():
             found.append("load: nothing presses, since there is no probe; add [probe]")
-        elif unheeded := self.unheeded(self.load.model_dump(exclude_defaults=True)):
-            found.append(f"load: each probe says its own {', '.join(unheeded)}; remove that here")
         elif (force := self.load.force_N) >= _MOST_N:
             meant = f"were {force * 9.81e-3:.3g} N meant, which are {force:g} grams?"
             found.append(f"{problem('load.force_N', force, 'is in N')}; {meant}")
+        for key in self.unheeded(f"load.{k}" for k in self.load.model_dump(exclude_defaults=True)):
+            found.append(f"{key}: no probe has it, since each says its own; remove one of the two")
         for key, least, factor, unit, other in (
             ("d31_pC_N", _LEAST_PC_N, 1e12, "pC/N", "C/N"),
             ("d32_pC_N", _LEAST_PC_N, 1e12, "pC/N", "C/N"),
@@ -299,9 +299,10 @@ class Scene(Section):
         return tuple(self._loaded(*entry) for entry in entries)
 
     def unheeded(self, keys: Iterable[str]) -> list[str]:
-        """Those of the keys of the scene's load that no probe of a list has from there."""
+        """Those of the keys that are of the scene's load, and that no probe of a list has."""
         probes = self.probe if isinstance(self.probe, tuple) else ()
-        return [key for key in keys if probes and not any(probe.heeds(key) for probe in probes)]
+        of_load = {key: key.removeprefix("load.") for key in keys if key.startswith("load.")}
+        return [k for k in of_load if probes and not any(p.heeds(of_load[k]) for p in probes)]
 
     def _loaded(self, patch: str, probe: Probe, load: Load) -> LoadedProbe:
         step = self._step

@@ -27,7 +27,16 @@ from pvdf_fem.scene.outlines.polygon import PolygonShape, RectangleShape, Square
 from pvdf_fem.scene.outlines.shape import HEAT, Shape
 from pvdf_fem.scene.outlines.sphere import SphereShape
 from pvdf_fem.scene.quantity import Finite, Length, Modulus, Number, Section, Whole, refusal, within
-from pvdf_fem.scene.registry import RIVALS, Depth, Force, Load, OwnLoad, Tangential, put
+from pvdf_fem.scene.registry import (
+    FORCES,
+    RIVALS,
+    Depth,
+    Force,
+    Load,
+    OwnLoad,
+    Tangential,
+    put,
+)
 from pvdf_fem.scene.scene_file import quote
 
 MOST_ELECTRODES = 100  #: Sensors with more electrodes are refused.
@@ -93,10 +102,6 @@ class Bonded(_Flat):
         return self.thickness_um / 1e6
 
 
-#: Keys of a load that a probe of a list has beside its shape; a file may have them in `load`, too.
-FORCES = ("depth_mm", "force_N", "tangential_N")
-
-
 class Pressing(Section):
     """What a probe of a list says of its load, which is merged over the scene's load: a kind of its
     own leaves behind what only the kind of the scene's load bears."""
@@ -126,9 +131,8 @@ class Pressing(Section):
     @property
     def said(self) -> dict[str, Any]:
         """What it says of its load, its kind first."""
-        own = self.load.model_dump() if self.load else {}
-        beside = {key: getattr(self, key) for key in FORCES}
-        return own | {key: value for key, value in beside.items() if value is not None}
+        forces = self.model_dump(include=set(Pressing.model_fields), exclude_none=True)
+        return {**forces.pop("load", {}), **forces}
 
     def load_in(self, scene_load: Load) -> Load:
         """Its load in a scene; ValidationError for keys that its kind does not bear."""
@@ -148,13 +152,6 @@ def _over(table: dict[str, Any], said: Mapping[str, Any]) -> dict[str, Any]:
     for key, value in said.items():
         put(table, key, value, said.get(RIVALS.get(key, "")))
     return table
-
-
-def said_at(where: str, probe: Any, key: str) -> str:
-    """The key that says a value of the load of the probe at `where`: the probe's or the scene's."""
-    if key not in getattr(probe, "said", ()):
-        return f"load.{key}"
-    return f"{where}.{key}" if key in FORCES else f"{where}.load.{key}"
 
 
 if TYPE_CHECKING:

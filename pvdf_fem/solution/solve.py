@@ -27,7 +27,7 @@ from pvdf_fem.film.loads.heat import heat_remarks
 from pvdf_fem.film.loads.profiles import profile_of
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError
-from pvdf_fem.mesh.mesh_file import mesh_of_scene, read_mesh
+from pvdf_fem.mesh.mesh_file import mesh_of
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart, part_of
 from pvdf_fem.scene.scene import Pressure, Scene
 from pvdf_fem.solution import admissible
@@ -90,8 +90,7 @@ def solve(
         For a mesh of another scene; for a file that cannot be read. Both are ValueErrors.
     """
     if mesh is not None:
-        given = isinstance(mesh, str | Path)
-        mesh = read_mesh(mesh, scene) if given else mesh_of_scene(mesh, scene)
+        mesh = mesh_of(mesh, scene)
     scene = scene.under(pressure)
     solution = solve_goals(scene, goals_of(scene), mesh=mesh, order=order, budget=budget)
     warnings = [*scene.doubts, *solution.warnings]

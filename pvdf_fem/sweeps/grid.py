@@ -175,9 +175,9 @@ class Grid:
                 changes |= axis[index]
             try:
                 scene = self.scene.with_(**changes)
-                if unheeded := scene.unheeded(_of_load(changes)):
-                    reason = "varies, and each probe has one of its own; remove one of the two"
-                    raise SceneError([problem("load", unheeded, reason)])
+                if unheeded := scene.unheeded(named(changes)):
+                    reason = "varies, and each probe says its own; remove one of the two"
+                    raise SceneError(f"{key}: {reason}" for key in unheeded)
             except SceneError as error:
                 problems |= dict.fromkeys(error.problems)
                 refused += 1
@@ -190,11 +190,6 @@ class Grid:
         if problems:
             raise SceneError(list(problems)[:MOST_MISTAKES])
         return scenes
-
-
-def _of_load(changes: Mapping[str, Any]) -> list[str]:
-    """The keys of the scene's load among changes."""
-    return [key.removeprefix("load.") for key in named(changes) if key.startswith("load.")]
 
 
 def _axis(

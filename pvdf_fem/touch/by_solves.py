@@ -21,7 +21,7 @@ from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.derivatives.parameters import parameters_of
 from pvdf_fem.derivatives.rates import charge_rates
 from pvdf_fem.response.model import Domain, room_mm
-from pvdf_fem.scene.change import Replaced, number_at, plain, steps_of
+from pvdf_fem.scene.change import number_at, plain, steps_of
 from pvdf_fem.scene.outlines.shape import HEAT
 from pvdf_fem.scene.scene import Numerics, Scene, SceneError
 from pvdf_fem.scene.shapes import Pressing
@@ -421,13 +421,12 @@ def _single(scene: Scene, reach_mm: float, pitch_mm: float, fine_mm: float) -> t
 def _alone(scene: Scene, number: int) -> Scene:
     """One of a scene's probes on the centre, under 1 N and cold."""
     touch = scene.loaded_probes[number]
-    probe = {
-        k: v for k, v in plain(touch.probe).items() if k not in (*Pressing.model_fields, *HEAT)
-    }
-    probe |= {"x_mm": 0.0, "y_mm": 0.0, "rotation_deg": 0.0}
+    place = dict.fromkeys(("x_mm", "y_mm", "rotation_deg"), 0.0)
+    unsaid = dict.fromkeys((*Pressing.model_fields, *HEAT))
+    probe = touch.probe.model_copy(update=place | unsaid)
     load = touch.load.model_copy(update={"force_N": 1.0, "tangential_N": None})
     numerics = Numerics(tolerance=1e-2, observable=scene.numerics.observable)
-    return scene.with_(probe=Replaced(probe), load=load, numerics=numerics, readout=None)
+    return scene.with_(probe=probe, load=load, numerics=numerics, readout=None)
 
 
 def _listed(scene: Scene, touches: int, unknown: Sequence[str]) -> Scene:

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.scene.scene import Numerics
 from pvdf_fem.dynamics.modes import modes
 from pvdf_fem.output.figures import COLOURS, GREY, LABEL_SIZE
 from pvdf_fem.readout.channel import electrode_capacitance
+from pvdf_fem.scene.scene import Numerics
 from pvdf_fem.solvers.status import Status
 from reports.common.chapter import Chapter, Content
 from reports.common.charge_figures import Series, label_curves

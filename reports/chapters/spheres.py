@@ -17,9 +17,9 @@ import shapely
 from matplotlib.axes import Axes
 
 from pvdf_fem import Scene
-from pvdf_fem.scene.scene import Replaced
 from pvdf_fem.arrays import Array
 from pvdf_fem.output.figures import COLOURS
+from pvdf_fem.scene.scene import Replaced
 from pvdf_fem.sweeps.lines import direction, placed
 from reports.chapters.calibration import (
     DIRECTIONS_DEG,

@@ -38,6 +38,7 @@ def test_undo_and_redo():
         (TRIANGLE, {"electrodes": {"layout": "ring", "count": 6, "shape": "circle"}}),
         (TRIANGLE, {"film.pretension_N_m": [8.0, 9.0], "film.youngs_modulus_GPa": [2.0, 3.0]}),
         (TRIANGLE, {"readout": {"noise_V": {"A": 0.01}}}),
+        (TRIANGLE.with_(film={"warming_K": 1.0}), {"film": {"warming_K": None, "radius_mm": 40}}),
         (TWO, {"probe[1].rotation_deg": 30.0, "probe[0].force_N": 0.5}),
     ],
 )
