@@ -99,13 +99,15 @@ def scene_of(options: argparse.Namespace, *mistakes: str) -> Scene:
     from pvdf_fem.scene.change import spelled
     from pvdf_fem.scene.scene import Scene
 
-    problems, changes = list(mistakes), {}
+    problems = list(mistakes)
+    changes: dict[str, Any] = {}
     for text in options.settings:
         try:
             key, value = parse_change(text)
             before = changes.get(key := spelled(key))
-            merge = isinstance(before, dict) and isinstance(value, dict)
-            changes[key] = {**before, **value} if merge else value
+            if isinstance(value, dict) and isinstance(before, dict):
+                value = before | value
+            changes[key] = value
         except SceneError as error:
             problems += [f"--set {told}" for told in error.problems]
     try:

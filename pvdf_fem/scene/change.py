@@ -125,7 +125,7 @@ def _put(tables: dict[str, Any], steps: tuple[Any, ...], value: Any, rival: Any)
             raise ValueError(_BY_INDEX[steps[0]])
     for step in steps[:-1]:
         node = node[step] if isinstance(node, list) else node.setdefault(str(step), {})
-    last = steps[-1] if isinstance(node, list) else str(steps[-1])
+    last: Any = steps[-1] if isinstance(node, list) else str(steps[-1])
     if value is _TABLE:
         old = node[last] if isinstance(node, list) else node.get(last)
         value = old if isinstance(old, dict) else {}

@@ -27,16 +27,7 @@ from pvdf_fem.scene.outlines.polygon import PolygonShape, RectangleShape, Square
 from pvdf_fem.scene.outlines.shape import HEAT, Shape
 from pvdf_fem.scene.outlines.sphere import SphereShape
 from pvdf_fem.scene.quantity import Finite, Length, Modulus, Number, Section, Whole, refusal, within
-from pvdf_fem.scene.registry import (
-    FORCES,
-    RIVALS,
-    Depth,
-    Force,
-    Load,
-    OwnLoad,
-    Tangential,
-    put,
-)
+from pvdf_fem.scene.registry import FORCES, RIVALS, Depth, Force, Load, OwnLoad, Tangential, put
 from pvdf_fem.scene.scene_file import quote
 
 MOST_ELECTRODES = 100  #: Sensors with more electrodes are refused.

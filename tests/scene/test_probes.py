@@ -3,11 +3,14 @@
 import pickle
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from pvdf_fem import Scene, SceneError
 from pvdf_fem.derivatives.parameters import touched
 from pvdf_fem.response.build import build_response
 from pvdf_fem.scene.change import number_at
+from pvdf_fem.scene.registry import FORCES
 from pvdf_fem.scene.scene import Load
 from pvdf_fem.sweeps.grid import Grid
 
@@ -237,3 +240,42 @@ def test_derivatives_are_by_the_keys_that_probes_have():
     assert [number for _, number, _ in found["probe[0].force_N"]] == [0]
     both = touched(Scene.parse(MERGED))["load.force_N"]
     assert [number for _, number, _ in both] == [0, 1]
+
+
+SAID = {
+    "kind": ["dead", "follower", "rigid", "contact"],
+    "contact": ["sliding", "stuck"],
+    "tilt": ["held", "free"],
+    "friction": [0.0, 0.2, "stuck"],
+    "depth_mm": [1.0, 2.0],
+    "force_N": [0.2, 1.0],
+    "tangential_N": [[0.01, 0.0], [0.0, 0.02]],
+    "profile": ["uniform", "hertz", "gaussian"],
+    "profile_width_mm": [1.5, 2.5],
+}
+LOAD = st.fixed_dictionaries({}, optional={k: st.sampled_from(v) for k, v in SAID.items()})
+BESIDE = st.fixed_dictionaries({}, optional={k: st.sampled_from(SAID[k]) for k in FORCES})
+
+
+@given(load=LOAD, own=LOAD, beside=BESIDE, tip=st.booleans())
+@settings(deadline=None, max_examples=200)
+def test_a_merged_load_is_what_with_makes_of_the_scenes_load(load, own, beside, tip):
+    shape = {"shape": "circle"} | ({"edge_radius_mm": 0.5} if tip else {})
+    own = {key: value for key, value in own.items() if key not in beside}
+    told: tuple[str, ...] = ()
+    try:
+        scene = Scene(load=load, probe=[{**shape, **beside, "load": own}])
+    except SceneError as error:
+        told = error.problems
+    assert all(line.startswith(("load", "probe[0]")) for line in told)
+    if told:
+        return
+    alone = Scene(load=load)
+    assert scene.loaded_probes[0].load == alone.with_(load={**own, **beside}).load
+    trips = Scene.parse(scene.to_toml()), scene.with_(), pickle.loads(pickle.dumps(scene))
+    for other in (*trips, Scene.model_validate_json(scene.model_dump_json())):
+        assert other == scene
+        assert other.loaded_probes == scene.loaded_probes
+    changed = Scene(load=load, probe=[shape])
+    changed = changed.with_(**{"probe[0]": {**beside, "load": own}})
+    assert changed.loaded_probes == scene.loaded_probes
