@@ -242,8 +242,7 @@ def test_derivatives_are_by_the_keys_that_probes_have():
     assert [number for _, number, _ in both] == [0, 1]
 
 
-SAID = {
-    "kind": ["dead", "follower", "rigid", "contact"],
+VALUES = {
     "contact": ["sliding", "stuck"],
     "tilt": ["held", "free"],
     "friction": [0.0, 0.2, "stuck"],
@@ -251,16 +250,30 @@ SAID = {
     "force_N": [0.2, 1.0],
     "tangential_N": [[0.01, 0.0], [0.0, 0.02]],
     "profile": ["uniform", "hertz", "gaussian"],
-    "profile_width_mm": [1.5, 2.5],
 }
-LOAD = st.fixed_dictionaries({}, optional={k: st.sampled_from(v) for k, v in SAID.items()})
-BESIDE = st.fixed_dictionaries({}, optional={k: st.sampled_from(SAID[k]) for k in FORCES})
+OF_KIND = {
+    "dead": ["profile", "force_N", "tangential_N"],
+    "follower": ["force_N"],
+    "rigid": ["contact", "tilt", "force_N"],
+    "contact": ["friction", "depth_mm"],
+}
 
 
-@given(load=LOAD, own=LOAD, beside=BESIDE, tip=st.booleans())
+def some(keys):
+    return st.fixed_dictionaries({}, optional={key: st.sampled_from(VALUES[key]) for key in keys})
+
+
+LOADS = st.sampled_from([*OF_KIND]).flatmap(
+    lambda kind: some(OF_KIND[kind]).map(lambda table: {"kind": kind, **table})
+)
+
+
+@given(load=LOADS, own=LOADS | some(VALUES), beside=some(FORCES[1:]))
 @settings(deadline=None, max_examples=200)
-def test_a_merged_load_is_what_with_makes_of_the_scenes_load(load, own, beside, tip):
-    shape = {"shape": "circle"} | ({"edge_radius_mm": 0.5} if tip else {})
+def test_a_merged_load_is_what_with_makes_of_the_scenes_load(load, own, beside):
+    shape = {"shape": "circle"}
+    if {**load, **own}["kind"] == "contact":
+        shape["edge_radius_mm"] = 0.5
     own = {key: value for key, value in own.items() if key not in beside}
     told: tuple[str, ...] = ()
     try:
@@ -276,6 +289,6 @@ def test_a_merged_load_is_what_with_makes_of_the_scenes_load(load, own, beside, 
     for other in (*trips, Scene.model_validate_json(scene.model_dump_json())):
         assert other == scene
         assert other.loaded_probes == scene.loaded_probes
-    changed = Scene(load=load, probe=[shape])
-    changed = changed.with_(**{"probe[0]": {**beside, "load": own}})
+    said = {"probe[0]": {**beside, "load": own}}
+    changed = Scene().with_(load=load, probe=[shape], **said)
     assert changed.loaded_probes == scene.loaded_probes
