@@ -105,15 +105,17 @@ class Pressing(Section):
     @model_validator(mode="before")
     @classmethod
     def _has_forces_beside(cls, table: Any) -> Any:
-        if not isinstance(table, Mapping) or not isinstance(own := table.get("load"), Mapping):
+        own = table.get("load") if isinstance(table, Mapping) else None
+        own = own.model_dump() if isinstance(own, Load) else own
+        if not isinstance(own, Mapping):
             return table
-        forces = {key: own[key] for key in FORCES if key in own and table.get(key) is None}
-        own = {key: value for key, value in own.items() if key not in forces}
-        return {**table, **forces, "load": own or None}
+        said = {key: value for key, value in own.items() if value is not None}
+        forces = {key: said.pop(key) for key in FORCES if key in said and table.get(key) is None}
+        return {**table, **forces, "load": said or None}
 
     @field_validator("load")
     @classmethod
-    def _is_said_once(cls, value: OwnLoad | None, info: ValidationInfo) -> OwnLoad | None:
+    def _is_said_once(cls, value: OwnLoad | None) -> OwnLoad | None:
         for key in FORCES:
             if getattr(value, key, None) is not None:
                 raise refusal(f"has {key}, which stands beside it too; remove one of the two")

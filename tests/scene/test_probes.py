@@ -185,6 +185,10 @@ def test_what_a_probe_does_not_say_stays_unsaid():
         assert other.model_dump_json() == scene.model_dump_json()
         forces = [t.load.force_N for t in other.with_(**{"load.force_N": 0.7}).loaded_probes]
         assert forces == [0.7, 0.7]
+    stuck = scene.with_(**{"probe[0].load.contact": "stuck"})
+    assert stuck.with_(**{"probe[0].load.contact": None}) == scene
+    whole = Scene(probe=[{"load": Load(kind="rigid")}]).with_(**{"load.force_N": 0.7})
+    assert whole.loaded_probes[0].load == Load(kind="rigid")
     said = scene.with_(**{"probe[0].load.force_N": 0.3})
     assert said != scene  # the force of [load] moves one probe of two
     assert said.model_dump_json() != scene.model_dump_json()
