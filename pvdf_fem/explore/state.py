@@ -84,8 +84,10 @@ SLIDERS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("sliders.toml")
 
 def sliders_of(scene: Scene) -> dict[str, dict[str, float]]:
     """The sliders of a scene by key: value, limits that enclose it, and step."""
-    found = {}
+    found, unheeded = {}, scene.unheeded(SLIDERS)
     for name, (*limits, step) in SLIDERS.items():
+        if name in unheeded:
+            continue
         for probe in probe_keys(scene) if name.startswith("probe.") else [""]:
             key = name.replace("probe", probe) if probe else name
             with suppress(AttributeError, TypeError):  # the scene has none, or a pair

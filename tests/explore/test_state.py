@@ -81,3 +81,4 @@ def test_sliders_are_those_of_the_scene_and_reach_its_values():
     assert not {"electrodes.radius_mm", "load.depth_mm", "probe.force_N"} & found.keys()
     assert not any("probe" in key for key in sliders_of(Scene()))
     assert {"probe[0].force_N", "probe[1].rotation_deg"} <= sliders_of(TWO).keys()
+    assert "load.force_N" not in sliders_of(TWO)  # each probe says its own
