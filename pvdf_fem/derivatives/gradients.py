@@ -19,6 +19,7 @@ from pvdf_fem.derivatives.rates import rate_of
 from pvdf_fem.film.models import film_model
 from pvdf_fem.scene.change import number_at
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.solution.history import Stop
 from pvdf_fem.solution.solution import NotConvergedError, Solution
 from pvdf_fem.solution.solve import solve
 from pvdf_fem.solvers.status import Status
@@ -82,7 +83,8 @@ def gradients(
     NotConvergedError
         When the solution is not converged, or no mesh meets the tolerance.
     ValueError
-        For a key that is not among `parameters_of` the scene, or a tolerance out of range.
+        For a key that is not among `parameters_of` the scene, and for a tolerance out of range or
+        of a solution on a mesh that was given.
     """
     scene = solution if isinstance(solution, Scene) else solution.scene
     pressure = None if isinstance(solution, Scene) else solution.pressure
@@ -94,6 +96,9 @@ def gradients(
             raise ValueError(f"parameters: {key!r} {reason}; take some of {known}")
     if tolerance is not None and not 0.0 < tolerance < 1.0:
         raise ValueError(f"tolerance = {tolerance!r}: is out of range; give a number from 0 to 1")
+    if tolerance and isinstance(solution, Solution) and solution.stop is Stop.GIVEN_MESH:
+        reason = "would leave the mesh that was given; give the scene instead, or no tolerance"
+        raise ValueError(f"tolerance = {tolerance:g}: {reason}")
     found = _gradients_of(solve(scene) if isinstance(solution, Scene) else solution, wanted)
     while tolerance and max(found.relative_errors.values(), default=0.0) > tolerance:
         found = _gradients_of(_finer(found, tolerance), wanted)

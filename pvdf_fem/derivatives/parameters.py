@@ -6,8 +6,8 @@ from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.film.loads.posed import Pressure
 from pvdf_fem.film.models import film_model
 from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.registry import said_at
 from pvdf_fem.scene.scene import LoadedProbe, Scene
-from pvdf_fem.scene.shapes import FORCES
 
 #: Names of what places a probe.
 PLACE_NAMES = ("x_mm", "y_mm", "rotation_deg")
@@ -42,16 +42,15 @@ def touched(scene: Scene) -> dict[str, list[tuple[LoadedProbe, int, str]]]:
     found: dict[str, list[tuple[LoadedProbe, int, str]]] = {}
     for i, touch in enumerate(scene.loaded_probes):
         prefix = f"probe[{i}]" if isinstance(scene.probe, tuple) else "probe"
-        own = getattr(touch.probe, "load", None)
         heat = () if touch.probe.temperature_K is None else (HEAT,)
+        for name in (*PLACE_NAMES, *heat):
+            found[f"{prefix}.{name}"] = [(touch, i, name)]
         force = "force_N" if touch.load.depth_mm is None else "depth_mm"
-        for name in (*PLACE_NAMES, *heat, force, *IN_PLANE):
-            key, _, component = name.partition("[")
-            where = prefix if key in (*PLACE_NAMES, HEAT) else f"{prefix}.load" if own else "load"
-            if key in FORCES and getattr(touch.probe, key, None) is not None:
-                where = prefix
-            if not component or touch.load.tangential_N is not None:
-                found.setdefault(f"{where}.{name}", []).append((touch, i, name))
+        pushed = IN_PLANE if touch.load.tangential_N is not None else ()
+        for name in (force, *pushed):
+            key, bracket, component = name.partition("[")
+            where = said_at(prefix, touch.probe, key)
+            found.setdefault(f"{where}{bracket}{component}", []).append((touch, i, name))
     return found
 
 

@@ -12,7 +12,7 @@ from urllib.parse import parse_qsl, urlencode
 
 from pvdf_fem.calibration.unknowns import value_of
 from pvdf_fem.explore.picture import QUANTITIES
-from pvdf_fem.scene.change import plain
+from pvdf_fem.scene.change import Replaced, plain
 from pvdf_fem.scene.registry import PROFILE_ENTRIES
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import choose, parse_change, problem, toml_value
@@ -54,7 +54,9 @@ class View:
     def of_query(cls, start: Scene, query: str) -> View:
         """The view of a link to the page of a scene; SceneError for what leads to none."""
         words = parse_qsl(query, keep_blank_values=True)
-        return cls(start).changed(dict(parse_change(f"{key}={value}") for key, value in words))
+        given = dict(parse_change(f"{key}={value}") for key, value in words)
+        whole = {k: Replaced(v) if isinstance(v, dict) else v for k, v in given.items()}
+        return cls(start).changed(whole)
 
 
 def _profile_files(scene: Scene) -> set[str]:
@@ -93,8 +95,10 @@ SLIDERS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("sliders.toml")
 
 def sliders_of(scene: Scene) -> dict[str, dict[str, float]]:
     """The sliders of a scene by key: value, limits that enclose it, and step."""
-    found = {}
+    found, unheeded = {}, scene.unheeded(SLIDERS)
     for name, (*limits, step) in SLIDERS.items():
+        if name in unheeded:
+            continue
         for probe in probe_keys(scene) if name.startswith("probe.") else [""]:
             key = name.replace("probe", probe) if probe else name
             with suppress(AttributeError, TypeError):  # the scene has none, or a pair

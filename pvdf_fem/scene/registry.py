@@ -13,6 +13,7 @@ from pydantic import (
     Field,
     SerializerFunctionWrapHandler,
     ValidationInfo,
+    create_model,
     field_validator,
     model_serializer,
 )
@@ -63,6 +64,7 @@ if TYPE_CHECKING:
     LoadKind: TypeAlias = str
 else:
     LoadKind = Literal[tuple(LOAD_CLASSES)]
+Depth = Annotated[Finite, within(1e-6, 1e3, "mm")]
 Force = Annotated[Finite, within(0.0, 1e6, "N")]
 _InPlane = Annotated[Finite, within(-1e6, 1e6, "N")]
 Tangential = tuple[_InPlane, _InPlane]
@@ -75,6 +77,23 @@ _NEEDS = {
     "profile": ("kind", "dead"),
     "profile_width_mm": ("profile", "gaussian"),
 }
+#: Keys of a table of which one takes the place of the other.
+RIVALS = {"depth_mm": "force_N", "temperature_change_K": "pretension_N_m"}
+RIVALS |= {rival: key for key, rival in RIVALS.items()}
+#: Keys of a load that a probe of a list has beside its shape; a file may have them in `load`, too.
+FORCES = ("depth_mm", "force_N", "tangential_N")
+
+
+def put(table: dict[str, Any], key: str, value: Any, rival: Any = None) -> None:
+    """Change a key of a scene's table. Keys that need another value of this one are left behind,
+    and so is its rival. Where a value of the `rival` is given, too, both stay and are refused."""
+    for other, (decider, needed) in _NEEDS.items():
+        if other in table and decider == key and value != needed:
+            put(table, other, None)
+            del table[other]
+    if value is not None and rival is None:
+        table.pop(RIVALS.get(key, ""), None)
+    table[key] = value
 
 
 class Load(Section):
@@ -99,7 +118,7 @@ class Load(Section):
     """
 
     kind: LoadKind = "dead"
-    depth_mm: Annotated[Finite, within(1e-6, 1e3, "mm")] | None = None
+    depth_mm: Depth | None = None
     force_N: Force = 1.0
     friction: Any = 0.0
     contact: Literal["sliding", "stuck"] | None = Field(None, validate_default=True)
@@ -112,7 +131,7 @@ class Load(Section):
     @classmethod
     def _has_what_it_needs(cls, value: Any, info: ValidationInfo) -> Any:
         key, needed = _NEEDS[str(info.field_name)]
-        found = info.data.get(key, needed)  # refused already where it is missing
+        found = info.data.get(key) or needed  # refused already, or said by the scene's load
         if info.field_name == "contact" and info.data.get("kind") == "rigid":
             return value or "sliding"
         if value not in (None, "uniform", "held", 0.0) and found != needed:
@@ -167,11 +186,10 @@ class Load(Section):
 
     @model_serializer(mode="wrap")
     def _say_once(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """The table, without a force that follows from the depth."""
-        table: dict[str, Any] = handler(self)
-        if self.depth_mm is not None:
-            table.pop("force_N", None)
-        return table
+        """The table, without what is None and without a force that follows from the depth."""
+        left_out = "force_N" if self.depth_mm is not None else ""
+        table = handler(self).items()
+        return {key: value for key, value in table if value is not None and key != left_out}
 
     @property
     def depth(self) -> float | None:
@@ -199,3 +217,22 @@ class Load(Section):
     def profile_entry(self) -> ProfileEntry:
         """What the profile's name stands for."""
         return PROFILE_ENTRIES.get(self.profile, TABLE_ENTRY)
+
+
+if TYPE_CHECKING:
+
+    class OwnLoad(Load):
+        """What a probe of a list says of its load. What it does not say is None."""
+else:
+    _own: Any = {
+        key: (Annotated[(field.annotation, Field(), *field.metadata)] | None, None)
+        for key, field in Load.model_fields.items()
+    }
+    OwnLoad = create_model("OwnLoad", __base__=Load, __module__=__name__, **_own)
+
+
+def said_at(where: str, probe: Any, key: str) -> str:
+    """The key that says a value of the load of the probe at `where`: the probe's or the scene's."""
+    if key not in getattr(probe, "said", ()):
+        return f"load.{key}"
+    return f"{where}.{key}" if key in FORCES else f"{where}.load.{key}"

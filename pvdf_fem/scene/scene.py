@@ -8,7 +8,7 @@ nothing else in the package converts lengths or moduli. Defaults are the thesis'
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
@@ -22,7 +22,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from pvdf_fem.scene.change import change
+from pvdf_fem.scene.change import Replaced, change
 from pvdf_fem.scene.film import Air, Film
 from pvdf_fem.scene.mistakes import MOST_MISTAKES, mistakes
 from pvdf_fem.scene.outlines.outline import Outline, overlaps
@@ -30,7 +30,7 @@ from pvdf_fem.scene.outlines.tip import Tip, tip_of
 from pvdf_fem.scene.placement import LEAST_RADIUS_MM, misplacements
 from pvdf_fem.scene.quantity import Finite, Section, Whole, within
 from pvdf_fem.scene.readout import Readout
-from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES, Load
+from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES, Load, OwnLoad, said_at
 from pvdf_fem.scene.scene_file import (
     SceneError,
     example_text,
@@ -52,6 +52,7 @@ __all__ = [
     "Numerics",
     "Probe",
     "Readout",
+    "Replaced",
     "Scene",
     "SceneError",
     "Stage",
@@ -164,7 +165,7 @@ class Scene(Section):
             self.load,
             self.numerics.observable,
         )
-        if self.film.bending is True and any(t.load.kind == "contact" for t in self.loaded_probes):
+        if self.film.bending is True and "contact" in self._kinds.values():
             reason = 'is not for tips; give "auto" or false, and its effect is estimated'
             complaints = chain(complaints, [problem("film.bending", True, reason)])
         film = self.film
@@ -203,9 +204,10 @@ class Scene(Section):
             found["film.warming_K"] = coupled
         if film.coupling:
             found["film.coupling"] = edges
-        for key, probe in self.warm_probes.items():
-            kind = (getattr(probe, "load", None) or self.load).kind
-            found[key] = wrinkles + edges + coupled + [("load.kind", kind)] * (kind == "contact")
+        for key in self.warm_probes:
+            kind = self._kinds[probe := key.rpartition(".")[0]]
+            tips = [(said_at(probe, self._probes[probe], "kind"), kind)] * (kind == "contact")
+            found[key] = wrinkles + edges + coupled + tips
         for key, clashing in found.items():
             for name, value in clashing:
                 yield problem(name, value, f"is not for {key}; change it or remove that")
@@ -219,6 +221,8 @@ class Scene(Section):
         elif (force := self.load.force_N) >= _MOST_N:
             meant = f"were {force * 9.81e-3:.3g} N meant, which are {force:g} grams?"
             found.append(f"{problem('load.force_N', force, 'is in N')}; {meant}")
+        for key in self.unheeded(f"load.{k}" for k in self.load.model_dump(exclude_defaults=True)):
+            found.append(f"{key}: no probe has it, since each says its own; remove one of the two")
         for key, least, factor, unit, other in (
             ("d31_pC_N", _LEAST_PC_N, 1e12, "pC/N", "C/N"),
             ("d32_pC_N", _LEAST_PC_N, 1e12, "pC/N", "C/N"),
@@ -237,6 +241,12 @@ class Scene(Section):
         if isinstance(self.probe, tuple):
             return {f"probe[{i}]": probe for i, probe in enumerate(self.probe)}
         return {"probe": self.probe} if self.probe else {}
+
+    @property
+    def _kinds(self) -> dict[str, str]:
+        """The kinds of the probes' loads by the keys of the probes."""
+        own = {key: getattr(probe, "load", None) for key, probe in self._probes.items()}
+        return {key: (load and load.kind) or self.load.kind for key, load in own.items()}
 
     @property
     def warm_probes(self) -> dict[str, Probe]:
@@ -267,9 +277,19 @@ class Scene(Section):
         if not isinstance(self.probe, tuple):
             (touch,) = touches
             return self.model_copy(update={"probe": touch.probe, "load": touch.load})
-        own = ({**dict.fromkeys(FORCES), "load": touch.load} for touch in touches)
-        probes = tuple(t.probe.model_copy(update=o) for t, o in zip(touches, own, strict=True))
-        return self.model_copy(update={"probe": probes})
+        own = [OwnLoad.model_construct(**touch.load.model_dump()) for touch in touches]
+        alone = dict.fromkeys(FORCES)  # all is in the probe's own load
+        probes = tuple(
+            touch.probe.model_copy(update={**alone, "load": load})
+            for touch, load in zip(touches, own, strict=True)
+        )
+        return self.model_copy(update={"probe": probes, "load": Load()})
+
+    def unheeded(self, keys: Iterable[str]) -> list[str]:
+        """Those of the keys that are of the scene's load, and that no probe of a list has."""
+        probes = self.probe if isinstance(self.probe, tuple) else ()
+        of_load = {key: key.removeprefix("load.") for key in keys if key.startswith("load.")}
+        return [k for k in of_load if probes and not any(p.heeds(of_load[k]) for p in probes)]
 
     def require_no_tips(self, what: str) -> None:
         """SceneError for a scene with tips, whose contact has to be found, which `what` cannot."""
@@ -318,11 +338,15 @@ class Scene(Section):
         Parameters
         ----------
         **changes
-            Values by dotted key, ``{"load.force_N": 2.0, "electrodes.0.x_mm": 8}``, or whole
-            sections, ``probe=None``. A new shape leaves the sizes of the old one behind, a new
-            layout the keys that it does not have, and a load that becomes ``dead`` or ``follower``
-            its contact. ``film.pretension_N_m`` takes the place of ``film.temperature_change_K``,
-            and the other way round.
+            Values by dotted key, ``{"load.force_N": 2.0, "electrodes.0.x_mm": 8}``, or tables,
+            ``film={"thickness_um": 12}``, which are merged: keys that a table does not have stay. A
+            model of a section, a `Replaced` table, a list and None take the place of the old value.
+
+            A new shape leaves the sizes of the old one behind, a new layout the keys that it does
+            not have, and a new kind or profile of a load the keys that need the old one.
+            ``film.pretension_N_m`` takes the place of ``film.temperature_change_K``,
+            ``load.depth_mm`` of ``load.force_N``, and the other way round; both of them together
+            are refused.
 
         Raises
         ------

@@ -27,7 +27,7 @@ from pvdf_fem.film.loads.posed import NOTHING, Held, Posed, Pressure
 from pvdf_fem.film.loads.profiles import profile_of
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError
-from pvdf_fem.mesh.mesh_file import read_mesh
+from pvdf_fem.mesh.mesh_file import mesh_of
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart, part_of
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution import admissible
@@ -86,15 +86,15 @@ def solve(
     Raises
     ------
     MeshFileError, FileError
-        When a file holds no mesh of the scene; when it cannot be read. Both are ValueErrors.
+        For a mesh of another scene; for a file that cannot be read. Both are ValueErrors.
     SceneError
         For a pressure that cannot be used or has no single dead load; it is a ValueError, too.
     """
     posed = Posed.under(scene, pressure)
     if order not in tuple(UNKNOWNS_PER_ELEMENT):
         raise ValueError(f"order = {order!r}: there are no such elements; give 1, 2 or 3")
-    if isinstance(mesh, str | Path):
-        mesh = read_mesh(mesh, scene)
+    if mesh is not None:
+        mesh = mesh_of(mesh, scene)
     goals = goals_of(scene)
     solution = solve_goals(scene, goals, mesh=mesh, order=order, budget=budget, posed=posed)
     warnings = [*scene.doubts, *solution.warnings]

@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, ValidationError
 
-from pvdf_fem.scene.change import plain, spelled, steps_of
+from pvdf_fem.scene.change import named, plain, spelled, steps_of
 from pvdf_fem.scene.mistakes import MOST_MISTAKES
 from pvdf_fem.scene.quantity import Finite, Length, Number, Section
 from pvdf_fem.scene.scene import Scene
@@ -175,6 +175,9 @@ class Grid:
                 changes |= axis[index]
             try:
                 scene = self.scene.with_(**changes)
+                if unheeded := scene.unheeded(named(changes)):
+                    reason = "varies, and each probe says its own; remove one of the two"
+                    raise SceneError(f"{key}: {reason}" for key in unheeded)
             except SceneError as error:
                 problems |= dict.fromkeys(error.problems)
                 refused += 1

@@ -23,8 +23,8 @@ from pvdf_fem.derivatives.rates import charge_rates
 from pvdf_fem.response.model import Domain, room_mm
 from pvdf_fem.scene.change import number_at, plain, steps_of
 from pvdf_fem.scene.outlines.shape import HEAT
-from pvdf_fem.scene.scene import Scene, SceneError
-from pvdf_fem.scene.shapes import FORCES, Pressing
+from pvdf_fem.scene.scene import Numerics, Scene, SceneError
+from pvdf_fem.scene.shapes import Pressing
 from pvdf_fem.solution.solution import NotConvergedError
 from pvdf_fem.solution.solve import solve
 from pvdf_fem.sweeps.sweep import solve_all
@@ -422,13 +422,11 @@ def _single(scene: Scene, reach_mm: float, pitch_mm: float, fine_mm: float) -> t
 def _alone(scene: Scene, number: int) -> Scene:
     """One of a scene's probes on the centre, under 1 N and cold."""
     touch = scene.loaded_probes[number]
-    probe = {
-        k: v for k, v in plain(touch.probe).items() if k not in (*Pressing.model_fields, *HEAT)
-    }
-    probe |= {"x_mm": 0.0, "y_mm": 0.0, "rotation_deg": 0.0}
-    load = {**plain(touch.load), "force_N": 1.0}
-    load.pop("tangential_N", None)
-    numerics = {"tolerance": 1e-2, "observable": scene.numerics.observable}
+    place = dict.fromkeys(("x_mm", "y_mm", "rotation_deg"), 0.0)
+    unsaid = dict.fromkeys((*Pressing.model_fields, *HEAT))
+    probe = touch.probe.model_copy(update=place | unsaid)
+    load = touch.load.model_copy(update={"force_N": 1.0, "tangential_N": None})
+    numerics = Numerics(tolerance=1e-2, observable=scene.numerics.observable)
     return scene.with_(probe=probe, load=load, numerics=numerics, readout=None)
 
 
@@ -438,8 +436,6 @@ def _listed(scene: Scene, touches: int, unknown: Sequence[str]) -> Scene:
     probes = [*scene.loaded_probes] * (touches // len(scene.loaded_probes))
     tables = [{**plain(touch.probe), "force_N": touch.load.force_N} for touch in probes]
     for touch, table in zip(probes, tables, strict=True):
-        for key in FORCES:
-            table.get("load", {}).pop(key, None)
         if "temperature_K" in unknown:
             table["temperature_K"] = 0.0
         if "tangential_N" in unknown or touch.load.tangential_N:

@@ -59,7 +59,7 @@ SIZES = {
     "polygon": {"vertices_mm"},
 }
 PLACE = {"name", "shape", "x_mm", "y_mm", "rotation_deg", "edge_radius_mm"}
-LOADS = frozenset({"force_N", "tangential_N", "load"})
+LOADS = frozenset({"depth_mm", "force_N", "tangential_N", "load"})
 RING = frozenset({"layout", "count", "ring_radius_mm", "first_angle_deg", "centre"})
 
 

@@ -163,6 +163,22 @@ def test_set_stretches_and_lays_out(scene: Path, capsys: pytest.CaptureFixture[s
     assert "film.temperature_change_K = -2: stands beside film.pretension_N_m = 9.0" in mistake
 
 
+def test_set_merges_tables_and_refuses_rivals(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.toml"
+    path.write_text("[film]\nradius_mm = 40\npretension_N_m = 9\n")
+    tables = ["film={thickness_um=12}", "film={d31_pC_N=10}"]
+    changes = {"film.thickness_um": 12.0, "film.d31_pC_N": 10.0}
+    scene = scene_of(Namespace(scene=path, settings=tables))
+    assert scene == Scene.load(path).with_(**changes)
+    path.write_text('[probe]\nshape = "sphere"\nradius_mm = 5\n[load]\nkind = "contact"\n')
+    both = ["--set", "load.force_N=0.5", "--set", "load.depth_mm=2"]
+    for changes in (both, ["--set", "load={force_N=0.5, depth_mm=2}"]):
+        (mistake,) = Run(["solve", path, *changes], capsys).mistakes
+        assert mistake.startswith("load.force_N = 0.5: ")
+
+
 @pytest.mark.parametrize(
     ("change", "key", "value"),
     [
@@ -542,7 +558,8 @@ def test_an_unknown_command_is_told_the_nearest(capsys: pytest.CaptureFixture[st
     ("settings", "lost"),
     [
         (["probe.shape=circle"], ["probe.side_mm = 7.5"]),
-        (["probe={shape='circle'}"], []),
+        (["probe={shape='circle'}"], ["probe.side_mm = 7.5"]),
+        (["load={kind='dead', force_N=2}"], ['load.contact = "stuck"']),
         (
             ["load.kind=dead", "film.pretension_N_m=9"],
             ["film.temperature_change_K = -2.0", 'load.contact = "stuck"'],

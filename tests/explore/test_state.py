@@ -38,6 +38,7 @@ def test_undo_and_redo():
         (TRIANGLE, {"electrodes": {"layout": "ring", "count": 6, "shape": "circle"}}),
         (TRIANGLE, {"film.pretension_N_m": [8.0, 9.0], "film.youngs_modulus_GPa": [2.0, 3.0]}),
         (TRIANGLE, {"readout": {"noise_V": {"A": 0.01}}}),
+        (TRIANGLE.with_(film={"warming_K": 1.0}), {"film": {"warming_K": None, "radius_mm": 40}}),
         (TWO, {"probe[1].rotation_deg": 30.0, "probe[0].force_N": 0.5}),
     ],
 )
@@ -100,3 +101,4 @@ def test_sliders_are_those_of_the_scene_and_reach_its_values():
     assert not {"electrodes.radius_mm", "load.depth_mm", "probe.force_N"} & found.keys()
     assert not any("probe" in key for key in sliders_of(Scene()))
     assert {"probe[0].force_N", "probe[1].rotation_deg"} <= sliders_of(TWO).keys()
+    assert "load.force_N" not in sliders_of(TWO)  # each probe says its own
