@@ -24,7 +24,7 @@ from pvdf_fem.charges.goals import Goal, goals_of
 from pvdf_fem.charges.thickness import thickness_remarks
 from pvdf_fem.film.electric.coupling import coupling_remarks
 from pvdf_fem.film.loads.heat import heat_remarks
-from pvdf_fem.film.loads.profiles import profile_of
+from pvdf_fem.film.loads.profiles import pinned, profile_of
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError
 from pvdf_fem.mesh.mesh_file import read_mesh
@@ -112,6 +112,7 @@ def solve_goals(
     The charges that meet the tolerance, and the `forces` of the solution's `fields`, are those of
     the goals; a solution's charges by electrode have no meaning here.
     """
+    (scene,) = pinned([scene])
     for touch in scene.loaded_probes:
         profile_of(touch)  # refuses files before any mesh
     budget = Budget.of(scene) if budget is None else budget

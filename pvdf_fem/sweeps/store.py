@@ -31,6 +31,8 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.charges.forces import Forces
 from pvdf_fem.files import FileError, give_permissions
+from pvdf_fem.film.loads.profiles import pinned
+from pvdf_fem.scene.affects import Affects, affecting
 from pvdf_fem.scene.scene import Scene
 
 if sys.platform != "win32":
@@ -300,8 +302,10 @@ def _sum(name: str, text: str) -> str:
 
 def key(scene: Scene, folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> str:
     """Hash of what is solved of a scene, and of the code in some folders that solves it."""
-    unsolved = {"stage"} if scene.film.coupling else {"readout", "stage"}
-    solved = scene.model_dump_json(exclude=unsolved)
+    (scene,) = pinned([scene])
+    # with coupling, amplifiers and the permittivity act on the film
+    effects = [*Affects] if scene.film.coupling else set(Affects) - {Affects.INSTRUMENT}
+    solved = repr(affecting(scene, *effects))
     return hashlib.sha256((code_version(folders) + solved).encode()).hexdigest()
 
 
