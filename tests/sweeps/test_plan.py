@@ -131,6 +131,16 @@ def test_a_pretension_and_a_cooling_share_a_solve():
             assert shared == pytest.approx(charge, rel=1e-9)
 
 
+def test_scenes_that_share_a_solve_have_their_own_warnings():
+    thin = TRIANGLE.with_(**{"numerics.tolerance": 0.05})
+    thick = thin.with_(**{"film.thickness_um": 500.0, "load.force_N": 20.0})
+    for scenes in ([thin, thick], [thick, thin]):
+        assert len(planned(scenes).blocks) == 1
+        for scene, record in zip(scenes, solve_all(scenes, processes=1), strict=True):
+            assert record.warnings == solve(scene).warnings
+    assert solve(thick).warnings != solve(thin).warnings
+
+
 def test_images_of_a_scene_share_its_mesh():
     """Electrodes that lie on those of the first scene need no other mesh than its own."""
     scene = TRIANGLE.with_(**{"numerics.tolerance": 0.02})
