@@ -1,7 +1,8 @@
 """Records of solved scenes, in an SQLite file that survives a killed process.
 
-Each scene has a row. The row's key is a hash of the scene, numerics included, and of the source of
-every module that numbers depend on, so that results of older code are never taken for new ones.
+Each scene has a row. The row's key is a hash of what is solved of the scene, with its numerics and
+the content of its files, and of the source of every module that numbers depend on, so that results
+of older code are never taken for new ones.
 Rows are committed as soon as their scenes are solved, those of one solve together.
 
 Programs that use a store at the same time claim a solve before they begin it. A claim is a lock on

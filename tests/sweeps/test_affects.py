@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Response, Scene, SceneError, build_response, solve
+from pvdf_fem.mesh.symmetry import part_of
 from pvdf_fem.response.build import ResponseOptions
 from pvdf_fem.response.probe_stress import ProbeMesh
 from pvdf_fem.response.response_file import mechanics_of
@@ -19,7 +20,7 @@ from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.circle import CircleShape
 from pvdf_fem.scene.quantity import Section
 from pvdf_fem.scene.registry import Load
-from pvdf_fem.scene.shapes import MODELS
+from pvdf_fem.scene.shapes import LISTED_PROBES, MODELS
 from pvdf_fem.sweeps.plan import plan
 from pvdf_fem.sweeps.store import key
 from pvdf_fem.sweeps.sweep import solve_all
@@ -371,3 +372,18 @@ def test_a_new_key_of_a_shape_counts():
     ]
     assert len(plan(scenes).blocks) == 2
     assert key(scenes[0]) != key(scenes[1])
+
+
+def test_a_new_key_of_probes_counts_for_the_symmetry_of_a_scene():
+    class CoatedPress(LISTED_PROBES["circle"]):
+        """A probe of a list with a key that is new."""
+
+        coating_um: float = 0.0
+
+    def part(*coatings_um: float) -> tuple[int, ...]:
+        places = zip((-5.0, 5.0), coatings_um, strict=True)
+        probes = tuple(CoatedPress(x_mm=x, radius_mm=2.5, coating_um=um) for x, um in places)
+        return part_of(BASE.model_copy(update={"probe": probes})).mirrored
+
+    assert len(part(1.0, 1.0)) == 2
+    assert len(part(0.0, 1.0)) == 1

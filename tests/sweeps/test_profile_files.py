@@ -69,6 +69,17 @@ def test_a_relative_path_that_means_another_file_elsewhere_is_another_scene(tmp_
     assert keys[0] != keys[1]
 
 
+def test_processes_that_stay_find_the_file_of_another_folder(tmp_path, monkeypatch):
+    scenes = [SCENE, SCENE.with_(**{"load.force_N": 2.0})]
+    for name, lean in (("here", 0.15), ("there", -0.15)):
+        tmp_path.joinpath(name).mkdir()
+        monkeypatch.chdir(tmp_path / name)
+        write(lean)
+        record, _ = solve_all(scenes, processes=2)
+        found = [*record.charges_pC(8.0, 8.0).values()]
+        assert found == pytest.approx(fresh(SCENE), rel=1e-9)
+
+
 def test_a_file_of_one_probe_of_a_list_counts():
     load = {"kind": "dead", "profile": PROFILE}
     probe = {"shape": "circle", "radius_mm": 3.0, "y_mm": 0.0}

@@ -6,6 +6,7 @@ class here and a line in `pvdf_fem.scene.registry`.
 
 from __future__ import annotations
 
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from functools import cache, lru_cache
@@ -108,14 +109,15 @@ def profile_of(touch: LoadedProbe) -> Profile:
 
 
 def pinned(scenes: Iterable[Scene]) -> list[Scene]:
-    """Scenes that name the content, too, of files with profiles: ``p.csv#sha256=...``.
+    """Scenes that name whole paths and the content of files with profiles: ``/p.csv#sha256=...``.
 
+    Processes with another working directory find the files, and no process solves another content.
     Each file is read once. Raises SceneError for a file that holds no grid.
     """
 
     @cache
     def named(profile: str) -> str:
-        return f"{profile}{PIN}{_read(profile)[0]}"
+        return f"{os.path.abspath(profile)}{PIN}{_read(profile)[0]}"
 
     def changed(scene: Scene) -> Scene:
         probes = scene.probe if isinstance(scene.probe, tuple) else ()
@@ -135,8 +137,8 @@ def _read(profile: str) -> tuple[str, Callable[[Array], Array]]:
         content = read_bytes(Path(name), MOST_BYTES, "a pressure profile")
         digest = sha256(content).hexdigest()
         if pin not in ("", digest):
-            reason = "is another file than when the solve was planned, or has changed since"
-            raise FileError(f"{name}: {reason}; give its whole path, without {PIN}")
+            reason = "does not hold the profile that is to be solved, as its digest tells"
+            raise FileError(f"{name}: {reason}; restore the file, or name it without {PIN}")
         return digest, _grid(name, content)
     except (FileError, KeyError, OSError, ValueError) as error:
         reason = f"cannot be used ({error}); give x_mm, y_mm and pressure on a grid that grows"
