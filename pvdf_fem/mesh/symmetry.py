@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from itertools import product
+from typing import Any
 
 import numpy as np
 import shapely
@@ -124,7 +125,8 @@ def _part(frame: Array, mirrored: tuple[int, ...], scene: Scene, slack: float) -
 def _patch_swap(mirror: Array, scene: Scene, slack: float) -> dict[str, str] | None:
     """What a map brings each probe with its load, and each patch of the film, onto, by names in the
     mesh; None where one has no image."""
-    swap, things = {}, {}
+    swap: dict[str, str] = {}
+    things: dict[str, tuple[Outline, Any, Array]] = {}
     for touch in scene.loaded_probes:
         own = affecting(touch.probe, Affects.MECHANICS).items()
         what = _upright(touch), {key: value for key, value in own if key not in _SAID}
