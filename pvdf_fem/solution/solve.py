@@ -112,9 +112,9 @@ def solve_goals(
     The charges that meet the tolerance, and the `forces` of the solution's `fields`, are those of
     the goals; a solution's charges by electrode have no meaning here.
     """
-    (scene,) = pinned([scene])
     for touch in scene.loaded_probes:
-        profile_of(touch)  # refuses files before any mesh
+        profile_of(touch)  # refuses files before any mesh, by their names in the scene
+    (scene,) = pinned([scene])
     budget = Budget.of(scene) if budget is None else budget
     if steps.takes_steps(scene):
         stepped = steps.stepped(scene, lambda s: solve_goals(s, goals, order=order, budget=budget))
