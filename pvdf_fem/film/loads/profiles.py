@@ -124,7 +124,8 @@ def pinned(scenes: Iterable[Scene]) -> list[Scene]:
         loads = {"load": scene.load if scene.probe else None}
         loads |= {f"probe[{i}].load": probe.load for i, probe in enumerate(probes)}
         profiles = {f"{key}.profile": load.profile for key, load in loads.items() if load}
-        in_files = {k: p for k, p in profiles.items() if p not in PROFILE_ENTRIES and PIN not in p}
+        known = {None, *PROFILE_ENTRIES}  # a probe's own load may leave the profile to the scene's
+        in_files = {k: p for k, p in profiles.items() if p not in known and PIN not in p}
         return scene.with_(**{k: named(p) for k, p in in_files.items()}) if in_files else scene
 
     return [changed(scene) for scene in scenes]
