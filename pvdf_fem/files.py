@@ -24,11 +24,16 @@ def printable(text: str) -> str:
 
 
 def read_text(path: Path, most_bytes: int, what: str) -> str:
-    """Text of a regular UTF-8 file, without a byte order mark.
+    """Text of a regular UTF-8 file, without a byte order mark; see `read_bytes`, `decoded`."""
+    return decoded(path, read_bytes(path, most_bytes, what))
+
+
+def read_bytes(path: Path, most_bytes: int, what: str) -> bytes:
+    """Content of a regular file.
 
     A pipe or a device, which may never end, is refused without reading. `what` says in error texts
-    what the file should be: ``a scene file``. Raises `FileError` when the file cannot be read, has
-    more than `most_bytes`, or is not UTF-8.
+    what the file should be: ``a scene file``. Raises `FileError` when the file cannot be read, or
+    has more than `most_bytes`.
     """
     with reading(path, what) as file, _as_unreadable(path, what):
         raw = file.read(most_bytes + 1)
@@ -37,6 +42,11 @@ def read_text(path: Path, most_bytes: int, what: str) -> str:
         raise FileError(
             f"{path}: has {size} bytes, more than {most_bytes}; give the path of {what}"
         )
+    return raw
+
+
+def decoded(path: Path, raw: bytes) -> str:
+    """The text of a file's content, without a byte order mark; `FileError` if it is not UTF-8."""
     require_lines(raw, str(path))
     try:
         return raw.decode("utf-8-sig")

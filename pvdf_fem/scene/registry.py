@@ -18,6 +18,7 @@ from pydantic import (
     model_serializer,
 )
 
+from pvdf_fem.scene.affects import Affects
 from pvdf_fem.scene.quantity import Finite, Length, Section, refusal, within
 from pvdf_fem.scene.scene_file import choose
 
@@ -44,6 +45,8 @@ PROFILE_ENTRIES = {
     "hertz": ProfileEntry("pvdf_fem.film.loads.profiles:Hertz", needs_ellipse=True),
     "gaussian": ProfileEntry("pvdf_fem.film.loads.profiles:Gaussian"),
 }
+#: What stands between the path of a file with a profile and the SHA-256 of the file's content.
+PIN = "#sha256="
 TABLE_ENTRY = ProfileEntry("pvdf_fem.film.loads.profiles:Table", is_symmetric=False)
 
 
@@ -113,13 +116,15 @@ class Load(Section):
 
     `profile` is ``uniform``, ``hertz``, ``gaussian`` or the path, from the working directory, of a
     CSV or NetCDF file with ``x_mm``, ``y_mm`` and ``pressure`` on a grid in the probe's own axes.
-    Only its shape counts: its total is the force. At `profile_width_mm` from the probe's centroid
-    a ``gaussian`` is 1/e² of its largest value; by default the radius of a disc of the same area.
+    Only its shape counts: its total is the force. A path that ends in ``#sha256=`` and a digest, as
+    in the scene of a solution, refuses any other content of the file. At `profile_width_mm` from
+    the probe's centroid a ``gaussian`` is 1/e² of its largest value; by default the radius of a
+    disc of the same area.
     """
 
     kind: LoadKind = "dead"
     depth_mm: Depth | None = None
-    force_N: Force = 1.0
+    force_N: Annotated[Force, Affects.SCALE] = 1.0
     friction: Any = 0.0
     contact: Literal["sliding", "stuck"] | None = Field(None, validate_default=True)
     tilt: Literal["held", "free"] = "held"
@@ -155,7 +160,7 @@ class Load(Section):
     @field_validator("profile")
     @classmethod
     def _is_a_profile(cls, value: str) -> str:
-        if value not in PROFILE_ENTRIES and not value.endswith((".csv", ".nc")):
+        if value not in PROFILE_ENTRIES and not value.partition(PIN)[0].endswith((".csv", ".nc")):
             known = choose(value, list(PROFILE_ENTRIES))
             raise refusal(f"is no path that ends in .csv or .nc and no profile; {known}")
         return value

@@ -22,6 +22,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from pvdf_fem.scene.affects import Affects
 from pvdf_fem.scene.change import Replaced, change
 from pvdf_fem.scene.film import Air, Film
 from pvdf_fem.scene.mistakes import MOST_MISTAKES, mistakes
@@ -79,7 +80,7 @@ class Numerics(Section):
     """
 
     tolerance: Annotated[Finite, within(1e-8, 0.5, ends=False)] = 1e-3
-    observable: ObservableName = "material"
+    observable: Annotated[ObservableName, Affects.READING] = "material"
     load_steps: Annotated[Whole, within(3, 50)] | None = None
     max_unknowns: Annotated[Whole, within(100, 10_000_000, "unknowns")] | None = None
     max_seconds: Annotated[Finite, within(0.1, 1e6, "s")] | None = None
@@ -136,16 +137,16 @@ class Scene(Section):
     """
 
     film: Film = Film()
-    electrodes: Electrodes = Layout()
+    electrodes: Annotated[Electrodes, Affects.READING] = Layout()
     probe: Probes | None = None
     if TYPE_CHECKING:
         load: _LoadOrReader = _LoadOrReader()
     else:
         load: Load = Load()
     numerics: Numerics = Numerics()
-    readout: Readout | None = None
-    stage: Stage | None = None
-    air: Air | None = None
+    readout: Annotated[Readout | None, Affects.INSTRUMENT] = None
+    stage: Annotated[Stage | None, Affects.INSTRUMENT] = None
+    air: Annotated[Air | None, Affects.DYNAMICS] = None
 
     if not TYPE_CHECKING:  # type checkers have the keys from the fields
 

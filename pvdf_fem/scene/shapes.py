@@ -20,6 +20,7 @@ from pydantic import (
     model_validator,
 )
 
+from pvdf_fem.scene.affects import Affects
 from pvdf_fem.scene.outlines.circle import CircleShape
 from pvdf_fem.scene.outlines.ellipse import EllipseShape
 from pvdf_fem.scene.outlines.outline import turn
@@ -33,6 +34,8 @@ from pvdf_fem.scene.scene_file import quote
 MOST_ELECTRODES = 100  #: Sensors with more electrodes are refused.
 MOST_PROBES = 20  #: Scenes with more probes are refused.
 MOST_PATCHES = 100  #: Films with more patches are refused.
+Density = Annotated[Finite, within(0.0, 1e6, "kg/m³")]
+Expansion = Annotated[Finite, within(-1.0, 1.0, "1/K")]
 #: Shapes of probes and electrodes. A new shape is named here.
 _SHAPES: list[type[Shape]] = [RectangleShape, CircleShape, EllipseShape, PolygonShape]
 _OF_PROBES_ONLY: list[type[Shape]] = [TriangleShape, SphereShape]
@@ -74,9 +77,9 @@ class Bonded(_Flat):
     both_sides: Annotated[bool, Field(strict=True)] = False
     youngs_modulus_GPa: Modulus | None = None
     poisson_ratio: Annotated[Finite, within(0.0, 0.4999)] | None = None
-    density_kg_m3: Annotated[Finite, within(0.0, 1e6, "kg/m³")] | None = None
+    density_kg_m3: Annotated[Density | None, Affects.DYNAMICS] = None
     bonded: Literal["at rest", "before stretching"] = "at rest"
-    thermal_expansion_per_K: Annotated[Finite, within(-1.0, 1.0, "1/K")] | None = None
+    thermal_expansion_per_K: Expansion | None = None
 
     @field_validator("poisson_ratio", "thermal_expansion_per_K")
     @classmethod

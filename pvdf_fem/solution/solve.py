@@ -24,7 +24,7 @@ from pvdf_fem.charges.thickness import thickness_remarks
 from pvdf_fem.film.electric.coupling import coupling_remarks
 from pvdf_fem.film.loads.heat import heat_remarks
 from pvdf_fem.film.loads.posed import NOTHING, Held, Posed, Pressure
-from pvdf_fem.film.loads.profiles import profile_of
+from pvdf_fem.film.loads.profiles import pinned, profile_of
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError
 from pvdf_fem.mesh.mesh_file import mesh_of
@@ -119,6 +119,7 @@ def solve_goals(
     """
     for touch in posed.touches(scene):  # before any mesh, files and functions are refused
         profile_of(touch).mean(touch.outline.polygon)
+    (scene,) = pinned([scene])
     if mesh is not None:
         scene.require_no_tips("a mesh that is given")
     budget = Budget.of(scene) if budget is None else budget

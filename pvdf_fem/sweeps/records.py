@@ -70,6 +70,9 @@ def _records(
     )
     if not converged:
         return [replace(shared, electrodes=electrodes) for electrodes in names]
+    # a thicker film under more force may share the solve, and not what bending would change
+    left_out = film_model(solution.scene).warnings
+    others = [text for text in solution.warnings if text not in left_out]
     forces = {name: _forces(solution, goals, known) for name, known in OBSERVABLES.items()}
     records = []
     for scene, electrodes, rows in zip(scenes, names, indices, strict=True):
@@ -85,7 +88,7 @@ def _records(
                 electrodes=electrodes,
                 forces=defined,
                 force_errors={str(scene.numerics.observable): solved.errors.tolist()},
-                warnings=(*shared.warnings, *cancelled_charges(scene, solved)),
+                warnings=(*film_model(scene).warnings, *others, *cancelled_charges(scene, solved)),
             )
         )
     return records

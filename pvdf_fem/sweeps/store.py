@@ -1,7 +1,8 @@
 """Records of solved scenes, in an SQLite file that survives a killed process.
 
-Each scene has a row. The row's key is a hash of the scene, numerics included, and of the source of
-every module that numbers depend on, so that results of older code are never taken for new ones.
+Each scene has a row. The row's key is a hash of what is solved of the scene, with its numerics and
+the content of its files, and of the source of every module that numbers depend on, so that results
+of older code are never taken for new ones.
 Rows are committed as soon as their scenes are solved, those of one solve together.
 
 Programs that use a store at the same time claim a solve before they begin it. A claim is a lock on
@@ -31,6 +32,8 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.charges.forces import Forces
 from pvdf_fem.files import FileError, give_permissions
+from pvdf_fem.film.loads.profiles import pinned
+from pvdf_fem.scene.affects import Affects, affecting
 from pvdf_fem.scene.scene import Scene
 
 if sys.platform != "win32":
@@ -300,8 +303,10 @@ def _sum(name: str, text: str) -> str:
 
 def key(scene: Scene, folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> str:
     """Hash of what is solved of a scene, and of the code in some folders that solves it."""
-    unsolved = {"stage"} if scene.film.coupling else {"readout", "stage"}
-    solved = scene.model_dump_json(exclude=unsolved)
+    (scene,) = pinned([scene])
+    # with coupling, amplifiers and the permittivity act on the film
+    effects = [*Affects] if scene.film.coupling else set(Affects) - {Affects.INSTRUMENT}
+    solved = repr(affecting(scene, *effects))
     return hashlib.sha256((code_version(folders) + solved).encode()).hexdigest()
 
 

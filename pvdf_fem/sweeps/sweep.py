@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.film.loads.profiles import pinned
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.sweeps.grid import Grid
@@ -105,6 +106,7 @@ def solve_all(scenes: Sequence[Scene], store: Store | None = None, **how: Any) -
 
 def planned(scenes: Sequence[Scene], store: Store | None = None) -> SweepPlan:
     """The plan for scenes, of which those in the store need no solve."""
+    scenes = pinned(scenes)
     return plan(scenes, None if store is None else [scene in store for scene in scenes])
 
 

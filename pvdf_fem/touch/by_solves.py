@@ -20,6 +20,7 @@ from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.derivatives.parameters import parameters_of
 from pvdf_fem.derivatives.rates import charge_rates
+from pvdf_fem.film.loads.profiles import pinned
 from pvdf_fem.response.model import Domain, room_mm
 from pvdf_fem.scene.change import number_at, plain, steps_of
 from pvdf_fem.scene.outlines.shape import HEAT
@@ -362,7 +363,8 @@ def _starts(search: Search, options: SolveOptions) -> Array:
     """Starts (n, keys) where charges of single touches, added up, are most like those measured."""
     scene, how = search.scene, (search.domain.reach_mm, options.pitch_mm, options.fine_mm)
     rest = 1e12 * rest_charges(scene)[search.electrodes]
-    tables = [_single(_alone(scene, i), *how) for i in range(len(scene.loaded_probes))]
+    alone = pinned(_alone(scene, i) for i in range(len(scene.loaded_probes)))
+    tables = [_single(one, *how) for one in alone]
     changes = np.concatenate([(c[:, search.electrodes] - rest) for _, c in tables])
     changes, places = changes / search.spread_pC, np.concatenate([p for p, _ in tables])
     count, alike = len(tables[0][0]), tables[0] is tables[-1]

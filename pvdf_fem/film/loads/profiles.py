@@ -6,24 +6,28 @@ class here and a line in `pvdf_fem.scene.registry`.
 
 from __future__ import annotations
 
+import os
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from functools import lru_cache
+from collections.abc import Callable, Iterable
+from functools import cache, lru_cache
+from hashlib import sha256
 from pathlib import Path
 from pkgutil import resolve_name
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import shapely
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.files import FileError, read_text
+from pvdf_fem.files import FileError, decoded, read_bytes
 from pvdf_fem.film.loads.posed import PosedProbe, Pressure, name_of
 from pvdf_fem.scene.outlines.disc import ImageOfDisc
 from pvdf_fem.scene.outlines.outline import turn
-from pvdf_fem.scene.scene import SceneError
+from pvdf_fem.scene.registry import PIN, PROFILE_ENTRIES
+from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import problem
 
-#: Largest CSV file of a profile in bytes.
+#: Largest file of a profile in bytes.
 MOST_BYTES = 20_000_000
 #: Polynomial degree that quadrature is exact for under a profile that is not uniform.
 RICH_ORDER = 16
@@ -119,7 +123,7 @@ class Table(Given):
     """Values on a grid in a file, interpolated bilinearly, and zero outside."""
 
     def __init__(self, touch: PosedProbe) -> None:
-        grid = _read(touch.load.profile)
+        _, grid = _read(touch.load.profile)
         super().__init__(touch, lambda x, y: grid(np.stack([x, y], axis=-1)))
 
 
@@ -131,33 +135,66 @@ def profile_of(touch: PosedProbe) -> Profile:
     return profile
 
 
-def _read(name: str) -> Callable[[Array], Array]:
+def pinned(scenes: Iterable[Scene]) -> list[Scene]:
+    """Scenes that name whole paths and the content of files with profiles: ``/p.csv#sha256=...``.
+
+    Processes with another working directory find the files, and no process solves another content.
+    Each file is read once. Raises SceneError for a file that holds no grid.
+    """
+
+    @cache
+    def named(profile: str) -> str:
+        return f"{os.path.abspath(profile)}{PIN}{_read(profile)[0]}"
+
+    def changed(scene: Scene) -> Scene:
+        probes = scene.probe if isinstance(scene.probe, tuple) else ()
+        loads = {"load": scene.load if scene.probe else None}
+        loads |= {f"probe[{i}].load": probe.load for i, probe in enumerate(probes)}
+        profiles = {f"{key}.profile": load.profile for key, load in loads.items() if load}
+        known = {None, *PROFILE_ENTRIES}  # a probe's own load may leave the profile to the scene's
+        in_files = {k: p for k, p in profiles.items() if p not in known and PIN not in p}
+        return scene.with_(**{k: named(p) for k, p in in_files.items()}) if in_files else scene
+
+    return [changed(scene) for scene in scenes]
+
+
+def _read(profile: str) -> tuple[str, Callable[[Array], Array]]:
+    """Digest of a file, and the profile that the file holds."""
+    name, _, pin = profile.partition(PIN)
     try:
-        return _grid(name, Path(name).stat().st_mtime_ns)
+        content = read_bytes(Path(name), MOST_BYTES, "a pressure profile")
+        digest = sha256(content).hexdigest()
+        if pin not in ("", digest):
+            reason = "does not hold the profile that is to be solved, as its digest tells"
+            raise FileError(f"{name}: {reason}; restore the file, or name it without {PIN}")
+        return digest, _grid(name, content)
     except (FileError, KeyError, OSError, ValueError) as error:
         reason = f"cannot be used ({error}); give x_mm, y_mm and pressure on a grid that grows"
-        raise SceneError([problem("load.profile", name, reason)]) from None
+        raise SceneError([problem("load.profile", profile, reason)]) from None
 
 
 @lru_cache(maxsize=8)
-def _grid(name: str, changed: int) -> Callable[[Array], Array]:
-    """What a file held when it was `changed`."""
+def _grid(name: str, content: bytes) -> Callable[[Array], Array]:
+    """The profile in the content of a file; the name tells the format."""
     from scipy.interpolate import RegularGridInterpolator  # slow to import
 
-    x, y, values = _of_netcdf(name) if name.endswith(".nc") else _of_csv(name)
+    x, y, values = (_of_netcdf if name.endswith(".nc") else _of_csv)(name, content)
     return RegularGridInterpolator((x, y), values, bounds_error=False, fill_value=0.0)
 
 
-def _of_netcdf(name: str) -> tuple[Array, Array, Array]:
+def _of_netcdf(name: str, content: bytes) -> tuple[Array, Array, Array]:
     import xarray  # slow to import
 
-    with xarray.open_dataset(name) as data:
-        table = data["pressure"].transpose("x_mm", "y_mm")
-        return data["x_mm"].values, data["y_mm"].values, table.values
+    with TemporaryDirectory() as folder:  # not every engine of xarray reads bytes
+        copy = Path(folder) / Path(name).name
+        copy.write_bytes(content)
+        with xarray.open_dataset(copy) as data:
+            table = data["pressure"].transpose("x_mm", "y_mm")
+            return data["x_mm"].values, data["y_mm"].values, table.values
 
 
-def _of_csv(name: str) -> tuple[Array, Array, Array]:
-    heading, *lines = read_text(Path(name), MOST_BYTES, "a pressure profile").splitlines()
+def _of_csv(name: str, content: bytes) -> tuple[Array, Array, Array]:
+    heading, *lines = decoded(Path(name), content).splitlines()
     columns = [column.strip() for column in heading.split(",")]
     rows = np.array([line.split(",") for line in lines if line.strip()], dtype=float)
     x, y, pressure = (rows[:, columns.index(key)] for key in ("x_mm", "y_mm", "pressure"))
