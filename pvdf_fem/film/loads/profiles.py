@@ -125,6 +125,7 @@ class Table(Given):
     def __init__(self, touch: PosedProbe) -> None:
         _, grid = _read(touch.load.profile)
         super().__init__(touch, lambda x, y: grid(np.stack([x, y], axis=-1)))
+        self.source = "load.profile", Path(touch.load.profile.partition(PIN)[0]).name
 
 
 def profile_of(touch: PosedProbe) -> Profile:
