@@ -29,7 +29,7 @@ from skfem import MeshTri2
 
 from pvdf_fem.arrays import Indices
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError, missing_text
-from pvdf_fem.mesh.six_node import SIDES, bulge, compression, with_sorted_vertices
+from pvdf_fem.mesh.six_node import SIDES, bent, bulge, compression, with_sorted_vertices
 from pvdf_fem.mesh.size_field import SPARE, SizeField, Sizes, element_sizes
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
 from pvdf_fem.scene.outlines.circle import Circle
@@ -117,7 +117,8 @@ def mesh_scene(
     smallest = min((shape.perimeter for shape in shapes.values()), default=0.0)
     for _ in range(attempts):
         # moving a side by this part of the smallest outline changes its area by less than 1e-6
-        mesh = straightened(_mesh_once(scene, shapes, sizes, part), least_jacobian, 1e-5 * smallest)
+        mesh = bent(_mesh_once(scene, shapes, sizes, part), least_jacobian)
+        mesh = straightened(mesh, least_jacobian, 1e-5 * smallest)
         distorted = compression(mesh) < least_jacobian
         if not distorted.any():
             return mesh

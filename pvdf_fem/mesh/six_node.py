@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from skfem import MeshTri2
 from skfem.quadrature import get_quadrature
@@ -27,7 +29,7 @@ def bulge(
     outline: Outline,
     curved: Mask,
     film: float,
-    near: float = 1e-12,
+    near: float = 2.5e-9,
 ) -> None:
     """Move the midside nodes on a smooth outline, in place, so that its elements have its area.
     `points` (2, nodes) and the film's radius `film` are in m. `curved` (nodes,) are nodes inside of
@@ -47,3 +49,42 @@ def compression(mesh: MeshTri2) -> Array:
     jacobian = mesh.mapping().detDF(points)
     mean = jacobian.mean(axis=1, keepdims=True)
     return (jacobian / mean).min(axis=1)
+
+
+def bent(mesh: MeshTri2, least_jacobian: float) -> MeshTri2:
+    """The mesh with the sides inside of patches bent like the arcs beside them, where elements have
+    a Jacobian below `least_jacobian` times its mean.
+
+    In a gap between two arcs that is narrower than the arcs are high over their chords, straight
+    sides across the gap would cross the arcs. A side bends by the arc's height times the square of
+    its extent along the arc's chord, relative to that chord: then all of an element is sheared by a
+    quadratic map, which keeps areas. Passes end when no more elements are mended.
+    """
+    patch_of = np.zeros((len(mesh.subdomains), mesh.nelements), dtype=bool)
+    for row, elements in zip(patch_of, mesh.subdomains.values(), strict=True):
+        row[elements] = True
+    first, second = mesh.f2t
+    inside = (second >= 0) & (patch_of[:, first] == patch_of[:, second]).all(axis=0)
+    movable = np.zeros(mesh.doflocs.shape[1], dtype=bool)
+    movable[mesh.dofs.facet_dofs[0, inside]] = True
+    distorted = compression(mesh) < least_jacobian
+    while distorted.any():
+        nodes = mesh.dofs.element_dofs[:, distorted]
+        starts, ends = mesh.doflocs[:, nodes[np.transpose(SIDES)]].swapaxes(0, 1)
+        chords, middles = ends - starts, 0.5 * (starts + ends)
+        heights = mesh.doflocs[:, nodes[3:]] - middles
+        highest = np.linalg.norm(heights, axis=0).argmax(axis=0)[None, None]
+        chord, height = (np.take_along_axis(a, highest, axis=1) for a in (chords, heights))
+        extents = (chords * chord).sum(axis=0) / (chord**2).sum(axis=0)
+        wanted = (middles + height * extents**2).reshape(2, -1)
+        points, sides = mesh.doflocs.copy(), nodes[3:].ravel()
+        count = np.bincount(sides, minlength=len(movable))
+        moved = movable & (count > 0)
+        for axis, places in enumerate(wanted):
+            points[axis, moved] = np.bincount(sides, places, len(movable))[moved] / count[moved]
+        after = replace(mesh, doflocs=points)
+        still = compression(after) < least_jacobian
+        if still.sum() >= distorted.sum():
+            break
+        mesh, distorted = after, still
+    return mesh
