@@ -97,15 +97,18 @@ def mesh_scene(
     least_jacobian: float = 0.14,
     attempts: int = 6,
     contacts: Mapping[str, Outline] = MappingProxyType({}),
+    require: Callable[[float], object] = lambda elements: None,
 ) -> MeshTri2:
     """Mesh a scene, or a part of it in the part's axes, with coordinates in m.
 
     Patches that `Sizes.patches` does not name get no finer mesh; the outlines `contacts`, edges of
-    contacts with tips, take the place of the probes'. Up to `attempts` meshes are made, each finer
-    at elements of the one before with a Jacobian below `least_jacobian` times its mean: those
-    between an arc and a corner or an edge that it nearly touches. What is left of them in the last
-    mesh gets straight sides. The cusp between an arc and its tangent, or between two arcs that
-    touch, has 0.15 at any element size.
+    contacts with tips, take the place of the probes'. Elements with a Jacobian below
+    `least_jacobian` times its mean are bent where they lie in a thin gap between arcs (`bent`). Up
+    to `attempts` meshes are made, each finer at such elements of the one before that are left:
+    those between an arc and a corner or an edge that it nearly touches. What is left of them in the
+    last mesh gets straight sides. The cusp between an arc and its tangent, or between two arcs that
+    touch, has 0.15 at any element size. Before each mesh `require` is called with the number of
+    elements that it will have by an estimate, and may raise.
 
     Subdomains are ``film``, one ``electrode NAME`` each, ``film patch 1`` and so on, and ``probe``,
     or ``probe 1``, ``probe 2`` and so on; boundaries are ``rim``, and those of `MIRRORS` that a
@@ -117,7 +120,7 @@ def mesh_scene(
     smallest = min((shape.perimeter for shape in shapes.values()), default=0.0)
     for _ in range(attempts):
         # moving a side by this part of the smallest outline changes its area by less than 1e-6
-        mesh = bent(_mesh_once(scene, shapes, sizes, part), least_jacobian)
+        mesh = bent(_mesh_once(scene, shapes, sizes, part, require), least_jacobian)
         mesh = straightened(mesh, least_jacobian, 1e-5 * smallest)
         distorted = compression(mesh) < least_jacobian
         if not distorted.any():
@@ -147,19 +150,26 @@ def straightened(mesh: MeshTri2, least_jacobian: float, most: float) -> MeshTri2
 
 
 def _mesh_once(
-    scene: Scene, outer: dict[str, Outline], sizes: Sizes | SizeField, part: MirroredPart
+    scene: Scene,
+    outer: dict[str, Outline],
+    sizes: Sizes | SizeField,
+    part: MirroredPart,
+    require: Callable[[float], object],
 ) -> MeshTri2:
-    unit = scene.film.radius / 100.0
+    unit, arcs = scene.film.radius / 100.0, _arcs(scene.numerics.tolerance)
     shapes: dict[str, Outline] = {FILM: Circle(np.zeros(2), scene.film.radius)}
     shapes |= {name: shape.mapped(part.frame) for name, shape in outer.items()}
     shapes |= {electrode_patch(image): shape for image, (_, shape) in part.images.items()}
+    if isinstance(sizes, Sizes):
+        sizes = _with_images(sizes, part)
+        require(sizes.elements(shapes[FILM].area, shapes, arcs) / len(part.signs))
+    else:
+        require(sizes.elements)
     with _ONE_MODEL, _gmsh():
         try:
             patches = _fragment(shapes, unit, part)
-            arcs = _arcs(scene.numerics.tolerance)
             gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", arcs)
             if isinstance(sizes, Sizes):
-                sizes = _with_images(sizes, part)
                 curves = {
                     name: _outer_curves(patches[name], shapes[name], part)
                     for name in sizes.patches
