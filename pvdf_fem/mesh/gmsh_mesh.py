@@ -102,13 +102,12 @@ def mesh_scene(
     """Mesh a scene, or a part of it in the part's axes, with coordinates in m.
 
     Patches that `Sizes.patches` does not name get no finer mesh; the outlines `contacts`, edges of
-    contacts with tips, take the place of the probes'. Elements with a Jacobian below
-    `least_jacobian` times its mean are bent where they lie in a thin gap between arcs (`bent`). Up
-    to `attempts` meshes are made, each finer at such elements of the one before that are left:
-    those between an arc and a corner or an edge that it nearly touches. What is left of them in the
-    last mesh gets straight sides. The cusp between an arc and its tangent, or between two arcs that
-    touch, has 0.15 at any element size. Before each mesh `require` is called with the number of
-    elements that it will have by an estimate, and may raise.
+    contacts with tips, take the place of the probes'. Up to `attempts` meshes are made, each finer
+    at elements of the one before with a Jacobian below `least_jacobian` times its mean: those
+    between an arc and a corner or an edge that it nearly touches. What is left of them in the last
+    mesh gets straight sides. The cusp between an arc and its tangent, or between two arcs that
+    touch, has 0.15 at any element size. Before a mesh `require` is called with the estimated
+    number of its elements, and may raise.
 
     Subdomains are ``film``, one ``electrode NAME`` each, ``film patch 1`` and so on, and ``probe``,
     or ``probe 1``, ``probe 2`` and so on; boundaries are ``rim``, and those of `MIRRORS` that a
@@ -118,16 +117,19 @@ def mesh_scene(
     """
     shapes = outlines(scene) | dict(contacts)
     smallest = min((shape.perimeter for shape in shapes.values()), default=0.0)
+    if isinstance(sizes, Sizes):
+        film, arcs = Circle(np.zeros(2), scene.film.radius), _arcs(scene.numerics.tolerance)
+        require(sizes.elements(film.area, {FILM: film, **shapes}, arcs) / len(part.signs))
     for _ in range(attempts):
         # moving a side by this part of the smallest outline changes its area by less than 1e-6
-        mesh = bent(_mesh_once(scene, shapes, sizes, part, require), least_jacobian)
-        mesh = straightened(mesh, least_jacobian, 1e-5 * smallest)
+        mesh = straightened(_mesh_once(scene, shapes, sizes, part), least_jacobian, 1e-5 * smallest)
         distorted = compression(mesh) < least_jacobian
         if not distorted.any():
             return mesh
         next_sizes = SPARE * element_sizes(mesh)
         next_sizes[distorted] = 0.4 * element_sizes(mesh, sliver=0.1)[distorted]
         sizes = SizeField.of_elements(mesh, next_sizes)
+        require(sizes.elements)
     mesh = straightened(mesh, least_jacobian, np.inf)
     if (distorted := compression(mesh) < least_jacobian).any():
         raise MeshError(f"{distorted.sum()} elements fold: an outline nearly touches another")
@@ -135,8 +137,9 @@ def mesh_scene(
 
 
 def straightened(mesh: MeshTri2, least_jacobian: float, most: float) -> MeshTri2:
-    """The mesh with straight sides of distorted elements, where that moves them by up to `most`.
-    Such elements lie in cusps too narrow for an arc."""
+    """The mesh with bent sides of distorted elements in gaps (`bent`), and then with straight ones
+    where that moves them by up to `most`: of elements in cusps too narrow for an arc."""
+    mesh = bent(mesh, least_jacobian)
     while True:
         points = mesh.doflocs.copy()
         nodes = mesh.dofs.element_dofs[:, compression(mesh) < least_jacobian]
@@ -150,26 +153,19 @@ def straightened(mesh: MeshTri2, least_jacobian: float, most: float) -> MeshTri2
 
 
 def _mesh_once(
-    scene: Scene,
-    outer: dict[str, Outline],
-    sizes: Sizes | SizeField,
-    part: MirroredPart,
-    require: Callable[[float], object],
+    scene: Scene, outer: dict[str, Outline], sizes: Sizes | SizeField, part: MirroredPart
 ) -> MeshTri2:
-    unit, arcs = scene.film.radius / 100.0, _arcs(scene.numerics.tolerance)
+    unit = scene.film.radius / 100.0
     shapes: dict[str, Outline] = {FILM: Circle(np.zeros(2), scene.film.radius)}
     shapes |= {name: shape.mapped(part.frame) for name, shape in outer.items()}
     shapes |= {electrode_patch(image): shape for image, (_, shape) in part.images.items()}
-    if isinstance(sizes, Sizes):
-        sizes = _with_images(sizes, part)
-        require(sizes.elements(shapes[FILM].area, shapes, arcs) / len(part.signs))
-    else:
-        require(sizes.elements)
     with _ONE_MODEL, _gmsh():
         try:
             patches = _fragment(shapes, unit, part)
+            arcs = _arcs(scene.numerics.tolerance)
             gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", arcs)
             if isinstance(sizes, Sizes):
+                sizes = _with_images(sizes, part)
                 curves = {
                     name: _outer_curves(patches[name], shapes[name], part)
                     for name in sizes.patches

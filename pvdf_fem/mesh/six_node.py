@@ -34,8 +34,9 @@ def bulge(
     """Move the midside nodes on a smooth outline, in place, so that its elements have its area.
     `points` (2, nodes) and the film's radius `film` are in m. `curved` (nodes,) are nodes inside of
     curved pieces of boundaries: a short chord is as near to the outline. A node is on the outline
-    if it is nearer than `near` times the radius: well above rounding, and far below the distance of
-    two curves that touch, an element's size away from where they do."""
+    if it is nearer than `near` times the radius: gmsh makes one of curves up to about twice as far
+    apart, halfway between them, and those are far below the distance of two curves that touch, an
+    element's size away from where they do."""
     on = np.abs(outline.signed_distance(points.T)) < near * film
     ends, middle = triangles[:, SIDES].reshape(-1, 2), triangles[:, 3:].ravel()
     arcs = curved[middle] & on[middle] & on[ends].all(axis=1)
@@ -52,21 +53,16 @@ def compression(mesh: MeshTri2) -> Array:
 
 
 def bent(mesh: MeshTri2, least_jacobian: float) -> MeshTri2:
-    """The mesh with the sides inside of patches bent like the arcs beside them, where elements have
-    a Jacobian below `least_jacobian` times its mean.
-
-    In a gap between two arcs that is narrower than the arcs are high over their chords, straight
-    sides across the gap would cross the arcs. A side bends by the arc's height times the square of
-    its extent along the arc's chord, relative to that chord: then all of an element is sheared by a
-    quadratic map, which keeps areas. Passes end when no more elements are mended.
-    """
-    patch_of = np.zeros((len(mesh.subdomains), mesh.nelements), dtype=bool)
-    for row, elements in zip(patch_of, mesh.subdomains.values(), strict=True):
-        row[elements] = True
+    """The mesh with bent sides inside of patches, where elements have a Jacobian below
+    `least_jacobian` times its mean. In a gap narrower than the height of its arcs over their
+    chords, straight sides would cross the arcs. A side is bent by the arc's height times the square
+    of its own extent along the arc's chord over that chord: a quadratic shear of the element, whose
+    Jacobian is constant. Passes end when they mend no more elements."""
+    every = np.arange(mesh.nelements)
+    patch_of = np.stack([np.isin(every, elements) for elements in mesh.subdomains.values()])
     first, second = mesh.f2t
     inside = (second >= 0) & (patch_of[:, first] == patch_of[:, second]).all(axis=0)
-    movable = np.zeros(mesh.doflocs.shape[1], dtype=bool)
-    movable[mesh.dofs.facet_dofs[0, inside]] = True
+    movable = mesh.dofs.facet_dofs[0, inside]
     distorted = compression(mesh) < least_jacobian
     while distorted.any():
         nodes = mesh.dofs.element_dofs[:, distorted]
@@ -78,10 +74,10 @@ def bent(mesh: MeshTri2, least_jacobian: float) -> MeshTri2:
         extents = (chords * chord).sum(axis=0) / (chord**2).sum(axis=0)
         wanted = (middles + height * extents**2).reshape(2, -1)
         points, sides = mesh.doflocs.copy(), nodes[3:].ravel()
-        count = np.bincount(sides, minlength=len(movable))
-        moved = movable & (count > 0)
-        for axis, places in enumerate(wanted):
-            points[axis, moved] = np.bincount(sides, places, len(movable))[moved] / count[moved]
+        moved, owner, count = np.unique(sides, return_inverse=True, return_counts=True)
+        mean = np.stack([np.bincount(owner, places) for places in wanted]) / count
+        chosen = np.isin(moved, movable)
+        points[:, moved[chosen]] = mean[:, chosen]
         after = replace(mesh, doflocs=points)
         still = compression(after) < least_jacobian
         if still.sum() >= distorted.sum():

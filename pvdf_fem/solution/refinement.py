@@ -45,11 +45,10 @@ T = TypeVar("T", bound=Attempted)
 class TooManyUnknownsError(RuntimeError):
     """A mesh would have more unknowns than allowed; the text names the key to raise."""
 
-    def __init__(self, unknowns: float, stop: Stop, needed: str, allowed: float) -> None:
-        key = "max_unknowns" if stop is Stop.UNKNOWNS else "max_seconds"
+    def __init__(self, unknowns: float, allowed: str, stop: Stop) -> None:
         super().__init__(
-            f"the mesh needs about {unknowns:.0f} unknowns{needed}, but numerics.{key} allows"
-            f" {allowed:g}; raise it, or raise numerics.tolerance"
+            f"a mesh needs about {unknowns:.0f} unknowns, but {allowed}; raise it, or raise"
+            " numerics.tolerance"
         )
         self.stop = stop
 
@@ -157,29 +156,28 @@ class MeshLoop(Generic[T]):
         return attempt
 
     def _attempt_once(self, sizes: Sizes | SizeField, coarser: T | None) -> T:
-        start, first = time.perf_counter(), coarser is None
+        start = time.perf_counter()
+        require = partial(self._require_affordable, overestimate=self.rules.overestimate)
         with self.clock("mesh"):
+            jacobian, contacts = film_model(self.scene).least_jacobian, self.contacts_of(coarser)
             mesh = mesh_scene(
-                self.scene,
-                sizes,
-                self.part,
-                film_model(self.scene).least_jacobian,
-                contacts=self.contacts_of(coarser),
-                require=partial(self._require_affordable, first, self.rules.overestimate),
+                self.scene, sizes, self.part, jacobian, contacts=contacts, require=require
             )
-        self._require_affordable(first, 1.0, mesh.nelements)
+        if coarser is None:
+            self._require_affordable(mesh.nelements)
         return self.attempt_on(mesh, coarser, start)
 
-    def _require_affordable(self, first: bool, overestimate: float, elements: float) -> None:
+    def _require_affordable(self, elements: float, overestimate: float = 1.0) -> None:
         """Refuse a mesh whose number of elements is at most `overestimate` times too large."""
         budget, unknowns = self.budget, elements * self.unknowns_per_element
         least = unknowns / overestimate
-        if first and budget.bounds_first_mesh and least > budget.max_unknowns:
-            raise TooManyUnknownsError(unknowns, Stop.UNKNOWNS, "", budget.max_unknowns)
-        seconds = self.rules.least_iterations * iteration_seconds(least, film_model(self.scene))
-        if seconds > budget.max_seconds:
-            needed = f" and at least {seconds:.2g} s of work"
-            raise TooManyUnknownsError(unknowns, Stop.SECONDS, needed, budget.max_seconds)
+        if budget.bounds_first_mesh and least > budget.max_unknowns:
+            allowed = f"numerics.max_unknowns allows {budget.max_unknowns}"
+            raise TooManyUnknownsError(unknowns, allowed, Stop.UNKNOWNS)
+        work = self.rules.least_iterations * iteration_seconds(least, film_model(self.scene))
+        if work > budget.max_seconds:
+            allowed = f"numerics.max_seconds allows {budget.max_seconds:g} s of work"
+            raise TooManyUnknownsError(unknowns, allowed, Stop.SECONDS)
 
     def attempt_on(self, mesh: MeshTri2, coarser: T | None, start: float) -> T:
         """Solve on a mesh and note it in the history, with the seconds since `start`."""
