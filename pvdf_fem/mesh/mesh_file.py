@@ -166,7 +166,8 @@ def _mesh(contents: _Contents, scene: Scene, slack: float) -> MeshTri2:
     shapes = {FILM: Circle(np.zeros(2), radius), **outlines(scene)}
     inside = _inside(mesh, shapes)
     if straight:
-        mesh = _curved(mesh, {shapes[name]: elements for name, elements in inside.items()}, slack)
+        by_outline = {shapes[name]: elements for name, elements in inside.items()}
+        mesh = _curved(mesh.with_subdomains(inside), by_outline, slack)
     if (folded := compression(mesh) <= 0.0).any():
         raise MeshFileError(f"has {folded.sum()} triangles that fold; move their midside nodes")
     if mistakes := [*_misplaced(mesh, shapes, inside, contents.groups, slack)]:

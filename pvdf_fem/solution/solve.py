@@ -150,7 +150,7 @@ def _solved(problem: Problem, mesh: MeshTri2 | None) -> Solution:
         return Solution(scene, Status.MESH_FAILED, reason, Stop.NO_MESH, seconds=seconds)
     except TooManyUnknownsError as error:
         seconds = problem.clock.seconds()
-        return Solution(scene, Status.TOLERANCE, str(error), Stop.UNKNOWNS, seconds=seconds)
+        return Solution(scene, Status.TOLERANCE, str(error), error.stop, seconds=seconds)
     judged = steps.with_errors(attempt)
     few = attempt.worst <= scene.numerics.tolerance < judged.worst
     return _solution(judged, Stop.STEPS if few else stop, loop.history)
