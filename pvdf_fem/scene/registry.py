@@ -20,6 +20,7 @@ from pydantic import (
 
 from pvdf_fem.scene.affects import Affects
 from pvdf_fem.scene.quantity import Finite, Length, Section, refusal, within
+from pvdf_fem.scene.readout import KEYS_OF_KIND
 from pvdf_fem.scene.scene_file import choose
 
 #: Class of each ``load.kind``.
@@ -80,6 +81,8 @@ _NEEDS = {
     "profile": ("kind", "dead"),
     "profile_width_mm": ("profile", "gaussian"),
 }
+#: Keys of any table, and the other key with its value that they need.
+_ALL_NEEDS = {**_NEEDS, **{key: ("kind", kind) for key, kind in KEYS_OF_KIND.items()}}
 #: Keys of a table of which one takes the place of the other.
 RIVALS = {"depth_mm": "force_N", "temperature_change_K": "pretension_N_m"}
 RIVALS |= {rival: key for key, rival in RIVALS.items()}
@@ -90,7 +93,10 @@ FORCES = ("depth_mm", "force_N", "tangential_N")
 def put(table: dict[str, Any], key: str, value: Any, rival: Any = None) -> None:
     """Change a key of a scene's table. Keys that need another value of this one are left behind,
     and so is its rival. Where a value of the `rival` is given, too, both stay and are refused."""
-    for other, (decider, needed) in _NEEDS.items():
+    if isinstance(value, dict):  # a value by channel leaves nothing behind
+        table[key] = value
+        return
+    for other, (decider, needed) in _ALL_NEEDS.items():
         if other in table and decider == key and value != needed:
             put(table, other, None)
             del table[other]

@@ -187,3 +187,14 @@ def test_an_axis_that_another_makes_meaningless_is_refused(one, other):
     for axes in ([one, other], [other, one]):
         with pytest.raises(SceneError, match=key.replace(".", r"\.")):
             Grid.of(SPHERE, axes).scenes()
+
+
+def test_another_kind_of_readout_leaves_the_keys_of_the_old_kind_behind():
+    charge = Scene().with_(readout={"feedback_capacitance_pF": 500.0, "gain": 2.0})
+    voltage = charge.with_(readout={"kind": "voltage", "cable_capacitance_pF": 30.0})
+    assert voltage == charge.with_(**{"readout.kind": "voltage"}).with_(
+        **{"readout.cable_capacitance_pF": 30.0}
+    )
+    assert voltage.readout.gain == 2.0
+    by_channel = charge.with_(**{"readout.kind": {"A": "charge"}})
+    assert by_channel.readout.feedback_capacitance_pF == 500.0
