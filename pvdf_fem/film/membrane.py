@@ -62,11 +62,6 @@ class Membrane(Term):
         stress = self.stress(strain)
         return stress if self.added is None else stress + self.added.stress(places)
 
-    @property
-    def even(self) -> bool:
-        """Whether the film is in balance while it is flat."""
-        return True
-
     def stiffened(self, strain: Array) -> Array:
         """C : e in Pa of the strain e at all quadrature points, without the stress at rest."""
         return strain @ self.law.stiffness
@@ -238,11 +233,6 @@ class UnevenMembrane(Membrane):
             strain += layer.strain_at_rest
             self._stiffness[covered] += ratio * layer.stiffness
             self._at_rest[covered] += ratio * strain @ layer.stiffness
-
-    @cached_property
-    def even(self) -> bool:
-        spread = np.ptp(self._at_rest, axis=(0, 1))
-        return bool(spread.max() <= 1e-12 * np.abs(self._at_rest).max())
 
     def stiffened(self, strain: Array) -> Array:
         return times(self._stiffness, strain)

@@ -157,10 +157,6 @@ class FilmModel:
                 compressed,
             )
 
-    def flat_film_is_stable(self, terms: list[Term]) -> bool | None:
-        """Whether the unloaded film stays flat; None if the tangent has to tell."""
-        return bool(self.scene.film.stress_at_rest[:2].min() >= 0.0)
-
 
 #: Stresses below this part of the largest one are rounding.
 ROUNDING = 1e-9
@@ -207,10 +203,6 @@ class PlateModel(FilmModel):
     def warnings(self) -> tuple[str, ...]:
         """None before a solve."""
         return ()
-
-    def flat_film_is_stable(self, terms: list[Term]) -> bool | None:
-        """A plate bears the compression below that at which it buckles."""
-        return super().flat_film_is_stable(terms) or None
 
 
 class TensionFieldModel(FilmModel):
@@ -259,10 +251,6 @@ class TensionFieldModel(FilmModel):
         for word, where in (("wrinkled", wrinkled), ("slack", slack)):
             if where.any():
                 yield f"tension field: {word} on {{}}", where
-
-    def flat_film_is_stable(self, terms: list[Term]) -> bool:
-        """A slack film is stable, too."""
-        return True
 
 
 @lru_cache(maxsize=64)

@@ -54,6 +54,19 @@ class Term(ABC):
     #: Dofs that it lets move by sums of functions: (n,), and the functions' values there, (n, m).
     modes: tuple[tuple[Indices, Array], ...] = ()
 
+    @property
+    def force(self) -> float:
+        """Size in N of the force that the term applies to the whole film; 0 unless it is a load."""
+        return 0.0
+
+    def forces(self, state: State) -> Array | None:
+        """External forces of a load in N, (dofs,), which `residual` has with a minus sign."""
+        return None
+
+    def held(self) -> Term:
+        """A conservative term near this one, whose equilibrium is a start for this one's."""
+        return self
+
     @abstractmethod
     def energy(self, state: State) -> float:
         """Energy in J; of a load that is not conservative, that of its forces held as they are."""

@@ -137,6 +137,10 @@ class FollowerPressure(DeadPressure):
 
     conservative = False
 
+    def held(self) -> DeadPressure:
+        """The dead pressure of the same size."""
+        return DeadPressure(self.touch, self.space, self.part).with_components(self.components)
+
     def direction(self, deformation_gradient: Array) -> Array:
         """Traction per reference area over the pressure, (..., 3)."""
         return _normal(deformation_gradient)
