@@ -70,6 +70,7 @@ def add_to(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the command; returns its exit code."""
     scene = scene_of(options)
+    from pvdf_fem.solution.solve import rest_charges
     from pvdf_fem.tracking.rows import Row
     from pvdf_fem.tracking.tracker import Tracker
 
@@ -93,6 +94,7 @@ def run(options: argparse.Namespace) -> int:
         if mistakes := choice.mistakes(scene, options.scene):
             raise InputError(*mistakes)
         try:
+            rest_charges(scene)  # is refused before a model is built
             model = model_of(scene, options.scene, choice)
             tracker = Tracker(model, unknown=unknown, unit=options.unit)
         except ValueError as error:

@@ -104,10 +104,6 @@ class Equilibrium:
         other.terms = list(terms)
         return other
 
-    def replacing(self, old: Term, new: Term) -> Equilibrium:
-        """The same equations with one other term."""
-        return self.with_terms([new if term is old else term for term in self.terms])
-
     @property
     def conservative(self) -> bool:
         """Whether an energy exists."""

@@ -15,7 +15,6 @@ import scipy.sparse as sp
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.bending_effect import BendingEffect, bending_effect
 from pvdf_fem.film.electric.coupling import Coupling, Floating, coupled
-from pvdf_fem.film.laws import Law, StVenantKirchhoff, TensionField
 from pvdf_fem.film.layers import Layers
 from pvdf_fem.film.loads.heat import AddedStrain
 from pvdf_fem.film.loads.kinds import LOADS, presses_rigidly, rigid_elements
@@ -95,16 +94,6 @@ class FilmModel:
             *(LOADS[touch.load.kind](touch, space, part) for touch in touches),
             *(Coupling(electrode, space) for electrode in self.floating),
         ]
-
-    @property
-    def law(self) -> Law:
-        """The material's law."""
-        return StVenantKirchhoff(self.scene.film.stiffness)
-
-    @property
-    def stress_at_rest(self) -> Array:
-        """Stress of the flat film in Pa, (3,): components 11, 22, 12."""
-        return self.law.stress(self.scene.film.strain_at_rest[None])[0]
 
     @property
     def saturation(self) -> float:
@@ -224,11 +213,6 @@ class TensionFieldModel(FilmModel):
         if film.patches or added:
             return UnevenWrinkling(space, film, added, part.frame)
         return WrinklingMembrane(space, film)
-
-    @property
-    def law(self) -> Law:
-        """The tension field's law."""
-        return TensionField(self.scene.film.stiffness)
 
     @property
     def saturation(self) -> float:

@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.charges.rest import known_at_rest, untouched
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.sweeps.grid import Grid
 from pvdf_fem.sweeps.plan import SweepPlan, plan
-from pvdf_fem.sweeps.records import records_of
+from pvdf_fem.sweeps.records import records_of, with_rest
 from pvdf_fem.sweeps.store import Record, Store
 from pvdf_fem.sweeps.workers import Died, on_cluster, on_processes
 
@@ -30,7 +31,8 @@ CRASHED = "crashed"
 WAIT = 0.2  #: Seconds between two looks at what other processes have solved.
 
 Progress = Callable[[int, int], None]
-Task = tuple[list[Scene], Array]
+#: Scenes that share a solve, their frames, and records of their untouched films that need a solve.
+Task = tuple[list[Scene], Array, list[Record | None]]
 Run = Callable[..., Iterator[tuple[int, Any]]]
 
 
@@ -125,23 +127,28 @@ def records(
     run: Run = partial(on_processes, processes=processes)
     if scheduler:
         run = partial(on_cluster, scheduler=scheduler)
+    films = _moving(todo)
+    at_rest = solve_all(films, store, processes=processes, scheduler=scheduler) if films else []
     done, total = 0, todo.missing
     progress(done, total)
-    for number, result in _shared(todo, store, run):
+    for number, result in _shared(todo, store, run, dict(zip(films, at_rest, strict=True))):
         indices = todo.blocks[number].indices
         done += len(indices)
         progress(done, total)
         yield from zip(indices, result, strict=True)
 
 
-def _shared(todo: SweepPlan, store: Store | None, run: Run) -> Iterator[tuple[int, list[Record]]]:
+def _shared(
+    todo: SweepPlan, store: Store | None, run: Run, films: Mapping[Scene, Record]
+) -> Iterator[tuple[int, list[Record]]]:
     """Numbers of blocks with their records, which join the store, as they come. A block that
-    another process solves at the same time is left until the store has its records."""
+    another process solves at the same time is left until the store has its records. `films` are
+    records of untouched films."""
     left = set(range(len(todo.blocks)))
     try:
         while left:
             stored: dict[int, list[Record]] = {}
-            tasks = _claimed(todo, sorted(left), store, stored)
+            tasks = _claimed(todo, sorted(left), store, stored, films)
             if first := next(tasks, None):
                 for number, result in run(_solved, itertools.chain([first], tasks)):
                     left.remove(number)
@@ -156,7 +163,11 @@ def _shared(todo: SweepPlan, store: Store | None, run: Run) -> Iterator[tuple[in
 
 
 def _claimed(
-    todo: SweepPlan, left: list[int], store: Store | None, stored: dict[int, list[Record]]
+    todo: SweepPlan,
+    left: list[int],
+    store: Store | None,
+    stored: dict[int, list[Record]],
+    films: Mapping[Scene, Record],
 ) -> Iterator[tuple[int, Task]]:
     """Blocks to be solved here and their tasks; those that are in the store join `stored`."""
     for number in left:
@@ -165,7 +176,7 @@ def _claimed(
         if store is not None and all(scene in store for scene in scenes):
             stored[number] = [record for scene in scenes if (record := store.get(scene))]
         elif is_claimed:
-            yield number, (scenes, block.frames)
+            yield number, (scenes, block.frames, [films.get(untouched(s)) for s in scenes])
 
 
 def _kept(scenes: list[Scene], result: list[Record] | Died, store: Store | None) -> list[Record]:
@@ -177,9 +188,18 @@ def _kept(scenes: list[Scene], result: list[Record] | Died, store: Store | None)
     return records
 
 
+def _moving(todo: SweepPlan) -> list[Scene]:
+    """The distinct untouched films of a plan of which a solve has to tell the charges at rest, but
+    those that are solved for themselves."""
+    missing = (scene for number in range(len(todo.blocks)) for scene in todo.scenes_of(number))
+    films = dict.fromkeys(film for scene in missing if (film := untouched(scene)) != scene)
+    return [film for film in films if known_at_rest(film) is None]
+
+
 def _solved(task: Task) -> list[Record]:
+    scenes, frames, films = task
     try:
-        return records_of(*task)
+        return [*map(with_rest, records_of(scenes, frames), scenes, films)]
     except GmshMissingError:  # no scene can be solved
         raise
     except Exception as error:  # must not end the solves of the other scenes

@@ -61,8 +61,6 @@ def found(equilibrium: Equilibrium) -> tuple[Array, State]:
     return equilibrium.dofs(result.q)[2::3], equilibrium.state(result.q)
 
 
-
-
 @pytest.mark.parametrize("gravity", [-9.81, 9.81e2])
 def test_a_taut_film_sags_under_its_weight_as_a_linear_membrane(gravity):
     """w(r) = q (a² - r²)/(4 N0)."""
