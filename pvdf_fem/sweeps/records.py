@@ -56,13 +56,13 @@ def record_of(solution: Solution) -> Record:
 
 def with_rest(record: Record, scene: Scene, film: Record | None) -> Record:
     """The record of a scene with its forces at rest, or with a warning that there are none. `film`
-    is the record of the untouched film if that needs a solve and is another scene. Raises
-    `RuntimeError` for a film whose solve crashed."""
+    is the record of the untouched film if that needs a solve and is another scene; if its solve
+    crashed, so has the scene."""
     if (known := known_at_rest(untouched(scene))) is not None:
         return _rested(record, known)
     solved = film or record
     if solved.status not in Status.__members__.values():
-        raise RuntimeError(f"untouched film: {solved.reason}")
+        return replace(record, status=solved.status, reason=solved.reason)
     if solved.converged:
         return _rested(record, solved.forces_by(str(scene.numerics.observable)))
     told = RestError.of(scene, solved.status, solved.reason).problems if record.converged else ()

@@ -31,9 +31,9 @@ CRASHED = "crashed"
 WAIT = 0.2  #: Seconds between two looks at what other processes have solved.
 
 Progress = Callable[[int, int], None]
-#: Scenes that share a solve, their frames, and records of their untouched films that need a solve.
-Task = tuple[list[Scene], Array, list[Record | None]]
+Task = tuple[list[Scene], Array]
 Run = Callable[..., Iterator[tuple[int, Any]]]
+Films = dict[Scene, Record]  #: Records of untouched films.
 
 
 def silent(done: int, total: int) -> None:
@@ -139,20 +139,19 @@ def records(
 
 
 def _shared(
-    todo: SweepPlan, store: Store | None, run: Run, films: Mapping[Scene, Record]
+    todo: SweepPlan, store: Store | None, run: Run, films: Films
 ) -> Iterator[tuple[int, list[Record]]]:
     """Numbers of blocks with their records, which join the store, as they come. A block that
-    another process solves at the same time is left until the store has its records. `films` are
-    records of untouched films."""
+    another process solves at the same time is left until the store has its records."""
     left = set(range(len(todo.blocks)))
     try:
         while left:
             stored: dict[int, list[Record]] = {}
-            tasks = _claimed(todo, sorted(left), store, stored, films)
+            tasks = _claimed(todo, sorted(left), store, stored)
             if first := next(tasks, None):
                 for number, result in run(_solved, itertools.chain([first], tasks)):
                     left.remove(number)
-                    yield number, _kept(todo.scenes_of(number), result, store)
+                    yield number, _kept(todo.scenes_of(number), result, store, films)
             left -= stored.keys()
             yield from stored.items()
             if left:
@@ -163,11 +162,7 @@ def _shared(
 
 
 def _claimed(
-    todo: SweepPlan,
-    left: list[int],
-    store: Store | None,
-    stored: dict[int, list[Record]],
-    films: Mapping[Scene, Record],
+    todo: SweepPlan, left: list[int], store: Store | None, stored: dict[int, list[Record]]
 ) -> Iterator[tuple[int, Task]]:
     """Blocks to be solved here and their tasks; those that are in the store join `stored`."""
     for number in left:
@@ -176,12 +171,16 @@ def _claimed(
         if store is not None and all(scene in store for scene in scenes):
             stored[number] = [record for scene in scenes if (record := store.get(scene))]
         elif is_claimed:
-            yield number, (scenes, block.frames, [films.get(untouched(s)) for s in scenes])
+            yield number, (scenes, block.frames)
 
 
-def _kept(scenes: list[Scene], result: list[Record] | Died, store: Store | None) -> list[Record]:
-    """The records of scenes, which join the store unless the scenes crashed."""
+def _kept(
+    scenes: list[Scene], result: list[Record] | Died, store: Store | None, films: Films
+) -> list[Record]:
+    """The records of scenes with charges at rest, which join the store unless scenes crashed."""
     records = _crashed(scenes, result.reason) if isinstance(result, Died) else result
+    at_rest = [films.get(untouched(scene)) for scene in scenes]
+    records = [*map(with_rest, records, scenes, at_rest)]
     if store is not None:
         pairs = zip(scenes, records, strict=True)
         store.put((scene, record) for scene, record in pairs if record.status != CRASHED)
@@ -197,9 +196,8 @@ def _moving(todo: SweepPlan) -> list[Scene]:
 
 
 def _solved(task: Task) -> list[Record]:
-    scenes, frames, films = task
     try:
-        return [*map(with_rest, records_of(scenes, frames), scenes, films)]
+        return records_of(*task)
     except GmshMissingError:  # no scene can be solved
         raise
     except Exception as error:  # must not end the solves of the other scenes
