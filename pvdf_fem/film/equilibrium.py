@@ -230,8 +230,12 @@ class Equilibrium:
     def uneven_forces(self) -> Array:
         """What moves the flat film besides loads, (unknowns,), in N: its own stress, where that is
         uneven. A film in balance to rounding has none."""
+        terms = [term for term in self.terms if not term.rests_flat]
+        if not terms:
+            return np.zeros(self.unknowns.count)
         flat = self.membrane.state(np.zeros(self.space.dof_count))
-        internal = self.film_forces(flat) + self.load_forces(flat)
+        film = self.with_terms(terms)
+        internal = film.film_forces(flat) + film.load_forces(flat)
         forces = -self.on_unknowns(flat, internal)
         moves = np.abs(forces).max(initial=0.0) > BALANCED * np.abs(internal).max()
         return forces if moves else np.zeros(self.unknowns.count)
@@ -245,7 +249,7 @@ class Equilibrium:
     @property
     def is_flat(self) -> bool:
         """Whether the flat film is in balance, and no tip deflects it."""
-        return not (self.contacts or self.flat_forces.any())
+        return not (self.force or self.contacts or self.flat_forces.any())
 
     def work(self, state: State, q: Array) -> float:
         """Work in J of the external forces, held as they are at `state`, along `q`; and of those
