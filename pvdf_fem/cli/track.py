@@ -84,6 +84,7 @@ def run(options: argparse.Namespace) -> int:
         mistakes.append(f"--unit V: {options.scene} has no [readout]; add one, or give pC")
     if mistakes:
         raise InputError(*mistakes)
+    rest_charges(scene)  # without charges at rest the scene is refused, before a model is built
     electrodes = [electrode.name for electrode in scene.electrode_list]
     source = None if options.signals == "-" else Path(options.signals)
     name = source or "standard input"
@@ -94,7 +95,6 @@ def run(options: argparse.Namespace) -> int:
         if mistakes := choice.mistakes(scene, options.scene):
             raise InputError(*mistakes)
         try:
-            rest_charges(scene)  # is refused before a model is built
             model = model_of(scene, options.scene, choice)
             tracker = Tracker(model, unknown=unknown, unit=options.unit)
         except ValueError as error:
