@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -241,13 +242,14 @@ def print_matches(matches: Sequence[ProbeMatch], as_json: bool) -> None:
 def location_lines(found: Location) -> list[str]:
     """A location as lines."""
     from pvdf_fem.readout.channel import READINGS
-    from pvdf_fem.touch.measurement import electrode_columns
+    from pvdf_fem.touch.measurement import rest_of
 
     lines = [f"remark      {text}" for text in found.remarks]
     lines.append(f"reading     {READINGS[found.reading]}")
     if found.reading == "total":
-        rest = max(abs(pC) for *_, pC in electrode_columns(found.problem.model.scene).values())
-        lines[-1] += f", up to {rest:.3g} pC of them without a touch"
+        rest = float(abs(rest_of(found.problem.model.scene)[0]).max())
+        known = not math.isnan(rest)
+        lines[-1] += f", up to {rest:.3g} pC of them without a touch" if known else ""
     for number, touch in enumerate(found.touches, start=1):
         several = f" {number} of {len(found.touches)}" if len(found.touches) > 1 else ""
         lines += [f"touch{several}", *_touch_lines(touch, found)]

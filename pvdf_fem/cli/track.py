@@ -72,6 +72,7 @@ def add_to(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the command; returns its exit code."""
     scene = scene_of(options)
+    from pvdf_fem.solution.solve import rest_charges
     from pvdf_fem.touch.locate_many import RowStatus
     from pvdf_fem.tracking.rows import Row
     from pvdf_fem.tracking.tracker import Tracker
@@ -86,6 +87,7 @@ def run(options: argparse.Namespace) -> int:
         mistakes.append(f"--unit V: {options.scene} has no [readout]; add one, or give pC")
     if mistakes:
         raise InputError(*mistakes)
+    rest_charges(scene)  # without charges at rest the scene is refused, before a model is built
     electrodes = [electrode.name for electrode in scene.electrode_list]
     source = None if options.signals == "-" else Path(options.signals)
     name = source or "standard input"

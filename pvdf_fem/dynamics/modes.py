@@ -276,7 +276,7 @@ class _ModalProblem:
         q, q_rich = np.zeros(coarse.unknowns.count), np.zeros(rich.unknowns.count)
         least, iterations = self.scene.film.stress_at_rest[:2].min(), 0
         tried: tuple[Tried, ...] = ()
-        if (self.loaded and coarse.force > 0.0) or not coarse.membrane.even:
+        if not coarse.is_flat:
             with self.clock("solve"):
                 result = equilibrate(coarse, budget=self.budget)
                 iterations, tried = len(result.iterations), result.tried

@@ -271,7 +271,7 @@ class Bars:
 
     def show(self, result: dict[str, Any]) -> None:
         """Show the numbers of a result; nothing where it has none."""
-        values = result.get(self.key, {})
+        values = result.get(self.key) or {}
         self.pane.visible, self.plot.x_range.factors = bool(values), [*values]
         columns = {"name": [*values], "value": [*values.values()]}
         columns["text"] = [f"{value:.4g}" for value in values.values()]

@@ -15,7 +15,6 @@ import scipy.sparse as sp
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.bending_effect import BendingEffect, bending_effect
 from pvdf_fem.film.electric.coupling import Coupling, Floating, coupled
-from pvdf_fem.film.laws import Law, StVenantKirchhoff, TensionField
 from pvdf_fem.film.layers import Layers
 from pvdf_fem.film.loads.heat import AddedStrain
 from pvdf_fem.film.loads.kinds import LOADS, presses_rigidly, rigid_elements
@@ -98,16 +97,6 @@ class FilmModel:
         ]
 
     @property
-    def law(self) -> Law:
-        """The material's law."""
-        return StVenantKirchhoff(self.scene.film.stiffness)
-
-    @property
-    def stress_at_rest(self) -> Array:
-        """Stress of the flat film in Pa, (3,): components 11, 22, 12."""
-        return self.law.stress(self.scene.film.strain_at_rest[None])[0]
-
-    @property
     def saturation(self) -> float:
         """The error over what a space of the next order on the same mesh takes away.
 
@@ -158,10 +147,6 @@ class FilmModel:
                 compressed,
             )
 
-    def flat_film_is_stable(self, terms: list[Term]) -> bool | None:
-        """Whether the unloaded film stays flat; None if the tangent has to tell."""
-        return bool(self.scene.film.stress_at_rest[:2].min() >= 0.0)
-
 
 #: Stresses below this part of the largest one are rounding.
 ROUNDING = 1e-9
@@ -209,10 +194,6 @@ class PlateModel(FilmModel):
         """None before a solve."""
         return ()
 
-    def flat_film_is_stable(self, terms: list[Term]) -> bool | None:
-        """A plate bears the compression below that at which it buckles."""
-        return super().flat_film_is_stable(terms) or None
-
 
 class TensionFieldModel(FilmModel):
     """A film that wrinkles or goes slack instead of carrying compression."""
@@ -235,11 +216,6 @@ class TensionFieldModel(FilmModel):
         return WrinklingMembrane(space, film)
 
     @property
-    def law(self) -> Law:
-        """The tension field's law."""
-        return TensionField(self.scene.film.stiffness)
-
-    @property
     def saturation(self) -> float:
         """The next order takes away 0.55 to 0.8 of the error of kinks (measured)."""
         return max(1.6, super().saturation)
@@ -260,10 +236,6 @@ class TensionFieldModel(FilmModel):
         for word, where in (("wrinkled", wrinkled), ("slack", slack)):
             if where.any():
                 yield f"tension field: {word} on {{}}", where
-
-    def flat_film_is_stable(self, terms: list[Term]) -> bool:
-        """A slack film is stable, too."""
-        return True
 
 
 @lru_cache(maxsize=64)

@@ -31,7 +31,7 @@ from pvdf_fem.scene.outlines.tip import Tip, tip_of
 from pvdf_fem.scene.placement import LEAST_RADIUS_MM, misplacements
 from pvdf_fem.scene.quantity import Finite, Section, Whole, within
 from pvdf_fem.scene.readout import Readout
-from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES, Load, OwnLoad, said_at
+from pvdf_fem.scene.registry import FORCES, OBSERVABLE_ENTRIES, Load, OwnLoad, said_at
 from pvdf_fem.scene.scene_file import (
     SceneError,
     example_text,
@@ -41,7 +41,7 @@ from pvdf_fem.scene.scene_file import (
     read_scene_text,
     write_toml,
 )
-from pvdf_fem.scene.shapes import FORCES, Electrode, Electrodes, Layout, Probe, Probes
+from pvdf_fem.scene.shapes import Electrode, Electrodes, Layout, Probe, Probes
 from pvdf_fem.scene.stage import Stage
 
 __all__ = [

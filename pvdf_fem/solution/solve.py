@@ -12,14 +12,16 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
 from skfem import MeshTri2
 
-from pvdf_fem.charges.forces import charges_of
+from pvdf_fem.arrays import Array
+from pvdf_fem.charges.forces import Forces, charges_of
 from pvdf_fem.charges.goals import Goal, goals_of
+from pvdf_fem.charges.rest import known_at_rest, untouched
 from pvdf_fem.charges.thickness import thickness_remarks
 from pvdf_fem.film.electric.coupling import coupling_remarks
 from pvdf_fem.film.loads.heat import heat_remarks
@@ -30,6 +32,7 @@ from pvdf_fem.mesh.gmsh_mesh import MeshError
 from pvdf_fem.mesh.mesh_file import mesh_of
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart, part_of
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.solution import admissible
 from pvdf_fem.solution.attempt import (
     UNKNOWNS_PER_ELEMENT,
@@ -53,6 +56,24 @@ from pvdf_fem.solvers.wrinkling import barely_loaded
 UNKNOWN_CHARGE = 0.1
 
 
+class RestError(SceneError):
+    """The untouched film has no charges at rest; the line names the key and the reason."""
+
+    @classmethod
+    def of(cls, scene: Scene, status: str, reason: str) -> RestError:
+        """The error of a scene, by how the solve of its untouched film ended."""
+        film = scene.film
+        moved = ["rim_displacement_um", "patches"] if film.moves_at_rest else []
+        keys = [*moved, "pretension_N_m", "temperature_change_K"]
+        key = next(key for key in keys if getattr(film, key) is not None)
+        if status == Status.UNSTABLE:
+            reason = "it is in compression; stretch it more"
+            wrinkles = ', or let it wrinkle (film.compression = "tension-field")'
+            reason += "" if film.moves_at_rest else wrinkles
+        told = f"leaves the untouched film without charges at rest ({status}): {reason}"
+        return cls([problem(f"film.{key}", getattr(film, key), told)])
+
+
 def solve(
     scene: Scene,
     *,
@@ -61,7 +82,8 @@ def solve(
     budget: Budget | None = None,
     pressure: Pressure | None = None,
 ) -> Solution:
-    """Charges and fields of a scene.
+    """Charges and fields of a scene, and its charges at rest: where these need a solve, it is made
+    within the same budget.
 
     Parameters
     ----------
@@ -95,12 +117,48 @@ def solve(
         raise ValueError(f"order = {order!r}: there are no such elements; give 1, 2 or 3")
     if mesh is not None:
         mesh = mesh_of(mesh, scene)
+    budget, start = Budget.of(scene) if budget is None else budget, time.perf_counter()
     goals = goals_of(scene)
     solution = solve_goals(scene, goals, mesh=mesh, order=order, budget=budget, posed=posed)
-    warnings = [*scene.doubts, *solution.warnings]
+    warnings, at_rest = [*scene.doubts, *solution.warnings], None
     if solution.status is Status.CONVERGED:
         warnings += admissible.cancelled_charges(scene, solution.fields.forces)
-    return replace(solution, warnings=tuple(warnings))
+        at_rest = _at_rest(untouched(scene), budget)
+    if isinstance(at_rest, RestError):
+        warnings, at_rest = [*warnings, *at_rest.problems], None
+    seconds = solution.seconds | {"total": time.perf_counter() - start}
+    return replace(solution, warnings=tuple(warnings), at_rest=at_rest, seconds=seconds)
+
+
+def rest_forces(scene: Scene, needed: bool = True) -> Forces:
+    """Forces X, Y of each electrode of the untouched film, with their errors. Where that has no
+    result they are NaN, or raise `RestError` if they are `needed`."""
+    found = _kept_at_rest(untouched(scene))
+    if not isinstance(found, RestError):
+        return found
+    if needed:
+        raise found
+    return Forces.unknown(len(scene.electrode_list))
+
+
+def rest_charges(scene: Scene) -> Array:
+    """Charges in C of `rest_forces`, (electrodes,)."""
+    return rest_forces(scene).charges((scene.film.d31, scene.film.d32))
+
+
+def _at_rest(film: Scene, budget: Budget) -> Forces | RestError:
+    """Forces of the electrodes of an untouched film, or why there are none."""
+    if (known := known_at_rest(film)) is not None:
+        return known
+    solution = solve_goals(film, goals_of(film), budget=budget)
+    if solution.status is not Status.CONVERGED:
+        return RestError.of(film, solution.status, solution.reason)
+    return solution.fields.forces
+
+
+@lru_cache(maxsize=64)
+def _kept_at_rest(film: Scene) -> Forces | RestError:
+    return _at_rest(film, Budget.of(film))
 
 
 def solve_goals(

@@ -29,7 +29,8 @@ MOST_SCENES = 1_000_000  #: Largest number of scenes in a grid.
 #: Largest number of axes; numpy's arrays have at most 64 dimensions, of which one is `electrode`.
 MOST_AXES = 63
 #: Names of the variables and of the further dimension of `pvdf_fem.sweeps.dataset.dataset`.
-OWN_NAMES = {"charge_pC", "charge_error_pC", "rest_charge_pC", "deflection_max_mm", "status"}
+OWN_NAMES = {"charge_pC", "charge_error_pC", "deflection_max_mm", "status"}
+OWN_NAMES |= {"rest_charge_pC", "rest_charge_error_pC"}
 OWN_NAMES |= {"electrode"}
 _TOO_MANY = f"at most {MOST_SCENES} are allowed, give fewer values"
 _SECTIONS = tuple(Scene.model_fields)

@@ -80,6 +80,14 @@ class Record:
     deflection_max_mm: float = 0.0
     warnings: tuple[str, ...] = ()
     seconds: float = 0.0
+    #: Forces by the scene's observable on the untouched film, and their errors; empty if not known.
+    rest_forces: list[list[float]] = field(default_factory=list)
+    rest_force_errors: list[list[float]] = field(default_factory=list)
+
+    @property
+    def at_rest(self) -> Forces:
+        """`rest_forces` with their errors."""
+        return Forces(np.array(self.rest_forces), np.array(self.rest_force_errors))
 
     @property
     def converged(self) -> bool:
@@ -90,15 +98,15 @@ class Record:
         self, d31_pC_N: float, d32_pC_N: float, observable: str = "material"
     ) -> dict[str, float]:
         """Charges in pC by electrode; raises `KeyError` for a record without charges."""
-        return self._by_electrode(self._forces(observable).charges((d31_pC_N, d32_pC_N)))
+        return self._by_electrode(self.forces_by(observable).charges((d31_pC_N, d32_pC_N)))
 
     def charge_errors_pC(
         self, d31_pC_N: float, d32_pC_N: float, observable: str = "material"
     ) -> dict[str, float]:
         """Estimated errors of `charges_pC`; NaN for an observable other than the scene's."""
-        return self._by_electrode(self._forces(observable).charge_errors((d31_pC_N, d32_pC_N)))
+        return self._by_electrode(self.forces_by(observable).charge_errors((d31_pC_N, d32_pC_N)))
 
-    def _forces(self, observable: str) -> Forces:
+    def forces_by(self, observable: str) -> Forces:
         """The electrodes' forces; their errors are NaN for an observable other than the scene's."""
         values = np.reshape(self.forces[observable], (-1, 2))
         errors = self.force_errors.get(observable, np.full_like(values, np.nan))

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from pvdf_fem.arrays import Array, Indices, Mask
-from pvdf_fem.charges.rest import rest_charges
+from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.derivatives.parameters import parameters_of
 from pvdf_fem.derivatives.rates import charge_rates
 from pvdf_fem.film.loads.profiles import pinned
@@ -27,10 +27,10 @@ from pvdf_fem.scene.outlines.shape import HEAT
 from pvdf_fem.scene.scene import Numerics, Scene, SceneError
 from pvdf_fem.scene.shapes import Pressing
 from pvdf_fem.solution.solution import NotConvergedError
-from pvdf_fem.solution.solve import solve
+from pvdf_fem.solution.solve import solve_goals
 from pvdf_fem.sweeps.sweep import solve_all
 from pvdf_fem.touch.descent import Descent, SearchOptions, descend, joined
-from pvdf_fem.touch.measurement import Deviations, Measurement
+from pvdf_fem.touch.measurement import Deviations, Measurement, rest_of
 from pvdf_fem.touch.mistakes import charge_mistakes
 from pvdf_fem.touch.touch import Fit, explains, p_values
 
@@ -266,7 +266,7 @@ class Search:
 
     def _solved(self, at: Array) -> tuple[Array, Array]:
         try:
-            solution = solve(self.at(at))
+            solution = solve_goals(scene := self.at(at), goals_of(scene))
             rates = 1e12 * charge_rates(solution, self.keys)
         except (SceneError, NotConvergedError):
             none = np.full((len(self.names), len(self.keys)), np.nan)
@@ -362,7 +362,7 @@ class Search:
 def _starts(search: Search, options: SolveOptions) -> Array:
     """Starts (n, keys) where charges of single touches, added up, are most like those measured."""
     scene, how = search.scene, (search.domain.reach_mm, options.pitch_mm, options.fine_mm)
-    rest = 1e12 * rest_charges(scene)[search.electrodes]
+    rest = np.nan_to_num(rest_of(scene)[0, search.electrodes])
     alone = pinned(_alone(scene, i) for i in range(len(scene.loaded_probes)))
     tables = [_single(one, *how) for one in alone]
     changes = np.concatenate([(c[:, search.electrodes] - rest) for _, c in tables])

@@ -167,7 +167,8 @@ def _meant_otherwise(measurement: Measurement) -> dict[str, tuple[Measurement, A
         factors |= {"as V, not pC,": units["V"], "as pC, not V,": 1.0 / units["V"]}
     factors |= {f"as {unit}, not pC,": units[unit] for unit in ("nC", "fC", "µC", "C")}
     by_factor = {words: (measurement, factor) for words, factor in factors.items()}
-    return {f"as {READINGS[other.reading]}": (other, 1.0), **by_factor}
+    as_other = {f"as {READINGS[other.reading]}": (other, 1.0)} if other else {}
+    return {**as_other, **by_factor}
 
 
 def staged_touch(scene: Scene) -> dict[str, float]:

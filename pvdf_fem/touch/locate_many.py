@@ -201,8 +201,8 @@ def locate_many(
             _calibrate(found, rows, problem, ends)
         found.put(rows, problem, ends, significance)
         strange = ~found.explained[rows]
-        if strange.any():
-            problem = measurement.other.problem(charges[rows[strange]], sought)
+        if strange.any() and (other := measurement.other):
+            problem = other.problem(charges[rows[strange]], sought)
             ends = _ends(problem, {i: values[strange] for i, values in held.items()}, significance)
             found.other_reading[rows[strange]] = _explained(problem, ends)
     return found

@@ -167,3 +167,23 @@ def test_a_live_pipe_is_answered_row_by_row(files, tmp_path):
         assert process.stdout.readline().startswith("0.001,settling")
         process.stdin.close()
         assert process.wait(timeout=60) == 0
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["track", "{scene}", "{signals}"],
+        ["locate", "{scene}", "--changes", "A=500,B=400,C=300,D=400"],
+        ["locate", "{scene}", "--changes", "A=500,B=400,C=300,D=400", "--touches", "1"],
+    ],
+)
+def test_a_film_without_charges_at_rest_is_refused_before_a_model_is_built(files, command, capsys):
+    scene, signals = files
+    words = [word.format(scene=scene, signals=signals) for word in command]
+    before = sorted(scene.parent.iterdir())
+    assert main([*words, "--set", "film.temperature_change_K=1"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "film.temperature_change_K = 1" in err
+    assert "Traceback" not in err
+    assert sorted(scene.parent.iterdir()) == before

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.response.model import QUANTITIES
+from pvdf_fem.solution.solve import rest_charges
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.touch.descent import SearchOptions
 from pvdf_fem.touch.locate import LocateOptions, locate, weigh

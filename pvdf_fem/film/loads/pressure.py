@@ -38,6 +38,7 @@ class DeadPressure(Term):
     probe; tractions are then singular along its edge.
     """
 
+    rests_flat = True
     rigid = False
     #: About the part of the force that acts along the patch's edge.
     edge_share = 0.0
@@ -138,6 +139,10 @@ class FollowerPressure(DeadPressure):
     """A pressure that stays normal to the deformed film."""
 
     conservative = False
+
+    def held(self) -> DeadPressure:
+        """The dead pressure of the same size."""
+        return DeadPressure(self.touch, self.space, self.part).with_components(self.components)
 
     def direction(self, deformation_gradient: Array) -> Array:
         """Traction per reference area over the pressure, (..., 3)."""
