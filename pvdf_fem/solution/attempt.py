@@ -25,6 +25,7 @@ from pvdf_fem.film.layers import Layers, remaining_part
 from pvdf_fem.film.loads.contact_edge import LARGEST, PENETRATION, Edge
 from pvdf_fem.film.loads.contact_guess import faces, first_contacts
 from pvdf_fem.film.loads.kinds import rigid_elements
+from pvdf_fem.film.loads.posed import NOTHING, Posed
 from pvdf_fem.film.space import transferred
 from pvdf_fem.mesh.size_field import SizeField, element_sizes, refined_sizes
 from pvdf_fem.mesh.symmetry import MirroredPart
@@ -68,13 +69,14 @@ NEAR_RIM = 0.99
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is solved on every mesh: scene, goals, order, and what it may cost."""
+    """What is solved on every mesh: scene, goals, order, what it may cost, and what is posed."""
 
     scene: Scene
     goals: Sequence[Goal]
     order: int
     budget: Budget
     clock: Clock
+    posed: Posed = NOTHING
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +164,7 @@ def solve_on(
         if rough.status is Status.MISPLACED:
             return replace(rough, problem=problem)
     with problem.clock("solve"):
-        equilibrium = Equilibrium(problem.scene, mesh, problem.order, part)
+        equilibrium = Equilibrium(problem.scene, mesh, problem.order, part, problem.posed)
         result = _equilibrated(problem, equilibrium, coarser)
         problem.budget.spend(equilibrium, result.fresh_count)
         forces = _forces(problem, equilibrium, result.q)
@@ -192,9 +194,8 @@ def _forces(problem: Problem, equilibrium: Equilibrium, q: Array) -> Array:
 def _with_errors(attempt: Attempt) -> Attempt:
     """The attempt with estimated errors, or with the status of a richer space that has none."""
     problem, equilibrium, result = attempt.problem, attempt.equilibrium, attempt.result
-    mesh, order, part = equilibrium.space.mesh, equilibrium.space.order, equilibrium.part
     assert result.factors is not None
-    rich = Equilibrium(problem.scene, mesh, order + 1, part)
+    rich = equilibrium.with_(order=equilibrium.space.order + 1)
     settled = Settled(problem.goals, rich)
     correction = corrected(equilibrium, result.q, result.factors, rich, problem.budget, settled)
     if isinstance(correction, NewtonResult):
@@ -218,7 +219,8 @@ def _with_errors(attempt: Attempt) -> Attempt:
     least = force_errors(_least_errors(attempt, correction), forces, problem.goals)
     errors = larger(errors, least, problem.goals)
     # both orders share the elements, and the area that these lack of a round electrode
-    defects = area_defects(problem.goals, equilibrium.space, part)[:, None] * np.abs(forces)
+    lacking = area_defects(problem.goals, equilibrium.space, equilibrium.part)
+    defects = lacking[:, None] * np.abs(forces)
     errors += np.where(errors < 0.0, -defects, defects)
     if attempt.edges:
         errors += _errors_by_edges(attempt)
@@ -319,7 +321,7 @@ def _from_below(equilibrium: Equilibrium, budget: Budget) -> Array | Status | No
         return None
     if equilibrium.model.wrinkles and barely_loaded(equilibrium.scene):
         return None  # the solution of another order is far away
-    lower = Equilibrium(equilibrium.scene, equilibrium.space.mesh, order - 1, equilibrium.part)
+    lower = equilibrium.with_(order=order - 1)
     start = _from_below(lower, budget)
     if isinstance(start, Status):
         return start

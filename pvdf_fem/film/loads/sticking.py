@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -30,14 +29,18 @@ class Sticking:
 
     At the radius r it is U with d(r U)/dr = r `stretch`, and zero on the core. The stretch, by the
     distance d in m from the core, has the factors of e^(i m angle), (modes,). `less_exact` has a
-    stretch that is linear between the steps and off by its scatter along their edges; `share` is
-    the factor of what that changes which is the error.
+    stretch that is linear between the steps and off by its scatter along their edges. The error is
+    a fifth of what that changes.
     """
 
     tip: DiscTip
     stretch: BSpline | None = None
     less_exact: Sticking | None = None
-    share: ClassVar[float] = 0.2
+
+    @property
+    def share(self) -> float:
+        """Error of the steps over the change by the `less_exact` displacement."""
+        return 0.2 if self.less_exact else 0.0
 
     def fitted(self, edges: Sequence[Edge]) -> Sticking:
         """The least squares of what the film is stretched by outside of the edges of steps.
