@@ -21,6 +21,8 @@ from pvdf_fem.scene.outlines.tip import DiscTip
 HIGHEST_MODE = 3
 #: Least radius in m that is divided by.
 TINY = 1e-15
+#: Error of what sticks over what the less exact displacement changes.
+SHARE = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +32,7 @@ class Sticking:
     At the radius r it is U with d(r U)/dr = r `stretch`, and zero on the core. The stretch, by the
     distance d in m from the core, has the factors of e^(i m angle), (modes,). `less_exact` has a
     stretch that is linear between the steps and off by its scatter along their edges. The error is
-    a fifth of what that changes.
+    `SHARE` of what that changes.
     """
 
     tip: DiscTip
@@ -40,7 +42,7 @@ class Sticking:
     @property
     def share(self) -> float:
         """Error of the steps over the change by the `less_exact` displacement."""
-        return 0.2 if self.less_exact else 0.0
+        return SHARE if self.less_exact else 0.0
 
     def fitted(self, edges: Sequence[Edge]) -> Sticking:
         """The least squares of what the film is stretched by outside of the edges of steps.
@@ -56,7 +58,7 @@ class Sticking:
         held = np.concatenate([edge.place for edge in edges])[:, :2] @ [1.0, 1j]
         stretch, steps = rate + held / np.abs(z), [edge.widths.mean() for edge in edges]
         (linear, _), (best, error) = (_spline(k, steps, self.tip, z, stretch) for k in (1, 2))
-        off = BSpline(linear.t, (1.0 + error / self.share) * linear.c, linear.k)
+        off = BSpline(linear.t, (1.0 + error / SHARE) * linear.c, linear.k)
         return Sticking(self.tip, best, Sticking(self.tip, off))
 
     def change(self, other: Sticking) -> float:
