@@ -9,13 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.film.loads.contact_edge import Edge
 from pvdf_fem.scene.outlines.tip import DiscTip
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 #: Highest multiple of the angle.
 HIGHEST_MODE = 3
@@ -50,6 +53,8 @@ class Sticking:
         The film answers a wrong displacement U by a rate of about -U/r, so that the sum of the rate
         and U/r hardly depends on what was held.
         """
+        from scipy.interpolate import BSpline  # slow to import, as below
+
         points = np.concatenate([edge.facets.points for edge in edges])
         z = (points - self.tip.centre) @ [1.0, 1j]
         away = np.stack([z.real, z.imag], axis=-1) / np.abs(z)[:, None]
@@ -86,6 +91,8 @@ def _spline(
 ) -> tuple[BSpline, float]:
     """The least squares of a stretch at points z, zero on the core, with a piece for each step;
     and its relative standard error by the scatter along the edges, of all waves together."""
+    from scipy.interpolate import BSpline
+
     ends = np.array([0.0, *steps])
     degree = min(degree, len(steps))
     inner = ends[1:-1] if degree == 1 else 0.5 * (ends[1:-2] + ends[2:-1])
