@@ -50,7 +50,7 @@ def drawn(share: float) -> settings:
 COARSE = ResponseOptions(
     radii=2, rotations=2, held_out=3, attempts=1, cell=0.2, elements=ProbeMesh().scaled(1.6)
 )
-KEY = re.compile(r"(film|electrodes|probe|load|numerics|readout|stage|air|scene|reach_mm)\b")
+KEY = re.compile(r"(film|electrodes|probe|load|numerics|readout|stage|air|scene|axes|reach_mm)\b")
 
 
 def scene_of(changes) -> Scene:
