@@ -204,6 +204,7 @@ def _frame(mirror: Array) -> tuple[Array, int]:
     (cosine, sine), _ = mirror
     if sine == 0.0:
         return np.eye(2), 1 if cosine > 0.0 else 0
+    cosine = np.clip(cosine, -1.0, 1.0)  # not beyond by rounding
     # the line is at half the angle
     c, s = np.sqrt(0.5 * (1.0 + cosine)), np.copysign(np.sqrt(0.5 * (1.0 - cosine)), sine)
     return np.array([[c, s], [-s, c]]), 1

@@ -6,7 +6,7 @@ import meshio
 import numpy as np
 import pytest
 
-from pvdf_fem import solve
+from pvdf_fem import Scene, solve
 from pvdf_fem.charges.forces import goal_forces, goal_gradients
 from pvdf_fem.charges.goals import Goal, goals_of
 from pvdf_fem.derivatives.gradients import gradients
@@ -124,6 +124,14 @@ def test_symmetry_is_found(name):
 @pytest.mark.parametrize("name", OTHERS)
 def test_no_symmetry_is_found_where_there_is_none(name):
     assert part_of(OTHERS[name]) is WHOLE
+
+
+@pytest.mark.parametrize("place", [(2.0, -1.7e-161), (-3.5, -1.7e-161), (1e-161, -3.5)])
+def test_a_probe_next_to_an_axis_by_less_than_rounding_has_a_part(place):
+    x, y = place
+    disc = {"shape": "circle", "radius_mm": 2.5, "x_mm": x, "y_mm": y, "rotation_deg": 135.0}
+    scene = Scene().with_(probe=disc, electrodes={"layout": "three"})
+    assert np.isfinite(part_of(scene).frame).all()
 
 
 def test_films_that_bend_are_solved_on_the_whole():
