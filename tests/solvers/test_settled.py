@@ -7,7 +7,7 @@ import pytest
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.arrays import Array
-from pvdf_fem.charges.forces import electrode_forces
+from pvdf_fem.charges.forces import goal_forces
 from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.mesh.gmsh_mesh import mesh_scene
@@ -43,11 +43,11 @@ def solution(film: Equilibrium) -> Array:
 
 def test_changes_of_charges_count_against_the_tolerance(film: Equilibrium, solution: Array) -> None:
     states = [film.state(q) for q in (0.9999 * solution, solution)]
-    d = [BY_THE_RIM.film.d31, BY_THE_RIM.film.d32]
-    old, new = (electrode_forces(BY_THE_RIM, film.membrane, state.dofs) @ d for state in states)
+    d, goals = [BY_THE_RIM.film.d31, BY_THE_RIM.film.d32], goals_of(BY_THE_RIM)
+    old, new = (goal_forces(goals, film.membrane, state.dofs) @ d for state in states)
     # X and Y of a charge have one sign here, so its size is that of its parts
     worst = np.abs(new / old - 1.0).max()
-    change = Settled(goals_of(BY_THE_RIM), film).change(*states)
+    change = Settled(goals, film).change(*states)
     assert change == pytest.approx(worst / (OF_TOLERANCE * 1e-3), rel=1e-3)
 
 
