@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import COMPLEX_STEP, Array, Selection
-from pvdf_fem.charges.goals import Goal, areas_of, coefficients_of, goals_of, images_of
+from pvdf_fem.charges.goals import Goal, areas_of, coefficients_of, images_of
 from pvdf_fem.charges.observables import OBSERVABLES, Observable
 from pvdf_fem.charges.quadrature import area_quadrature
 from pvdf_fem.charges.sampling import Sampling
@@ -22,7 +22,6 @@ from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
-from pvdf_fem.scene.scene import Scene
 
 #: Least relative error that is stated of a charge, over the mean one of all charges: an estimate
 #: may vanish by chance.
@@ -59,11 +58,6 @@ class Forces:
         total = parts.sum()
         mean = errors.sum() / total if total > 0.0 else 0.0
         return np.asarray(np.maximum(errors, CHANCE * mean * parts))
-
-
-def electrode_forces(scene: Scene, membrane: Membrane, x: Array) -> Array:
-    """`goal_forces` of the electrodes of a scene."""
-    return goal_forces(goals_of(scene), membrane, x)
 
 
 def goal_forces(

@@ -41,15 +41,14 @@ def touched(scene: Scene) -> dict[str, list[tuple[LoadedProbe, int, str]]]:
     """By key of a probe or of its load: the probes that it is of, their numbers and its name."""
     found: dict[str, list[tuple[LoadedProbe, int, str]]] = {}
     for i, touch in enumerate(scene.loaded_probes):
-        prefix = f"probe[{i}]" if isinstance(scene.probe, tuple) else "probe"
         heat = () if touch.probe.temperature_K is None else (HEAT,)
         for name in (*PLACE_NAMES, *heat):
-            found[f"{prefix}.{name}"] = [(touch, i, name)]
+            found[f"{touch.key}.{name}"] = [(touch, i, name)]
         force = "force_N" if touch.load.depth_mm is None else "depth_mm"
         pushed = IN_PLANE if touch.load.tangential_N is not None else ()
         for name in (force, *pushed):
             key, bracket, component = name.partition("[")
-            where = said_at(prefix, touch.probe, key)
+            where = said_at(touch.key, touch.probe, key)
             found.setdefault(f"{where}{bracket}{component}", []).append((touch, i, name))
     return found
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pvdf_fem.arrays import Array
 from pvdf_fem.explore.finding import Found
 from pvdf_fem.explore.picture import QUANTITIES
-from pvdf_fem.explore.state import View, probe_keys
+from pvdf_fem.explore.state import View
 from pvdf_fem.output.figures import COLOURS
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Electrode, Scene
@@ -163,4 +163,4 @@ def _probes(view: View) -> dict[str, Any]:
     turns = np.radians(columns["rotation_deg"]) + 0.5 * np.pi
     columns["knob_x"] = columns["x"] + columns["reach"] * np.cos(turns)
     columns["knob_y"] = columns["y"] + columns["reach"] * np.sin(turns)
-    return {**columns, "key": probe_keys(view.scene)}
+    return {**columns, "key": [touch.key for touch in touches]}

@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.tri import Triangulation
-from skfem import MeshTri, MeshTri2
 
-from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.arrays import Array
 from pvdf_fem.charges.point_values import values_in_elements
 from pvdf_fem.film.space import shape_values
+from pvdf_fem.mesh.points import local_coordinates
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import solve
@@ -24,7 +24,6 @@ PIXELS = 160  #: Pixels along the film's diameter.
 #: A point between the rim and the straight sides there is taken to be in the triangle where this
 #: share of its distance from the centre leads.
 INWARD = 0.95
-NEARER = 3  #: Steps to the local coordinates in elements with curved sides.
 
 
 class Quantity(NamedTuple):
@@ -79,23 +78,9 @@ def image_of(solution: Solution, values: Array, pixels: int = PIXELS) -> Array:
     elements: Any = find(*points)
     beyond = elements < 0
     elements[beyond] = find(*(INWARD * points[:, beyond]))
-    curved, straight = mesh.mapping(), MeshTri(mesh.p, mesh.t).mapping()
-    local = straight.invF(points[:, :, None], tind=elements)
-    bent = np.isin(elements, curved_elements(mesh))
-    target, inside = points[:, bent], elements[bent]
-    for _ in range(NEARER):
-        target = target + points[:, bent] - curved.F(local[:, bent], tind=inside)[:, :, 0]
-        local[:, bent] = straight.invF(target[:, :, None], tind=inside)
+    local = local_coordinates(mesh, elements, points.T[:, None])[:, :, 0]
     nodal = values[basis.element_dofs[:, elements]]
-    field = np.einsum("pf,fp->p", shape_values(basis.elem, local[:, :, 0]), nodal)
+    field = np.einsum("pf,fp->p", shape_values(basis.elem, local), nodal)
     image = np.full(near.shape, np.nan, dtype=np.float32)
     image[near] = field.clip(values.min(), values.max())  # at the rim it is extrapolated a little
     return image
-
-
-def curved_elements(mesh: MeshTri2) -> Indices:
-    """Elements with a side whose middle node is off the chord."""
-    nodes = mesh.doflocs[:, mesh.dofs.element_dofs]
-    middles = 0.5 * (nodes[:, :3] + nodes[:, [1, 2, 0]])
-    off = np.abs(nodes[:, 3:] - middles).max(axis=(0, 1))
-    return np.flatnonzero(off > 1e-9 * np.ptp(mesh.p))

@@ -96,20 +96,14 @@ SLIDERS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("sliders.toml")
 def sliders_of(scene: Scene) -> dict[str, dict[str, float]]:
     """The sliders of a scene by key: value, limits that enclose it, and step."""
     found, unheeded = {}, scene.unheeded(SLIDERS)
+    keys = [touch.key for touch in scene.loaded_probes]
     for name, (*limits, step) in SLIDERS.items():
         if name in unheeded:
             continue
-        for probe in probe_keys(scene) if name.startswith("probe.") else [""]:
+        for probe in keys if name.startswith("probe.") else [""]:
             key = name.replace("probe", probe) if probe else name
             with suppress(AttributeError, TypeError):  # the scene has none, or a pair
                 value = value_of(scene, key)
                 span = {"start": min(*limits, value), "end": max(*limits, value)}
                 found[key] = {**span, "step": step, "value": value}
     return found
-
-
-def probe_keys(scene: Scene) -> list[str]:
-    """The keys of a scene's probes."""
-    if isinstance(scene.probe, tuple):
-        return [f"probe[{i}]" for i in range(len(scene.probe))]
-    return ["probe"] if scene.probe else []

@@ -242,12 +242,8 @@ class Equilibrium:
     def uneven_forces(self) -> Array:
         """What moves the flat film besides loads, (unknowns,), in N: its own stress, where that is
         uneven. A film in balance to rounding has none."""
-        terms = [term for term in self.terms if not term.rests_flat]
-        if not terms:
-            return np.zeros(self.unknowns.count)
         flat = self.membrane.state(np.zeros(self.space.dof_count))
-        film = self.with_terms(terms)
-        internal = film.film_forces(flat) + film.load_forces(flat)
+        internal = self.film_forces(flat) + self.load_forces(flat)
         forces = -self.on_unknowns(flat, internal)
         moves = np.abs(forces).max(initial=0.0) > BALANCED * np.abs(internal).max()
         return forces if moves else np.zeros(self.unknowns.count)

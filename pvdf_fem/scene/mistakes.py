@@ -153,22 +153,23 @@ def _among_valid_tables(data: Mapping[str, Any]) -> Iterator[str]:
     radius = {key: value for key, value in sections.get("film", {}).items() if key == "radius_mm"}
     film = _valid(Film, radius)
     electrodes, probe = data.get("electrodes", {}), data.get("probe")
+    single = _valid(Probe, probe)
     observable = sections.get("numerics", {}).get("observable")
     yield from misplacements(
         film.radius_mm if film else None,
-        _valid_entries(Electrode, electrodes, MOST_ELECTRODES)
+        _valid_entries("electrodes", Electrode, electrodes, MOST_ELECTRODES)
         or _valid(Electrodes, electrodes)
         or {},
-        _valid_entries(PressingProbe, probe, MOST_PROBES) or _valid(Probe, probe),
+        {"probe": single} if single else _valid_entries("probe", PressingProbe, probe, MOST_PROBES),
         _valid(Load, data.get("load", {})),
         observable if isinstance(observable, str) else "",
     )
 
 
-def _valid_entries(model: Any, tables: Any, most: int) -> dict[int, Any]:
-    """The models of a list's valid tables by their position; none of what is no list."""
+def _valid_entries(name: str, model: Any, tables: Any, most: int) -> dict[str, Any]:
+    """The models of a list's valid tables by their keys; none of what is no list."""
     models = [_valid(model, table) for table in tables[:most]] if isinstance(tables, list) else []
-    return {i: model for i, model in enumerate(models) if model is not None}
+    return {f"{name}[{i}]": model for i, model in enumerate(models) if model is not None}
 
 
 def _valid(model: Any, value: Any) -> Any:

@@ -22,27 +22,23 @@ LEAST_RADIUS_MM = 0.3  #: A smaller radius of a film in mm was probably meant in
 
 def misplacements(
     radius_mm: float | None,
-    electrodes: Layout | Ring | Mapping[int, Electrode],
-    probe: Probe | Mapping[int, PressingProbe] | None,
+    electrodes: Layout | Ring | Mapping[str, Electrode],
+    probes: Mapping[str, Any],
     load: Load | None,
     observable: str,
 ) -> Iterator[str]:
-    """Complaints about shapes and loads that are valid one by one. Those of a list are given by
-    their position in it. Without a radius in mm the rim is left out, without the scene's load all
-    loads are."""
+    """Complaints about shapes and loads that are valid one by one. Probes, and electrodes of a
+    list, are given by their keys. Without a radius in mm the rim is left out, without the scene's
+    load all loads are."""
     hashable = tuple(electrodes.items()) if isinstance(electrodes, Mapping) else electrodes
     if not _sound(radius_mm, hashable, observable):
         yield from _of_electrodes(radius_mm, hashable, observable)
-    probes: dict[str, Any] = {"probe": probe} if probe else {}
-    if isinstance(probe, Mapping):
-        probes = {f"probe[{i}]": entry for i, entry in probe.items()}
     for key, entry in probes.items():
         if radius_mm is not None:
             yield from _over_rim(key, entry, radius_mm)
         if load is not None:
             yield from _of_load(radius_mm, key, entry, load)
-    if isinstance(probe, Mapping):
-        yield from _overlapping(probes)
+    yield from _overlapping(probes)
 
 
 def _of_load(radius_mm: float | None, key: str, probe: Any, load: Load) -> Iterator[str]:
@@ -86,7 +82,7 @@ def _of_tip(key: str, probe: Any, load: Load) -> Iterator[str]:
         yield problem(f"{key}.{name}", getattr(probe, name), f"{reason}; {change}")
 
 
-_Electrodes = Layout | Ring | tuple[tuple[int, Electrode], ...]
+_Electrodes = Layout | Ring | tuple[tuple[str, Electrode], ...]
 
 
 @lru_cache(maxsize=16)
@@ -99,7 +95,7 @@ def _of_electrodes(
     radius_mm: float | None, electrodes: _Electrodes, observable: str
 ) -> Iterator[str]:
     if isinstance(electrodes, tuple):
-        keyed = {f"electrodes[{i}]": electrode for i, electrode in electrodes}
+        keyed = dict(electrodes)
         yield from _of_list(radius_mm, keyed)
     else:
         keyed = {"electrodes": electrodes.electrodes[0]}

@@ -105,8 +105,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class LoadedProbe:
-    """One of a scene's probes with its load, and the name of its patch in a mesh."""
+    """One of a scene's probes with its load, its key, and the name of its patch in a mesh."""
 
+    key: str
     patch: str
     probe: Probe
     load: Load
@@ -161,8 +162,10 @@ class Scene(Section):
         electrodes = self.electrodes
         complaints = misplacements(
             self.film.radius_mm,
-            dict(enumerate(electrodes)) if isinstance(electrodes, tuple) else electrodes,
-            dict(enumerate(self.probe)) if isinstance(self.probe, tuple) else self.probe,
+            {f"electrodes[{i}]": electrode for i, electrode in enumerate(electrodes)}
+            if isinstance(electrodes, tuple)
+            else electrodes,
+            self._probes,
             self.load,
             self.numerics.observable,
         )
@@ -263,13 +266,12 @@ class Scene(Section):
     @property
     def loaded_probes(self) -> tuple[LoadedProbe, ...]:
         """The probes with their loads: patches ``probe``, or of a list ``probe 1``, ``probe 2``."""
-        probe, load = self.probe, self.load
-        if probe is None:
-            return ()
-        entries: list[tuple[str, Any, Load]] = [("probe", probe, load)]
-        if isinstance(probe, tuple):
-            entries = [(f"probe {i}", p, p.load_in(load)) for i, p in enumerate(probe, 1)]
-        return tuple(LoadedProbe(*entry) for entry in entries)
+        if not isinstance(self.probe, tuple):
+            return (LoadedProbe("probe", "probe", self.probe, self.load),) if self.probe else ()
+        return tuple(
+            LoadedProbe(key, f"probe {i}", probe, probe.load_in(self.load))
+            for i, (key, probe) in enumerate(self._probes.items(), 1)
+        )
 
     def loaded(self, touches: Sequence[LoadedProbe]) -> Scene:
         """The scene with other `loaded_probes`, or with some of them; their values go unchecked."""

@@ -452,13 +452,13 @@ def _listed(scene: Scene, touches: int, unknown: Sequence[str]) -> Scene:
 def _keys(scene: Scene, unknown: Sequence[str]) -> tuple[str, ...]:
     """Keys of what is sought of each probe of a list; a disc has no rotation."""
     keys = []
-    for i, touch in enumerate(scene.loaded_probes):
+    for touch in scene.loaded_probes:
         names = [name for name in LONGEST if name in unknown]
         if not touch.probe.period_deg and "rotation_deg" in names:
             names.remove("rotation_deg")
         for name in names:
             ends = ("[0]", "[1]") if name == "tangential_N" else ("",)
-            keys += [f"probe[{i}].{name}{end}" for end in ends]
+            keys += [f"{touch.key}.{name}{end}" for end in ends]
     return tuple(keys)
 
 

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvdf_fem import Scene
-from pvdf_fem.charges.forces import electrode_forces
+from pvdf_fem.charges.forces import goal_forces
+from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.space import Space
@@ -143,7 +144,7 @@ def uneven_charges(
     order = taped_order if tapes else ORDER
     equilibrium = Equilibrium(scene, mesh_scene(scene, first_sizes(scene, order)), order)
     read = [i for i, e in enumerate(electrodes) if e.name not in tapes]
-    q, charges, budget = seed(equilibrium), [], Budget.of(scene)
+    q, charges, budget, goals = seed(equilibrium), [], Budget.of(scene), goals_of(scene)
     for factor in factors:
         stiffer = dict.fromkeys(tapes, factor)
         uneven = UnevenMembrane(equilibrium.space, scene.film, free_strain, stiffer)
@@ -152,6 +153,6 @@ def uneven_charges(
         if result.status is not Status.CONVERGED:
             raise RuntimeError(f"tapes {factor:g} times as stiff: {result.status}")
         q = result.q
-        forces = electrode_forces(scene, equilibrium.membrane, equilibrium.unknowns.expand(q))
+        forces = goal_forces(goals, equilibrium.membrane, equilibrium.unknowns.expand(q))
         charges.append(1e12 * (forces @ [scene.film.d31, scene.film.d32])[read])
     return np.array(charges)

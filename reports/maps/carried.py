@@ -34,6 +34,7 @@ from pvdf_fem.solution.solution import NotConvergedError
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.sweeps.store import key
+from reports.maps.area_rule import area_rule
 
 # With the numbers below a field takes about a second, and the errors of charge maps are those of
 # the scenes that they interpolate.
@@ -207,7 +208,7 @@ def _samples(electrode: Outline, observable: str) -> Iterator[tuple[int, Array, 
     along the axes.
     """
     if observable == "material":
-        points, weights = electrode.area_rule(8)
+        points, weights = area_rule(electrode, 8)
         yield 0, points, weights
         yield 1, points, weights
         return

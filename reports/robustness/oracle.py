@@ -166,7 +166,8 @@ def _of_shape(shape: Any) -> Iterator[str]:
         return
     name = shape.get("shape", "square" if "name" in shape else "triangle")
     sizes = SIZES.get(name, set()) if isinstance(name, str) else set()
-    if not sizes or shape.keys() - sizes - PLACE:
+    place = PLACE - {"edge_radius_mm"} if name == "sphere" else PLACE
+    if not sizes or shape.keys() - sizes - place:
         yield f"shape {name!r} with keys {sorted(shape)}"
         return
     for key, value in shape.items():

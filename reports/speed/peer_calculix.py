@@ -21,7 +21,8 @@ from skfem import MeshTri2
 
 from pvdf_fem import Scene
 from pvdf_fem.arrays import Array
-from pvdf_fem.charges.forces import electrode_forces
+from pvdf_fem.charges.forces import goal_forces
+from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.mesh.gmsh_mesh import mesh_scene, outlines
 from pvdf_fem.mesh.size_field import Sizes
@@ -62,7 +63,7 @@ def solve_calculix(scene: Scene, element: str, factor: float, limit: float) -> O
     displacements = _last_displacements(data, nodes)
     if displacements is None:
         return Outcome("failed", _complaint(log), unknowns=3 * nodes)
-    forces = electrode_forces(scene, equilibrium.membrane, displacements.ravel() / 1e3)
+    forces = goal_forces(goals_of(scene), equilibrium.membrane, displacements.ravel() / 1e3)
     values = forces @ [scene.film.d31_pC_N, scene.film.d32_pC_N]
     charges = {e.name: float(q) for e, q in zip(scene.electrode_list, values, strict=True)}
     seconds = {"mesh": meshed - start, "solve": end - meshed, "total": end - start}

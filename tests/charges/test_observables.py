@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene
-from pvdf_fem.charges.forces import electrode_forces, goal_forces, goal_gradients
+from pvdf_fem.charges.forces import goal_forces, goal_gradients
 from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.charges.observables import OBSERVABLES, Material, ThesisEdge
 from pvdf_fem.film.membrane import Membrane
@@ -54,7 +54,7 @@ def forces(membrane, observable, field):
     scene = COLD.with_(**{"numerics.observable": observable})
     x, y = membrane.space.basis.doflocs
     dofs = np.stack(np.broadcast_arrays(*field(x, y)), axis=-1).ravel()
-    return electrode_forces(scene, membrane, dofs)
+    return goal_forces(goals_of(scene), membrane, dofs)
 
 
 def test_stretch_of_the_plane(membrane):
@@ -156,10 +156,11 @@ def test_charge_gradients_are_the_derivatives_of_the_charges(membrane, observabl
     d = [scene.film.d31, scene.film.d32]
     x = np.stack(curved(*membrane.space.basis.doflocs), axis=-1).ravel()
     step = 1e-5 * np.random.default_rng(2).uniform(-1, 1, len(x))
-    slope = step @ goal_gradients(goals_of(scene), membrane, x)
+    goals = goals_of(scene)
+    slope = step @ goal_gradients(goals, membrane, x)
 
     def charges(s):
-        return electrode_forces(scene, membrane, x + s * step) @ d
+        return goal_forces(goals, membrane, x + s * step) @ d
 
     coarse, fine = ((charges(s) - charges(-s)) / (2 * s) for s in (1.0, 0.5))
     extrapolated = (4 * fine - coarse) / 3

@@ -42,6 +42,7 @@ HALVES = {
     "disc on the x axis": DISC.with_(**{"probe.x_mm": 7.0}),
     "disc on the diagonal": DISC.with_(**{"probe.x_mm": -4.0, "probe.y_mm": 4.0}),
     "disc anywhere": ANYWHERE,
+    "disc anywhere, electrodes nearly on their images": ANYWHERE.with_(**{"probe.y_mm": 1e-3}),
     "disc anywhere, means along edges": ANYWHERE.with_(**EDGES),
     "edges on the mirror line": TOUCHING,
     "means along them": TOUCHING.with_(**EDGES),
@@ -87,7 +88,6 @@ OTHERS = {
         **{"probe.rotation_deg": 45.0, "film.youngs_modulus_GPa": [3.0, 2.0]}
     ),
     "disc anywhere, where a coarse mesh will do": ANYWHERE.with_(**{"numerics.tolerance": 1e-3}),
-    "disc anywhere, its images in the way": ANYWHERE.with_(**{"probe.y_mm": 1e-3}),
     "nothing presses": RECTANGLE.with_(**{"load.force_N": 0.0}),
     "no probe": RECTANGLE.with_(probe=None),
 }

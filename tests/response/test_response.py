@@ -19,6 +19,7 @@ from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces
 from pvdf_fem.response.uniform_spline import UniformAxis, UniformSpline
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.status import Status
+from reports.maps.area_rule import area_rule
 
 DISC = Scene().with_(**{"probe.shape": "circle", "probe.radius_mm": 5.0})
 PROBES = {
@@ -55,7 +56,7 @@ def test_charges_of_a_polynomial_stress(shape):
     found = charges.charges_pC(outlines, positions, 0.7, (18.0, 2.0))
     for position, values in zip(positions, found, strict=True):
         for outline, value in zip(outlines, values.T, strict=True):
-            points, areas = outline.area_rule(8)
+            points, areas = area_rule(outline, 8)
             S = stress(1e3 * points, position, 1e3 * points - position)
             expected = areas @ (18.0 * S[0] + 2.0 * S[1])
             assert value == pytest.approx([expected, 3.0 * expected], rel=2e-5)

@@ -46,14 +46,8 @@ def test_measures_are_those_of_a_polygon_of_many_corners(name):
 
 
 @pytest.mark.parametrize("name", ELLIPSES)
-def test_rules_integrate_over_area_and_boundary(name):
+def test_the_boundary_rule_integrates(name):
     ellipse = ELLIPSES[name]
-    points, weights = ellipse.area_rule(8)
-    assert weights.sum() == pytest.approx(ellipse.area, rel=1e-13)
-    assert weights @ points == pytest.approx(ellipse.area * ellipse.centroid, rel=1e-12)
-    a, b = np.linalg.norm(ellipse.axes, axis=0)
-    polar = weights @ ((points - ellipse.centre) ** 2).sum(axis=1)
-    assert polar == pytest.approx(0.25 * ellipse.area * (a**2 + b**2), rel=1e-12)
     points, normals = ellipse.boundary_rule(8)
     assert 0.5 * (points * normals).sum() == pytest.approx(ellipse.area, rel=1e-12)
     assert np.abs(ellipse.signed_distance(points)).max() < 1e-13

@@ -150,9 +150,6 @@ def test_signed_distances_and_rules(outline):
     assert outline.signed_distance(points + 0.01 * outwards) == pytest.approx(0.01, rel=1e-9)
     assert outline.signed_distance(points - 0.01 * outwards) == pytest.approx(-0.01, rel=1e-9)
     assert 0.5 * (points * normals).sum() == pytest.approx(outline.area, rel=1e-12)
-    points, weights = outline.area_rule(4)
-    assert weights.sum() == pytest.approx(outline.area, rel=1e-12)
-    assert outline.signed_distance(points).max() < 0.0
 
 
 def test_a_disc_in_the_notch_of_a_polygon_does_not_overlap_it():

@@ -168,6 +168,7 @@ def test_a_tip_at_the_rim_is_told():
         ({"shape": "sphere"}, {"kind": "contact", "depth_mm": 1.0, "force_N": 1.0}, "load.force_N"),
         ({"shape": "triangle", "edge_radius_mm": 5.0}, {"kind": "contact"}, "probe.edge_radius_mm"),
         ({"shape": "circle", "edge_radius_mm": 0.2}, {"kind": "rigid"}, "probe.edge_radius_mm"),
+        ({"shape": "sphere", "edge_radius_mm": 0.2}, {"kind": "contact"}, "probe.edge_radius_mm"),
     ],
 )
 def test_bad_tips_are_refused_by_key(probe, load, named):

@@ -23,7 +23,7 @@ from pvdf_fem.files import FileError, decoded, read_bytes
 from pvdf_fem.film.loads.posed import PosedProbe, Pressure, name_of
 from pvdf_fem.scene.outlines.disc import ImageOfDisc
 from pvdf_fem.scene.outlines.outline import turn
-from pvdf_fem.scene.registry import PIN, PROFILE_ENTRIES
+from pvdf_fem.scene.registry import PIN, PROFILE_ENTRIES, said_at
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import problem
 
@@ -148,12 +148,9 @@ def pinned(scenes: Iterable[Scene]) -> list[Scene]:
         return f"{os.path.abspath(profile)}{PIN}{_read(profile)[0]}"
 
     def changed(scene: Scene) -> Scene:
-        probes = scene.probe if isinstance(scene.probe, tuple) else ()
-        loads = {"load": scene.load if scene.probe else None}
-        loads |= {f"probe[{i}].load": probe.load for i, probe in enumerate(probes)}
-        profiles = {f"{key}.profile": load.profile for key, load in loads.items() if load}
-        known = {None, *PROFILE_ENTRIES}  # a probe's own load may leave the profile to the scene's
-        in_files = {k: p for k, p in profiles.items() if p not in known and PIN not in p}
+        keyed = ((said_at(t.key, t.probe, "profile"), t.load) for t in scene.loaded_probes)
+        profiles = {key: load.profile for key, load in keyed}
+        in_files = {k: p for k, p in profiles.items() if p not in PROFILE_ENTRIES and PIN not in p}
         return scene.with_(**{k: named(p) for k, p in in_files.items()}) if in_files else scene
 
     return [changed(scene) for scene in scenes]

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 import shapely
 
-from pvdf_fem.arrays import Array, unit_gauss
+from pvdf_fem.arrays import Array
 from pvdf_fem.scene.outlines.outline import EllipseCurve, Outline
 
 
@@ -87,14 +87,6 @@ class ImageOfDisc(Outline):
         middle = a + b
         outward = middle / np.linalg.norm(middle, axis=1, keepdims=True)
         return self.centre + radius[:, None] * outward @ self.axes.T
-
-    def area_rule(self, count: int) -> tuple[Array, Array]:
-        """Points (n, 2) in m and weights (n,) in m², `count` Gauss points along each radius."""
-        s, w = unit_gauss(count)
-        angles = 2.0 * np.pi * np.arange(2 * count) / (2 * count)
-        points = self.centre + s[:, None, None] * (self.at(angles) - self.centre)
-        weights = np.repeat(self.area * w * s / count, len(angles))
-        return points.reshape(-1, 2), weights
 
     def boundary_rule(self, count: int) -> tuple[Array, Array]:
         """Points (n, 2) in m and outward normals (n, 2) times weights in m, `count` per quarter."""

@@ -113,11 +113,6 @@ class Outline(ABC):
         `ends` (n, 2) are those of their sides on a curved piece of the boundary."""
 
     @abstractmethod
-    def area_rule(self, count: int) -> tuple[Array, Array]:
-        """Points (n, 2) in m and weights (n,) in m² of an integral over the outline. `count` Gauss
-        points are taken across each piece of the area."""
-
-    @abstractmethod
     def boundary_rule(self, count: int) -> tuple[Array, Array]:
         """Points (n, 2) in m and outward normals (n, 2) times weights in m along the boundary.
         `count` points are taken along a side of a polygon or a quarter of a closed curve."""

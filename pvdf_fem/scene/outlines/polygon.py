@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from pydantic import AfterValidator, Field
 
-from pvdf_fem.arrays import Array, unit_gauss
+from pvdf_fem.arrays import Array
 from pvdf_fem.scene.affects import Affects
 from pvdf_fem.scene.outlines.outline import Line, Outline, turn
 from pvdf_fem.scene.outlines.shape import Shape, Size
@@ -91,24 +91,6 @@ class Polygon(Outline):
     def arc_middles(self, starts: Array, ends: Array) -> Array:
         return 0.5 * (starts + ends)
 
-    def area_rule(self, count: int) -> tuple[Array, Array]:
-        """Points (n, 2) in m and weights (n,) in m² of an integral over the polygon. A
-        parallelogram has `count` Gauss points along each side; any other polygon is cut into
-        triangles, each of which has `count` points along two of its sides."""
-        s, w = unit_gauss(count)
-        if (sides := _parallelogram(self.vertices)) is not None:
-            places = np.stack(np.meshgrid(s, s), axis=-1).reshape(-1, 2)
-            return self.vertices[0] + places @ sides, self.area * np.outer(w, w).ravel()
-        triangles = shapely.constrained_delaunay_triangles(self.shape).geoms
-        corners = np.array([shapely.get_coordinates(triangle)[:3] for triangle in triangles])
-        # Duffy's map takes the square (s, t) to the triangle, with the weight s
-        a, b, c = (corners[:, i, None, None] for i in range(3))
-        u, v = s[:, None, None], s[None, :, None]
-        points = a + u * (b - a) + u * v * (c - b)
-        edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=-1)
-        weights = np.abs(np.linalg.det(edges))[:, None, None] * (w * s)[:, None] * w
-        return points.reshape(-1, 2), weights.ravel()
-
     def boundary_rule(self, count: int) -> tuple[Array, Array]:
         s, w = np.polynomial.legendre.leggauss(count)
         begin = self.vertices[:, None]
@@ -157,15 +139,6 @@ def _moments(vertices: Array) -> tuple[float, Array]:
     cross = here[:, 0] * there[:, 1] - there[:, 0] * here[:, 1]
     area = cross.sum() / 2
     return float(area), vertices[0] + cross @ (here + there) / (6 * area)
-
-
-def _parallelogram(corners: Array) -> Array | None:
-    """The sides (2, 2) from the first corner of a parallelogram, None of other polygons."""
-    if len(corners) != 4:
-        return None
-    sides = corners[[1, 3]] - corners[0]
-    closed = np.allclose(sides.sum(axis=0), corners[2] - corners[0], rtol=1e-9, atol=1e-15)
-    return sides if closed else None
 
 
 class _PolygonalShape(Shape):

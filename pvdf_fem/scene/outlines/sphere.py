@@ -6,10 +6,11 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from pydantic import field_validator
 
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.shape import Shape
-from pvdf_fem.scene.quantity import Length
+from pvdf_fem.scene.quantity import Length, refusal
 
 
 class SphereShape(Shape):
@@ -20,6 +21,13 @@ class SphereShape(Shape):
     size_key = "radius_mm"
     shape: Literal["sphere"] = "sphere"
     radius_mm: Length = 5.0
+
+    @field_validator("edge_radius_mm")
+    @classmethod
+    def _has_no_edge(cls, value: float | None) -> float | None:
+        if value is not None:
+            raise refusal("is of flat probes, and a sphere has no edge; remove it")
+        return value
 
     @cached_property
     def outline(self) -> Circle:
