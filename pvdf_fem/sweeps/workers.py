@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import os
-import signal
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
-from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from itertools import islice
@@ -62,10 +60,8 @@ def on_processes(
 
     try:
         yield from _results(function, tasks, executor, lambda: count)
-    except BaseException:  # nobody waits for what still runs; a shutdown may log an exception
-        for process in list(executor()._processes):
-            with suppress(ProcessLookupError):
-                os.kill(process, signal.SIGKILL)
+    except BaseException:  # nobody waits for what still runs
+        executor().shutdown(kill_workers=True)
         raise
 
 
@@ -126,11 +122,14 @@ def _results(
     tasks, running = iter(tasks), dict[Future[Result], tuple[int, Task]]()
     lost: list[tuple[int, Task]] = []
     while True:
-        alone = bool(lost)  # then nothing else is running
-        room = max(1, 2 * workers()) - len(running)
+        alone = bool(lost) and not running
+        room = 0 if lost else max(1, 2 * workers()) - len(running)
         for task in [lost.pop()] if alone else islice(tasks, max(room, 0)):
-            running[_submitted(executor(), function, task[1])] = task
-        if not running:
+            try:
+                running[executor().submit(function, task[1])] = task
+            except TerminatedWorkerError:  # of a process that died a moment ago
+                lost.append(task)
+        if not running and not lost:
             return
         done, _ = wait(running, return_when=FIRST_COMPLETED)
         if any(map(_lost, done)):
@@ -143,17 +142,6 @@ def _results(
                 yield number, Died(f"{type(error).__name__}: {error}")
             else:
                 yield number, future.result()
-
-
-def _submitted(
-    executor: Executor, function: Callable[[Task], Result], task: Task
-) -> Future[Result]:
-    try:
-        return executor.submit(function, task)
-    except TerminatedWorkerError as error:  # of a process that died a moment ago
-        failed = Future[Result]()
-        failed.set_exception(error)
-        return failed
 
 
 def _lost(future: Future[Any]) -> bool:
