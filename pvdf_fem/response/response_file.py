@@ -28,11 +28,13 @@ from pydantic import (
 )
 
 from pvdf_fem.files import FileError, reading, replacing
+from pvdf_fem.film.models import film_model
 from pvdf_fem.response.model import Domain, centred
 from pvdf_fem.response.rim_places import RimPlaces
 from pvdf_fem.response.uniform_spline import UniformAxis
+from pvdf_fem.scene.affects import affecting
 from pvdf_fem.scene.scene import Numerics, Scene
-from pvdf_fem.sweeps.equivalence import mechanics
+from pvdf_fem.sweeps.equivalence import MECHANICS
 from pvdf_fem.sweeps.store import NUMERICAL_FOLDERS, code_version
 
 FORMAT = b"pvdf_fem response 3, SHA-256 "
@@ -54,7 +56,7 @@ def mechanics_of(scene: Scene) -> str:
     scene.require_plain_charges("a response")
     observable = scene.numerics.observable
     pressed = centred(scene).model_copy(update={"numerics": Numerics(observable=observable)})
-    return f"{mechanics(pressed).given} {observable}"
+    return f"{affecting(pressed, *MECHANICS)} {film_model(pressed).bends} {observable}"
 
 
 def response_key(scene: Scene, domain: Domain, tolerance: float) -> str:

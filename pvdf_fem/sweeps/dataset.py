@@ -48,14 +48,14 @@ def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) 
         columns = [names.index(e.name) for e in scenes[index].electrode_list]
         film, observable = scenes[index].film, scenes[index].numerics.observable
         d = film.d31_pC_N, film.d32_pC_N
-        if record.rest_forces:
-            rest[index, columns] = record.at_rest.charges(d)
-            rest_error[index, columns] = record.at_rest.charge_errors(d)
-        if not record.converged:
-            continue
-        charge[index, columns] = list(record.charges_pC(*d, observable).values())
-        error[index, columns] = list(record.charge_errors_pC(*d, observable).values())
-        deflection[index] = record.deflection_max_mm
+        for values, errors, forces in (
+            (charge, error, record.forces_by(observable)),
+            (rest, rest_error, record.at_rest),
+        ):
+            values[index, columns] = forces.charges(d)
+            errors[index, columns] = forces.charge_errors(d)
+        if record.converged:
+            deflection[index] = record.deflection_max_mm
     dims, first = [axis.name for axis in grid.axes], plan.first
     over = {1: dims, 2: [*dims, "electrode"]}
 

@@ -11,7 +11,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 
@@ -31,46 +30,27 @@ DIGITS = 9
 MECHANICS = (Affects.MECHANICS, Affects.OUTLINE, Affects.STRAIN_AT_REST, Affects.SCALE)
 
 
-@dataclass(frozen=True, eq=False)
-class Mechanics:
-    """What the deformation of a scene's film depends on."""
-
-    given: str  #: Two scenes with equal texts have the same deformation.
-    #: Two scenes with equal texts have the same deformation after a turn or a mirror image.
-    turned: str
-    scaled: str  #: The same if thickness and force may differ, too, where only their ratio counts.
-    #: Orthogonal matrix from the axes of the scene to axes in which all scenes with one `turned`
-    #: have their probe at the same place, (2, 2).
-    frame: Array
-
-
-def mechanics(scene: Scene) -> Mechanics:
-    """The mechanics of a scene, in which its tolerance and its limits count as well."""
+def mechanics(scene: Scene) -> tuple[str, Array]:
+    """What the deformation of a scene's film depends on, its tolerance and its limits included, and
+    a frame. Scenes with equal texts share a solve. The frame, (2, 2), is the orthogonal matrix from
+    the scene's axes to axes in which the probes of all these scenes have one place."""
     scene.require_plain_charges("a sweep", "coupling")
     model, film, probe, load = film_model(scene), scene.film, scene.probe, scene.load
     if not model.electrodes_only_read:
-        alone = repr(scene)
-        return Mechanics(alone, alone, alone, np.eye(2))
+        return repr(scene), np.eye(2)
     unlike = load.tangential_N or load.profile != "uniform" or isinstance(probe, tuple)
     if film.is_uneven or (probe is not None and unlike):
-        given = f"{affecting(scene, *MECHANICS)} {model.bends}"
-        return Mechanics(given, given, given, np.eye(2))
+        return f"{affecting(scene, *MECHANICS)} {model.bends}", np.eye(2)
     # with bending "auto", the electrodes decide whether the film bends
     common = f"{affecting(scene, Affects.MECHANICS)} {model.bends}"
     common += "".join(f" {strain:.{DIGITS}e}" for strain in film.strain_at_rest[:2])
-    thickness, force = film.thickness_um, load.force_N
     if probe is None or isinstance(probe, tuple):
-        flat = f"{common} {thickness}"
-        return Mechanics(flat, flat, common, np.eye(2))
+        return common, np.eye(2)
     place, frame = _canonical_place(probe, film.radius, isotropy(film))
+    thickness, force = film.thickness_um, load.force_N
     size = f"{thickness} {force}"
     ratio = f"{force / thickness:.{DIGITS}e}" if model.force_over_thickness else size
-    return Mechanics(
-        f"{common} {size} {affecting(probe, Affects.OUTLINE)}",
-        f"{common} {size} {place}",
-        f"{common} {ratio} {place}",
-        frame,
-    )
+    return f"{common} {ratio} {place}", frame
 
 
 @lru_cache(maxsize=4096)

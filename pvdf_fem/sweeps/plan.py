@@ -18,7 +18,7 @@ from pvdf_fem.sweeps.equivalence import mechanics
 class Block:
     """Scenes that one solve serves."""
 
-    mechanics: str  #: What the solve depends on: `Mechanics.scaled` of all its scenes.
+    mechanics: str  #: What the solve depends on.
     indices: tuple[int, ...]  #: The scenes' indices in the plan.
     #: For each of them, the orthogonal matrix from its axes to those of the first, (n, 2, 2).
     frames: Array
@@ -32,10 +32,6 @@ class SweepPlan:
     first: NDArray[np.int64]  #: For each scene the index of the first one that equals it, (n,).
     stored: frozenset[int]  #: Indices of the distinct scenes that need no solve.
     blocks: tuple[Block, ...]  #: The solves that the other distinct scenes need.
-    #: How many solves those scenes would need if only films with equal `Mechanics.given`, or
-    #: `Mechanics.turned`, shared one.
-    given: int
-    turned: int
 
     @property
     def missing(self) -> int:
@@ -48,16 +44,11 @@ class SweepPlan:
 
     def __str__(self) -> str:
         distinct = self.missing + len(self.stored)
-        given, turned, solves = self.given, self.turned, len(self.blocks)
-        shared = ": electrodes and d31, d32 only read the stress" if given < self.missing else ""
         rows = [
             (True, len(self.scenes), "scenes"),
             (distinct < len(self.scenes), distinct, "different ones"),
             (self.stored, self.missing, "not in the store"),
-            (True, given, f"films to deform{shared}"),
-            (turned < given, turned, "after turns and mirror images"),
-            (solves < turned, solves, "after force over thickness: a membrane has no other size"),
-            (True, solves, "solves"),
+            (True, len(self.blocks), "solves: one for all scenes whose films deform alike"),
         ]
         return "\n".join(f"{count:>8} {text}" for shown, count, text in rows if shown)
 
@@ -68,22 +59,19 @@ def plan(scenes: Sequence[Scene], stored: Sequence[bool] | None = None) -> Sweep
     scenes, index_of = pinned(scenes), dict[Scene, int]()
     first = np.array([index_of.setdefault(scene, i) for i, scene in enumerate(scenes)], int)
     known = frozenset(i for i in index_of.values() if stored is not None and stored[i])
-    given, turned = set(), set()
     alike: dict[str, tuple[list[int], list[Array]]] = {}
     for scene, index in index_of.items():
         if index in known:
             continue
-        film = mechanics(scene)
-        given.add(film.given)
-        turned.add(film.turned)
-        indices, frames = alike.setdefault(film.scaled, ([], []))
+        text, frame = mechanics(scene)
+        indices, frames = alike.setdefault(text, ([], []))
         indices.append(index)
-        frames.append(film.frame)
+        frames.append(frame)
     blocks = tuple(
         Block(text, tuple(indices), _relative(np.array(frames)))
         for text, (indices, frames) in alike.items()
     )
-    return SweepPlan(scenes, first, known, blocks, len(given), len(turned))
+    return SweepPlan(scenes, first, known, blocks)
 
 
 def _relative(frames: Array) -> Array:

@@ -11,25 +11,22 @@ a byte of a file beside the store, so the system ends it together with its proce
 
 from __future__ import annotations
 
-import errno
 import hashlib
 import json
 import os
 import sqlite3
 import sys
-import time
 import zlib
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, BinaryIO, Self
 
 import numpy as np
 
-from pvdf_fem.arrays import Array
 from pvdf_fem.charges.forces import Forces
 from pvdf_fem.files import FileError, give_permissions
 from pvdf_fem.film.loads.profiles import pinned
@@ -39,25 +36,24 @@ from pvdf_fem.scene.scene import Scene
 if sys.platform != "win32":
     import fcntl
 
-# SQLite's application id of our files: "pvdf" in ASCII.
-APPLICATION_ID = 0x70766466
-# Version of the tables in our files.
-SCHEMA = 2
+# SQLite's application id of our files: "pvd" in ASCII, and the version of their table.
+APPLICATION_ID = 0x70766403
 # Longest wait in s for other programs that write to the file.
 LONGEST_WAIT = 60.0
-# Pause in s between attempts to open a file that other programs are making.
-PAUSE = 0.01
 # Folders of modules, and packages, on which the numbers of a record depend.
 NUMERICAL_FOLDERS = ("scene", "mesh", "film", "charges", "solvers", "solution", "sweeps")
 NUMERICAL_PACKAGES = ("gmsh", "numpy", "scikit-fem", "scipy")
 
-
+_SIGN = f"PRAGMA application_id = {APPLICATION_ID}"
 _REMOVE = "name another file or remove this one"
+_UNLOCK = "make it and its folder writable, or name another file"
 _ADVICE = {
     sqlite3.SQLITE_CORRUPT: _REMOVE,
     sqlite3.SQLITE_NOTADB: _REMOVE,
     sqlite3.SQLITE_BUSY: "wait until no other program writes to it",
-    sqlite3.SQLITE_READONLY: "make it writable, or name another file",
+    sqlite3.SQLITE_READONLY: _UNLOCK,
+    sqlite3.SQLITE_CANTOPEN: _UNLOCK,
+    sqlite3.SQLITE_MISUSE: "open a Store in each thread, and use none that is closed",
 }
 
 
@@ -86,34 +82,32 @@ class Record:
 
     @property
     def at_rest(self) -> Forces:
-        """`rest_forces` with their errors."""
-        return Forces(np.array(self.rest_forces), np.array(self.rest_force_errors))
+        """`rest_forces` with their errors; NaN if not known."""
+        return self._forces(self.rest_forces, self.rest_force_errors)
 
     @property
     def converged(self) -> bool:
         """Whether there are charges."""
         return self.status == "converged"
 
+    def forces_by(self, observable: str) -> Forces:
+        """The electrodes' forces; NaN for a record without charges. Their errors are NaN for an
+        observable other than the scene's, too."""
+        return self._forces(self.forces.get(observable), self.force_errors.get(observable))
+
     def charges_pC(
         self, d31_pC_N: float, d32_pC_N: float, observable: str = "material"
     ) -> dict[str, float]:
-        """Charges in pC by electrode; raises `KeyError` for a record without charges."""
-        return self._by_electrode(self.forces_by(observable).charges((d31_pC_N, d32_pC_N)))
+        """Charges in pC by electrode; NaN for a record without charges."""
+        charges = self.forces_by(observable).charges((d31_pC_N, d32_pC_N))
+        return dict(zip(self.electrodes, charges.tolist(), strict=True))
 
     def charge_errors_pC(
         self, d31_pC_N: float, d32_pC_N: float, observable: str = "material"
     ) -> dict[str, float]:
-        """Estimated errors of `charges_pC`; NaN for an observable other than the scene's."""
-        return self._by_electrode(self.forces_by(observable).charge_errors((d31_pC_N, d32_pC_N)))
-
-    def forces_by(self, observable: str) -> Forces:
-        """The electrodes' forces; their errors are NaN for an observable other than the scene's."""
-        values = np.reshape(self.forces[observable], (-1, 2))
-        errors = self.force_errors.get(observable, np.full_like(values, np.nan))
-        return Forces(values, np.reshape(errors, (-1, 2)))
-
-    def _by_electrode(self, values: Array) -> dict[str, float]:
-        return dict(zip(self.electrodes, values.tolist(), strict=True))
+        """Estimated errors of `charges_pC`; NaN for an observable other than the scene's, too."""
+        errors = self.forces_by(observable).charge_errors((d31_pC_N, d32_pC_N))
+        return dict(zip(self.electrodes, errors.tolist(), strict=True))
 
     def charge_pC(
         self,
@@ -123,174 +117,134 @@ class Record:
         d32_pC_N: float = 8.0,
     ) -> float:
         """Charge in pC of one electrode; NaN for a record without charges."""
-        known = observable in self.forces
-        return self.charges_pC(d31_pC_N, d32_pC_N, observable)[electrode] if known else np.nan
+        return self.charges_pC(d31_pC_N, d32_pC_N, observable)[electrode]
 
-    def charge_error_pC(
-        self, electrode: str, observable: str, d31_pC_N: float = 8.0, d32_pC_N: float = 8.0
-    ) -> float:
-        """Estimated error of `charge_pC`; NaN where there is none."""
-        known = observable in self.forces
-        return self.charge_errors_pC(d31_pC_N, d32_pC_N, observable)[electrode] if known else np.nan
+    def _forces(self, values: Any, errors: Any) -> Forces:
+        unknown = np.full((len(self.electrodes), 2), np.nan)
+        return Forces(*(np.array(given) if given else unknown for given in (values, errors)))
 
 
 class Store:
     """Records by scene, in a file, which is made if there is none. Several processes may use one
-    file. Where it cannot be written it is opened for reading. `code` is a hash of the code outside
-    this package that makes the records, if there is any. Raises `StoreError` if the file is
-    damaged, or is no store of this version."""
+    file. A file that cannot be written is read. `code` is a hash of the code outside this package
+    that makes the records, if there is any. Raises `StoreError` if the file is damaged, or is no
+    store of this version."""
 
     def __init__(self, path: Path, code: str = "") -> None:
         self._path, self._code = path, code
-        self._claims: int | None = None
-        if str(path) == ":memory:":
-            raise StoreError(f"{path}: is no file and would be lost; name a file")
+        with self._told():
+            name = os.path.abspath(path)
+            self._rows = sqlite3.connect(name, timeout=LONGEST_WAIT, isolation_level=None)
         try:
-            self._connect("")
-        except StoreError as error:
-            unwritable = _number(error) in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
-            if not (unwritable and path.is_file()):
-                raise
-            try:
-                self._connect("?mode=ro")
-            except StoreError:  # nor can SQLite's files beside it be made
-                self._connect("?immutable=1")
-
-    def _connect(self, mode: str) -> None:
-        self.read_only = bool(mode)
-        name = Path(os.path.abspath(self._path)).as_uri() + mode
-        try:
-            self._rows = sqlite3.connect(name, timeout=LONGEST_WAIT, isolation_level=None, uri=True)
-        except sqlite3.Error as error:
-            raise self._error(error) from error
-        try:
-            self._open_among_others()
+            self._open()
         except BaseException:
             self._rows.close()
             raise
 
-    def _open_among_others(self) -> None:
-        """Open the file; SQLite itself does not wait where two programs make it at once."""
-        latest = time.monotonic() + LONGEST_WAIT
-        while True:
-            try:
-                return self._open()
-            except StoreError as error:
-                if _number(error) != sqlite3.SQLITE_BUSY or time.monotonic() > latest:
-                    raise
-            if self._rows.in_transaction:
-                self._execute("ROLLBACK")
-            time.sleep(PAUSE)
-
     def _open(self) -> None:
-        self._execute("BEGIN")  # another process may make the store at this moment
-        (kind,) = self._execute("PRAGMA application_id")
-        (schema,) = self._execute("PRAGMA user_version")
-        (tables,) = self._execute("SELECT count(*) FROM sqlite_master")
-        self._execute("COMMIT")
-        used = tables or kind or schema or self.read_only
-        if used and (kind, schema) != (APPLICATION_ID, SCHEMA):
-            raise StoreError(f"{self._path}: not a store of pvdf_fem, version {SCHEMA}; {_REMOVE}")
+        if self._is_empty():
+            with self._writing():
+                if self._is_empty():  # and no other process has made the store meanwhile
+                    self._execute("CREATE TABLE records (key PRIMARY KEY, record) WITHOUT ROWID")
+                    self._execute(_SIGN)
         state = self._execute("PRAGMA quick_check(1)")
         if state != ("ok",):
             raise StoreError(f"{self._path}: damaged: {state[0]}; {_REMOVE}")
-        if self.read_only:
-            return
-        self._execute("PRAGMA journal_mode = WAL")
-        self._execute("BEGIN IMMEDIATE")
-        self._execute(f"PRAGMA application_id = {APPLICATION_ID}")
-        self._execute(f"PRAGMA user_version = {SCHEMA}")
-        self._execute("CREATE TABLE IF NOT EXISTS records (key TEXT PRIMARY KEY, record TEXT)")
-        self._execute("COMMIT")
+
+    def _is_empty(self) -> bool:
+        """Whether the file has no tables; raises `StoreError` for tables of another kind."""
+        # in this order, because another process may make the store between the two
+        (tables,) = self._execute("SELECT count(*) FROM sqlite_master")
+        (kind,) = self._execute("PRAGMA application_id")
+        if kind != APPLICATION_ID and (kind or tables):
+            raise StoreError(f"{self._path}: not a store of this version of pvdf_fem; {_REMOVE}")
+        return not kind
 
     def get(self, scene: Scene) -> Record | None:
         """The record of a scene; None if there is none, or if its row is damaged."""
-        text = self._text(scene)
-        if text is None:
+        name = self._code + key(scene)
+        row = self._execute("SELECT record FROM records WHERE key = ?", name)
+        try:
+            whose, fields = json.loads(zlib.decompress(row[0])) if row else (None, {})
+        except (zlib.error, TypeError):  # the checksum of zlib, or a number in place of bytes
             return None
-        fields = json.loads(text)
+        if whose != name:
+            return None
         return Record(**fields | {name: tuple(fields[name]) for name in ("electrodes", "warnings")})
 
     def __contains__(self, scene: Scene) -> bool:
-        return self._text(scene) is not None
-
-    def _text(self, scene: Scene) -> str | None:
-        name = self._code + key(scene)
-        row = self._execute("SELECT record FROM records WHERE key = ?", name)
-        text = row[0][8:] if row and isinstance(row[0], str) else ""
-        return text if text and row[0] == _sum(name, text) + text else None
+        return self.get(scene) is not None
 
     def put(self, records: Iterable[tuple[Scene, Record]]) -> None:
         """Add the records of scenes, all of them or none."""
-        rows = []
-        for scene, record in records:
-            name, text = self._code + key(scene), json.dumps(vars(record))
-            rows.append((name, _sum(name, text) + text))
-        try:
-            with self._rows:
-                self._rows.execute("BEGIN IMMEDIATE")
-                self._rows.executemany("INSERT OR REPLACE INTO records VALUES (?, ?)", rows)
-        except sqlite3.Error as error:
-            raise self._error(error) from error
+        with self._writing():
+            for scene, record in records:
+                name = self._code + key(scene)
+                text = zlib.compress(json.dumps([name, vars(record)]).encode())
+                self._execute("INSERT OR REPLACE INTO records VALUES (?, ?)", name, text)
 
-    def _execute(self, query: str, *values: str) -> Any:
+    @contextmanager
+    def claims(self) -> Iterator[Callable[[str], bool]]:
+        """A function that claims a solve for this process, and is False if another process has
+        claimed the solve. Claims end with the context, and with the process. Raises `StoreError`
+        when the file cannot be written: records would be lost."""
+        self._execute(_SIGN)
+        path = Path(f"{os.path.realpath(self._path)}-claims")
+        with self._told():
+            file = path.open("ab")
+
+        def claim(solve: str) -> bool:
+            digest = hashlib.sha256((self._code + code_version() + solve).encode()).hexdigest()
+            with self._told():
+                return _locked(file, 1, int(digest[:15], 16))
+
+        with file:
+            give_permissions(self._path, path)
+            self._journal("WAL")
+            try:
+                yield claim
+            finally:
+                self._journal("DELETE")
+                with suppress(OSError):
+                    if _locked(file):  # no other process has claims
+                        path.unlink()
+
+    def _journal(self, mode: str) -> None:
+        """Change how SQLite writes, unless others use the file: with WAL in a quarter of the time,
+        otherwise so that the file can be read where nothing can be written."""
+        with suppress(sqlite3.OperationalError):
+            self._rows.execute(f"PRAGMA journal_mode = {mode}")
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """A transaction, of which all is kept or nothing."""
+        with self._told(), self._rows:
+            self._execute("BEGIN IMMEDIATE")
+            yield
+
+    def _execute(self, query: str, *values: str | bytes) -> Any:
         """The first row of a query's result."""
-        try:
+        with self._told():
             return self._rows.execute(query, values).fetchone()
-        except (sqlite3.Error, UnicodeDecodeError) as error:  # SQLite's texts may be damaged too
-            raise self._error(error) from error
 
-    def _error(self, error: Exception) -> StoreError:
-        if isinstance(error, sqlite3.ProgrammingError):
-            reason = "belongs to another thread; open one in each"
-            if "closed" in str(error):
-                reason = "is closed; open another one on the file"
-            return StoreError(f"{self._path}: this Store {reason}")
-        damaged = isinstance(error, UnicodeDecodeError)
-        code = sqlite3.SQLITE_CORRUPT if damaged else getattr(error, "sqlite_errorcode", 0)
-        advice = _ADVICE.get(code & 0xFF, "name another file or see to its disk")
-        return StoreError(f"{self._path}: {error}; {advice}")
-
-    def claim(self, solve: str) -> bool:
-        """Claim a solve for this process; False if another process has claimed it. Raises
-        `StoreError` when the file can only be read: the solve's records would be lost."""
-        if self.read_only:
-            advice = _ADVICE[sqlite3.SQLITE_READONLY]
-            raise StoreError(f"{self._path}: can only be read, and scenes are missing; {advice}")
-        if sys.platform == "win32":
-            return True
-        digest = hashlib.sha256((self._code + code_version() + solve).encode()).hexdigest()
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        """Errors of the file as `StoreError`."""
         try:
-            if self._claims is None:
-                self._claims = os.open(self._claims_path, os.O_RDWR | os.O_CREAT, 0o666)
-                give_permissions(self._path, self._claims_path)
-            fcntl.lockf(self._claims, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, int(digest[:15], 16))
-        except OSError as error:
-            if self._claims is None or error.errno not in (errno.EAGAIN, errno.EACCES):
-                raise self._error(error) from error
-            return False
-        return True
-
-    @property
-    def _claims_path(self) -> Path:
-        return Path(f"{os.path.realpath(self._path)}-claims")
-
-    def end_claims(self) -> None:
-        """End all claims of this process."""
-        if self._claims is not None and sys.platform != "win32":
-            with suppress(OSError):  # when another process has claims
-                fcntl.lockf(self._claims, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                self._claims_path.unlink(missing_ok=True)
-            os.close(self._claims)
-            self._claims = None
+            yield
+        except (sqlite3.Error, OSError, UnicodeDecodeError) as error:
+            code = getattr(error, "sqlite_errorcode", 0)
+            if isinstance(error, UnicodeDecodeError):  # SQLite's texts may be damaged, too
+                code = sqlite3.SQLITE_CORRUPT
+            elif isinstance(error, sqlite3.ProgrammingError):
+                code = sqlite3.SQLITE_MISUSE
+            advice = _ADVICE.get(code & 0xFF, "name another file or see to its disk")
+            raise StoreError(f"{self._path}: {error}; {advice}") from error
 
     def close(self) -> None:
         """Close the file."""
-        self.end_claims()
-        try:
+        with self._told():
             self._rows.close()
-        except sqlite3.Error as error:
-            raise self._error(error) from error
 
     def __enter__(self) -> Self:
         return self
@@ -299,14 +253,14 @@ class Store:
         self.close()
 
 
-def _number(error: StoreError) -> int:
-    """SQLite's primary result code of an error; zero if it is not SQLite's."""
-    return getattr(error.__cause__, "sqlite_errorcode", 0) & 0xFF
-
-
-def _sum(name: str, text: str) -> str:
-    """Checksum of a row in eight characters; SQLite does not notice a damaged row itself."""
-    return f"{zlib.crc32((name + text).encode()):08x}"
+def _locked(file: BinaryIO, count: int = 0, start: int = 0) -> bool:
+    """Whether this process has now locked some bytes of a file, or all if their `count` is 0."""
+    if sys.platform != "win32":
+        try:
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, count, start)
+        except BlockingIOError:
+            return False
+    return True
 
 
 def key(scene: Scene, folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> str:

@@ -6,7 +6,7 @@ import itertools
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -146,10 +146,12 @@ def _shared(
     """Numbers of blocks with their records, which join the store, as they come. A block that
     another process solves at the same time is left until the store has its records."""
     left = set(range(len(todo.blocks)))
-    try:
+    if not left:
+        return
+    with nullcontext(lambda solve: True) if store is None else store.claims() as claim:
         while left:
             stored: dict[int, list[Record]] = {}
-            tasks = _claimed(todo, sorted(left), store, stored)
+            tasks = _claimed(todo, sorted(left), store, claim, stored)
             if first := next(tasks, None):
                 for number, result in run(_solved, itertools.chain([first], tasks)):
                     left.remove(number)
@@ -158,18 +160,19 @@ def _shared(
             yield from stored.items()
             if left:
                 time.sleep(WAIT)
-    finally:
-        if store is not None:
-            store.end_claims()
 
 
 def _claimed(
-    todo: SweepPlan, left: list[int], store: Store | None, stored: dict[int, list[Record]]
+    todo: SweepPlan,
+    left: list[int],
+    store: Store | None,
+    claim: Callable[[str], bool],
+    stored: dict[int, list[Record]],
 ) -> Iterator[tuple[int, Task]]:
     """Blocks to be solved here and their tasks; those that are in the store join `stored`."""
     for number in left:
         block, scenes = todo.blocks[number], todo.scenes_of(number)
-        is_claimed = store is None or store.claim(block.mechanics)
+        is_claimed = claim(block.mechanics)
         if store is not None and all(scene in store for scene in scenes):
             stored[number] = [record for scene in scenes if (record := store.get(scene))]
         elif is_claimed:

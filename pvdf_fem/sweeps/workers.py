@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
 import os
-import signal
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
-from contextlib import suppress
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from dataclasses import dataclass
 from importlib import import_module
+from itertools import islice
 from typing import Any, TypeVar
 
 import joblib
@@ -22,8 +19,6 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-# Deaths of processes without a result between them after which the next task is run alone.
-MOST_DEATHS = 2
 _LIBRARIES = ("OMP", "OPENBLAS", "MKL", "BLIS")
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in _LIBRARIES}
 
@@ -47,62 +42,27 @@ def on_processes(
     function: Callable[[Task], Result], tasks: Iterable[tuple[int, Task]], processes: int
 ) -> Iterator[tuple[int, Result | Died]]:
     """Numbers of tasks and their results as they come. When a process dies, all processes are
-    replaced, and the tasks without a result are done again. A task that kills its process even when
-    it is alone ends as `Died`. The function must not raise; tasks are read as far as processes are
-    free. There are as many processes as cores if their number is -1; with 1 this one works. Each
-    has one thread of linear algebra, and ends when this one does."""
+    replaced, and each task without a result is done again, with no other beside it. A task that
+    kills its process then, too, ends as `Died`. The function must not raise; tasks are read as far
+    as processes are free. There are as many processes as cores if their number is -1; with 1 this
+    one works. Each has one thread of linear algebra, and ends when this one does."""
     count = joblib.effective_n_jobs(processes)
     if count == 1:
         for number, task in tasks:
             yield number, function(task)
         return
-    tasks, again, deaths = iter(tasks), deque[tuple[int, Task]](), 0
-    running: dict[Future[Result], tuple[int, Task]] = {}
-    executor = _executor(count)
+    # the processes stay for later calls, and joblib's own `Parallel` of a caller takes them over
+    keep: Any = {"timeout": 300, "env": ONE_THREAD}
+    keep |= {"initializer": end_with, "initargs": (os.getpid(),)}
+
+    def executor() -> Any:
+        return get_memmapping_executor(count, **keep)
+
     try:
-        while True:
-            alone = deaths > MOST_DEATHS
-            while len(running) < (1 if alone else 2 * count):
-                item = again.popleft() if again else next(tasks, None)
-                if item is None:
-                    break
-                try:
-                    running[executor.submit(function, item[1])] = item
-                except TerminatedWorkerError:  # of a process that died a moment ago
-                    again.appendleft(item)
-                    executor = _executor(count)
-            if not running:
-                return
-            done, _ = wait(running, return_when=FIRST_COMPLETED)
-            if died := any(map(_has_died, done)):  # then all processes end
-                done, _ = wait(running)
-            for future in sorted(done, key=_has_died):
-                number, task = running.pop(future)
-                if not _has_died(future):
-                    deaths = 0
-                    yield number, future.result()
-                elif alone:
-                    yield number, Died("its process died")
-                else:
-                    again.append((number, task))
-            deaths += died
-    finally:
-        # a shutdown may log an exception
-        for process in list(executor._processes) if running else ():
-            with suppress(ProcessLookupError):
-                os.kill(process, signal.SIGKILL)
-        wait(running)
-
-
-def _has_died(future: Any) -> bool:
-    return isinstance(future.exception(), TerminatedWorkerError)
-
-
-def _executor(count: int) -> Any:
-    """Processes that stay for later calls for 300 s. They are joblib's own, which a caller's
-    `joblib.Parallel` takes over."""
-    ends = {"initializer": end_with, "initargs": (os.getpid(),)}
-    return get_memmapping_executor(count, timeout=300, env=ONE_THREAD, **ends)
+        yield from _results(function, tasks, executor, lambda: count)
+    except BaseException:  # nobody waits for what still runs
+        executor().shutdown(kill_workers=True)
+        raise
 
 
 def end_with(parent: int) -> None:
@@ -140,32 +100,49 @@ def on_cluster(
         advice = "start `dask scheduler` there, or correct the address"
         raise ClusterError(f"--scheduler {scheduler}: {error}; {advice}") from error
     with client:
+        executor = client.get_executor(pure=False)
         try:
-            yield from _by_workers(client, function, iter(tasks))
+            yield from _results(
+                function, tasks, lambda: executor, lambda: sum(client.nthreads().values())
+            )
         except (OSError, CancelledError) as error:
             advice = "start it again, then repeat the command: what is solved is in the store"
             text = f"--scheduler {scheduler}: does not answer any more; {advice}"
             raise ClusterLostError(text) from error
 
 
-def _by_workers(
-    client: Any, function: Callable[[Task], Result], tasks: Iterator[tuple[int, Task]]
+def _results(
+    function: Callable[[Task], Result],
+    tasks: Iterable[tuple[int, Task]],
+    executor: Callable[[], Executor],
+    workers: Callable[[], int],
 ) -> Iterator[tuple[int, Result | Died]]:
-    completed = import_module("distributed").as_completed(loop=client.loop)
-    running: dict[Any, int] = {}
+    """Numbers of tasks and their results. There are twice as many tasks under way as `workers`. An
+    `executor` whose process died has lost all its tasks, and another one takes its place."""
+    tasks, running = iter(tasks), dict[Future[Result], tuple[int, Task]]()
+    lost: list[tuple[int, Task]] = []
+    while True:
+        alone = bool(lost) and not running
+        room = 0 if lost else max(1, 2 * workers()) - len(running)
+        for task in [lost.pop()] if alone else islice(tasks, max(room, 0)):
+            try:
+                running[executor().submit(function, task[1])] = task
+            except TerminatedWorkerError:  # of a process that died a moment ago
+                lost.append(task)
+        if not running and not lost:
+            return
+        done, _ = wait(running, return_when=FIRST_COMPLETED)
+        if any(map(_lost, done)):
+            done, _ = wait(running)
+        for future in sorted(done, key=_lost):
+            number, _ = task = running.pop(future)
+            if _lost(future) and not alone:
+                lost.append(task)
+            elif error := future.exception():
+                yield number, Died(f"{type(error).__name__}: {error}")
+            else:
+                yield number, future.result()
 
-    def submit() -> None:
-        room = max(1, 2 * sum(client.nthreads().values())) - len(running)
-        for number, task in itertools.islice(tasks, max(room, 0)):
-            future = client.submit(function, task, pure=False)
-            running[future] = number
-            completed.add(future)
 
-    submit()
-    for future in completed:
-        number, error = running.pop(future), future.exception()
-        if future.cancelled():
-            raise CancelledError
-        yield number, Died(f"{type(error).__name__}: {error}") if error else future.result()
-        future.release()
-        submit()
+def _lost(future: Future[Any]) -> bool:
+    return isinstance(future.exception(), TerminatedWorkerError)

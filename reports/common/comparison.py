@@ -56,7 +56,7 @@ def _compare(charge: Charge, results: Results) -> Comparison:
         charge,
         record.status,
         record.charge_pC(electrode, THESIS_EDGE),
-        record.charge_error_pC(electrode, THESIS_EDGE),
+        record.charge_errors_pC(8.0, 8.0, THESIS_EDGE)[electrode],
         record.charge_pC(electrode, MATERIAL),
     )
 

@@ -72,9 +72,6 @@ def _stored() -> tuple[list[Scene], list[Record], bytes]:
         with Store(path) as store:
             for scene, record in zip(scenes, records, strict=True):
                 store.put([(scene, record)])
-        with sqlite3.connect(path) as rows:
-            rows.execute("PRAGMA journal_mode = DELETE")
-        rows.close()
         return scenes, records, path.read_bytes()
 
 
