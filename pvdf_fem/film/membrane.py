@@ -279,6 +279,7 @@ class WrinklingMembrane(Membrane):
     LEAST_STRAIN = 1e-16
 
     law: TensionField
+
     def __init__(self, space: Space, film: Film) -> None:
         super().__init__(space, film, TensionField(film.stiffness))
         self._last_moduli: tuple[State, Array] | None = None

@@ -269,8 +269,8 @@ class Scene(Section):
         if not isinstance(self.probe, tuple):
             return (LoadedProbe("probe", "probe", self.probe, self.load),) if self.probe else ()
         return tuple(
-            LoadedProbe(key, f"probe {i}", probe, probe.load_in(self.load))
-            for i, (key, probe) in enumerate(self._probes.items(), 1)
+            LoadedProbe(f"probe[{i}]", f"probe {i + 1}", probe, probe.load_in(self.load))
+            for i, probe in enumerate(self.probe)
         )
 
     def loaded(self, touches: Sequence[LoadedProbe]) -> Scene:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.scene.quantity import Coordinate, Number, Section
 
 
@@ -23,9 +24,7 @@ class Stage(Section):
     @property
     def turn(self) -> Array:
         """Orthogonal matrix (2, 2) from the film's axes to those of the stage."""
-        angle = np.radians(self.rotation_deg)
-        c, s = np.cos(angle), np.sin(angle)
-        return np.array([[c, -s], [s, c]])
+        return turn(np.eye(2), self.rotation_deg).T
 
     def to_film(self, places_mm: ArrayLike, rotations_deg: ArrayLike) -> tuple[Array, Array]:
         """Places (..., 2) and rotations (...) on the film of those on the stage."""

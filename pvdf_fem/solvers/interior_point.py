@@ -80,7 +80,6 @@ class Iterate:
     p: Array
     gap: float  #: Integral of S : P over the work of the load.
     length: float  #: Part of Newton's step that was taken.
-    factors: SuperLU | None  #: The tangent of that step, factorised.
     state: State  #: Of `q`.
 
     @property
@@ -116,7 +115,7 @@ class _InteriorPoint:
         widest = np.abs(self.membrane.elastic(state.strain)).max()
         strain = max(widest, tension * self.compliance[0, 0])
         ones = np.broadcast_to(RULES.start * UNIT, state.strain.shape)
-        return Iterate(q, tension * ones, strain * ones, np.inf, 1.0, None, state)
+        return Iterate(q, tension * ones, strain * ones, np.inf, 1.0, state)
 
     def next(self, at: Iterate) -> Iterate:
         """Mehrotra's step: the predictor's length says how far to go, the corrector goes."""
@@ -136,7 +135,7 @@ class _InteriorPoint:
         p = _closer(p, s @ self.compliance - self.membrane.elastic(state.strain) @ STRAIN.T)
         gap = float(((s * p).sum(axis=-1) * self.weights).sum())
         gap /= self.equilibrium.work(state, q)
-        return Iterate(q, s, p, gap, length, step.factors, state)
+        return Iterate(q, s, p, gap, length, state)
 
     def _corrected(self, step: _Linearised, wanted: Array, mu: float) -> Step:
         """The step to the products `wanted`, made longer by Gondzio's corrections. At last the

@@ -19,7 +19,7 @@ from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.membrane import WrinklingMembrane, strain_rate
 from pvdf_fem.film.term import State
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solvers.interior_point import Iterate, interior_points
+from pvdf_fem.solvers.interior_point import interior_points
 from pvdf_fem.solvers.newton import (
     Iteration,
     NewtonResult,
@@ -207,9 +207,7 @@ def from_afar(
     options = InteriorPointOptions() if options is None else options
     most = min(max(max_iterations, options.least_iterations), options.max_iterations)
     table: list[Iteration] = []
-    allowed = max(tolerance, equilibrium.model.imbalance)
-    watch, gap = ChargeWatch(settled, equilibrium.state(q)), options.first_gap
-    points = interior_points(equilibrium, q)
+    points, gap = interior_points(equilibrium, q), options.first_gap
     while len(table) < most and gap > options.narrowing * options.last_gap:
         point = next(points)
         table.append(Iteration(point.gap, point.length, True, True))
@@ -219,26 +217,4 @@ def from_afar(
             if exact.converged:
                 return NewtonResult(exact.q, exact.status, tuple(table), exact.factors)
             gap = options.narrowing * point.gap
-        left = watch.left(point.state)
-        if 0.0 < point.gap < allowed**2 and left <= 1.0 and _agrees(equilibrium, point, allowed):
-            return NewtonResult(point.q, Status.CONVERGED, tuple(table), point.factors)
     return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
-
-
-def _agrees(equilibrium: Equilibrium, point: Iterate, tolerance: float) -> bool:
-    """Whether the stress of the strain is that which is in balance, in the energy norm, and whether
-    rim and load balance by it, as every result has to. The distance of the two stresses is the
-    error in the constitutive relation (Ladeveze and Leguillon, SIAM J. Numer. Anal. 20 (1983)
-    485-509), which bounds that of the solution, also where a slack film has no stiffness."""
-    membrane = equilibrium.membrane
-    assert isinstance(membrane, WrinklingMembrane)
-    compliance = membrane.law.compliance
-
-    def square(stress: Array) -> float:
-        density = ((stress @ compliance) * stress).sum(axis=-1)
-        return float((density * membrane.volumes).sum())
-
-    state = point.state
-    if not square(state.stress - point.stress) < tolerance**2 * square(state.stress):
-        return False
-    return point.factors is not None and balanced(equilibrium, state, point.factors, tolerance)

@@ -12,10 +12,9 @@ from pvdf_fem import solve
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.laws import TensionField
 from pvdf_fem.scene.film import Film
-from pvdf_fem.solvers import ladder, wrinkling
 from pvdf_fem.solvers.interior_point import interior_points
 from pvdf_fem.solvers.ladder import equilibrate
-from pvdf_fem.solvers.newton import NewtonResult, negative_pivots
+from pvdf_fem.solvers.newton import negative_pivots
 from pvdf_fem.solvers.seed import deflected_film
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.solvers.wrinkling import barely_loaded
@@ -150,34 +149,6 @@ def test_interior_points_approach_the_minimum(barely):
         for s in (state.stress - point.stress, point.stress)
     ]
     assert squares[0] < 1e-10 * squares[1]
-
-
-def let_newton_fail(monkeypatch):
-    """Newton's method for the exact law converges nowhere."""
-
-    def nowhere(variant, q):
-        return NewtonResult(q, Status.MAX_ITERATIONS, (), None)
-
-    for module in (wrinkling, ladder):
-        monkeypatch.setattr(module, "newton", nowhere)
-
-
-def test_an_interior_point_is_a_solution_where_newton_finds_none(barely, monkeypatch):
-    found = equilibrate(barely)
-    let_newton_fail(monkeypatch)
-    other = equilibrate(barely)
-    assert found.status is other.status is Status.CONVERGED
-    assert negative_pivots(other.factors) == 0
-    stresses = barely.state(found.q).stress, barely.state(other.q).stress
-    assert np.abs(stresses[0] - stresses[1]).max() < 1e-3 * np.abs(stresses[0]).max()
-
-
-def test_interior_points_of_a_follower_are_no_solution(barely, monkeypatch):
-    """They are those of a dead load."""
-    scene = barely.scene.with_(**{"load.kind": "follower"})
-    follower = Equilibrium(scene, barely.membrane.space.mesh, 1)
-    let_newton_fail(monkeypatch)
-    assert equilibrate(follower).status is Status.MAX_ITERATIONS
 
 
 def test_start_does_not_matter(slack):

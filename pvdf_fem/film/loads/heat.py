@@ -12,12 +12,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.remarks import Charges, charge_remark
 from pvdf_fem.scene.film import Film
-from pvdf_fem.scene.outlines.outline import Outline
+from pvdf_fem.scene.outlines.outline import Outline, mean_over
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 HEAT_CAPACITY = 1300.0  #: Of PVDF, J/(kg K).
@@ -68,14 +67,11 @@ def _misplaced(outline: Outline, reach: float) -> float:
     return (0.6 * len(outline.corners) or curved) * reach**2 / area
 
 
-def _heated(scene: Scene, outline: Outline, lines: int = 24) -> float:
+def _heated(scene: Scene, outline: Outline) -> float:
     """About the integral of the temperature over an electrode, in K mm²."""
     added, mean = AddedStrain.of(scene), scene.film.warming_K or 0.0
     if added and added.warm:
-        low, high = np.reshape(outline.polygon.bounds, (2, 2))
-        grid = low + (high - low) * (np.indices((lines, lines)).reshape(2, -1).T + 0.5) / lines
-        inside = shapely.contains_xy(outline.polygon, grid)
-        mean += float(added.temperature(grid[inside]).mean())
+        mean += mean_over(outline.polygon, added.temperature)
     return 1e6 * outline.area * mean
 
 

@@ -22,7 +22,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.files import FileError, decoded, read_bytes
 from pvdf_fem.film.loads.posed import PosedProbe, Pressure, name_of
 from pvdf_fem.scene.outlines.disc import ImageOfDisc
-from pvdf_fem.scene.outlines.outline import turn
+from pvdf_fem.scene.outlines.outline import mean_over, turn
 from pvdf_fem.scene.registry import PIN, PROFILE_ENTRIES, said_at
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import problem
@@ -31,8 +31,6 @@ from pvdf_fem.scene.scene_file import problem
 MOST_BYTES = 20_000_000
 #: Polynomial degree that quadrature is exact for under a profile that is not uniform.
 RICH_ORDER = 16
-#: Cells along each side of the raster of a mean value.
-RASTER = 24
 
 
 class Profile(ABC):
@@ -51,13 +49,8 @@ class Profile(ABC):
         """Values (...) at points (..., 2) in m on the film, none of them negative."""
 
     def mean(self, shape: shapely.Geometry) -> float:
-        """About the mean over a shape on the film, in m: of a raster, or at one point."""
-        x0, y0, x1, y1 = shape.bounds
-        s = (np.arange(RASTER) + 0.5) / RASTER
-        points = np.dstack(np.meshgrid(x0 + s * (x1 - x0), y0 + s * (y1 - y0))).reshape(-1, 2)
-        inside = points[shapely.contains_xy(shape, points)]
-        one = shapely.get_coordinates(shapely.point_on_surface(shape))
-        return float(self(inside if len(inside) else one).mean())
+        """About the mean over a shape on the film, in m."""
+        return mean_over(shape, self)
 
     def refused(self, reason: str) -> SceneError:
         """The error of a profile that cannot be integrated."""

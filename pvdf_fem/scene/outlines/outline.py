@@ -8,6 +8,7 @@ table of a scene file that makes it (`Shape`), and a line in `pvdf_fem.scene.sha
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
@@ -153,6 +154,16 @@ def overlaps(a: Outline, b: Outline) -> bool:
         return True
     # what the polygons do not show is between arcs and their chords
     return max(a.dip(b), b.dip(a)) > slack
+
+
+def mean_over(shape: shapely.Geometry, field: Callable[[Array], Array], lines: int = 24) -> float:
+    """About the mean over a shape, in m, of a field (n,) at points (n, 2): on a raster of `lines`
+    by `lines` cells, or at one point of a shape that is between these."""
+    low, high = np.reshape(shape.bounds, (2, 2))
+    grid = low + (high - low) * (np.indices((lines, lines)).reshape(2, -1).T + 0.5) / lines
+    inside = grid[shapely.contains_xy(shape, grid)]
+    one = shapely.get_coordinates(shapely.point_on_surface(shape))
+    return float(field(inside if len(inside) else one).mean())
 
 
 def turn(points: ArrayLike, angle_deg: float) -> Array:
