@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse.linalg import SuperLU
@@ -297,13 +297,7 @@ def _equilibrated(
     # the stress that a change of mesh leaves in a film in compression leads nowhere
     if coarser is not None and not equilibrium.film.stress_at_rest[:2].min() < 0.0:
         x = transferred(coarser.equilibrium.space, coarser.fields.solved_dofs, equilibrium.space)
-        return equilibrate(
-            equilibrium,
-            equilibrium.restrict(x),
-            budget=budget,
-            settled=settled,
-            other_start=partial(_start_from_below, equilibrium, budget),
-        )
+        return equilibrate(equilibrium, equilibrium.restrict(x), budget=budget, settled=settled)
     start = _from_below(equilibrium, budget)
     if isinstance(start, Status):
         return NewtonResult(np.zeros(equilibrium.unknowns.count), start, (), None)
@@ -330,11 +324,6 @@ def _from_below(equilibrium: Equilibrium, budget: Budget) -> Array | Status | No
     if result.status is Status.UNSTABLE and lower.plate is not None:
         return result.status
     return prolonged(lower, equilibrium, result.q) if result.converged else None
-
-
-def _start_from_below(equilibrium: Equilibrium, budget: Budget) -> Array | None:
-    start = _from_below(equilibrium, budget)
-    return None if isinstance(start, Status) else start
 
 
 def refined(attempt: Attempt, tolerance: float, most_unknowns: float) -> SizeField:

@@ -8,7 +8,6 @@ follow it, needs `LineSearchNewton` only.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -29,17 +28,15 @@ from pvdf_fem.solvers.newton import (
     negative_pivots,
     newton,
 )
-from pvdf_fem.solvers.seed import deflected_film, seed
+from pvdf_fem.solvers.seed import seed
 from pvdf_fem.solvers.settled import Settled
 from pvdf_fem.solvers.status import Status
-from pvdf_fem.solvers.wrinkling import PredictedStress, from_afar
+from pvdf_fem.solvers.wrinkling import PredictedStress, from_larger_loads
 
 #: Newton's last step of a film that wrinkles, over the tolerance of the charges: where the film's
 #: state changes from point to point steps shrink only linearly, and rounding in a stiff film ends
 #: that early.
 LAST_STEP = 1e-2
-#: A start after which Newton's method gave up in this number of steps was too far away.
-FEW_STEPS = 2
 #: Size of a step on a tip after which the tangent serves on: forces turn with its surface.
 ON_TIP = 1e-2
 #: Most iterations against friction before that is smoothed.
@@ -57,8 +54,6 @@ class Task:
     start: Array | None = None  #: Unknowns near the solution, if they are known.
     tolerance: float = STEP_TOLERANCE  #: Relative size of Newton's last step in the energy norm.
     settled: Settled | None = None  #: Charges to be settled where the film wrinkles.
-    #: Makes a start from another mesh, in case that `start` turns out to be far away.
-    other_start: Callable[[], Array | None] | None = None
     tried: list[tuple[str, NewtonResult]] = field(default_factory=list)
 
     @property
@@ -181,44 +176,19 @@ class NearNewton(Rung):
         return newton(PredictedStress(task.equilibrium, task.last_step, task.settled), task.start)
 
 
-class OtherStart(NearNewton):
-    """The same from another start, if the first one turned out to be far away."""
+class FallingLoad(Rung):
+    """Continuation from larger loads for a film that wrinkles, from anywhere."""
 
-    name = "Newton from the order below"
-
-    def applies(self, task: Task) -> bool:
-        """After a start from another mesh that led nowhere at once."""
-        if task.other_start is None or not task.tried:
-            return False
-        return task.wrinkles and len(task.tried[-1][1].iterations) <= FEW_STEPS
-
-    def solve(self, task: Task) -> NewtonResult:
-        """From the other start, which the next rung takes as well."""
-        assert task.other_start is not None
-        other = task.other_start()
-        if other is None:
-            return NewtonResult(np.empty(0), Status.MAX_ITERATIONS, (), None)
-        task.start = other
-        return super().solve(task)
-
-
-class InteriorPoints(Rung):
-    """Interior points for a film that wrinkles, from anywhere."""
-
-    name = "interior points"
+    name = "continuation in the load"
 
     def applies(self, task: Task) -> bool:
         """Under a dead load only."""
-        return task.wrinkles and task.equilibrium.conservative
+        conservative = task.equilibrium.conservative and not task.equilibrium.contacts
+        return task.wrinkles and conservative
 
     def solve(self, task: Task) -> NewtonResult:
-        """From the start, or from the linear membrane's deflection."""
-        equilibrium = task.equilibrium
-        start = deflected_film(equilibrium) if task.start is None else task.start
-        try:
-            return from_afar(equilibrium, start, task.last_step, task.settled, task.iterations)
-        except (RuntimeError, np.linalg.LinAlgError):  # SuperLU, Cholesky: rounding went too far
-            return NewtonResult(start, Status.MAX_ITERATIONS, (), None)
+        """From the linear membrane's deflection."""
+        return from_larger_loads(task.equilibrium, task.last_step, task.settled, task.iterations)
 
 
 class FromDeadPressure(Rung):
@@ -252,8 +222,7 @@ LADDER: tuple[Rung, ...] = (
     AgainstFriction(),
     LineSearchNewton(),
     NearNewton(),
-    OtherStart(),
-    InteriorPoints(),
+    FallingLoad(),
     FromDeadPressure(),
 )
 
@@ -265,11 +234,10 @@ def equilibrate(
     *,
     budget: Budget | None = None,
     settled: Settled | None = None,
-    other_start: Callable[[], Array | None] | None = None,
 ) -> NewtonResult:
     """The equilibrium of a scene, whatever its film and load are; see `Task` for the parameters."""
     budget = Budget.of(equilibrium.scene) if budget is None else budget
-    task = Task(equilibrium, budget, start, tolerance, settled, other_start)
+    task = Task(equilibrium, budget, start, tolerance, settled)
     return climb(task)
 
 

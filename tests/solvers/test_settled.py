@@ -1,4 +1,4 @@
-"""The charges settle before an iteration ends, and a start that is too far away is left."""
+"""The charges settle before an iteration ends."""
 
 from __future__ import annotations
 
@@ -82,15 +82,8 @@ def test_a_small_step_in_the_energy_is_large_for_a_far_electrode(
     assert Settled(goals_of(BY_THE_RIM), film).change(state, moved) > 1.0
 
 
-def test_a_start_too_far_away_is_left_for_another(film: Equilibrium, solution: Array) -> None:
-    near = 1.01 * solution
-    result = equilibrate(film, 30.0 * solution, other_start=lambda: near)
-    assert result.status is Status.CONVERGED
-    assert result.fresh_count <= 2 + equilibrate(film, near).fresh_count
-
-
 def test_a_film_that_is_loaded_by_the_rim_needs_no_second_start() -> None:
-    """Interior points from afar made its last charges a tenth wrong before these had to settle."""
+    """Its last charges were a tenth wrong before these had to settle."""
     solution = solve(BY_THE_RIM.with_(**{"numerics.tolerance": 5e-3}))
     assert solution.status is Status.CONVERGED
     assert not any(iteration.convex for iteration in solution.iterations)
