@@ -209,7 +209,7 @@ def from_larger_loads(
 
     The first load makes strains as large as the film's excess, or is what Newton's method needs to
     converge from the linear membrane's deflection. The ratio of two loads is halved, in its
-    logarithm, when the second is not found.
+    logarithm, when the second is not found. The last equilibrium may take what iterations are left.
     """
     most = int(np.clip(max_iterations, *ITERATIONS))
     factor, ratio, q = _taut(equilibrium.scene), LOAD_FACTOR, None
