@@ -116,6 +116,10 @@ class Equilibrium:
         other.terms = list(terms)
         return other
 
+    def under(self, factor: float) -> Equilibrium:
+        """The same film under its loads times a factor."""
+        return self.with_terms([term.scaled(factor) for term in self.terms])
+
     @property
     def conservative(self) -> bool:
         """Whether an energy exists."""

@@ -67,6 +67,10 @@ class Term(ABC):
         """A conservative term near this one, whose equilibrium is a start for this one's."""
         return self
 
+    def scaled(self, factor: float) -> Term:
+        """The term with its load times a factor; what is no load is as before."""
+        return self
+
     @abstractmethod
     def energy(self, state: State) -> float:
         """Energy in J; of a load that is not conservative, that of its forces held as they are."""

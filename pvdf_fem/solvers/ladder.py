@@ -28,10 +28,10 @@ from pvdf_fem.solvers.newton import (
     negative_pivots,
     newton,
 )
-from pvdf_fem.solvers.seed import deflected_film, seed
+from pvdf_fem.solvers.seed import seed
 from pvdf_fem.solvers.settled import Settled
 from pvdf_fem.solvers.status import Status
-from pvdf_fem.solvers.wrinkling import PredictedStress, from_afar
+from pvdf_fem.solvers.wrinkling import PredictedStress, from_larger_loads
 
 #: Newton's last step of a film that wrinkles, over the tolerance of the charges: where the film's
 #: state changes from point to point steps shrink only linearly, and rounding in a stiff film ends
@@ -176,23 +176,19 @@ class NearNewton(Rung):
         return newton(PredictedStress(task.equilibrium, task.last_step, task.settled), task.start)
 
 
-class InteriorPoints(Rung):
-    """Interior points for a film that wrinkles, from anywhere."""
+class FallingLoad(Rung):
+    """Continuation from larger loads for a film that wrinkles, from anywhere."""
 
-    name = "interior points"
+    name = "continuation in the load"
 
     def applies(self, task: Task) -> bool:
         """Under a dead load only."""
-        return task.wrinkles and task.equilibrium.conservative
+        conservative = task.equilibrium.conservative and not task.equilibrium.contacts
+        return task.wrinkles and conservative
 
     def solve(self, task: Task) -> NewtonResult:
-        """From the start, or from the linear membrane's deflection."""
-        equilibrium = task.equilibrium
-        start = deflected_film(equilibrium) if task.start is None else task.start
-        try:
-            return from_afar(equilibrium, start, task.last_step, task.settled, task.iterations)
-        except (RuntimeError, np.linalg.LinAlgError):  # SuperLU, Cholesky: rounding went too far
-            return NewtonResult(start, Status.MAX_ITERATIONS, (), None)
+        """From the linear membrane's deflection."""
+        return from_larger_loads(task.equilibrium, task.last_step, task.settled, task.iterations)
 
 
 class FromDeadPressure(Rung):
@@ -226,7 +222,7 @@ LADDER: tuple[Rung, ...] = (
     AgainstFriction(),
     LineSearchNewton(),
     NearNewton(),
-    InteriorPoints(),
+    FallingLoad(),
     FromDeadPressure(),
 )
 
@@ -241,7 +237,8 @@ def equilibrate(
 ) -> NewtonResult:
     """The equilibrium of a scene, whatever its film and load are; see `Task` for the parameters."""
     budget = Budget.of(equilibrium.scene) if budget is None else budget
-    return climb(Task(equilibrium, budget, start, tolerance, settled))
+    task = Task(equilibrium, budget, start, tolerance, settled)
+    return climb(task)
 
 
 def climb(task: Task) -> NewtonResult:

@@ -1,16 +1,17 @@
-"""Newton's method for a film that wrinkles: interior points from afar, the exact law near by.
+"""Newton's method for a film that wrinkles, and continuation in the load where no start is near.
 
 The energy of the tension field is convex, but its second derivative jumps where the film begins to
 wrinkle, and against a small load the film is so stiff that stresses of trial strains mean little.
 So the geometric stiffness takes the stress that the last step predicted, not that of the strain
-(Magisano, Leonetti, Garcea, Comput. Methods Appl. Mech. Eng. 313 (2017) 496-514), and the start
-comes from `pvdf_fem.solvers.interior_point` unless it is known to be near.
+(Magisano, Leonetti, Garcea, Comput. Methods Appl. Mech. Eng. 313 (2017) 496-514). A slack film is
+found from larger loads, which pull it taut: a film that is unloaded has stress, and so stiffness,
+wherever the next equilibrium needs them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +20,6 @@ from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.membrane import WrinklingMembrane, strain_rate
 from pvdf_fem.film.term import State
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solvers.interior_point import interior_points
 from pvdf_fem.solvers.newton import (
     Iteration,
     NewtonResult,
@@ -30,12 +30,20 @@ from pvdf_fem.solvers.newton import (
     factorise,
     newton,
 )
+from pvdf_fem.solvers.seed import deflected_film
 from pvdf_fem.solvers.settled import ChargeWatch, Settled
 from pvdf_fem.solvers.status import Status
 
 #: Strain of the load over the film's excess below which a film that no solve balances is called
 #: slack. Its tension runs in lines as wide as the root of that ratio times its radius.
 BARELY_LOADED = 0.1
+#: Factor between the loads of two equilibria of a continuation, until one is not found. Strains
+#: change by its power 2/3.
+LOAD_FACTOR = 8.0
+#: Relative size of Newton's last step under a load that the continuation passes through.
+PASSING = 0.1
+#: Most and least Newton iterations of a continuation, whatever the budget.
+ITERATIONS = (20, 300)
 
 
 def load_strain(scene: Scene) -> float:
@@ -46,10 +54,14 @@ def load_strain(scene: Scene) -> float:
     return float(np.cbrt(force / (stiffness * film.radius)) ** 2)
 
 
+def excess_strain(scene: Scene) -> float:
+    """How much larger than its rim a film is, in the direction in which that is least."""
+    return -float(scene.film.strain_at_rest[:2].max())
+
+
 def barely_loaded(scene: Scene) -> bool:
     """Whether a film is much larger than its rim in all directions, against the load's strain."""
-    excess = -scene.film.strain_at_rest[:2].max()
-    return bool(load_strain(scene) < BARELY_LOADED * excess)
+    return load_strain(scene) < BARELY_LOADED * excess_strain(scene)
 
 
 @dataclass(frozen=True)
@@ -61,11 +73,8 @@ class WrinklingOptions:
     #: Factor on the damping after a step shorter than `stalled`, until a full step is made.
     stiffening: float = 4.0
     stalled: float = 0.05  #: Length of a step that stalls.
-    largest_step: float = 3.0  #: A larger step leads nowhere.
-    #: middling_step, shortest_length: Nor does a step larger than the one that has to be shortened
-    #: to the other.
-    middling_step: float = 0.05
-    shortest_length: float = 0.02
+    #: A larger step leads nowhere under a load that follows the film, without a line search.
+    largest_step: float = 3.0
     max_iterations: int = 25  #: Steps; twice as many where the charges have settled.
     #: late, quiet: From the late step on the iteration ends when the charges were settled that
     #: often in a row.
@@ -78,20 +87,19 @@ class WrinklingOptions:
 
 class PredictedStress(Variant):
     """Newton's method for the exact law with predicted stresses, of a film that wrinkles.
-    `predicted` (elements, points, 3) is the stress to start with, by default that of the strain;
-    the last steps must leave the charges of `settled` as they are."""
+    The last steps must leave the charges of `settled` as they are."""
 
     def __init__(
         self,
         equilibrium: Equilibrium,
         tolerance: float,
         settled: Settled | None,
-        predicted: Array | None = None,
         options: WrinklingOptions | None = None,
     ) -> None:
         super().__init__(equilibrium)
         self.options = WrinklingOptions() if options is None else options
-        self.tolerance, self.settled, self._predicted = tolerance, settled, predicted
+        self.tolerance, self.settled = tolerance, settled
+        self._predicted: Array | None = None
         self._watch: ChargeWatch | None = None
         self._allowed = equilibrium.model.imbalance
         self._size, self._stiffer, self._quiet = self.options.damping, 1.0, 0
@@ -121,11 +129,9 @@ class PredictedStress(Variant):
 
     def length(self, step: Step) -> float:
         """Where along a step the energy, which is convex, stops falling; 1 if that is near."""
-        if not step.size < self.options.largest_step:
-            return 0.0
-        if not self.equilibrium.conservative:
-            return 1.0
-        return self._line_search(step)
+        if self.equilibrium.conservative:
+            return self._line_search(step)
+        return 1.0 if step.size < self.options.largest_step else 0.0
 
     def _line_search(self, step: Step) -> float:
         """Regula falsi for the slope of the energy along the step."""
@@ -151,8 +157,7 @@ class PredictedStress(Variant):
     def ended(self, step: Step, state: State, table: Sequence[Iteration]) -> Status | None:
         """Converged when steps are small and the charges settled."""
         options, length = self.options, table[-1].length
-        short = length < options.shortest_length and step.size > options.middling_step
-        if not step.size < options.largest_step or short:
+        if length == 0.0 or not np.isfinite(step.size):
             return Status.MAX_ITERATIONS
         self._predict(step)
         self._stiffer = self._next_stiffer(length)
@@ -183,38 +188,54 @@ class PredictedStress(Variant):
         return max(self._stiffer / self.options.stiffening, 1.0) if length == 1.0 else self._stiffer
 
 
-@dataclass(frozen=True)
-class InteriorPointOptions:
-    """When interior points give way to Newton's method for the exact law."""
+class Passing(PredictedStress):
+    """Newton's method under a load that a continuation passes through: near is enough."""
 
-    #: Integral of S : P over the work below which Newton's method is tried.
-    first_gap: float = 1e-6
-    narrowing: float = 1e-2  #: It is tried again when the gap is smaller by this factor.
-    last_gap: float = 1e-15  #: Smallest gap.
-    max_iterations: int = 300
-    least_iterations: int = 20  #: A budget of fewer interior points leads nowhere.
+    def __init__(self, equilibrium: Equilibrium) -> None:
+        super().__init__(equilibrium, PASSING, None)
+        self.max_iterations = self.options.max_iterations
+
+    def ended(self, step: Step, state: State, table: Sequence[Iteration]) -> Status | None:
+        """Near when a step is small."""
+        self._predict(step)
+        self._stiffer = self._next_stiffer(table[-1].length)
+        return Status.CONVERGED if step.size < self.tolerance else None
 
 
-def from_afar(
-    equilibrium: Equilibrium,
-    q: Array,
-    tolerance: float,
-    settled: Settled | None,
-    max_iterations: int,
-    options: InteriorPointOptions | None = None,
+def from_larger_loads(
+    equilibrium: Equilibrium, tolerance: float, settled: Settled | None, max_iterations: int
 ) -> NewtonResult:
-    """The equilibrium under a dead load from any start: interior points, then Newton's method."""
-    options = InteriorPointOptions() if options is None else options
-    most = min(max(max_iterations, options.least_iterations), options.max_iterations)
+    """The equilibrium under a dead load, from equilibria under larger ones that come down to it.
+
+    The first load makes strains as large as the film's excess, or is what Newton's method needs to
+    converge from the linear membrane's deflection. The ratio of two loads is halved, in its
+    logarithm, when the second is not found. The last equilibrium may take what iterations are left.
+    """
+    most = int(np.clip(max_iterations, *ITERATIONS))
+    factor, ratio, q = _taut(equilibrium.scene), LOAD_FACTOR, None
     table: list[Iteration] = []
-    points, gap = interior_points(equilibrium, q), options.first_gap
-    while len(table) < most and gap > options.narrowing * options.last_gap:
-        point = next(points)
-        table.append(Iteration(point.gap, point.length, True, True))
-        if 0.0 < point.gap < gap:
-            exact = newton(PredictedStress(equilibrium, tolerance, settled, point.stress), point.q)
-            table.extend(exact.iterations)
-            if exact.converged:
-                return NewtonResult(exact.q, exact.status, tuple(table), exact.factors)
-            gap = options.narrowing * point.gap
-    return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
+    while len(table) < most:
+        loaded = equilibrium.under(factor)
+        variant: PredictedStress = Passing(loaded)
+        if factor == 1.0:
+            options = WrinklingOptions(max_iterations=most - len(table))
+            variant = PredictedStress(loaded, tolerance, settled, options)
+        result = newton(variant, deflected_film(loaded) if q is None else q)
+        table.extend(result.iterations)
+        if result.converged and factor == 1.0:
+            return replace(result, iterations=tuple(table))
+        if result.converged:
+            q, last = result.q, factor
+        elif q is None:
+            factor *= LOAD_FACTOR
+            continue
+        else:
+            ratio = (last / factor) ** 0.5
+        factor = max(last / ratio, 1.0)
+    return NewtonResult(result.q, Status.MAX_ITERATIONS, tuple(table), None)
+
+
+def _taut(scene: Scene) -> float:
+    """Factor on a load, at least 1, by which its strain is as large as the film's excess."""
+    strain, excess = load_strain(scene), excess_strain(scene)
+    return float((excess / strain) ** 1.5) if 0.0 < strain < excess else 1.0

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from itertools import islice
-
 import numpy as np
 import pytest
 
@@ -12,10 +9,8 @@ from pvdf_fem import solve
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.laws import TensionField
 from pvdf_fem.scene.film import Film
-from pvdf_fem.solvers.interior_point import interior_points
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.newton import negative_pivots
-from pvdf_fem.solvers.seed import deflected_film
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.solvers.wrinkling import barely_loaded
 from reports.reference.axisymmetric import axisymmetric_membrane
@@ -135,20 +130,16 @@ def barely():
     return Equilibrium(scene, graded_mesh(TRIANGLE, 3.0, 15.0), 3)
 
 
-def test_interior_points_approach_the_minimum(barely):
-    """Their stress is in balance and is that of their strain: no other state has both."""
-    film, load = barely.film, barely.force
-    points = islice(interior_points(barely, deflected_film(barely)), 25)
-    point = next(point for point in points if 0.0 < point.gap < 1e-10)
-    state = barely.state(point.q)
-    balanced = barely.residual(replace(state, stress=point.stress))
-    assert np.linalg.norm(balanced) < 1e-8 * load
-    compliance = np.linalg.inv(film.stiffness)
-    squares = [
-        float((((s @ compliance) * s).sum(axis=-1) * barely.membrane.space.weights).sum())
-        for s in (state.stress - point.stress, point.stress)
-    ]
-    assert squares[0] < 1e-10 * squares[1]
+def test_a_barely_loaded_film_is_reached_from_any_start(barely):
+    """The energy has one stress at its minimum, and that balances the load."""
+    found = equilibrate(barely)
+    other = equilibrate(barely, 100.0 * found.q)
+    assert found.status is other.status is Status.CONVERGED
+    assert negative_pivots(found.factors) == negative_pivots(other.factors) == 0
+    states = [barely.state(result.q) for result in (found, other)]
+    assert max(barely.imbalance(state) for state in states) < 1e-4 * barely.force
+    difference = states[0].stress - states[1].stress
+    assert np.abs(difference).max() < 1e-3 * np.abs(states[0].stress).max()
 
 
 def test_start_does_not_matter(slack):
@@ -246,14 +237,13 @@ def test_taut_centre_and_wrinkled_surroundings(force, strain):
     assert result.deflection_max_mm == pytest.approx(deflection, rel=5e-4)
 
 
-def test_electrodes_on_slack_film_have_no_charge():
-    """Beside a rigid probe of 0.01 mm at the rim, in a film that the load hardly reaches."""
+def test_a_load_that_hardly_reaches_the_film_is_named():
+    """Beside a rigid probe of 0.01 mm at the rim: tension runs in a line or two."""
     scene = scene_of(57, 515151)
     assert barely_loaded(scene)
     solution = solve(scene)
-    assert solution.status is Status.CONVERGED
-    assert solution.charges_pC == dict.fromkeys("ABCD", 0.0)
-    assert solution.force_balance < 1e-4
+    assert solution.status is Status.SLACK
+    assert "charges_pC" not in solution.to_json()
 
 
 def test_a_load_far_too_small_is_named():

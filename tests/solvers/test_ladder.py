@@ -85,15 +85,11 @@ def test_a_pressure_that_turns_its_patch_over_has_no_equilibrium():
     assert not solution.to_json().get("charges_pC")
 
 
-def test_a_film_that_wrinkles_falls_back_on_interior_points(mesh):
-    """From a start so far away that Newton's method for the exact law gives up."""
+def test_a_film_that_wrinkles_is_found_from_afar(mesh):
     equilibrium = Equilibrium(TRIANGLE.with_(**WRINKLING), mesh)
     near = equilibrate(equilibrium)
     result = equilibrate(equilibrium, 1e3 * near.q)
-    assert result.status is Status.CONVERGED
-    assert [(entry.solver, entry.status) for entry in result.tried] == [
-        ("Newton with predicted stress", Status.MAX_ITERATIONS)
-    ]
+    assert near.status is result.status is Status.CONVERGED
     stresses = [equilibrium.state(found.q).stress for found in (near, result)]
     assert stresses[1] == pytest.approx(stresses[0], abs=1e-6 * np.abs(stresses[0]).max())
 

@@ -82,8 +82,8 @@ def test_a_small_step_in_the_energy_is_large_for_a_far_electrode(
     assert Settled(goals_of(BY_THE_RIM), film).change(state, moved) > 1.0
 
 
-def test_a_film_that_is_loaded_by_the_rim_needs_no_interior_points() -> None:
-    """Interior points from afar made its last charges a tenth wrong before these had to settle."""
+def test_a_film_that_is_loaded_by_the_rim_needs_no_second_start() -> None:
+    """Its last charges were a tenth wrong before these had to settle."""
     solution = solve(BY_THE_RIM.with_(**{"numerics.tolerance": 5e-3}))
     assert solution.status is Status.CONVERGED
     assert not any(iteration.convex for iteration in solution.iterations)

@@ -59,6 +59,10 @@ class DeadPressure(Term):
         other.components = components
         return other
 
+    def scaled(self, factor: float) -> Self:
+        """The same load times a factor."""
+        return self.with_components(factor * self.components)
+
     @property
     def force(self) -> float:
         """Size of the total force in N."""
