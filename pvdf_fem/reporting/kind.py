@@ -1,0 +1,155 @@
+"""What a kind of figure or table is: which scenes it needs, and what it makes of their charges.
+
+A kind is a class in a file of `kinds/` and a line of `registry.py`. Its fields are the keys that a
+report script may give it. `scenes` is asked once, before any solve; `compose` once, when all its
+scenes are solved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+import pandas as pd
+from matplotlib.figure import Figure
+from pydantic import Field
+
+from pvdf_fem.reporting.data import Changes, Name, Readings
+from pvdf_fem.reporting.solved import Solved
+from pvdf_fem.response.model import default_reach_mm
+from pvdf_fem.scene.quantity import Section
+from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.scene_file import SceneError, choose, problem
+
+QUICK_TOLERANCE = 1e-2  #: Least tolerance of the scenes of a preview.
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What all figures and tables of a report share."""
+
+    scene: Scene
+    data: Mapping[str, Readings]
+    quick: bool = False  #: Whether the report is a preview, of few scenes to a coarse tolerance.
+
+    def scene_of(self, changes: Mapping[str, Any], *more: Mapping[str, Any]) -> Scene:
+        """The scene with changes, in a preview no finer than `QUICK_TOLERANCE`."""
+        scene = self.scene
+        with blamed("set"):
+            for table in (changes, *more):
+                scene = scene.with_(**table) if table else scene
+        if self.quick and scene.numerics.tolerance < QUICK_TOLERANCE:
+            scene = scene.with_(**{"numerics.tolerance": QUICK_TOLERANCE})
+        return scene
+
+
+@dataclass(frozen=True)
+class Content:
+    """What a kind draws and writes."""
+
+    caption: str
+    frame: pd.DataFrame  #: What is drawn, with all digits: a CSV file.
+    figure: Figure | None = None
+    shown: pd.DataFrame | None = None  #: A table for the page, of texts.
+    claim: str = ""  #: What is found, with its number: a clause of the verdict.
+    remarks: tuple[str, ...] = ()
+
+
+class Kind(Section):
+    """Keys of every figure and table.
+
+    `title` heads it, `name` is that of its files. `set` has changes of the report's scene for it,
+    such as ``{ "film.d31_pC_N" = 18.0 }``. `data` names a table ``[data.NAME]``. `reading` says
+    whether charges are drawn in ``total``, or the ``change`` by the touch; by default as in the
+    data. `summary` puts it among the pictures of the first screen.
+    """
+
+    title: str = ""
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,59}$")] | None = None
+    set: Changes = {}
+    data: Name | None = None
+    reading: Literal["total", "change"] | None = None
+    summary: bool = False
+
+    #: Name of its files where none is given; what comes first on the first screen has a low number.
+    stem: ClassVar[str] = "figure"
+    rank: ClassVar[int] = 9
+
+    def scenes(self, inputs: Inputs) -> list[Scene]:
+        """The scenes whose charges it draws. Raises `SceneError` with mistakes by its keys."""
+        raise NotImplementedError
+
+    def compose(self, inputs: Inputs, solved: Solved) -> Content:
+        """What it draws; raises `NothingToShow` where too many of its scenes have no charges."""
+        raise NotImplementedError
+
+    def quicker(self) -> Self:
+        """The figure or table in a preview."""
+        return self
+
+    def scene(self, inputs: Inputs) -> Scene:
+        """The report's scene with the changes of `set`."""
+        return inputs.scene_of(self.set)
+
+    def readings(self, inputs: Inputs) -> Readings | None:
+        """The data that it names."""
+        if self.data is None:
+            return None
+        if self.data not in inputs.data:
+            known = list(inputs.data)
+            advice = choose(self.data, known) if known else "add a table [data.NAME]"
+            raise SceneError([problem("data", self.data, f"is no data of the report; {advice}")])
+        readings = inputs.data[self.data]
+        return readings.thinned() if inputs.quick else readings
+
+    def read_as(self, inputs: Inputs) -> str:
+        """What is drawn, of `total` and `change`."""
+        readings = self.readings(inputs)
+        return self.reading or (readings.source.reading if readings else "total")
+
+
+class NothingToShow(Exception):  # noqa: N818
+    """Too few scenes have charges; the text says why."""
+
+
+
+
+def chosen(names: Sequence[str] | None, scene: Scene) -> tuple[str, ...]:
+    """Names of electrodes, all of the scene's for None; SceneError for others, or one twice."""
+    known = [electrode.name for electrode in scene.electrode_list]
+    problems = [
+        problem("electrodes", name, f"is no electrode of the scene; {choose(name, known)}")
+        for name in names or ()
+        if name not in known
+    ]
+    if names and len(set(names)) < len(names):
+        problems.append(problem("electrodes", list(names), "has a name twice; remove one"))
+    if problems:
+        raise SceneError(problems)
+    return tuple(known if names is None else names)
+
+
+def require_probe(scene: Scene) -> None:
+    """SceneError for a scene without a single probe."""
+    with blamed("set"):
+        if scene.single_probe is None:
+            reason = "has no probe to place; add [probe] to it, or probe.shape here"
+            raise SceneError([problem("scene", "(no probe)", reason)])
+
+
+def reach_of(reach_mm: float | None, scene: Scene) -> float:
+    """How far from the film's centre the probe is placed."""
+    return default_reach_mm(scene) if reach_mm is None else reach_mm
+
+
+@contextmanager
+def blamed(key: str) -> Iterator[None]:
+    """A context in which mistakes of scenes are told as those of a key."""
+    try:
+        yield
+    except SceneError as error:
+        raise SceneError([f"{key}: {told}" for told in error.problems]) from None
+    except ValueError as error:
+        raise SceneError([f"{key}: {error}"]) from None

@@ -1,0 +1,61 @@
+"""Charges of the scenes that are solved, in total or as changes by the touch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.charges.rest import rest_charges
+from pvdf_fem.scene.scene import Scene
+from pvdf_fem.sweeps.store import Record
+
+
+class Solved:
+    """Records by scene. Charges are in pC, NaN where a solve gave none."""
+
+    def __init__(self, records: Mapping[Scene, Record]) -> None:
+        self._records = records
+
+    def charges(self, scenes: Sequence[Scene], names: Sequence[str], reading: str) -> Array:
+        """Charges (scenes, names) of electrodes."""
+        rows = [self._row(scene, names, "charges_pC") for scene in scenes]
+        values = np.array(rows, dtype=float).reshape(len(scenes), len(names))
+        return values - rests(scenes, names) if reading == "change" else values
+
+    def errors(self, scenes: Sequence[Scene], names: Sequence[str]) -> Array:
+        """Estimated discretisation errors (scenes, names) of the charges."""
+        rows = [self._row(scene, names, "charge_errors_pC") for scene in scenes]
+        return np.array(rows, dtype=float).reshape(len(scenes), len(names))
+
+    def failures(self, scenes: Sequence[Scene]) -> dict[str, int]:
+        """How many scenes have no charges, by the reason."""
+        found: dict[str, int] = {}
+        for record in (self._records[scene] for scene in dict.fromkeys(scenes)):
+            if not record.converged:
+                reason = f"{record.status}: {record.reason}"
+                found[reason] = found.get(reason, 0) + 1
+        return found
+
+    def _row(self, scene: Scene, names: Sequence[str], what: str) -> list[float]:
+        record, film = self._records[scene], scene.film
+        if not record.converged:
+            return [np.nan] * len(names)
+        how = film.d31_pC_N, film.d32_pC_N, scene.numerics.observable
+        charges: dict[str, float] = getattr(record, what)(*how)
+        return [charges.get(name, np.nan) for name in names]
+
+
+def rests(scenes: Sequence[Scene], names: Sequence[str]) -> Array:
+    """Charges (scenes, names) of the films without a touch, in pC."""
+    rows = [_rest(scene.model_copy(update={"probe": None})) for scene in scenes]
+    values = [[row.get(name, np.nan) for name in names] for row in rows]
+    return np.array(values, dtype=float).reshape(len(scenes), len(names))
+
+
+@lru_cache(maxsize=256)
+def _rest(untouched: Scene) -> dict[str, float]:
+    names = [electrode.name for electrode in untouched.electrode_list]
+    return dict(zip(names, (1e12 * rest_charges(untouched)).tolist(), strict=True))
