@@ -4,9 +4,8 @@ Charges are solved on rings about the film's centre, twice as dense at the edge 
 no place of the disc is extrapolated. The rings keep the symmetries of the probe: on a film that is
 alike in all directions, the places that a turn or a mirror image carries into each other share a
 solve, which leaves one solve a ring for a disc and a sixth of the places for a triangle. Between
-the places the logarithms of the charges are interpolated by a polyharmonic spline, s(p) = Σ c_k
-|p - p_k|^5 + a quadratic polynomial (Duchon 1977). Its error follows from the errors at each place
-by the spline of the other places, which the one fit has (Rippa 1999).
+the places the logarithms of the charges are interpolated by a quintic polyharmonic spline (Duchon
+1977), and the spline's error is that at places which were left out of it.
 """
 
 from __future__ import annotations
@@ -17,19 +16,19 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
+from scipy.interpolate import RBFInterpolator
 
 from pvdf_fem.arrays import Array, Mask
-from pvdf_fem.response.model import FORCE, Domain
+from pvdf_fem.response.model import ROTATION, Domain
 from pvdf_fem.scene.scene import Scene
 
 #: Pitch of the rings over the root of the areas of probe and smallest electrode: charges of the
 #: thesis's sensor are then within 2e-3.
 PITCH = 0.36
 MOST_LOG = 300.0  #: Largest logarithm of a charge, far outside of the places.
-#: Share of the places that may lack a charge.
-MOST_MISSING = 0.1
-#: Error of the map over the root mean square of the errors at places left out.
-SAFETY = 2.0
+MOST_MISSING = 0.1  #: Share of the places that may lack a charge.
+FOLDS = 11  #: Parts of the places, of which one is left out at a time to see the error.
+STEP = 1e-5  #: Of central differences over the reach.
 
 
 def pitch_of(scene: Scene) -> float:
@@ -90,9 +89,9 @@ class ChargeMap:
 
     scene: Scene  #: The probe's place does not matter.
     domain: Domain
-    spline: Polyharmonic
+    spline: RBFInterpolator
     logarithmic: Mask  #: Whether the logarithm of a charge is interpolated, (electrodes,).
-    error_bound: float  #: Twice the root mean square of the relative errors at places left out.
+    error_bound: float  #: Root mean square of the relative errors at places left out.
 
     @classmethod
     def of(cls, asked: MapPlaces, places_mm: Array, charges_pC: Array) -> Self:
@@ -100,86 +99,44 @@ class ChargeMap:
         themselves."""
         logarithmic = (charges_pC > 0.0).all(axis=0)
         values = np.where(logarithmic, np.log(np.where(logarithmic, charges_pC, 1.0)), charges_pC)
-        spline = Polyharmonic(places_mm, values)
         size = np.where(logarithmic, 1.0, np.abs(charges_pC).max(axis=0))
         inner = np.linalg.norm(places_mm, axis=1) < asked.reach_mm - 1e-6
-        bound = SAFETY * float(np.sqrt(np.mean(np.square(spline.left_out[inner] / size))))
+        errors = _left_out(places_mm, values)[inner] / size
         force = asked.scene.load.force_N
         # channels and stage belong to readings, and a map has charges
         scene = asked.scene.model_copy(update={"readout": None, "stage": None})
-        return cls(scene, Domain(asked.reach_mm, (force, force)), spline, logarithmic, bound)
+        spline, domain = _spline(places_mm, values), Domain(asked.reach_mm, (force, force))
+        return cls(scene, domain, spline, logarithmic, float(np.sqrt(np.mean(errors**2))))
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the electrodes."""
         return tuple(electrode.name for electrode in self.scene.electrode_list)
 
-    def at(self, places_mm: Array) -> tuple[Array, Array]:
-        """Charges (n, electrodes) in pC, and gradients (n, electrodes, 2), at places (n, 2)."""
-        values, slopes = self.spline.with_gradient(places_mm)
+    def charges(self, places_mm: Array) -> Array:
+        """Charges (n, electrodes) in pC at places (n, 2)."""
+        values = self.spline(places_mm)
         powers = np.exp(np.clip(np.where(self.logarithmic, values, 0.0), -MOST_LOG, MOST_LOG))
-        charges = np.where(self.logarithmic, powers, values)
-        return charges, slopes * np.where(self.logarithmic, charges, 1.0)[..., None]
+        return np.where(self.logarithmic, powers, values)
 
     def evaluate(self, touches: Array) -> tuple[Array, Array]:
         """Charges (n, electrodes) in pC of touches (n, 4), and slopes (n, electrodes, 4)."""
-        charges, gradients = self.at(touches[:, :2])
-        return charges, np.pad(gradients, ((0, 0), (0, 0), (0, FORCE - 1)))
+        places, step = touches[:, :ROTATION], STEP * self.domain.reach_mm
+        steps = step * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+        near = self.charges((places[:, None] + steps).reshape(-1, 2)).reshape(len(places), 4, -1)
+        slopes = (near[:, ::2] - near[:, 1::2]).swapaxes(1, 2) / (2.0 * step)
+        return self.charges(places), np.pad(slopes, ((0, 0), (0, 0), (0, 2)))
 
 
-class Polyharmonic:
-    """Interpolants Σ c_k |p - p_k|^5 + polynomial of degree 2 of columns of values.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, 2)
-    values : ndarray, shape (n, columns)
-
-    Attributes
-    ----------
-    left_out : ndarray, shape (n, columns)
-        Value at each point by the interpolant of the other points, less the one given there.
-    """
-
-    def __init__(self, points: Array, values: Array) -> None:
-        self._scale = float(np.abs(points).max())  # lengths near one make all terms as large
-        self._points = points / self._scale
-        count, terms = len(points), 6
-        system = np.zeros((count + terms, count + terms))
-        system[:count, :count] = _distances(self._points, self._points)[0] ** 5
-        system[:count, count:] = _quadratics(self._points)
-        system[count:, :count] = system[:count, count:].T
-        inverse = np.linalg.inv(system)
-        self._coefficients = inverse[:, :count] @ values
-        self.left_out: Array = -self._coefficients[:count] / np.diag(inverse)[:count, None]
-
-    def with_gradient(self, points: Array) -> tuple[Array, Array]:
-        """Values (k, columns) and gradients (k, columns, 2) at points (k, 2)."""
-        x = points / self._scale
-        r, vectors = _distances(x, self._points)
-        values = np.hstack([r**5, _quadratics(x)]) @ self._coefficients
-        radial = 5.0 * r[..., None] ** 3 * vectors
-        slopes = np.concatenate([radial, _quadratic_slopes(x)], axis=1)
-        gradients = np.einsum("kni,nc->kci", slopes, self._coefficients, optimize=True)
-        return values, gradients / self._scale
+def _spline(places_mm: Array, values: Array) -> RBFInterpolator:
+    return RBFInterpolator(places_mm, values, kernel="quintic", degree=2)
 
 
-def _distances(points: Array, others: Array) -> tuple[Array, Array]:
-    """Distances (k, n) of points (k, 2) from others (n, 2), and the vectors (k, n, 2) from them."""
-    vectors = points[:, None] - others
-    return np.sqrt(np.square(vectors).sum(axis=-1)), vectors
-
-
-def _quadratics(points: Array) -> Array:
-    """The monomials up to degree 2, (k, 6), at points (k, 2)."""
-    x, y = points.T
-    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
-
-
-def _quadratic_slopes(points: Array) -> Array:
-    """Gradients (k, 6, 2) of the monomials at points (k, 2)."""
-    x, y = points.T
-    zero, one = np.zeros_like(x), np.ones_like(x)
-    along_x = [zero, one, zero, 2.0 * x, y, zero]
-    along_y = [zero, zero, one, zero, x, 2.0 * y]
-    return np.moveaxis(np.array([along_x, along_y]), (0, 1), (2, 1)).reshape(len(points), 6, 2)
+def _left_out(places_mm: Array, values: Array) -> Array:
+    """Errors (n, electrodes) at each place by the spline without it and some others far from it."""
+    errors = np.empty_like(values)
+    for fold in range(FOLDS):
+        left_out = np.arange(len(values)) % FOLDS == fold
+        kept = _spline(places_mm[~left_out], values[~left_out])
+        errors[left_out] = kept(places_mm[left_out]) - values[left_out]
+    return errors

@@ -59,9 +59,7 @@ class Contours:
         """The place by each three of some electrodes."""
         lines = {name: self.line(name, charge) for name, charge in charges_pC.items()}
         touching = TOUCHING * self.map.domain.reach_mm
-        pairs = {
-            (a, b): _meetings(lines[a], lines[b], touching) for a, b in combinations(lines, 2)
-        }
+        pairs = {(a, b): _meetings(lines[a], lines[b], touching) for a, b in combinations(lines, 2)}
         return [
             Triangle(three, _nearest([pairs[two] for two in combinations(three, 2)]))
             for three in combinations(lines, 3)
@@ -79,8 +77,8 @@ class Contours:
         reach = self.map.domain.reach_mm
         ticks = np.linspace(-reach, reach, RASTER)
         places = np.stack(np.meshgrid(ticks, ticks), axis=-1)
-        # one row at a time: all distances from the places of the map at once take much memory
-        return ticks, np.stack([self.map.at(row)[0] for row in places])
+        charges = self.map.charges(places.reshape(-1, 2))
+        return ticks, charges.reshape(RASTER, RASTER, -1)
 
 
 def _meetings(a: shapely.Geometry, b: shapely.Geometry, touching_mm: float) -> Array:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import matplotlib
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+from scipy.interpolate import CubicSpline
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.output.figures import COLOURS, GREY, HALO, LABEL_SIZE, figure_of, new_figure
@@ -23,7 +26,9 @@ DOT_SIZE = 2.4  #: Size in points of the dots at solved scenes.
 ROOM = 0.13  #: Room for names at the right end of curves, over the axes' width.
 LINE_HEIGHT = 1.15  #: Distance of the lines of labels over their size.
 SAME = 5e-3  #: Curves closer than this share of the largest value have one name.
-PANEL_TITLES = {"total": "charge (pC)", "change": "change by the touch (pC)"}
+SAMPLES = 121  #: Of a curve.
+LEAST_FOR_CURVE = 4  #: Points that a cubic spline goes through.
+READING_LABELS = {"total": "charge (pC)", "change": "change by the touch (pC)"}
 _SIGNS = {"um": "µm", "deg": "°", "MOhm": "MΩ", "pC_N": "pC/N", "kg_m3": "kg/m³", "N_m": "N/m"}
 _SIGNS |= {"per_K": "1/K", "uC_m2K": "µC/m²K", "m2_s": "m²/s"}
 _UNITS = (*_SIGNS, "mm", "GPa", "pF", "pC", "K", "N", "V", "s", "Hz")
@@ -54,56 +59,6 @@ def colours_for(count: int) -> list[Any]:
 
 
 @dataclass(frozen=True)
-class Panel:
-    """Axes of curves, and below them the axes of differences in percent, if any."""
-
-    curves: Axes
-    differences: Axes | None
-
-
-def panels(titles: Sequence[Sequence[str]], label: str, differences: bool) -> list[list[Panel]]:
-    """A figure of panels in rows, each with its title, that share their horizontal axis."""
-    rows, columns = len(titles), len(titles[0])
-    height = (62.0 if rows == 1 else 48.0) + 20.0 * differences
-    figure = new_figure(WIDTH_MM if columns == 1 else 1.3 * WIDTH_MM, 12.0 + rows * height)
-    ratios = [3.0, 1.0] if differences else [1.0]
-    axes = figure.subplots(
-        rows * len(ratios), columns, squeeze=False, sharex=True, sharey="row",
-        gridspec_kw={"height_ratios": ratios * rows},
-    )  # fmt: skip
-    step, made = len(ratios), []
-    for i, row in enumerate(titles):
-        made.append([])
-        for j, title in enumerate(row):
-            strip = axes[i * step + 1, j] if differences else None
-            made[-1].append(Panel(axes[i * step, j], strip))
-            axes[i * step, j].set_title(title)
-        axes[i * step, 0].set_ylabel(label)
-        if differences:
-            axes[i * step + 1, 0].set_ylabel("diff. (%)")
-    return made
-
-
-def mark_data(panel: Panel, x: Array, y: Array, computed: Array, colour: Any) -> None:
-    """Draw others' charges as rings, and below them how much the computed charges differ."""
-    panel.curves.plot(x, y, **RING, markeredgecolor=colour, zorder=4)
-    if panel.differences is not None:
-        percent = 100.0 * (computed / y - 1.0)
-        panel.differences.plot(x, percent, **RING, markeredgecolor=colour, markersize=3.5)
-
-
-def finish_strips(rows: Sequence[Sequence[Panel]]) -> None:
-    """Centre the axes of differences at zero, all alike."""
-    strips = [panel.differences for row in rows for panel in row if panel.differences]
-    values = [np.asarray(line.get_ydata(), float) for ax in strips for line in ax.lines]
-    finite = np.concatenate([np.zeros(1), *values])
-    most = 1.25 * max(float(np.nanmax(np.abs(finite))), 0.1)
-    for ax in strips:
-        ax.axhline(0.0, color=GREY, linewidth=0.8)
-        ax.set_ylim(-most, most)
-
-
-@dataclass(frozen=True)
 class End:
     """A name at the end of a curve."""
 
@@ -113,7 +68,109 @@ class End:
     colour: Any
 
 
-def label_ends(ax: Axes, ends: Sequence[End]) -> None:
+def curves_figure(
+    panels: Sequence[Sequence[tuple[str, pd.DataFrame]]],
+    x_label: str,
+    y_label: str,
+    log: bool = False,
+) -> Figure:
+    """Panels in rows, each of a title and a table, with a curve through each group of its rows.
+
+    The tables have the columns ``curve``, ``x``, ``computed_pC`` and ``charge_pC``. Rows without the
+    latter are points of a curve, the others are rings, and their differences stand below.
+    """
+    tables = pd.concat([frame for row in panels for _, frame in row])
+    strips, names = bool(tables.charge_pC.notna().any()), list(dict.fromkeys(tables.curve))
+    rows, columns, per_row = len(panels), len(panels[0]), 1 + strips
+    height = (64.0 if rows == 1 else 46.0) + 22.0 * strips
+    figure = new_figure(WIDTH_MM if columns == 1 else 1.25 * WIDTH_MM, 12.0 + rows * height)
+    heights = {"height_ratios": [3.0, 1.0][:per_row] * rows}
+    shared: dict[str, Any] = {"squeeze": False, "sharex": True, "sharey": "row"}
+    axes = figure.subplots(rows * per_row, columns, gridspec_kw=heights, **shared)
+    colours, ends = dict(zip(names, colours_for(len(names)), strict=True)), []
+    for i, row in enumerate(panels):
+        for j, (title, frame) in enumerate(row):
+            ax = axes[i * per_row, j]
+            if log:
+                _log_scales(ax)
+            ends.append((ax, _draw_curves(ax, frame, colours)))
+            ax.set_title(title)
+            if strips:
+                _draw_differences(axes[i * per_row + 1, j], frame, colours)
+        axes[i * per_row, 0].set_ylabel(y_label)
+        if strips:
+            axes[i * per_row + 1, 0].set_ylabel("diff. (%)")
+    for ax in axes[-1]:
+        ax.set_xlabel(x_label)
+    _room_for_names(axes[0, 0], log)
+    for ax, of in ends:
+        _label_ends(ax, of)
+    return figure
+
+
+def _draw_curves(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any]) -> list[End]:
+    """Curves through computed charges with dots, and rings for those of others."""
+    own, ends = frame[frame.charge_pC.isna()], []
+    curves = {str(name): rows for name, rows in own.groupby("curve", sort=False)}
+    for names, rows in _merged(curves).items():
+        x, q = rows.x.to_numpy(float), rows.computed_pC.to_numpy(float)
+        colour = colours[names.split(", ")[0]]
+        ax.plot(*_smooth(x, q), color=colour)
+        ax.plot(x, q, "o", color=colour, markersize=DOT_SIZE)
+        if q.size and np.isfinite(q[-1]):
+            ends.append(End(x[-1], q[-1], names, colour))
+    for name, rows in frame[frame.charge_pC.notna()].groupby("curve"):
+        ax.plot(rows.x, rows.charge_pC, **RING, markeredgecolor=colours[str(name)], zorder=4)
+    return ends
+
+
+def _draw_differences(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any]) -> None:
+    data = frame[frame.charge_pC.notna()]
+    for name, rows in data.groupby("curve"):
+        percent = 100.0 * (rows.computed_pC / rows.charge_pC - 1.0)
+        ax.plot(rows.x, percent, **RING, markeredgecolor=colours[str(name)], markersize=3.5)
+    ax.axhline(0.0, color=GREY, linewidth=0.8)
+    ax.margins(y=0.2)
+
+
+def _log_scales(ax: Axes) -> None:
+    """Logarithmic axes, whose ticks are plain numbers."""
+    ax.set(xscale="log", yscale="log")
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axis.set_minor_formatter(NullFormatter())
+
+
+def _smooth(x: Array, y: Array) -> tuple[Array, Array]:
+    """A curve through the points that have values: a cubic spline, or chords between few points."""
+    known = np.isfinite(y)
+    x, y = x[known], y[known]
+    if len(x) < LEAST_FOR_CURVE:
+        return x, y
+    along = np.linspace(x[0], x[-1], SAMPLES)
+    return along, CubicSpline(x, y)(along)
+
+
+def _merged(curves: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
+    """Curves by name, those that coincide under one name: ``A, C``."""
+    found: list[tuple[list[str], pd.DataFrame]] = []
+    size = max((float(rows.computed_pC.abs().max()) for rows in curves.values()), default=0.0)
+    for name, rows in curves.items():
+        values = rows[["x", "computed_pC"]].to_numpy(float)
+        for names, other in found:
+            those = other[["x", "computed_pC"]].to_numpy(float)
+            if those.shape == values.shape and np.allclose(
+                values, those, rtol=1e-9, atol=[1e-6, SAME * size], equal_nan=True
+            ):
+                names.append(name)
+                break
+        else:
+            found.append(([name], rows))
+    return {", ".join(names): rows for names, rows in found}
+
+
+def _label_ends(ax: Axes, ends: Sequence[End]) -> None:
     """Write names right of the ends of curves, above each other where they would overlap."""
     figure = figure_of(ax)
     figure.draw_without_rendering()
@@ -152,27 +209,11 @@ def spread(at: Array, width: float, gap: float, low: float, high: float) -> Arra
     return heights
 
 
-def room_for_names(ax: Axes, share: float = ROOM) -> None:
+def _room_for_names(ax: Axes, log: bool) -> None:
     """Widen the horizontal axis for names at the ends of curves."""
     low, high = ax.get_xlim()
-    if ax.get_xscale() == "log":
-        ax.set_xlim(low, high * (high / low) ** share)
-    else:
-        ax.set_xlim(low, high + share * (high - low))
-
-
-def merged(curves: dict[str, Array]) -> dict[str, Array]:
-    """Curves by name, those that coincide under one name: ``A, C``."""
-    size = max((float(np.nanmax(np.abs(c), initial=0.0)) for c in curves.values()), default=0.0)
-    found: list[tuple[list[str], Array]] = []
-    for name, curve in curves.items():
-        for names, other in found:
-            if np.allclose(curve, other, rtol=0.0, atol=SAME * size, equal_nan=True):
-                names.append(name)
-                break
-        else:
-            found.append(([name], curve))
-    return {", ".join(names): curve for names, curve in found}
+    wider = high * (high / low) ** ROOM if log else high + ROOM * (high - low)
+    ax.set_xlim(low, wider)
 
 
 def sure(value: float, error: float = 0.0) -> str:
@@ -193,9 +234,3 @@ def signed(value: float, decimals: int = 1) -> str:
 def listed(words: Sequence[str]) -> str:
     """Words in a sentence: ``A, B and C``."""
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else list(words))
-
-
-def finish(figure: Figure) -> Figure:
-    """Lay a figure out, so that what is placed by pixels stays there."""
-    figure.draw_without_rendering()
-    return figure

@@ -13,8 +13,8 @@ from typing import Self
 from pvdf_fem.files import make_directory, replacing
 from pvdf_fem.output.figures import content_of, style
 from pvdf_fem.reporting.kind import Content, Inputs, Kind, NothingToShow
-from pvdf_fem.reporting.page import Entry, Head, page_of
-from pvdf_fem.reporting.script import Item, Plan, load, summary
+from pvdf_fem.reporting.page import Entry, page_of
+from pvdf_fem.reporting.script import Item, Plan, load
 from pvdf_fem.reporting.solved import Solved
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.sweeps.store import Record, Store
@@ -102,7 +102,7 @@ class _Work:
             changed = self.inputs.scene_of(item.kind.set)
             if changed != self.plan.scene:
                 self._write(self.out / "scenes" / f"{item.name}.toml", changed.to_toml())
-            self.entries[item.name] = Entry.pending(item)
+            self.entries[item.name] = Entry(item)
             self.missing[item.name] = set(scenes)
             for scene in self.missing[item.name]:
                 self.waiting.setdefault(scene, []).append((item, scenes))
@@ -140,23 +140,18 @@ class _Work:
 
     def _drawn(self, item: Item, content: Content, remarks: Sequence[str]) -> Entry:
         """Write a figure and its CSV file."""
-        table = self.out / "data" / f"{item.name}.csv"
-        self._write(table, content.frame.to_csv(index=False, lineterminator="\n"))
-        svg = ""
-        if content.figure is not None:
-            svg = content_of(content.figure, ".svg").decode()
-            self._write(self.out / "figures" / f"{item.name}.svg", svg)
-        told = (*content.remarks, *remarks)
-        return replace(Entry.pending(item), content=content, svg=svg, remarks=told)
+        table = content.frame.to_csv(index=False, lineterminator="\n")
+        self._write(self.out / "data" / f"{item.name}.csv", table)
+        svg = content_of(content.figure, ".svg").decode()
+        self._write(self.out / "figures" / f"{item.name}.svg", svg)
+        return Entry(item, content, svg, remarks=tuple(remarks))
 
     def _show(self) -> None:
         """Write the page as far as it is."""
-        script = self.plan.script
-        todo = len(self.waiting) - len(self.known)
-        first = [item.name for item in summary([item for item, _ in self.needed])]
-        head = Head(script.title, script.text, self.inputs.quick, todo, len(self.waiting))
         entries = [self.entries[item.name] for item in self.plan.items]
-        self._write(self.out / PAGE, page_of(head, script.section, entries, first))
+        total = len(self.waiting)
+        page = page_of(self.plan, entries, len(self.known), total, self.inputs.quick)
+        self._write(self.out / PAGE, page)
 
     def _write(self, path: Path, text: str) -> None:
         with suppress(FileNotFoundError):

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Union
 
-from pydantic import AfterValidator, BaseModel, Field, ValidationError
+from pydantic import AfterValidator, Field, ValidationError, create_model
 from pydantic_core import ErrorDetails
 
 from pvdf_fem.files import FileError, read_text
@@ -17,17 +17,12 @@ from pvdf_fem.reporting.registry import FIGURES, TABLES
 from pvdf_fem.scene.mistakes import MOST_MISTAKES, REASONS
 from pvdf_fem.scene.quantity import Section, refusal
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import (
-    MOST_BYTES,
-    SceneError,
-    choose,
-    parse_toml,
-    problem,
-)
+from pvdf_fem.scene.scene_file import MOST_BYTES, SceneError, choose, parse_toml, problem
 from pvdf_fem.sweeps.sweep import planned
 
 MOST_WORDS = 120  #: Of a section.
-Model = TypeVar("Model", bound=BaseModel)
+PICTURES = 3  #: Of the first screen.
+Kinds = Mapping[str, type[Kind]]
 
 
 def _is_short(text: str) -> str:
@@ -49,8 +44,8 @@ class ScriptSection(Section):
     title: Title
     text: Text = ""
     part: str = ""
-    figure: tuple[dict[str, Any], ...] = ()
-    table: tuple[dict[str, Any], ...] = ()
+    figure: tuple[Any, ...] = ()
+    table: tuple[Any, ...] = ()
 
 
 class Script(Section):
@@ -62,10 +57,10 @@ class Script(Section):
 
     title: Title
     text: Text = ""
-    scene: Any = None
+    scene: str | dict[str, Any] | None = Field(None, union_mode="left_to_right")
     example: str | None = None
-    data: dict[str, DataSource] = {}
-    section: Annotated[tuple[ScriptSection, ...], Field(min_length=1)]
+    data: dict[str, DataSource] = Field(default_factory=dict)
+    section: tuple[ScriptSection, ...]
 
 
 @dataclass(frozen=True)
@@ -91,51 +86,47 @@ class Plan:
     def needs(self, quick: bool = False) -> tuple[Inputs, list[tuple[Item, list[Scene]]]]:
         """The items of the report, or of its preview, with their scenes; the first screen's first.
         Raises `SceneError` with all mistakes."""
-        inputs = Inputs(self.scene, self.data, quick)
-        needed, problems = [], list[str]()
-        for item in self.items:
-            shown = item if not quick else Item(**{**vars(item), "kind": item.kind.quicker()})
+        inputs, needed, problems = Inputs(self.scene, self.data, quick), [], list[str]()
+        for item in sorted(self.items, key=lambda item: item not in self.summary):
+            shown = replace(item, kind=item.kind.quicker()) if quick else item
             try:
                 needed.append((shown, shown.kind.scenes(inputs)))
             except SceneError as error:
                 problems += [f"{item.where}.{told}" for told in error.problems]
         if not problems:
-            try:
-                planned([scene for _, scenes in needed for scene in scenes])
-            except SceneError as error:
-                problems += error.problems
-        if problems:
-            raise SceneError(problems[:MOST_MISTAKES], str(self.files[0]))
-        first = {id(item) for item in summary([item for item, _ in needed])}
-        return inputs, sorted(needed, key=lambda pair: id(pair[0]) not in first)
+            planned([scene for _, scenes in needed for scene in scenes])
+            return inputs, needed
+        raise SceneError(problems[:MOST_MISTAKES], str(self.files[0]))
+
+    @property
+    def summary(self) -> list[Item]:
+        """The items of the first screen: those that ask for it, then one of each kind."""
+        asked = [item for item in self.items if item.kind.summary]
+        ranked = sorted(self.items, key=lambda item: item.kind.rank)
+        first = {item.kind.rank: item for item in reversed(ranked)}
+        found = [*asked, *(item for item in ranked if first[item.kind.rank] is item), *ranked]
+        return [item for i, item in enumerate(found) if item not in found[:i]][:PICTURES]
 
 
-def summary(items: Sequence[Item]) -> list[Item]:
-    """The three items of the first screen: those that ask for it, else one of each kind."""
-    asked = [item for item in items if item.kind.summary]
-    ranked = sorted(items, key=lambda item: item.kind.rank)
-    of_kind = {type(item.kind): item for item in reversed(ranked)}
-    one_each = sorted(of_kind.values(), key=lambda item: item.kind.rank)
-    return list({id(i): i for i in (*asked, *one_each, *ranked)}.values())[: max(3, len(asked))]
-
-
-def load(path: Path, kinds: Mapping[str, type[Kind]]) -> Plan:
+def load(path: Path, kinds: Kinds) -> Plan:
     """The plan of a script; `SceneError` with all its mistakes. `kinds` are further ones."""
-    source = str(path)
+    source, files, problems = str(path), [path], list[str]()
     try:
         text = read_text(path, MOST_BYTES, "a report script")
     except FileError as error:
         raise SceneError([str(error)], source) from None
-    table = parse_toml(text, source)
-    problems: list[str] = []
-    script = read(Script, table, "", problems)
-    files, scene = [path], None
+    table, script, scene = parse_toml(text, source), None, None
+    try:
+        script = _model(kinds).model_validate(table)
+    except ValidationError as error:
+        known = {**FIGURES, **TABLES, **kinds}
+        problems += [_told(details, known) for details in error.errors(include_url=False)]
     try:
         scene = _scene(table, path, files)
     except SceneError as error:
         problems += error.problems
-    items = list(_items(table, kinds, problems))
     data = {} if scene is None else _data(table, scene, path, files, problems)
+    items = [] if script is None else _items(script, problems)
     if problems or script is None or scene is None:
         raise SceneError(list(dict.fromkeys(problems))[:MOST_MISTAKES], source)
     plan = Plan(script, scene, data, tuple(items), tuple(files))
@@ -143,23 +134,32 @@ def load(path: Path, kinds: Mapping[str, type[Kind]]) -> Plan:
     return plan
 
 
+def _model(kinds: Kinds) -> type[Script]:
+    """The model of scripts whose figures and tables are of known kinds."""
+
+    def any_of(known: Kinds) -> Any:
+        kind = Annotated[Union[tuple(known.values())], Field(discriminator="kind")]  # noqa: UP007
+        return tuple[kind, ...], ()
+
+    forms: dict[str, Any] = {"figure": any_of({**FIGURES, **kinds}), "table": any_of(TABLES)}
+    section = create_model("ReportSection", __base__=ScriptSection, **forms)
+    sections: Any = (Annotated[tuple[section, ...], Field(min_length=1)], ...)  # type: ignore[valid-type]
+    return create_model("ReportScript", __base__=Script, section=sections)
+
+
 def _scene(table: Mapping[str, Any], path: Path, files: list[Path]) -> Scene:
+    """The scene of a script; its file joins the files that are read."""
     given, example = table.get("scene"), table.get("example")
     if (given is None) == (example is None):
         reason = "give one of `scene`, a path or a table [scene], and `example`"
         raise SceneError([problem("scene", "(nothing)" if given is None else given, reason)])
-    if isinstance(example, str):
-        with blamed("example"):
+    with blamed("scene" if example is None else "example"):
+        if isinstance(example, str):
             return Scene.example(example)
-    if isinstance(given, str):
-        files.append(path.parent / given)
-        with blamed("scene"):
+        if isinstance(given, str):
+            files.append(path.parent / given)
             return Scene.load(files[-1])
-    if isinstance(given, Mapping):
-        with blamed("scene"):
-            return Scene().with_(**given)
-    key, value = ("scene", given) if example is None else ("example", example)
-    raise SceneError([problem(key, value, "must be text or a table; put it in quotes")])
+        return Scene().with_(**given) if isinstance(given, Mapping) else Scene()
 
 
 def _data(
@@ -170,93 +170,60 @@ def _data(
     for name, source in tables.items() if isinstance(tables, Mapping) else ():
         try:
             model = DataSource.model_validate(source)
+            found[name] = read_data(name, model, scene, path.parent)
+            files += [path.parent / model.file] if model.file else []
         except ValidationError:
             continue  # told already
-        try:
-            found[name] = read_data(name, model, scene, path.parent)
-            if model.file is not None:
-                files.append(path.parent / model.file)
         except SceneError as error:
             problems += error.problems
     return found
 
 
-def _items(
-    table: Mapping[str, Any], kinds: Mapping[str, type[Kind]], problems: list[str]
-) -> Iterator[Item]:
-    """The figures and tables of all sections; mistakes join the problems."""
-    sections, names = table.get("section"), dict[str, str]()
-    for number, section in enumerate(sections if isinstance(sections, list) else ()):
-        for form, known in (("figure", FIGURES), ("table", TABLES)):
-            entries = section.get(form) if isinstance(section, Mapping) else None
-            for index, entry in enumerate(entries if isinstance(entries, list) else ()):
+def _items(script: Script, problems: list[str]) -> list[Item]:
+    """The figures and tables of all sections; names that two of them have join the problems."""
+    items, names = list[Item](), dict[str, str]()
+    for number, section in enumerate(script.section):
+        for form in ("figure", "table"):
+            for index, kind in enumerate(getattr(section, form)):
                 where = f"section[{number}].{form}[{index}]"
-                kind = _kind(where, entry, {**known, **kinds}, problems)
-                if kind is None:
-                    continue
-                name = kind.name or _unused(kind.stem, names)
+                numbered = (f"{kind.stem}-{n}" for n in range(2, len(names) + 3))
+                unused = (name for name in (kind.stem, *numbered) if name not in names)
+                name = kind.name or next(unused)
                 if name in names:
                     reason = f"is the name of {names[name]}; choose another"
                     problems.append(problem(f"{where}.name", name, reason))
                 names[name] = where
-                yield Item(number, where, name, kind)
+                items.append(Item(number, where, name, kind))
+    return items
 
 
-def _unused(stem: str, names: Mapping[str, str]) -> str:
-    numbered = (f"{stem}-{number}" for number in range(2, len(names) + 3))
-    return next(name for name in (stem, *numbered) if name not in names)
-
-
-def _kind(
-    where: str, entry: Any, known: Mapping[str, type[Kind]], problems: list[str]
-) -> Kind | None:
-    """A figure or table; None if it has mistakes, which join the problems."""
-    if not isinstance(entry, Mapping):
-        return None  # told already
-    name = entry.get("kind")
-    if not isinstance(name, str) or name not in known:
-        reason = f"is no kind there; {choose(name, list(known))}"
-        problems.append(problem(f"{where}.kind", "(nothing)" if name is None else name, reason))
-        return None
-    return read(known[name], entry, where, problems)
-
-
-def read(
-    model: type[Model], table: Mapping[str, Any], where: str, problems: list[str]
-) -> Model | None:
-    """The model of a table; None if it has mistakes, which join the problems."""
-    try:
-        return model.model_validate(table)
-    except ValidationError as error:
-        details = error.errors(include_url=False)
-        problems += [_told(where, entry, model) for entry in details]
-        return None
-
-
-def _told(where: str, details: ErrorDetails, model: type[BaseModel]) -> str:
-    """A mistake by its key, in the words of scenes."""
-    loc = [step for step in details["loc"] if not str(step).startswith("<")]
-    steps = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in loc)
-    key, kind = f"{where}{steps}".removeprefix("."), details["type"]
+def _told(details: ErrorDetails, kinds: Kinds) -> str:
+    """A mistake of a script by its key, in the words of scenes."""
+    steps, owner = list[Any](), _owner(details["loc"], kinds)
+    for step in details["loc"]:
+        is_tag = step in kinds and len(steps) == 4  # section, number, figure, number
+        if not is_tag and not str(step).startswith("<"):
+            steps.append(step)
+    key = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in steps)[1:]
+    kind, context = details["type"], details.get("ctx", {})
     reason = REASONS.get(kind, f"{details['msg'][:120]}; change it")
-    if kind == "missing":
-        return f"{key} = (nothing): {reason}"
+    if kind in ("missing", "union_tag_not_found"):
+        key += ".kind" if kind == "union_tag_not_found" else ""
+        return f"{key} = (nothing): is required; add it"
     if kind == "scene":
-        reason = details["ctx"]["reason"]
+        reason = context["reason"]
+    elif kind == "union_tag_invalid":
+        word, known = context["tag"], context["expected_tags"].replace("'", "").split(", ")
+        return problem(f"{key}.kind", word, f"is no kind there; {choose(word, known)}")
     elif kind == "extra_forbidden":
-        known = list(_owner(model, loc[:-1]).model_fields)
-        reason = f"is no key there; {choose(loc[-1], known)}"
+        known = list(owner.model_fields) if owner else []
+        reason = f"is no key there; {choose(steps[-1], known) if known else 'remove it'}"
     return problem(key[:160], details["input"], reason)
 
 
-def _owner(model: Any, steps: Sequence[Any]) -> Any:
-    """The model that has the keys at the end of some steps."""
-    parts = {("data",): DataSource, ("section",): ScriptSection}
-    names = tuple(step for step in steps if not isinstance(step, int))
-    if model is Script and names[:1] in parts:
-        return parts[names[:1]]
-    if names:
-        field: Any = model.model_fields[names[0]].annotation
-        found = [arg for arg in getattr(field, "__args__", ()) if hasattr(arg, "model_fields")]
-        return found[0] if found else model
-    return model
+def _owner(loc: Sequence[Any], kinds: Kinds) -> type[Section] | None:
+    """The model of the table that has the key at `loc`, of which the last step is the key."""
+    by_depth: dict[int, Any] = {1: Script, 3: DataSource if loc[0] == "data" else ScriptSection}
+    if len(loc) == 6 and loc[4] in kinds:
+        return kinds[loc[4]]
+    return by_depth.get(len(loc))

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
+import pandas as pd
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.charges.rest import rest_charges
@@ -29,6 +30,22 @@ class Solved:
         """Estimated discretisation errors (scenes, names) of the charges."""
         rows = [self._row(scene, names, "charge_errors_pC") for scene in scenes]
         return np.array(rows, dtype=float).reshape(len(scenes), len(names))
+
+    def table(
+        self,
+        scenes: Sequence[Scene],
+        names: Sequence[str],
+        reading: str,
+        theirs: Array | None = None,
+    ) -> pd.DataFrame:
+        """A row for each scene and electrode, with the charges (scenes, names) of others."""
+        ours = self.charges(scenes, names, reading)
+        given = np.full(ours.shape, np.nan) if theirs is None else theirs
+        columns = {"charge_pC": given, "computed_pC": ours, "error_pC": self.errors(scenes, names)}
+        frame = pd.DataFrame({name: values.ravel() for name, values in columns.items()})
+        frame["difference_percent"] = 100.0 * (frame.computed_pC / frame.charge_pC - 1.0)
+        frame.insert(0, "electrode", list(names) * len(scenes))
+        return frame
 
     def failures(self, scenes: Sequence[Scene]) -> dict[str, int]:
         """How many scenes have no charges, by the reason."""

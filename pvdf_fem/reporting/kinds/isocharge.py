@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, ClassVar, Literal, Self
+from collections.abc import Sequence
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from pydantic import Discriminator, Field, Tag
@@ -15,27 +17,17 @@ from pydantic import Discriminator, Field, Tag
 from pvdf_fem.arrays import Array, polar_grid
 from pvdf_fem.output import figures
 from pvdf_fem.output.figures import COLOURS, HALO, draw_electrode, draw_rim, new_figure
-from pvdf_fem.reporting.charge_map import ChargeMap, MapPlaces, pitch_of
-from pvdf_fem.reporting.data import Name, Readings
-from pvdf_fem.reporting.drawing import PANEL_TITLES, RING, WIDTH_MM, listed
-from pvdf_fem.reporting.kind import (
-    Content,
-    Inputs,
-    Kind,
-    NothingToShow,
-    blamed,
-    chosen,
-    reach_of,
-    require_probe,
-)
+from pvdf_fem.reporting.charge_map import ChargeMap
+from pvdf_fem.reporting.drawing import READING_LABELS, RING, WIDTH_MM, listed
+from pvdf_fem.reporting.kind import PLACE, Content, Inputs, differ_in, place_mm
+from pvdf_fem.reporting.kinds.mapped import Mapped
 from pvdf_fem.reporting.solved import Solved, rests
-from pvdf_fem.scene.quantity import Finite, Length, Whole, within
+from pvdf_fem.scene.quantity import Finite, Whole, within
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import SceneError, problem
 
 RADII, ANGLES = 41, 121  #: Raster of a panel.
-SHADES = 14  #: About the number of bands of colour.
-PREVIEW = 1.5  #: Pitch of a preview over the pitch.
+SHADES = 16  #: Number of bands of colour.
+POINTS = ["electrode", "x_mm", "y_mm", "charge_pC", "apart_mm"]
 
 
 def _count_or_list(value: Any) -> str:
@@ -50,7 +42,7 @@ Levels = Annotated[
 ]
 
 
-class Isocharge(Kind):
+class Isocharge(Mapped):
     """Charge of each electrode over the place of the probe's centroid, in a filled panel each.
 
     The panels have one scale. Lines are at `levels_pC`, a list of charges or about how many. Places
@@ -60,142 +52,86 @@ class Isocharge(Kind):
     """
 
     kind: Literal["isocharge"]
-    electrodes: Annotated[tuple[Name, ...], Field(min_length=1)] | None = None
     levels_pC: Levels = 5
-    reach_mm: Length | None = None
-    pitch_mm: Length | None = None
 
     stem: ClassVar[str] = "isocharge"
     rank: ClassVar[int] = 2
 
-    def quicker(self) -> Self:
-        """A wider pitch, if it is given; by default it is wider in a preview."""
-        wider = None if self.pitch_mm is None else PREVIEW * self.pitch_mm
-        return self.model_copy(update={"pitch_mm": wider})
-
     def scenes(self, inputs: Inputs) -> list[Scene]:
         """The places of the map."""
         scene = self.scene(inputs)
-        chosen(self.electrodes, scene)
-        places = map_places(scene, self.reach_mm, self.pitch_mm, inputs)
-        readings = self.readings(inputs)
-        if readings and not self._rows(readings, scene):
-            reason = "has no row of the scene within the reach; change the data or `set`"
-            raise SceneError([problem("data", self.data, reason)])
+        self.names(scene)
+        places = self.places(scene, inputs)
+        rows = self._rows(inputs, scene, places.reach_mm)[0]
+        self.require_rows(rows, "of the scene within the reach")
         return places.scenes
 
-    def _rows(self, readings: Readings, scene: Scene) -> list[int]:
-        """Rows of the data that differ from the scene in the probe's place only."""
-        return [
-            row
-            for row, other in enumerate(readings.scenes(scene))
-            if same_but_place(other, scene)
-            and math.hypot(other.probe.x_mm, other.probe.y_mm) <= reach_of(self.reach_mm, scene)
-        ]
+    def _rows(self, inputs: Inputs, scene: Scene, reach_mm: float) -> tuple[list[int], list[Scene]]:
+        """Rows of the data that differ from the scene in the probe's place only, and all scenes."""
+        readings = self.readings(inputs)
+        scenes = readings.scenes(scene) if readings else []
+        near = [np.linalg.norm(place_mm(other)) <= reach_mm for other in scenes]
+        rows = [i for i, is_near in enumerate(near) if is_near]
+        return [i for i in rows if differ_in(PLACE, scene, scenes[i])], scenes
 
     def compose(self, inputs: Inputs, solved: Solved) -> Content:
         """A panel for each electrode."""
         scene, reading = self.scene(inputs), self.read_as(inputs)
-        names = chosen(self.electrodes, scene)
-        asked = map_places(scene, self.reach_mm, self.pitch_mm, inputs)
-        made = solved_map(asked, solved)
+        names, asked = self.names(scene), self.places(scene, inputs)
+        made = self.charge_map(asked, solved)
         raster = polar_grid(asked.reach_mm, RADII, ANGLES)
-        rest = rests([scene], made.names)[0] if reading == "change" else 0.0
-        charges = (made.at(raster.reshape(-1, 2))[0] - rest).reshape(*raster.shape[:2], -1)
+        rest = rests([scene], made.names)[0] * (reading == "change")
+        charges = (made.charges(raster.reshape(-1, 2)) - rest).reshape(*raster.shape[:2], -1)
         by_name = {name: charges[..., made.names.index(name)] for name in names}
-        readings = self.readings(inputs)
-        points = self._points(readings, scene, made, reading) if readings else _no_points()
-        levels = self._levels(by_name, points)
+        points = self._points(inputs, made, reading)
         figure = _figure(len(names))
-        _draw(figure, raster, by_name, levels, scene, points, reading)
+        _draw(figure, raster, by_name, self._levels(charges, points), scene, points)
+        figure.axes[-1].set_ylabel(READING_LABELS[reading])
         known = solved.charges(asked.scenes, names, reading)
-        frame = pd.DataFrame(asked.places_mm, columns=["x_mm", "y_mm"]).join(
-            pd.DataFrame(known, columns=[f"{name}_pC" for name in names])
+        frame = pd.DataFrame(asked.places_mm, columns=["x_mm", "y_mm"])
+        frame[[f"{name}_pC" for name in names]] = known
+        text = (
+            f"Charge of {listed(names)} by the place of the probe, within {asked.reach_mm:.3g} mm "
+            f"of the film's centre; {len(known)} places are solved, and between them charges are "
+            f"known to {100.0 * made.error_bound:.1g} %."
         )
-        caption = self._caption(names, asked, made, points, readings)
-        return Content(caption, frame, figure)
+        if len(points):
+            text += f"{self.rings(inputs)[:-1]} at their places, {points.apart_mm.median():.2g} mm"
+            text += " from our line of that charge in the median."
+        return Content(text, frame, figure)
 
-    def _levels(self, by_name: dict[str, Array], points: pd.DataFrame) -> list[float]:
+    def _levels(self, charges: Array, points: pd.DataFrame) -> list[float]:
         if isinstance(self.levels_pC, tuple):
             return sorted(self.levels_pC)
-        distinct = sorted(set(points.charge_pC.round(3)))
+        distinct = sorted({*points.charge_pC.round(3)})
         if 0 < len(distinct) <= self.levels_pC:
             return distinct
-        low = min(float(values.min()) for values in by_name.values())
-        high = max(float(values.max()) for values in by_name.values())
+        low, high = float(charges.min()), float(charges.max())
         ticks = MaxNLocator(self.levels_pC + 1, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
         return [float(tick) for tick in ticks if low < tick < high]
 
-    def _points(
-        self, readings: Readings, scene: Scene, made: ChargeMap, reading: str
-    ) -> pd.DataFrame:
+    def _points(self, inputs: Inputs, made: ChargeMap, reading: str) -> pd.DataFrame:
         """Charges of the data at their places, and their distances from the contours in mm."""
-        scenes = readings.scenes(scene)
-        rows = self._rows(readings, scene)
+        readings, scene = self.readings(inputs), self.scene(inputs)
+        if readings is None:
+            return pd.DataFrame(columns=POINTS, dtype=float)
+        rows, scenes = self._rows(inputs, scene, made.domain.reach_mm)
         theirs = readings.charges(scenes, made.names, reading)[rows]
-        places = np.array([[scenes[i].probe.x_mm, scenes[i].probe.y_mm] for i in rows])
-        rest = rests([scene], made.names)[0] if reading == "change" else 0.0
-        ours, slopes = made.at(places)
-        apart = np.abs(ours - rest - theirs) / np.linalg.norm(slopes, axis=-1)
+        places = np.array([place_mm(scenes[i]) for i in rows])
+        ours, slopes = made.evaluate(np.pad(places, ((0, 0), (0, 2))))
+        apart = ours - rests([scene], made.names)[0] * (reading == "change") - theirs
+        apart = np.abs(apart) / np.linalg.norm(slopes, axis=-1)
         table = [
             (made.names[j], *places[i].tolist(), theirs[i, j], apart[i, j])
             for i, j in zip(*np.nonzero(np.isfinite(theirs)), strict=True)
         ]
-        return pd.DataFrame(table, columns=list(_no_points().columns))
-
-    def _caption(
-        self,
-        names: tuple[str, ...],
-        asked: MapPlaces,
-        made: ChargeMap,
-        points: pd.DataFrame,
-        readings: Readings | None,
-    ) -> str:
-        error = f"{100.0 * made.error_bound:.1g} %"
-        text = f"Charge of {listed(names)} by the place of the probe, within {asked.reach_mm:.3g}"
-        text += f" mm of the film's centre; {len(asked.places_mm)} places, {error} between them."
-        if readings is not None and len(points):
-            apart = f"{points.apart_mm.median():.2g} mm"
-            text += f" Rings: {readings.source.what} places of a charge, {apart} from our contour"
-            text += " of that charge in the median."
-        return text
-
-
-def map_places(
-    scene: Scene, reach_mm: float | None, pitch_mm: float | None, inputs: Inputs
-) -> MapPlaces:
-    """The places of a map; SceneError where the probe does not fit."""
-    require_probe(scene)
-    pitch = pitch_mm or pitch_of(scene) * (PREVIEW if inputs.quick else 1.0)
-    places = MapPlaces(scene, reach_of(reach_mm, scene), pitch)
-    with blamed("reach_mm"):
-        places.scenes  # noqa: B018 - refuses a probe over the rim
-    return places
-
-
-def solved_map(asked: MapPlaces, solved: Solved) -> ChargeMap:
-    """The map of total charges; raises `NothingToShow` without enough of them."""
-    names = [electrode.name for electrode in asked.scene.electrode_list]
-    try:
-        return asked.map(solved.charges(asked.scenes, names, "total"))
-    except ValueError as error:
-        raise NothingToShow(str(error)) from None
-
-
-def same_but_place(scene: Scene, other: Scene) -> bool:
-    """Whether two scenes differ in the place of the probe only."""
-    centred = [s.with_(**{"probe.x_mm": 0.0, "probe.y_mm": 0.0}) for s in (scene, other)]
-    return centred[0] == centred[1]
-
-
-def _no_points() -> pd.DataFrame:
-    return pd.DataFrame({k: [] for k in ("electrode", "x_mm", "y_mm", "charge_pC", "apart_mm")})
+        return pd.DataFrame(table, columns=POINTS)
 
 
 def _figure(count: int) -> Figure:
     columns = 1 if count == 1 else 2 if count <= 4 else 3
     rows = math.ceil(count / columns)
-    wide = WIDTH_MM if columns < 3 else 1.3 * WIDTH_MM
+    wide = WIDTH_MM if columns < 3 else 1.25 * WIDTH_MM
     figure = new_figure(wide, 14.0 + rows * (wide - 18.0) / columns)
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     for ax in axes.flat[count:]:
@@ -209,19 +145,20 @@ def _draw(
     figure: Figure,
     raster: Array,
     by_name: dict[str, Array],
-    levels: list[float],
+    levels: Sequence[float],
     scene: Scene,
     points: pd.DataFrame,
-    reading: str,
 ) -> None:
-    low = min(float(values.min()) for values in by_name.values())
-    high = max(float(values.max()) for values in by_name.values())
-    shades = MaxNLocator(SHADES).tick_values(low, high)
-    colours = figures.colours_of([low, high])[0]
+    """Panels of the charges (radii, angles) by electrode, and the bar of their colours."""
+    everything = np.array([*by_name.values()])
+    low, high = float(everything.min()), float(everything.max())
+    # charges fall by a factor: equal ratios show their lines far from the electrode, too
+    shades = (np.geomspace if low > 0.0 else np.linspace)(low, high, SHADES + 1)
+    norm, colours = BoundaryNorm(shades, 256), figures.colours_of([low, high])[0]
+    (x, y), reach = np.moveaxis(raster, -1, 0), float(raster.max())
     for ax, (name, values) in zip(figure.axes, by_name.items(), strict=True):
-        filled = ax.contourf(*np.moveaxis(raster, -1, 0), values, levels=shades, cmap=colours)
-        _lines(ax, raster, values, levels)
-        reach = float(raster.max())
+        filled = ax.contourf(x, y, values, shades, norm=norm, cmap=colours)
+        _lines(ax, x, y, values, levels)
         draw_rim(ax, scene.film.radius_mm, 1.04 * reach)
         for electrode in scene.electrode_list:
             draw_electrode(ax, electrode.outline, [electrode.name])
@@ -230,15 +167,15 @@ def _draw(
         ax.set(title=f"electrode {name}", xlabel="", ylabel="")
     figure.supxlabel("x of the probe (mm)")
     figure.supylabel("y of the probe (mm)")
-    label = PANEL_TITLES[reading]
-    figure.colorbar(filled, ax=list(figure.axes), label=label, aspect=30, fraction=0.04, pad=0.02)
+    bar = figure.colorbar(filled, ax=list(figure.axes), aspect=30, fraction=0.04, pad=0.02)
+    ticks = [low, *(level for level in levels if low < level < high), high]
+    bar.set_ticks(ticks, labels=[f"{tick:.4g}" for tick in ticks])
 
 
-def _lines(ax: Axes, raster: Array, values: Array, levels: list[float]) -> None:
+def _lines(ax: Axes, x: Array, y: Array, values: Array, levels: Sequence[float]) -> None:
     inside = [level for level in levels if values.min() < level < values.max()]
-    if not inside:
-        return
-    lines = ax.contour(*np.moveaxis(raster, -1, 0), values, inside, colors="black", linewidths=0.9)
-    words = ax.clabel(lines, inside, fmt=lambda level: f"{level:g}", fontsize=7)
-    for drawn in (lines, *words):
-        drawn.set_path_effects([HALO])
+    if inside:
+        lines = ax.contour(x, y, values, inside, colors="black", linewidths=0.9)
+        words = ax.clabel(lines, inside, fmt="%g", fontsize=7)
+        for drawn in (lines, *words):
+            drawn.set_path_effects([HALO])

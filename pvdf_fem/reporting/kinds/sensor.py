@@ -54,7 +54,9 @@ class Sensor(Kind):
             frame.append((electrode.name, x, y, 1e6 * electrode.outline.area))
         film = scene.film
         text = f"Film of {2.0 * film.radius_mm:g} mm and {film.thickness_um:g} µm"
-        text += ", electrodes named, probe filled." if scene.loaded_probes else ", electrodes named."
+        text += (
+            ", electrodes named, probe filled." if scene.loaded_probes else ", electrodes named."
+        )
         columns = ["electrode", "x_mm", "y_mm", "area_mm2"]
         return Content(text + note, pd.DataFrame(frame, columns=columns), figure)
 

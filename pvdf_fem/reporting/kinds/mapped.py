@@ -1,0 +1,46 @@
+"""What the kinds that need a map of the charges over the film share."""
+
+from __future__ import annotations
+
+from typing import Self
+
+import numpy as np
+
+from pvdf_fem.reporting.charge_map import ChargeMap, MapPlaces, pitch_of
+from pvdf_fem.reporting.kind import Inputs, NothingToShow, OfElectrodes, blamed, require_probe
+from pvdf_fem.reporting.solved import Solved
+from pvdf_fem.response.model import default_reach_mm
+from pvdf_fem.scene.quantity import Length
+from pvdf_fem.scene.scene import Scene
+
+PREVIEW = 1.5  #: Pitch of a preview over the pitch.
+
+
+class Mapped(OfElectrodes):
+    """Keys of a map: places within `reach_mm` of the film's centre, `pitch_mm` apart."""
+
+    reach_mm: Length | None = None
+    pitch_mm: Length | None = None
+
+    def quicker(self) -> Self:
+        """A wider pitch, if it is given; by default it is wider in a preview."""
+        wider = None if self.pitch_mm is None else PREVIEW * self.pitch_mm
+        return self.model_copy(update={"pitch_mm": wider})
+
+    def places(self, scene: Scene, inputs: Inputs) -> MapPlaces:
+        """The places of the map of a scene; SceneError where the probe does not fit."""
+        require_probe(scene)
+        reach = default_reach_mm(scene) if self.reach_mm is None else self.reach_mm
+        pitch = self.pitch_mm or pitch_of(scene) * (PREVIEW if inputs.quick else 1.0)
+        places = MapPlaces(scene, reach, pitch)
+        with blamed("reach_mm"):
+            places.scenes  # noqa: B018 - refuses a probe over the rim
+        return places
+
+    def charge_map(self, places: MapPlaces, solved: Solved) -> ChargeMap:
+        """The map of total charges; raises `NothingToShow` without enough of them."""
+        names = [electrode.name for electrode in places.scene.electrode_list]
+        try:
+            return places.map(solved.charges(places.scenes, names, "total"))
+        except (ValueError, np.linalg.LinAlgError) as error:
+            raise NothingToShow(str(error)) from None
