@@ -19,6 +19,7 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from pvdf_fem.arrays import Array, Mask
+from pvdf_fem.reporting.kind import placed
 from pvdf_fem.response.model import ROTATION, Domain
 from pvdf_fem.scene.scene import Scene
 
@@ -50,7 +51,7 @@ def places_on_rings(reach_mm: float, pitch_mm: float, first_deg: float) -> Array
         around = 12 * max(1, math.ceil(2.0 * math.pi * radius / (12.0 * pitch_mm)))
         angles = math.radians(first_deg) + 2.0 * math.pi * np.arange(around) / around
         places.append(radius * np.column_stack([np.cos(angles), np.sin(angles)]))
-    return np.round(np.concatenate(places), 9)
+    return np.concatenate(places).round(9)
 
 
 @dataclass(frozen=True)
@@ -70,9 +71,8 @@ class MapPlaces:
 
     @cached_property
     def scenes(self) -> list[Scene]:
-        """The scenes to solve; SceneError where the probe does not fit."""
-        at = [{"probe.x_mm": x, "probe.y_mm": y} for x, y in self.places_mm.tolist()]
-        return [self.scene.with_(**place) for place in at]
+        """The scenes to solve; SceneError without a probe, or where it does not fit."""
+        return placed(self.scene, self.places_mm)
 
     def map(self, charges_pC: Array) -> ChargeMap:
         """The map of charges (n, electrodes); rows of NaN are left out. Raises ValueError where too
@@ -97,7 +97,7 @@ class ChargeMap:
     def of(cls, asked: MapPlaces, places_mm: Array, charges_pC: Array) -> Self:
         """The map of charges (n, electrodes) at places (n, 2); those of both signs are interpolated
         themselves."""
-        logarithmic = (charges_pC > 0.0).all(axis=0)
+        logarithmic = np.asarray((charges_pC > 0.0).all(axis=0))
         values = np.where(logarithmic, np.log(np.where(logarithmic, charges_pC, 1.0)), charges_pC)
         size = np.where(logarithmic, 1.0, np.abs(charges_pC).max(axis=0))
         inner = np.linalg.norm(places_mm, axis=1) < asked.reach_mm - 1e-6

@@ -23,21 +23,6 @@ from pvdf_fem.reporting.charge_map import ChargeMap
 RASTER = 201
 #: Contours that pass each other no farther apart than this share of the reach count as crossing.
 TOUCHING = 0.02
-MOST_CROSSINGS = 6  #: Of two contours; more are those of noise.
-
-
-@dataclass(frozen=True)
-class Triangle:
-    """The place by three electrodes."""
-
-    names: tuple[str, ...]
-    #: Crossings of the contours of each two of them, (3, 2); none where two of them do not cross.
-    corners_mm: Array | None
-
-    @property
-    def place_mm(self) -> Array:
-        """Mean of the crossings, (2,); NaN without them."""
-        return np.full(2, np.nan) if self.corners_mm is None else self.corners_mm.mean(axis=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,20 +40,22 @@ class Contours:
         disc = shapely.Point(0.0, 0.0).buffer(self.map.domain.reach_mm, quad_segs=128)
         return shapely.intersection(shapely.MultiLineString(lines), disc)
 
-    def triangles(self, charges_pC: Mapping[str, float]) -> list[Triangle]:
-        """The place by each three of some electrodes."""
+    def triangles(self, charges_pC: Mapping[str, float]) -> dict[tuple[str, ...], Array]:
+        """For each three of some electrodes whose contours cross, their crossings (3, 2)."""
         lines = {name: self.line(name, charge) for name, charge in charges_pC.items()}
-        touching = TOUCHING * self.map.domain.reach_mm
-        pairs = {(a, b): _meetings(lines[a], lines[b], touching) for a, b in combinations(lines, 2)}
-        return [
-            Triangle(three, _nearest([pairs[two] for two in combinations(three, 2)]))
+        near = TOUCHING * self.map.domain.reach_mm
+        pairs = {
+            two: _meetings(lines[two[0]], lines[two[1]], near) for two in combinations(lines, 2)
+        }
+        found = {
+            three: _nearest([pairs[two] for two in combinations(three, 2)])
             for three in combinations(lines, 3)
-        ]
+        }
+        return {three: corners for three, corners in found.items() if corners is not None}
 
     def place_mm(self, charges_pC: Mapping[str, float]) -> Array:
-        """Mean place (2,) of the triangles that have one; NaN where none has."""
-        triangles = self.triangles(charges_pC)
-        places = [t.place_mm for t in triangles if t.corners_mm is not None]
+        """Mean place (2,) of the triangles; NaN where there is none."""
+        places = [corners.mean(axis=0) for corners in self.triangles(charges_pC).values()]
         return np.mean(places, axis=0) if places else np.full(2, np.nan)
 
     @cached_property
@@ -87,7 +74,7 @@ def _meetings(a: shapely.Geometry, b: shapely.Geometry, touching_mm: float) -> A
         return np.zeros((0, 2))
     points = shapely.get_coordinates(shapely.intersection(a, b))
     if len(points):
-        return np.unique(points.round(6), axis=0)[:MOST_CROSSINGS]
+        return np.unique(points.round(6), axis=0)
     ends = shapely.get_coordinates(shapely.shortest_line(a, b))
     apart = float(np.linalg.norm(np.subtract(*ends)))
     return ends.mean(axis=0)[None] if apart <= touching_mm else np.zeros((0, 2))

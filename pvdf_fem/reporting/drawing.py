@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from itertools import combinations
+from typing import Any, TypeAlias
 
 import matplotlib
 import numpy as np
@@ -14,7 +14,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import Akima1DInterpolator
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.output.figures import COLOURS, GREY, HALO, LABEL_SIZE, figure_of, new_figure
@@ -25,9 +25,8 @@ RING: dict[str, Any] = {"linestyle": "none", "marker": "o", "markerfacecolor": "
 DOT_SIZE = 2.4  #: Size in points of the dots at solved scenes.
 ROOM = 0.13  #: Room for names at the right end of curves, over the axes' width.
 LINE_HEIGHT = 1.15  #: Distance of the lines of labels over their size.
-SAME = 5e-3  #: Curves closer than this share of the largest value have one name.
+MOST_PASSES = 60  #: Over the names, to move them apart.
 SAMPLES = 121  #: Of a curve.
-LEAST_FOR_CURVE = 4  #: Points that a cubic spline goes through.
 READING_LABELS = {"total": "charge (pC)", "change": "change by the touch (pC)"}
 _SIGNS = {"um": "µm", "deg": "°", "MOhm": "MΩ", "pC_N": "pC/N", "kg_m3": "kg/m³", "N_m": "N/m"}
 _SIGNS |= {"per_K": "1/K", "uC_m2K": "µC/m²K", "m2_s": "m²/s"}
@@ -58,14 +57,8 @@ def colours_for(count: int) -> list[Any]:
     return [tuple(shade) for shade in shades]
 
 
-@dataclass(frozen=True)
-class End:
-    """A name at the end of a curve."""
-
-    x: float
-    y: float
-    words: str
-    colour: Any
+#: A name at the end of a curve: the curve's last point, the name and its colour.
+End: TypeAlias = tuple[float, float, str, Any]
 
 
 def curves_figure(
@@ -76,14 +69,15 @@ def curves_figure(
 ) -> Figure:
     """Panels in rows, each of a title and a table, with a curve through each group of its rows.
 
-    The tables have the columns ``curve``, ``x``, ``computed_pC`` and ``charge_pC``. Rows without the
-    latter are points of a curve, the others are rings, and their differences stand below.
+    The tables have the columns ``curve``, ``x``, ``computed_pC`` and ``charge_pC``. Rows without a
+    ``charge_pC`` are points of a curve; the others are rings, and their differences stand below.
     """
     tables = pd.concat([frame for row in panels for _, frame in row])
     strips, names = bool(tables.charge_pC.notna().any()), list(dict.fromkeys(tables.curve))
     rows, columns, per_row = len(panels), len(panels[0]), 1 + strips
     height = (64.0 if rows == 1 else 46.0) + 22.0 * strips
-    figure = new_figure(WIDTH_MM if columns == 1 else 1.25 * WIDTH_MM, 12.0 + rows * height)
+    wide = WIDTH_MM if columns == 1 else 1.25 * WIDTH_MM
+    figure = new_figure(wide, 12.0 + rows * height)
     heights = {"height_ratios": [3.0, 1.0][:per_row] * rows}
     shared: dict[str, Any] = {"squeeze": False, "sharex": True, "sharey": "row"}
     axes = figure.subplots(rows * per_row, columns, gridspec_kw=heights, **shared)
@@ -102,7 +96,9 @@ def curves_figure(
             axes[i * per_row + 1, 0].set_ylabel("diff. (%)")
     for ax in axes[-1]:
         ax.set_xlabel(x_label)
-    _room_for_names(axes[0, 0], log)
+    low, high = axes[0, 0].get_xlim()
+    wider = high * (high / low) ** ROOM if log else high + ROOM * (high - low)
+    axes[0, 0].set_xlim(low, wider)
     for ax, of in ends:
         _label_ends(ax, of)
     return figure
@@ -111,14 +107,13 @@ def curves_figure(
 def _draw_curves(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any]) -> list[End]:
     """Curves through computed charges with dots, and rings for those of others."""
     own, ends = frame[frame.charge_pC.isna()], []
-    curves = {str(name): rows for name, rows in own.groupby("curve", sort=False)}
-    for names, rows in _merged(curves).items():
+    for name, rows in own.groupby("curve", sort=False):
         x, q = rows.x.to_numpy(float), rows.computed_pC.to_numpy(float)
-        colour = colours[names.split(", ")[0]]
+        colour = colours[str(name)]
         ax.plot(*_smooth(x, q), color=colour)
         ax.plot(x, q, "o", color=colour, markersize=DOT_SIZE)
         if q.size and np.isfinite(q[-1]):
-            ends.append(End(x[-1], q[-1], names, colour))
+            ends.append((x[-1], q[-1], str(name), colour))
     for name, rows in frame[frame.charge_pC.notna()].groupby("curve"):
         ax.plot(rows.x, rows.charge_pC, **RING, markeredgecolor=colours[str(name)], zorder=4)
     return ends
@@ -143,77 +138,42 @@ def _log_scales(ax: Axes) -> None:
 
 
 def _smooth(x: Array, y: Array) -> tuple[Array, Array]:
-    """A curve through the points that have values: a cubic spline, or chords between few points."""
-    known = np.isfinite(y)
-    x, y = x[known], y[known]
-    if len(x) < LEAST_FOR_CURVE:
+    """A curve through the points that have values, without waves between them."""
+    x, y = x[np.isfinite(y)], y[np.isfinite(y)]
+    if len(x) < 2:
         return x, y
     along = np.linspace(x[0], x[-1], SAMPLES)
-    return along, CubicSpline(x, y)(along)
-
-
-def _merged(curves: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
-    """Curves by name, those that coincide under one name: ``A, C``."""
-    found: list[tuple[list[str], pd.DataFrame]] = []
-    size = max((float(rows.computed_pC.abs().max()) for rows in curves.values()), default=0.0)
-    for name, rows in curves.items():
-        values = rows[["x", "computed_pC"]].to_numpy(float)
-        for names, other in found:
-            those = other[["x", "computed_pC"]].to_numpy(float)
-            if those.shape == values.shape and np.allclose(
-                values, those, rtol=1e-9, atol=[1e-6, SAME * size], equal_nan=True
-            ):
-                names.append(name)
-                break
-        else:
-            found.append(([name], rows))
-    return {", ".join(names): rows for names, rows in found}
+    return along, Akima1DInterpolator(x, y, method="makima")(along)
 
 
 def _label_ends(ax: Axes, ends: Sequence[End]) -> None:
     """Write names right of the ends of curves, above each other where they would overlap."""
-    figure = figure_of(ax)
-    figure.draw_without_rendering()
-    points = figure.dpi / 72.0
-    size, gap = LABEL_SIZE - 0.5, (LABEL_SIZE - 0.5) * LINE_HEIGHT * points
-    at = ax.transData.transform([(end.x, end.y) for end in ends]).reshape(-1, 2)
-    width = max(len(end.words) for end in ends) * 0.65 * size * points
-    low, high = ax.get_window_extent().intervaly
-    heights = spread(at, width, gap, low + 0.5 * gap, high)
-    for end, (x, y), height in zip(ends, at.tolist(), heights.tolist(), strict=True):
-        moved = abs(height - y) > 0.6 * gap
-        words = ax.annotate(
-            end.words, (end.x, end.y), ((8.0 if moved else 3.0), (height - y) / points),
-            textcoords="offset points", va="center", color=end.colour, fontsize=size,
-            path_effects=[HALO], zorder=5, annotation_clip=False,
-            arrowprops={"arrowstyle": "-", "color": end.colour, "lw": 0.5} if moved else None,
-        )  # fmt: skip
-        words.set_in_layout(False)
+    if not ends:
+        return
+    figure, size = figure_of(ax), LABEL_SIZE - 0.5
+    figure.draw_without_rendering()  # lays the figure out
+    point = figure.dpi / 72.0
+    at = ax.transData.transform([end[:2] for end in ends])
+    width = max(len(name) for _, _, name, _ in ends) * 0.65 * size * point
+    heights = spread(at, width, LINE_HEIGHT * size * point)
+    for (x, y, name, colour), moved in zip(ends, (heights - at[:, 1]) / point, strict=True):
+        look: dict[str, Any] = {"textcoords": "offset points", "va": "center", "fontsize": size}
+        if abs(moved) > 0.6 * size:
+            look["arrowprops"] = {"arrowstyle": "-", "color": colour, "lw": 0.5}
+        aside = 8.0 if "arrowprops" in look else 3.0
+        words = ax.annotate(name, (x, y), (aside, moved), color=colour, **look)
+        words.set(in_layout=False, path_effects=[HALO], zorder=5)
 
 
-def spread(at: Array, width: float, gap: float, low: float, high: float) -> Array:
+def spread(at: Array, width: float, gap: float) -> Array:
     """Heights (n,) of labels near places (n, 2), a gap apart where they are within a width."""
-    order = np.argsort(at[:, 1], kind="stable")
-    heights = np.clip(at[:, 1], low, high)
-    for _ in range(60):
-        moved = False
-        for a, b in ((a, b) for k, a in enumerate(order) for b in order[k + 1 :]):
-            lack = gap - (heights[b] - heights[a])
-            if abs(at[a, 0] - at[b, 0]) < width and lack > 1e-6:
-                heights[a] -= 0.5 * lack
-                heights[b] += 0.5 * lack
-                moved = True
-        heights = np.clip(heights, low, high)
-        if not moved:
-            break
+    order, heights = np.argsort(at[:, 1], kind="stable").tolist(), at[:, 1].copy()
+    pairs = [(a, b) for a, b in combinations(order, 2) if abs(at[a, 0] - at[b, 0]) < width]
+    for _ in range(MOST_PASSES):
+        for a, b in pairs:
+            lack = max(gap - (heights[b] - heights[a]), 0.0)
+            heights[[a, b]] += [-0.5 * lack, 0.5 * lack]
     return heights
-
-
-def _room_for_names(ax: Axes, log: bool) -> None:
-    """Widen the horizontal axis for names at the ends of curves."""
-    low, high = ax.get_xlim()
-    wider = high * (high / low) ** ROOM if log else high + ROOM * (high - low)
-    ax.set_xlim(low, wider)
 
 
 def sure(value: float, error: float = 0.0) -> str:

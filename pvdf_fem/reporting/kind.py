@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
@@ -101,10 +101,6 @@ class Kind(Section):
         """What it draws; raises `NothingToShow` where too many of its scenes have no charges."""
         raise NotImplementedError
 
-    def quicker(self) -> Self:
-        """The figure or table in a preview."""
-        return self
-
     def scene(self, inputs: Inputs) -> Scene:
         """The report's scene with the changes of `set`."""
         return inputs.scene_of(self.set)
@@ -164,12 +160,14 @@ def differ_in(keys: Sequence[str], scene: Scene, other: Scene) -> bool:
     return other.with_(**{key: number_at(scene, key) for key in keys}) == scene
 
 
-def require_probe(scene: Scene) -> None:
-    """SceneError for a scene without a single probe."""
+def placed(scene: Scene, places_mm: Array) -> list[Scene]:
+    """The scene with its probe at places (n, 2); SceneError without a probe, or room for it."""
     with blamed("set"):
         if scene.single_probe is None:
             reason = "has no probe to place; add [probe] to it, or probe.shape here"
             raise SceneError([problem("scene", "(no probe)", reason)])
+    with blamed("reach_mm"):
+        return [scene.with_(**dict(zip(PLACE, at, strict=True))) for at in places_mm.tolist()]
 
 
 def place_mm(scene: Scene) -> Array:

@@ -63,9 +63,7 @@ class Entry:
         return bool(self.rows) and len(self.rows[0]) > WIDE_TABLE
 
 
-def page_of(
-    plan: Plan, entries: Sequence[Entry], solved: int, total: int, is_preview: bool
-) -> str:
+def page_of(plan: Plan, entries: Sequence[Entry], solved: int, total: int, is_preview: bool) -> str:
     """The HTML of a page, when some of all scenes are solved."""
     by_name = {entry.item.name: entry for entry in entries}
     anchors = [_anchor(section.title, i) for i, section in enumerate(plan.script.section)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Union
 
@@ -88,9 +88,8 @@ class Plan:
         Raises `SceneError` with all mistakes."""
         inputs, needed, problems = Inputs(self.scene, self.data, quick), [], list[str]()
         for item in sorted(self.items, key=lambda item: item not in self.summary):
-            shown = replace(item, kind=item.kind.quicker()) if quick else item
             try:
-                needed.append((shown, shown.kind.scenes(inputs)))
+                needed.append((item, item.kind.scenes(inputs)))
             except SceneError as error:
                 problems += [f"{item.where}.{told}" for told in error.problems]
         if not problems:
@@ -138,13 +137,13 @@ def _model(kinds: Kinds) -> type[Script]:
     """The model of scripts whose figures and tables are of known kinds."""
 
     def any_of(known: Kinds) -> Any:
-        kind = Annotated[Union[tuple(known.values())], Field(discriminator="kind")]  # noqa: UP007
-        return tuple[kind, ...], ()
+        one: Any = Annotated[Union.__getitem__(tuple(known.values())), Field(discriminator="kind")]
+        return tuple.__class_getitem__((one, ...)), ()
 
     forms: dict[str, Any] = {"figure": any_of({**FIGURES, **kinds}), "table": any_of(TABLES)}
     section = create_model("ReportSection", __base__=ScriptSection, **forms)
-    sections: Any = (Annotated[tuple[section, ...], Field(min_length=1)], ...)  # type: ignore[valid-type]
-    return create_model("ReportScript", __base__=Script, section=sections)
+    sections: Any = Annotated[tuple.__class_getitem__((section, ...)), Field(min_length=1)]
+    return create_model("ReportScript", __base__=Script, section=(sections, ...))
 
 
 def _scene(table: Mapping[str, Any], path: Path, files: list[Path]) -> Scene:

@@ -1,4 +1,4 @@
-"""What the kinds that draw curves share: points of curves, and rows of the data that are on them."""
+"""What the kinds that draw curves share: points of curves, and data that are on them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 
+from pvdf_fem.arrays import Array
 from pvdf_fem.reporting import drawing
 from pvdf_fem.reporting.kind import Content, Inputs, NothingToShow, OfElectrodes, place_mm
 from pvdf_fem.reporting.solved import Solved
@@ -80,7 +81,13 @@ class Along(OfElectrodes):
         return pd.concat(tables, ignore_index=True)
 
     def _table(
-        self, solved: Solved, one: Series, scenes: list[Scene], x: Any, reading: str, theirs: Any = None
+        self,
+        solved: Solved,
+        one: Series,
+        scenes: list[Scene],
+        x: tuple[float, ...],
+        reading: str,
+        theirs: Array | None = None,
     ) -> pd.DataFrame:
         frame = solved.table(scenes, one.names, reading, theirs)
         title = "electrode " + frame.electrode + f", {one.panel}" * bool(one.panel)
@@ -93,7 +100,13 @@ class Along(OfElectrodes):
         return frame
 
     def drawn(
-        self, inputs: Inputs, solved: Solved, columns: int, label: str, caption: str, log: bool = False
+        self,
+        inputs: Inputs,
+        solved: Solved,
+        columns: int,
+        label: str,
+        caption: str,
+        log: bool = False,
     ) -> Content:
         """The figure of the curves, with some panels beside each other."""
         frame = self.frame(inputs, solved)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
@@ -12,15 +12,7 @@ from pydantic import Field
 
 from pvdf_fem.reporting.data import Changes, Name
 from pvdf_fem.reporting.drawing import sure
-from pvdf_fem.reporting.kind import (
-    PLACE,
-    Content,
-    Inputs,
-    blamed,
-    differ_in,
-    place_mm,
-    require_probe,
-)
+from pvdf_fem.reporting.kind import PLACE, Content, Inputs, differ_in, place_mm, placed
 from pvdf_fem.reporting.kinds.along import Along, Series
 from pvdf_fem.reporting.solved import Solved
 from pvdf_fem.response.model import default_reach_mm
@@ -60,37 +52,27 @@ class ChargeVsDistance(Along):
     lack: ClassVar[str] = f"of the scene within {ON_LINE_MM} mm of the lines"
     key: ClassVar[str] = "distance_mm"
 
-    def quicker(self) -> Self:
-        """Twice the step."""
-        return self.model_copy(update={"step_mm": 2.0 * self.step_mm})
-
     def series(self, inputs: Inputs) -> list[Series]:
         """A curve for each electrode, variant and angle."""
         found, variants = [], self.variants or (Variant(title=" "),)
         scenes = [inputs.scene_of(self.set, variant.set) for variant in variants]
-        for scene in scenes:
-            require_probe(scene)
         for name in self.names(scenes[0]):
             for variant, scene in zip(variants, scenes, strict=True):
-                scheme = self._scheme(scene, name)
-                placed, ends = scheme.scenes, np.cumsum([*map(len, scheme.positions_mm)])
-                for angle, end in zip(self.angles_deg, ends.tolist(), strict=True):
-                    x = tuple(scheme.distances_on(angle).tolist())
-                    along, panel = placed[end - len(x) : end], variant.title.strip()
-                    found.append(Series(scene, (name,), x, along, panel, f"{angle:g}°"))
+                scheme = self._scheme(scene, name, self.step_mm * (2.0 if inputs.quick else 1.0))
+                for angle, places in zip(self.angles_deg, scheme.positions_mm, strict=True):
+                    along, x = placed(scene, places), tuple(scheme.distances_on(angle).tolist())
+                    panel, curve = variant.title.strip(), f"{angle:g}°"
+                    found.append(Series(scene, (name,), x, along, panel, curve))
         return found
 
-    def _scheme(self, scene: Scene, name: str) -> MappingScheme:
+    def _scheme(self, scene: Scene, name: str, step: float) -> MappingScheme:
         reach = default_reach_mm(scene) if self.reach_mm is None else self.reach_mm
-        count = math.floor(2.0 * scene.film.radius_mm / self.step_mm) + 1
-        steps = tuple((self.step_mm * np.arange(count)).tolist())
+        count = math.floor(2.0 * scene.film.radius_mm / step) + 1
+        steps = tuple((step * np.arange(count)).tolist())
         try:
-            scheme = MappingScheme(scene, name, self.angles_deg, steps, reach)
+            return MappingScheme(scene, name, self.angles_deg, steps, reach)
         except ValueError as error:
             raise SceneError([str(error)]) from None
-        with blamed("reach_mm"):
-            scheme.scenes  # noqa: B018 - refuses a probe over the rim
-        return scheme
 
     def where_on(self, series: Series, scene: Scene) -> float | None:
         """The distance from the electrode of a probe on a line."""

@@ -37,7 +37,7 @@ class Comparison(OfElectrodes):
         """A scene for each row that has a reading."""
         readings, scenes, names = self._asked(inputs)
         given = np.isfinite(readings.charges(scenes, names, "total")).any(axis=1)
-        return [scene for scene, has in zip(scenes, given, strict=True) if has]
+        return [scenes[row] for row in np.flatnonzero(given)]
 
     def _asked(self, inputs: Inputs) -> tuple[Readings, list[Scene], tuple[str, ...]]:
         readings, scene = self.readings(inputs), self.scene(inputs)
@@ -53,10 +53,9 @@ class Comparison(OfElectrodes):
         readings, scenes, names = self._asked(inputs)
         reading, what = self.read_as(inputs), readings.source.what
         theirs = readings.charges(scenes, names, reading)
-        given = np.isfinite(theirs).any(axis=1)
-        needed = [scene for scene, has in zip(scenes, given, strict=True) if has]
-        charges = solved.table(needed, names, reading, theirs[given])
-        rows = np.repeat(np.flatnonzero(given), len(names))
+        given = np.flatnonzero(np.isfinite(theirs).any(axis=1))
+        charges = solved.table([scenes[row] for row in given], names, reading, theirs[given])
+        rows = np.repeat(given, len(names))
         frame = readings.shown.iloc[rows].reset_index(drop=True).join(charges)
         frame["row"] = np.array(readings.row_names())[rows]
         frame = frame[frame.charge_pC.notna()].reset_index(drop=True)
@@ -66,7 +65,7 @@ class Comparison(OfElectrodes):
         bias = drawing.signed(frame.difference_percent.median(), 2)
         caption = (
             f"Below: computed less {what} charge, in percent of it; bias {bias} %, median size "
-            f"{size.median():.2f} %, worst {size.max():.2f} %. Bars: estimated errors of our solves."
+            f"{size.median():.2f} %, worst {size.max():.2f} %. Bars: errors of our solves."
         )
         claim = (
             f"the {size.notna().sum()} {what} charges and the computed ones differ by "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Discriminator, Field, Tag
 
@@ -48,11 +48,6 @@ class Curve(Along):
     rank: ClassVar[int] = 4
     lack: ClassVar[str] = "that differs from a curve in `x` only"
 
-    def quicker(self) -> Self:
-        """Every other value."""
-        values = tuple(self.values)
-        return self.model_copy(update={"values": (*values[:-1:2], values[-1])})
-
     @property
     def full_key(self) -> str:
         """The key along the curves, in full."""
@@ -60,7 +55,7 @@ class Curve(Along):
 
     def series(self, inputs: Inputs) -> list[Series]:
         """A curve for each value of the family, or for each electrode."""
-        scene, numbers = self.scene(inputs), tuple(self.values)
+        scene, numbers = self.scene(inputs), tuple(self.values)[:: 2 if inputs.quick else 1]
         if list(numbers) != sorted(set(numbers)):
             raise SceneError([problem("values", list(numbers), "do not grow; sort them")])
         families: dict[str | None, dict[str, Any]] = {None: {}}

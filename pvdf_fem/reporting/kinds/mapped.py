@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Self
-
 import numpy as np
 
 from pvdf_fem.reporting.charge_map import ChargeMap, MapPlaces, pitch_of
-from pvdf_fem.reporting.kind import Inputs, NothingToShow, OfElectrodes, blamed, require_probe
+from pvdf_fem.reporting.kind import Inputs, NothingToShow, OfElectrodes
 from pvdf_fem.reporting.solved import Solved
 from pvdf_fem.response.model import default_reach_mm
 from pvdf_fem.scene.quantity import Length
@@ -22,20 +20,11 @@ class Mapped(OfElectrodes):
     reach_mm: Length | None = None
     pitch_mm: Length | None = None
 
-    def quicker(self) -> Self:
-        """A wider pitch, if it is given; by default it is wider in a preview."""
-        wider = None if self.pitch_mm is None else PREVIEW * self.pitch_mm
-        return self.model_copy(update={"pitch_mm": wider})
-
     def places(self, scene: Scene, inputs: Inputs) -> MapPlaces:
-        """The places of the map of a scene; SceneError where the probe does not fit."""
-        require_probe(scene)
+        """The places of the map of a scene."""
         reach = default_reach_mm(scene) if self.reach_mm is None else self.reach_mm
-        pitch = self.pitch_mm or pitch_of(scene) * (PREVIEW if inputs.quick else 1.0)
-        places = MapPlaces(scene, reach, pitch)
-        with blamed("reach_mm"):
-            places.scenes  # noqa: B018 - refuses a probe over the rim
-        return places
+        pitch = (self.pitch_mm or pitch_of(scene)) * (PREVIEW if inputs.quick else 1.0)
+        return MapPlaces(scene, reach, pitch)
 
     def charge_map(self, places: MapPlaces, solved: Solved) -> ChargeMap:
         """The map of total charges; raises `NothingToShow` without enough of them."""

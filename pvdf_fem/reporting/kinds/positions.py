@@ -58,7 +58,7 @@ class Positions(Mapped):
         return places + ([] if readings.names else touches)
 
     def _asked(self, inputs: Inputs) -> tuple[Readings, list[Scene], list[MapPlaces], list[int]]:
-        """The data, a scene for each touch, the maps that they need, and which each of them needs."""
+        """The data, the scenes of the touches, their maps, and the number of the map of each."""
         readings = self.readings(inputs)
         assert readings is not None  # `data` is required
         scenes, maps, of = readings.scenes(self.scene(inputs)), list[MapPlaces](), list[int]()

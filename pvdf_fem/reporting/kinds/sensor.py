@@ -1,4 +1,4 @@
-"""The figure `sensor`: the film with its electrodes, the probe, and the mesh that a solve begins with."""
+"""The figure `sensor`: the film with its electrodes, the probe, and the first mesh of a solve."""
 
 from __future__ import annotations
 
@@ -52,11 +52,8 @@ class Sensor(Kind):
             draw_electrode(ax, electrode.outline, [electrode.name])
             x, y = 1e3 * electrode.outline.centroid
             frame.append((electrode.name, x, y, 1e6 * electrode.outline.area))
-        film = scene.film
-        text = f"Film of {2.0 * film.radius_mm:g} mm and {film.thickness_um:g} µm"
-        text += (
-            ", electrodes named, probe filled." if scene.loaded_probes else ", electrodes named."
-        )
+        film, probe = scene.film, ", probe filled" * bool(scene.loaded_probes)
+        text = f"Film of {2.0 * film.radius_mm:g} mm and {film.thickness_um:g} µm{probe}."
         columns = ["electrode", "x_mm", "y_mm", "area_mm2"]
         return Content(text + note, pd.DataFrame(frame, columns=columns), figure)
 
