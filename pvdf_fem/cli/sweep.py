@@ -198,7 +198,6 @@ def _run(
 def _report(options: argparse.Namespace) -> int:
     from pvdf_fem.reporting.report import Report
     from pvdf_fem.scene.scene_file import SceneError
-    from pvdf_fem.sweeps.store import StoreError
     from pvdf_fem.sweeps.sweep import shown
 
     mistakes = _process_mistakes(options)
@@ -209,11 +208,8 @@ def _report(options: argparse.Namespace) -> int:
     if mistakes:
         raise InputError(*mistakes)
     out, how = options.out or Path(options.script.stem), {"processes": options.processes}
-    try:
-        with shown("scene") as progress:
-            made = report.make(out, quick=options.quick, progress=progress, **how)
-    except StoreError as error:
-        raise InputError(str(error)) from error
+    with shown("scene") as progress:
+        made = report.make(out, quick=options.quick, progress=progress, **how)
     print(f"{made.page}: {made.scenes} scenes, of which {made.solved} were solved now")
     for failure in made.failures:
         print(failure, file=sys.stderr)

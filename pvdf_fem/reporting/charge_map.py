@@ -21,6 +21,7 @@ from scipy.interpolate import RBFInterpolator
 from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.reporting.kind import placed
 from pvdf_fem.response.model import ROTATION, Domain
+from pvdf_fem.response.table import pressed_outline
 from pvdf_fem.scene.scene import Scene
 
 #: Pitch of the rings over the root of the areas of probe and smallest electrode: charges of the
@@ -34,9 +35,9 @@ STEP = 1e-5  #: Of central differences over the reach.
 
 def pitch_of(scene: Scene) -> float:
     """Distance in mm of neighbouring places that resolves the charges of a scene."""
-    probe = scene.single_probe
     least = min(electrode.outline.area for electrode in scene.electrode_list)
-    return 1e3 * PITCH * math.sqrt(least + (probe.outline.area if probe else 0.0))
+    pressed = pressed_outline(scene, scene.load.force_N).area if scene.single_probe else 0.0
+    return 1e3 * PITCH * math.sqrt(least + pressed)
 
 
 def places_on_rings(reach_mm: float, pitch_mm: float, first_deg: float) -> Array:

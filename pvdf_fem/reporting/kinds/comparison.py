@@ -17,7 +17,7 @@ from pvdf_fem.reporting.solved import Solved
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem
 
-NAMED = 2  #: Number of the largest differences that have a name in the figure.
+NAMED = 1  #: Number of the largest differences that have a name in the figure.
 
 
 class Comparison(OfElectrodes):
