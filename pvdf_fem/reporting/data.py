@@ -7,7 +7,7 @@ as the electrode. Empty cells leave the scene's value, or have no reading.
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -100,8 +100,8 @@ class Readings:
         charges = self.frame.reindex(columns=list(names)).to_numpy(float)
         if self.source.unit == "V":  # what the amplifiers do, undone
             for row, scene in zip(charges, scenes, strict=True):
-                by_name = {channel.name: channel for channel in channels(scene)}
-                for j, c in enumerate(by_name[name] for name in names):
+                for c in channels(scene):
+                    j = list(names).index(c.name) if c.name in names else slice(0)
                     row[j] = 1e12 * c.capacitance * (row[j] - c.offset) / c.gain
         if reading == self.source.reading:
             return charges
@@ -134,20 +134,39 @@ def cell_text(cell: Any) -> str:
 
 def read_data(name: str, source: DataSource, scene: Scene, folder: Path) -> Readings:
     """The rows of a table; SceneError with all mistakes of the table."""
-    where, known = f"data.{name}", [electrode.name for electrode in scene.electrode_list]
-    frame = _frame(where, source, folder)
-    problems = list(_column_mistakes(where, source, list(frame.columns), known))
+    where, frame = f"data.{name}", _frame(f"data.{name}", source, folder)
+    problems = [
+        problem(f"{where}.{key}", column, f"is no column; {choose(column, list(frame.columns))}")
+        for key, columns in (("where", source.where), ("labels", source.labels))
+        for column in columns
+        if column not in frame.columns
+    ]
     for column, wanted in source.where.items() if not problems else ():
         frame = frame[frame[column].isin(wanted if isinstance(wanted, list) else [wanted])]
     if not problems and frame.empty:
         problems.append(f"{where}: has no row, or `where` keeps none; give others")
-    names = tuple(electrode for electrode in known if electrode in frame.columns)
+    if problems:
+        raise SceneError(problems[:MOST_MISTAKES])
+    labels = list(source.labels)
+    frame = frame.assign(**{label: frame[label].fillna("") for label in labels})
+    frame = frame.dropna(axis="columns", how="all")  # what no row of these has
+    # rows may have electrodes of their own
+    rows = Readings(name, source, frame, ()).scenes(scene)
+    found = {tuple(e.name for e in row.electrode_list): None for row in (scene, *rows)}
+    electrodes = list(dict.fromkeys(electrode for names in found for electrode in names))
+    names = tuple(electrode for electrode in electrodes if electrode in frame.columns)
     for column in (c for c in (*names, ERROR_MM) if c in frame.columns):
         numbers = pd.to_numeric(frame[column], errors="coerce")
         for row in frame.index[frame[column].notna() & ~np.isfinite(numbers)]:
             reason = f"is no finite number, in row {row + 1}; correct the cell"
             problems.append(problem(f"{where}.{column}", frame[column][row], reason))
         frame = frame.assign(**{column: numbers.astype(float)})
+    known = [*electrodes, *SHORT, *labels, *source.where, ERROR_MM]
+    for column in frame.columns:
+        if column not in known and "." not in column:
+            reason = f"is no key of a scene and no electrode; {choose(column, known)}"
+            reason += ", or name it in `labels`"
+            problems.append(problem(f"{where}.columns", column, reason))
     if problems:
         raise SceneError(problems[:MOST_MISTAKES])
     return Readings(name, source, frame.reset_index(drop=True), names)
@@ -169,17 +188,3 @@ def _frame(where: str, source: DataSource, folder: Path) -> pd.DataFrame:
         first = str(error).partition("\n")[0]
         reason = f"is no table ({first}); give a CSV file with a header"
         raise SceneError([problem(f"{where}.file", source.file or "(table)", reason)]) from None
-
-
-def _column_mistakes(
-    where: str, source: DataSource, columns: Sequence[str], electrodes: Sequence[str]
-) -> Iterator[str]:
-    for key, names in (("where", source.where), ("labels", source.labels)):
-        for name in names:
-            if name not in columns:
-                yield problem(f"{where}.{key}", name, f"is no column; {choose(name, columns)}")
-    known = {*electrodes, *source.labels, *source.where, *SHORT, ERROR_MM}
-    for column in columns:
-        if column not in known and "." not in column:
-            reason = f"is no key of a scene and no electrode; {choose(column, sorted(known))}"
-            yield problem(f"{where}.columns", column, f"{reason}, or name it in `labels`")

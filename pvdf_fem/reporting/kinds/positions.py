@@ -25,7 +25,7 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.touch.locate import locate
 
-MOST_MAPS = 12  #: Of charges: one for each force, rotation or film among the touches.
+MOST_MAPS = 40  #: Of charges: one for each force, rotation or film among the touches.
 #: Ways to find a touch, and the number of charges that each needs.
 WAYS = {"crossing": 3, "least squares": 2}
 
