@@ -157,7 +157,10 @@ class OfElectrodes(Kind):
 
 def differ_in(keys: Sequence[str], scene: Scene, other: Scene) -> bool:
     """Whether two scenes are equal but for numbers by some keys."""
-    return other.with_(**{key: number_at(scene, key) for key in keys}) == scene
+    try:
+        return other.with_(**{key: number_at(scene, key) for key in keys}) == scene
+    except (SceneError, AttributeError, LookupError, TypeError):  # one has no such key
+        return False
 
 
 def placed(scene: Scene, places_mm: Array) -> list[Scene]:

@@ -72,6 +72,10 @@ TABLE = "section/1/table"
         (f"{FIGURE}/0/electrodes", ["A", "Z"], "section[0].figure[0].electrodes"),
         (f"{FIGURE}/0/electrodes", ["A", "A"], "section[0].figure[0].electrodes"),
         (f"{FIGURE}/0/step_mm", 0.0, "section[0].figure[0].step_mm"),
+        (f"{FIGURE}/0/step_mm", 1e-5, "section[0].figure[0].step_mm"),
+        (f"{FIGURE}/1/pitch_mm", 1e-5, "section[0].figure[1].pitch_mm"),
+        (f"{FIGURE}/2/values/start", 0.0, "section[0].figure[2].values"),
+        (f"{FIGURE}/2/values/count", 9000, "section[0].figure[2].values"),
         (f"{FIGURE}/0/reach_mm", 19.0, "section[0].figure[0].reach_mm"),
         (f"{FIGURE}/0/angles_deg", "90", "section[0].figure[0].angles_deg"),
         (f"{FIGURE}/0/angles_deg", [90, "x"], "section[0].figure[0].angles_deg[1]"),
@@ -131,7 +135,7 @@ def test_what_is_no_script_is_refused(tmp_path):
 
 
 JUNK = st.sampled_from(
-    ["", "x", "A", -1, 0, 1e9, 0.5, True, [], [[]], {}, [1, "a"], {"x": 1}, [{}], "touches"]
+    ["", "x", "A", -1, 0, 1e9, 1e-6, 0.5, True, [], [[]], {}, [1, "a"], {"x": 1}, [{}], "touches"]
 )
 
 

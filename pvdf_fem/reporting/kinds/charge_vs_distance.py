@@ -18,11 +18,12 @@ from pvdf_fem.reporting.solved import Solved
 from pvdf_fem.response.model import default_reach_mm
 from pvdf_fem.scene.quantity import Length, Number, Section
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import SceneError
+from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.sweeps.lines import MappingScheme, direction
 
 #: Distance in mm from a line within which data are drawn on it: places are printed to 0.1 mm.
 ON_LINE_MM = 0.15
+MOST_STEPS = 500  #: Places on a line.
 
 
 class Variant(Section):
@@ -68,6 +69,9 @@ class ChargeVsDistance(Along):
     def _scheme(self, scene: Scene, name: str, step: float) -> MappingScheme:
         reach = default_reach_mm(scene) if self.reach_mm is None else self.reach_mm
         count = math.floor(2.0 * scene.film.radius_mm / step) + 1
+        if count > MOST_STEPS:
+            reason = f"makes {count} places on a line; give a longer one"
+            raise SceneError([problem("step_mm", step, reason)])
         steps = tuple((step * np.arange(count)).tolist())
         try:
             return MappingScheme(scene, name, self.angles_deg, steps, reach)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Discriminator, Field, Tag
+from pydantic import AfterValidator, Discriminator, Field, Tag
 
 from pvdf_fem.reporting import drawing
 from pvdf_fem.reporting.data import SHORT, Name
@@ -12,20 +12,30 @@ from pvdf_fem.reporting.kind import Content, Inputs, blamed, differ_in
 from pvdf_fem.reporting.kinds.along import Along, Series
 from pvdf_fem.reporting.solved import Solved
 from pvdf_fem.scene.change import number_at, spelled
-from pvdf_fem.scene.quantity import Finite
+from pvdf_fem.scene.quantity import Finite, refusal
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.sweeps.grid import Range
+
+MOST_VALUES = 200  #: Of a curve.
 
 
 def _list_or_range(value: Any) -> str:
     return "<list>" if isinstance(value, list | tuple) else "<range>"
 
 
+def _drawable(values: Range) -> Range:
+    if values.count > MOST_VALUES:
+        raise refusal(f"has a count of {values.count}; give at most {MOST_VALUES}")
+    if values.spacing == "log" and not values.start * values.stop > 0.0:
+        raise refusal("has no equal ratios; give both ends one sign, and not 0, or no spacing")
+    return values
+
+
 #: Numbers, or from `start` to `stop`; the tags are no part of a key.
 Values = Annotated[
-    Annotated[tuple[Finite, ...], Field(min_length=2, max_length=200), Tag("<list>")]
-    | Annotated[Range, Tag("<range>")],
+    Annotated[tuple[Finite, ...], Field(min_length=2, max_length=MOST_VALUES), Tag("<list>")]
+    | Annotated[Range, AfterValidator(_drawable), Tag("<range>")],
     Discriminator(_list_or_range),
 ]
 

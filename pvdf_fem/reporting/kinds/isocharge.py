@@ -62,9 +62,9 @@ class Isocharge(Mapped):
         scene = self.scene(inputs)
         self.names(scene)
         places = self.places(scene, inputs)
-        rows = self._rows(inputs, scene, places.reach_mm)[0]
+        scenes, rows = places.scenes, self._rows(inputs, scene, places.reach_mm)[0]
         self.require_rows(rows, "of the scene within the reach")
-        return places.scenes
+        return scenes
 
     def _rows(self, inputs: Inputs, scene: Scene, reach_mm: float) -> tuple[list[int], list[Scene]]:
         """Rows of the data that differ from the scene in the probe's place only, and all scenes."""

@@ -10,8 +10,10 @@ from pvdf_fem.reporting.solved import Solved
 from pvdf_fem.response.model import default_reach_mm
 from pvdf_fem.scene.quantity import Length
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.scene_file import SceneError, problem
 
 PREVIEW = 1.5  #: Pitch of a preview over the pitch.
+MOST_RINGS = 40  #: Of a map: some 5000 places.
 
 
 class Mapped(OfElectrodes):
@@ -24,6 +26,9 @@ class Mapped(OfElectrodes):
         """The places of the map of a scene."""
         reach = default_reach_mm(scene) if self.reach_mm is None else self.reach_mm
         pitch = (self.pitch_mm or pitch_of(scene)) * (PREVIEW if inputs.quick else 1.0)
+        if reach > MOST_RINGS * pitch:
+            reason = f"makes more than {MOST_RINGS} rings of places; give a longer one"
+            raise SceneError([problem("pitch_mm", pitch, reason)])
         return MapPlaces(scene, reach, pitch)
 
     def charge_map(self, places: MapPlaces, solved: Solved) -> ChargeMap:
