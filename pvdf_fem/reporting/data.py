@@ -116,7 +116,8 @@ class Readings:
     def row_names(self) -> list[str]:
         """What tells each row apart: its labels, else its keys."""
         cells = self.frame[list(self.source.labels)] if self.source.labels else self.shown
-        return [", ".join(map(cell_text, row)) for row in cells.itertuples(index=False)]
+        texts = (map(cell_text, row) for row in cells.itertuples(index=False))
+        return [", ".join(text for text in row if text) for row in texts]
 
     def thinned(self) -> Self:
         """Every so many rows, about `PREVIEW_ROWS` of them."""
@@ -141,14 +142,14 @@ def read_data(name: str, source: DataSource, scene: Scene, folder: Path) -> Read
         for column in columns
         if column not in frame.columns
     ]
+    labels = [label for label in source.labels if label in frame.columns]
+    frame = frame.assign(**{label: frame[label].fillna("") for label in labels})
     for column, wanted in source.where.items() if not problems else ():
         frame = frame[frame[column].isin(wanted if isinstance(wanted, list) else [wanted])]
     if not problems and frame.empty:
         problems.append(f"{where}: has no row, or `where` keeps none; give others")
     if problems:
         raise SceneError(problems[:MOST_MISTAKES])
-    labels = list(source.labels)
-    frame = frame.assign(**{label: frame[label].fillna("") for label in labels})
     frame = frame.dropna(axis="columns", how="all")  # what no row of these has
     # rows may have electrodes of their own
     rows = Readings(name, source, frame, ()).scenes(scene)

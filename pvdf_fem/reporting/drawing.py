@@ -94,8 +94,7 @@ def curves_figure(
         axes[i * per_row, 0].set_ylabel(y_label)
         if strips:
             axes[i * per_row + 1, 0].set_ylabel("diff. (%)")
-    for ax in axes[-1]:
-        ax.set_xlabel(x_label)
+    figure.supxlabel(x_label)
     low, high = axes[0, 0].get_xlim()
     wider = high * (high / low) ** ROOM if log else high + ROOM * (high - low)
     axes[0, 0].set_xlim(low, wider)

@@ -85,7 +85,7 @@ class Isocharge(Mapped):
         by_name = {name: charges[..., made.names.index(name)] for name in names}
         points = self._points(inputs, made, reading)
         figure = _figure(len(names))
-        _draw(figure, raster, by_name, self._levels(charges, points), scene, points)
+        _draw(figure, raster, by_name, self._levels(by_name, points), scene, points)
         figure.axes[-1].set_ylabel(READING_LABELS[reading])
         known = solved.charges(asked.scenes, names, reading)
         frame = pd.DataFrame(asked.places_mm, columns=["x_mm", "y_mm"])
@@ -100,15 +100,17 @@ class Isocharge(Mapped):
             text += " from our line of that charge in the median."
         return Content(text, frame, figure)
 
-    def _levels(self, charges: Array, points: pd.DataFrame) -> list[float]:
+    def _levels(self, by_name: dict[str, Array], points: pd.DataFrame) -> dict[str, list[float]]:
+        """Charges of the lines by electrode: those given, of the data if they are few, or round."""
         if isinstance(self.levels_pC, tuple):
-            return sorted(self.levels_pC)
-        distinct = sorted({*points.charge_pC.round(3)})
-        if 0 < len(distinct) <= self.levels_pC:
-            return distinct
-        low, high = float(charges.min()), float(charges.max())
+            return dict.fromkeys(by_name, sorted(self.levels_pC))
+        theirs = points.groupby("electrode").charge_pC.unique()
+        if len(points) and max(map(len, theirs)) <= self.levels_pC:
+            return {name: sorted(theirs.get(name, [])) for name in by_name}
+        low, high = _limits(by_name)
         ticks = MaxNLocator(self.levels_pC + 1, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
-        return [float(tick) for tick in ticks if low < tick < high]
+        round_ones = [float(tick) for tick in ticks if low < tick < high]
+        return {name: round_ones for name in by_name}
 
     def _points(self, inputs: Inputs, made: ChargeMap, reading: str) -> pd.DataFrame:
         """Charges of the data at their places, and their distances from the contours in mm."""
@@ -141,24 +143,29 @@ def _figure(count: int) -> Figure:
     return figure
 
 
+def _limits(by_name: dict[str, Array]) -> tuple[float, float]:
+    """Least and largest charge."""
+    everything = np.array([*by_name.values()])
+    return float(everything.min()), float(everything.max())
+
+
 def _draw(
     figure: Figure,
     raster: Array,
     by_name: dict[str, Array],
-    levels: Sequence[float],
+    levels: dict[str, list[float]],
     scene: Scene,
     points: pd.DataFrame,
 ) -> None:
     """Panels of the charges (radii, angles) by electrode, and the bar of their colours."""
-    everything = np.array([*by_name.values()])
-    low, high = float(everything.min()), float(everything.max())
+    low, high = _limits(by_name)
     # charges fall by a factor: equal ratios show their lines far from the electrode, too
     shades = (np.geomspace if low > 0.0 else np.linspace)(low, high, SHADES + 1)
     norm, colours = BoundaryNorm(shades, 256), figures.colours_of([low, high])[0]
     (x, y), reach = np.moveaxis(raster, -1, 0), float(raster.max())
     for ax, (name, values) in zip(figure.axes, by_name.items(), strict=True):
         filled = ax.contourf(x, y, values, shades, norm=norm, cmap=colours)
-        _lines(ax, x, y, values, levels)
+        _lines(ax, x, y, values, levels[name])
         draw_rim(ax, scene.film.radius_mm, 1.04 * reach)
         for electrode in scene.electrode_list:
             draw_electrode(ax, electrode.outline, [electrode.name])
@@ -168,7 +175,8 @@ def _draw(
     figure.supxlabel("x of the probe (mm)")
     figure.supylabel("y of the probe (mm)")
     bar = figure.colorbar(filled, ax=list(figure.axes), aspect=30, fraction=0.04, pad=0.02)
-    ticks = [low, *(level for level in levels if low < level < high), high]
+    named = sorted({level for of in levels.values() for level in of if low < level < high})
+    ticks = [low, *named, high]
     bar.set_ticks(ticks, labels=[f"{tick:.4g}" for tick in ticks])
 
 
@@ -176,6 +184,6 @@ def _lines(ax: Axes, x: Array, y: Array, values: Array, levels: Sequence[float])
     inside = [level for level in levels if values.min() < level < values.max()]
     if inside:
         lines = ax.contour(x, y, values, inside, colors="black", linewidths=0.9)
-        words = ax.clabel(lines, inside, fmt="%g", fontsize=7)
+        words = ax.clabel(lines, inside, fmt="%.4g", fontsize=7)
         for drawn in (lines, *words):
             drawn.set_path_effects([HALO])

@@ -13,10 +13,10 @@ from pydantic import Field
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.output.figures import COLOURS, HALO, draw_electrode, draw_rim, new_figure
-from pvdf_fem.reporting import drawing
 from pvdf_fem.reporting.charge_map import ChargeMap, MapPlaces
 from pvdf_fem.reporting.crossings import Contours
 from pvdf_fem.reporting.data import ERROR_MM, Readings
+from pvdf_fem.reporting.drawing import WIDTH_MM, listed
 from pvdf_fem.reporting.kind import PLACE, Content, Inputs, NothingToShow, differ_in, place_mm
 from pvdf_fem.reporting.kinds.mapped import Mapped
 from pvdf_fem.reporting.solved import Solved
@@ -98,14 +98,15 @@ class Positions(Mapped):
         if ERROR_MM in readings.frame:
             errors[readings.source.what] = readings.frame[ERROR_MM].to_numpy(float)
             frame[ERROR_MM] = errors[readings.source.what]
-        whose = f"{readings.source.what} charges" if readings.names else "charges computed there"
+        whose = f"{readings.source.what} charges" if readings.names else "computed charges"
         worst = 100.0 * max(charge_map.error_bound for charge_map in made)
         caption = (
             f"Touches found again from {whose}; circles have the radius of the errors, to scale. "
             f"Between solved places charges are known to {worst:.1g} %."
         )
-        figure = _figure(scenes[0], true, errors, readings.row_names())
-        return Content(caption, frame, figure, _shown(readings, true, errors), _claim(errors))
+        figure = _figure(scenes, true, errors, readings.row_names())
+        shown = _shown(readings, true, errors)
+        return Content(caption, frame, figure, shown, _claim(errors, whose))
 
 
 def _fitted(charge_map: ChargeMap, charges: dict[str, float], sigma: float) -> Array:
@@ -116,14 +117,15 @@ def _fitted(charge_map: ChargeMap, charges: dict[str, float], sigma: float) -> A
     return np.array([found.touches[0].x_mm, found.touches[0].y_mm])
 
 
-def _figure(scene: Scene, true: Array, errors: dict[str, Array], names: list[str]) -> Figure:
+def _figure(scenes: list[Scene], true: Array, errors: dict[str, Array], names: list[str]) -> Figure:
     """True places with circles of the errors about them."""
-    electrodes = [1e3 * e.outline.centroid for e in scene.electrode_list]
-    reach = 1.25 * float(np.linalg.norm([*true, *electrodes], axis=1).max())
-    figure = new_figure(drawing.WIDTH_MM, drawing.WIDTH_MM)
+    electrodes = dict.fromkeys(e for scene in scenes for e in scene.electrode_list)
+    centres = [1e3 * electrode.outline.centroid for electrode in electrodes]
+    reach = 1.25 * float(np.linalg.norm([*true, *centres], axis=1).max())
+    figure = new_figure(WIDTH_MM, WIDTH_MM)
     ax = figure.subplots()
-    draw_rim(ax, scene.film.radius_mm, min(reach, scene.film.radius_mm))
-    for electrode in scene.electrode_list:
+    draw_rim(ax, scenes[0].film.radius_mm, min(reach, scenes[0].film.radius_mm))
+    for electrode in electrodes:
         draw_electrode(ax, electrode.outline, [electrode.name])
     for colour, (whose, radii) in zip(COLOURS, errors.items(), strict=False):
         _circles(ax, true, radii, edgecolor=colour)
@@ -154,10 +156,12 @@ def _shown(readings: Readings, true: Array, errors: dict[str, Array]) -> pd.Data
     return shown
 
 
-def _claim(errors: dict[str, Array]) -> str:
-    """How well the touches are found."""
-    crossing, fitted = (np.nanmedian(errors[way]) if len(errors[way]) else np.nan for way in WAYS)
-    return (
-        f"{np.isfinite(errors['least squares']).sum()} touches are found again to {fitted:.2g} mm "
-        f"in the median by least squares, and to {crossing:.2g} mm by crossing contours"
-    )
+def _claim(errors: dict[str, Array], whose: str) -> str:
+    """How well the touches are found, and by the data, if they tell it."""
+    medians = pd.DataFrame(errors).median().dropna()
+    ours = [f"{size:.2g} mm by {way}" for way, size in medians.items() if way in WAYS]
+    theirs = [
+        f"; the {of} error is {size:.2g} mm" for of, size in medians.items() if of not in WAYS
+    ]
+    text = f"touches are found again from {whose} to {listed(ours)} in the median"
+    return "".join([text, *theirs])
