@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -11,7 +12,7 @@ from pydantic import Field
 
 from pvdf_fem.output.figures import GREY, HALO, look_of, new_figure
 from pvdf_fem.reporting import drawing
-from pvdf_fem.reporting.data import Readings, cell_text
+from pvdf_fem.reporting.data import SHORT, Readings, cell_text
 from pvdf_fem.reporting.kind import Content, Inputs, NothingToShow, OfElectrodes
 from pvdf_fem.reporting.solved import Solved
 from pvdf_fem.scene.scene import Scene
@@ -71,7 +72,8 @@ class Comparison(OfElectrodes):
             f"the {size.notna().sum()} {what} charges and the computed ones differ by "
             f"{size.median():.2g} % in the median and {size.max():.2g} % at most"
         )
-        figure, shown = _figure(frame, names, what), _shown(frame, charges, what)
+        kept = [*readings.source.labels, *SHORT] if readings.source.labels else []
+        figure, shown = _figure(frame, names, what), _shown(frame, charges, kept, what)
         return Content(caption, frame.drop(columns="row"), figure, shown, claim)
 
 
@@ -99,9 +101,12 @@ def _figure(frame: pd.DataFrame, names: tuple[str, ...], what: str) -> Figure:
     return figure
 
 
-def _shown(frame: pd.DataFrame, charges: pd.DataFrame, what: str) -> pd.DataFrame:
-    """The table of the page: keys as they are, charges with the digits that are sure."""
-    keys = [column for column in frame.columns if column not in (*charges.columns, "row")]
+def _shown(
+    frame: pd.DataFrame, charges: pd.DataFrame, kept: Sequence[str], what: str
+) -> pd.DataFrame:
+    """The table of the page: some keys, or all if none is named, charges with sure digits."""
+    own = (*charges.columns, "row")
+    keys = [key for key in frame.columns if key not in own and (key in kept or not kept)]
     shown = frame[keys].map(cell_text)
     shown["electrode"] = frame.electrode
     shown[f"{what} (pC)"] = [drawing.sure(value, 0.5) for value in frame.charge_pC]

@@ -160,8 +160,6 @@ def _claim(errors: dict[str, Array], whose: str) -> str:
     """How well the touches are found, and by the data, if they tell it."""
     medians = pd.DataFrame(errors).median().dropna()
     ours = [f"{size:.2g} mm by {way}" for way, size in medians.items() if way in WAYS]
-    theirs = [
-        f"; the {of} error is {size:.2g} mm" for of, size in medians.items() if of not in WAYS
-    ]
+    theirs = [f"the {of} error is {size:.2g} mm" for of, size in medians.items() if of not in WAYS]
     text = f"touches are found again from {whose} to {listed(ours)} in the median"
-    return "".join([text, *theirs])
+    return "; ".join([text, *theirs])
