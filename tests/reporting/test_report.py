@@ -12,6 +12,7 @@ import pytest
 
 from pvdf_fem import Report, Scene, solve
 from pvdf_fem.cli.main import main
+from pvdf_fem.reporting.drawing import spread
 from pvdf_fem.reporting.kind import Kind, NothingToShow
 from pvdf_fem.sweeps import sweep
 from tests.helpers.report_scripts import only, script, text_of
@@ -124,6 +125,37 @@ def test_an_interrupted_report_goes_on(tmp_path, monkeypatch):
     assert len(set(solved)) == len(solved)
     whole = report.make(tmp_path / "whole", processes=1)
     assert tmp_path.joinpath("out", "index.html").read_bytes() == whole.page.read_bytes()
+
+
+def test_data_on_a_line_are_beside_their_own_solves(tmp_path):
+    table = only("charge-vs-distance")
+    table["section"][0]["figure"][0] |= {"data": "touches", "variants": [], "step_mm": 4.0}
+    report = Report.load(write(tmp_path, table))
+    report.make(tmp_path / "out", processes=1)
+    lines = pd.read_csv(tmp_path / "out" / "data" / "charge-vs-distance.csv")
+    [row] = lines[lines.charge_pC.notna()].to_dict("records")  # the touch at (6, 2)
+    assert (row["curve"], row["distance_mm"], row["charge_pC"]) == ("90°", 2.0, 1000.0)
+    touch = {"probe.x_mm": 6.0, "probe.y_mm": 2.0, "numerics.tolerance": 1e-3}
+    fresh = solve(report.plan.scene.with_(**touch)).charges_pC["A"]
+    assert row["computed_pC"] == pytest.approx(fresh, rel=5e-3)
+    assert row["difference_percent"] == pytest.approx(row["computed_pC"] / 10.0 - 100.0)
+
+
+def test_first_screen_has_what_asks_for_it_then_one_of_each_kind(tmp_path):
+    table = script()
+    names = [item.name for item in Report.load(write(tmp_path, table)).plan.summary]
+    assert names == ["charge-vs-distance", "isocharge", "charges"]
+    table["section"][1]["table"][1]["summary"] = True
+    names = [item.name for item in Report.load(write(tmp_path, table)).plan.summary]
+    assert names == ["positions", "charge-vs-distance", "isocharge"]
+
+
+def test_names_at_the_ends_of_curves_do_not_overlap():
+    at = np.array([[0.0, 0.0], [1.0, 1.0], [0.0, 2.0], [50.0, 1.0]])
+    heights = spread(at, width=10.0, gap=5.0)
+    assert heights[3] == 1.0  # nothing is near
+    assert (np.diff(np.sort(heights[:3])) > 4.9).all()
+    assert list(np.argsort(heights[:3])) == [0, 1, 2]
 
 
 def test_failures_are_told_in_their_place_and_by_the_exit_code(tmp_path, capsys):
