@@ -69,7 +69,7 @@ class Content:
 
     caption: str
     frame: pd.DataFrame  #: What is drawn, with all digits: a CSV file.
-    figure: Figure
+    figure: Figure | None = None
     shown: pd.DataFrame | None = None  #: A table for the page, of texts.
     claim: str = ""  #: What is found, with its number: a clause of the verdict.
 

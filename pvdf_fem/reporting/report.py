@@ -142,8 +142,10 @@ class _Work:
         """Write a figure and its CSV file."""
         table = content.frame.to_csv(index=False, lineterminator="\n")
         self._write(self.out / "data" / f"{item.name}.csv", table)
-        svg = content_of(content.figure, ".svg").decode()
-        self._write(self.out / "figures" / f"{item.name}.svg", svg)
+        svg = ""
+        if content.figure is not None:
+            svg = content_of(content.figure, ".svg").decode()
+            self._write(self.out / "figures" / f"{item.name}.svg", svg)
         return Entry(item, content, svg, remarks=tuple(remarks))
 
     def _show(self) -> None:
