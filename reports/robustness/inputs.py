@@ -89,7 +89,8 @@ _NO_WORDS = {
 def scenes() -> tuple[str, ...]:
     """Valid scene files: those of ``geometry/``, and some with every kind of key."""
     texts = [path.read_text("utf-8") for path in sorted((ROOT / "geometry").glob("*.toml"))]
-    files = [text for text in texts if "[[axes]]" not in text]  # else a sweep
+    # else a sweep or a report
+    files = [text for text in texts if "[[axes]]" not in text and "[[section]]" not in text]
     star = [[0.0, 2.0], [0.5, 0.5], [2.0, 0.0], [0.5, -0.5], [0.0, -2.0], [-2.0, 0.0]]
     electrodes = [
         {"name": "A", "x_mm": 9.0, "y_mm": 0.0, "side_mm": 2.0, "rotation_deg": 30.0},
