@@ -135,42 +135,45 @@ def cell_text(cell: Any) -> str:
 
 def read_data(name: str, source: DataSource, scene: Scene, folder: Path) -> Readings:
     """The rows of a table; SceneError with all mistakes of the table."""
-    where, frame = f"data.{name}", _frame(f"data.{name}", source, folder)
+    where = f"data.{name}"
+    frame = _kept(where, source, _frame(where, source, folder))
+    # rows may have electrodes of their own
+    rows = [scene, *Readings(name, source, frame, ()).scenes(scene)]
+    electrodes = list(dict.fromkeys(e.name for row in rows for e in row.electrode_list))
+    known, problems = [*electrodes, *SHORT, *source.labels, *source.where, ERROR_MM], []
+    for column in frame.columns:
+        if column in (*electrodes, ERROR_MM):
+            numbers = pd.to_numeric(frame[column], errors="coerce")
+            for row in frame.index[frame[column].notna() & ~np.isfinite(numbers)]:
+                reason = f"is no finite number, in row {row + 1}; correct the cell"
+                problems.append(problem(f"{where}.{column}", frame[column][row], reason))
+            frame = frame.assign(**{column: numbers.astype(float)})
+        elif column not in known and "." not in column:
+            reason = f"is no key of a scene and no electrode; {choose(column, known)}"
+            reason += ", or name it in `labels`"
+            problems.append(problem(f"{where}.columns", column, reason))
+    if problems:
+        raise SceneError(problems[:MOST_MISTAKES])
+    names = tuple(electrode for electrode in electrodes if electrode in frame.columns)
+    return Readings(name, source, frame.reset_index(drop=True), names)
+
+
+def _kept(where: str, source: DataSource, frame: pd.DataFrame) -> pd.DataFrame:
+    """The rows that `where` keeps, with the columns that they have."""
     problems = [
         problem(f"{where}.{key}", column, f"is no column; {choose(column, list(frame.columns))}")
         for key, columns in (("where", source.where), ("labels", source.labels))
         for column in columns
         if column not in frame.columns
     ]
-    labels = [label for label in source.labels if label in frame.columns]
-    frame = frame.assign(**{label: frame[label].fillna("") for label in labels})
-    for column, wanted in source.where.items() if not problems else ():
+    if problems:
+        raise SceneError(problems[:MOST_MISTAKES])
+    frame = frame.assign(**{label: frame[label].fillna("") for label in source.labels})
+    for column, wanted in source.where.items():
         frame = frame[frame[column].isin(wanted if isinstance(wanted, list) else [wanted])]
-    if not problems and frame.empty:
-        problems.append(f"{where}: has no row, or `where` keeps none; give others")
-    if problems:
-        raise SceneError(problems[:MOST_MISTAKES])
-    frame = frame.dropna(axis="columns", how="all")  # what no row of these has
-    # rows may have electrodes of their own
-    rows = Readings(name, source, frame, ()).scenes(scene)
-    found = {tuple(e.name for e in row.electrode_list): None for row in (scene, *rows)}
-    electrodes = list(dict.fromkeys(electrode for names in found for electrode in names))
-    names = tuple(electrode for electrode in electrodes if electrode in frame.columns)
-    for column in (c for c in (*names, ERROR_MM) if c in frame.columns):
-        numbers = pd.to_numeric(frame[column], errors="coerce")
-        for row in frame.index[frame[column].notna() & ~np.isfinite(numbers)]:
-            reason = f"is no finite number, in row {row + 1}; correct the cell"
-            problems.append(problem(f"{where}.{column}", frame[column][row], reason))
-        frame = frame.assign(**{column: numbers.astype(float)})
-    known = [*electrodes, *SHORT, *labels, *source.where, ERROR_MM]
-    for column in frame.columns:
-        if column not in known and "." not in column:
-            reason = f"is no key of a scene and no electrode; {choose(column, known)}"
-            reason += ", or name it in `labels`"
-            problems.append(problem(f"{where}.columns", column, reason))
-    if problems:
-        raise SceneError(problems[:MOST_MISTAKES])
-    return Readings(name, source, frame.reset_index(drop=True), names)
+    if frame.empty:
+        raise SceneError([f"{where}: has no row, or `where` keeps none; give others"])
+    return frame.dropna(axis="columns", how="all")
 
 
 def _frame(where: str, source: DataSource, folder: Path) -> pd.DataFrame:
