@@ -3,6 +3,7 @@
 Scene and solution
     `Scene` describes film, electrodes, probe and load; `solve` gives a `Solution` with the charges.
     `SceneError` lists the mistakes of a scene; `NotConvergedError` says why there are no charges.
+    `Replaced` is a table that takes the place of a whole one in `Scene.with_`.
 About one solution
     `gradients` differentiates the charges; `modes` gives the frequencies of the film, `respond` the
     charges of an oscillating force by frequency, `transient` those of a touch by time.
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from pvdf_fem.reporting.report import Report
     from pvdf_fem.response.build import build_response
     from pvdf_fem.response.response import Response
-    from pvdf_fem.scene.scene import Scene, SceneError
+    from pvdf_fem.scene.scene import Replaced, Scene, SceneError
     from pvdf_fem.solution.solution import NotConvergedError, Solution
     from pvdf_fem.solution.solve import solve
     from pvdf_fem.sweeps.sweep import sweep
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "NotConvergedError",
+    "Replaced",
     "Report",
     "Response",
     "Scene",
@@ -67,6 +69,7 @@ __version__ = "0.1.0"
 _MODULES = {
     "NotConvergedError": "solution.solution",
     "Report": "reporting.report",
+    "Replaced": "scene.scene",
     "Response": "response.response",
     "Scene": "scene.scene",
     "SceneError": "scene.scene",

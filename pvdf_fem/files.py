@@ -24,11 +24,16 @@ def printable(text: str) -> str:
 
 
 def read_text(path: Path, most_bytes: int, what: str) -> str:
-    """Text of a regular UTF-8 file, without a byte order mark.
+    """Text of a regular UTF-8 file, without a byte order mark; see `read_bytes`, `decoded`."""
+    return decoded(path, read_bytes(path, most_bytes, what))
+
+
+def read_bytes(path: Path, most_bytes: int, what: str) -> bytes:
+    """Content of a regular file.
 
     A pipe or a device, which may never end, is refused without reading. `what` says in error texts
-    what the file should be: ``a scene file``. Raises `FileError` when the file cannot be read, has
-    more than `most_bytes`, or is not UTF-8.
+    what the file should be: ``a scene file``. Raises `FileError` when the file cannot be read, or
+    has more than `most_bytes`.
     """
     with reading(path, what) as file, _as_unreadable(path, what):
         raw = file.read(most_bytes + 1)
@@ -37,12 +42,26 @@ def read_text(path: Path, most_bytes: int, what: str) -> str:
         raise FileError(
             f"{path}: has {size} bytes, more than {most_bytes}; give the path of {what}"
         )
+    return raw
+
+
+def decoded(path: Path, raw: bytes) -> str:
+    """The text of a file's content, without a byte order mark; `FileError` if it is not UTF-8."""
+    require_lines(raw, str(path))
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
         text = f"{path}: line {line} is not UTF-8 text; save the file as UTF-8"
         raise FileError(text) from None
+
+
+def require_lines(raw: bytes, name: str) -> None:
+    """Raise `FileError` for a text, or a first line, in UTF-16, or whose lines end in CR alone."""
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")) or raw[:2].count(0) == 1:
+        raise FileError(f"{name}: is UTF-16 text; save the file as UTF-8")
+    if b"\r" in raw.removesuffix(b"\r") and b"\n" not in raw:
+        raise FileError(f"{name}: has lines that end in CR alone; save the file with LF or CR LF")
 
 
 def csv_rows(lines: Iterable[str], header: str) -> Iterator[list[str]]:

@@ -87,7 +87,6 @@ UPWARD_WHEN_CALLED = {
     ("pvdf_fem.dynamics.modes", "pvdf_fem.output.charts"),  # Modes.plot
     ("pvdf_fem.response.response", "pvdf_fem.output.touch_map"),  # Response.plot
     ("pvdf_fem.touch.location", "pvdf_fem.output.touch_map"),  # Location.plot
-    ("pvdf_fem.charges.rest", "pvdf_fem.solution.solve"),  # the untouched film
 }
 MOST_MODULES = {"pvdf_fem": 12, "reports": 15, "tests": 15}
 

@@ -142,7 +142,8 @@ def _of_readings(model: TouchModel) -> Iterator[Change]:
     yield change(CalibrationStatus.SIGN, "readings have the wrong sign", -read)
     other = "total" if model.reading == "change" else "change"
     text = f"readings are of the {other} of the charge, not of the {model.reading};"
-    yield Change(CalibrationStatus.READING, f"{text} give reading = {other}", touches, other)
+    if np.isfinite(model.rest[1]).all():
+        yield Change(CalibrationStatus.READING, f"{text} give reading = {other}", touches, other)
     for j, name in enumerate(names if len(names) > 2 else ()):
         without = read.copy()
         without[:, j] = np.nan

@@ -14,13 +14,13 @@ import numpy as np
 from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.calibration.touches import TOUCH_KEYS, Touches, touched
 from pvdf_fem.calibration.unknowns import GAIN, OFFSET, SHIFT, TURN, Unknowns, value_of
-from pvdf_fem.charges.rest import rest_charges
+from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.derivatives.parameters import COEFFICIENTS
 from pvdf_fem.derivatives.rates import force_rates
 from pvdf_fem.readout.channel import Channel, channels
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.solution.solve import solve
+from pvdf_fem.solution.solve import rest_forces, solve_goals
 from pvdf_fem.solvers.status import Status
 
 
@@ -102,7 +102,7 @@ class TouchModel:
             self.failures[i] = "the touch is over the film's rim"
             if (moved := touched(scene, arguments[:4])) is None:
                 continue
-            solution = solve(moved)
+            solution = solve_goals(moved, goals_of(moved))
             self.solves += 1
             self.failures[i] = f"{solution.status}: {solution.reason}"
             if solution.status is not Status.CONVERGED:
@@ -160,11 +160,11 @@ class TouchModel:
         return scale * by_touch, scale[:, 0] * by_turn
 
     def _rest(self, scene: Scene, step: float = 1e-4) -> tuple[Array, Array]:
-        """Forces of the flat film in N, (electrodes, 2), and their derivatives, (keys, ...)."""
+        """Forces of the untouched film in N, (electrodes, 2), and their derivatives, (keys, ...);
+        NaN where it has none and readings are totals."""
 
         def forces(at: Scene) -> Array:
-            units = (dict(zip(COEFFICIENTS, d, strict=True)) for d in np.eye(2).tolist())
-            return 1e12 * np.stack([rest_charges(at.with_(**unit)) for unit in units], axis=-1)
+            return rest_forces(at, needed=self.reading == "change").values
 
         rates = np.zeros((len(self.keys), len(self.channels), 2))
         for i, key in enumerate(self.keys[len(TOUCH_KEYS) :], len(TOUCH_KEYS)):

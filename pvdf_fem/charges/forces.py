@@ -39,6 +39,11 @@ class Forces:
     values: Array  #: X and Y of each electrode in N, (goals, 2).
     errors: Array  #: Their estimated errors in N, with signs, (goals, 2).
 
+    @classmethod
+    def unknown(cls, goals: int) -> Forces:
+        """NaN for each of a number of electrodes."""
+        return cls(np.full((goals, 2), np.nan), np.full((goals, 2), np.nan))
+
     def of(self, rows: Selection | Sequence[int]) -> Forces:
         """The forces of some electrodes."""
         return Forces(self.values[rows], self.errors[rows])

@@ -1,37 +1,44 @@
-"""Charges of the untouched film: by its pretension, and by a change of its temperature."""
+"""The untouched film: the charges of its tension, and the charge of a change of its temperature."""
 
 from __future__ import annotations
 
-from functools import lru_cache
+import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.charges.forces import area_integrals
-from pvdf_fem.charges.goals import areas_of, coefficients_of, goals_of
+from pvdf_fem.charges.forces import Forces, area_integrals
+from pvdf_fem.charges.goals import areas_of, goals_of
 from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.film.laws import TensionField
 from pvdf_fem.film.loads.heat import AddedStrain
 from pvdf_fem.film.models import film_model
+from pvdf_fem.scene.registry import Load
 from pvdf_fem.scene.scene import Scene
 
 
-def rest_charges(scene: Scene) -> Array:
-    """Charge in C of each electrode of the flat, untouched film, (electrodes,), before it warms. It
-    needs no solve where the stress of the flat clamped film is the same everywhere: any observable
-    makes area times stress of it. A film that moves in its plane while it is untouched is solved.
+def untouched(scene: Scene) -> Scene:
+    """The scene without its probes, before the film warms, without voltages. It bends if the
+    touched film does."""
+    bends = {"bending": film_model(scene).bends, "coupling": False}
+    film = scene.film.zeroed.model_copy(update=bends)
+    bare = dict.fromkeys(("probe", "readout", "stage", "air"))
+    return scene.model_copy(update={**bare, "film": film, "load": Load()})
+
+
+def known_at_rest(film: Scene) -> Forces | None:
+    """Forces X, Y of each electrode of an untouched film; None where a solve has to tell.
+
+    The stress of a flat film is the same everywhere, and any observable makes area times stress of
+    it. A film that moves in its plane is not flat, and compression is only borne, if at all, by a
+    film that bends. A film in a tension field carries none.
     """
-    if scene.film.warming_K is not None:
-        scene = scene.model_copy(update={"film": scene.film.zeroed})
-    if scene.film.moves_at_rest:
-        return _solved(scene.model_copy(update={"probe": None}))
-    goals, stress = goals_of(scene), film_model(scene).stress_at_rest
-    return areas_of(goals) * (coefficients_of(goals) @ stress[:2])
-
-
-@lru_cache(maxsize=64)
-def _solved(untouched: Scene) -> Array:
-    from pvdf_fem.solution.solve import solve  # above
-
-    film = untouched.film
-    return solve(untouched).fields.forces.charges((film.d31, film.d32))
+    material, goals, stress = film.film, goals_of(film), film.film.stress_at_rest
+    taut, wrinkles = stress[:2].min() >= 0.0, film_model(film).wrinkles
+    if material.moves_at_rest or not (taut or wrinkles):
+        return None
+    if not taut:
+        stress = TensionField(material.stiffness).stress(material.strain_at_rest[None])[0]
+    forces = areas_of(goals)[:, None] * stress[:2]
+    return Forces(forces, np.zeros_like(forces))
 
 
 def heat_charges(scene: Scene, solved: Equilibrium) -> Array:

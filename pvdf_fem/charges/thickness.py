@@ -17,10 +17,12 @@ from pvdf_fem.film.electric.coupling import coupled
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.contact_guess import guessed_force, guessed_press
 from pvdf_fem.film.loads.kinds import LOADS
+from pvdf_fem.film.loads.posed import NOTHING, Posed, PosedProbe
+from pvdf_fem.film.loads.profiles import profile_of
 from pvdf_fem.film.remarks import Charges, charge_remark
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.gmsh_mesh import electrode_patch
-from pvdf_fem.scene.scene import LoadedProbe, Scene
+from pvdf_fem.scene.scene import Scene
 
 #: d33 of PVDF in pC/N, by which charges that are left out are estimated.
 TYPICAL_PC_N = -15.0
@@ -38,12 +40,14 @@ def thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
     return -0.5e-12 * d33 * np.array(on)
 
 
-def thickness_remarks(scene: Scene, charges_pC: Charges = None) -> Iterator[tuple[bool, str]]:
+def thickness_remarks(
+    scene: Scene, charges_pC: Charges = None, posed: Posed = NOTHING
+) -> Iterator[tuple[bool, str]]:
     """Whether the charge by d33 is included, and its size, in parts of charges that are given;
     none where no electrode is pressed."""
     given, electrodes = scene.film.d33_pC_N, scene.electrode_list
     polygons = np.array([electrode.outline.polygon for electrode in electrodes])
-    on = sum((_about(scene, touch, polygons) for touch in scene.loaded_probes), np.zeros(1))
+    on = sum((_about(scene, touch, polygons) for touch in posed.touches(scene)), np.zeros(1))
     if on.any():
         most = int(on.argmax())
         about = "thickness direction, pressed by a probe", "film.d33_pC_N"
@@ -56,12 +60,15 @@ def thickness_remarks(scene: Scene, charges_pC: Charges = None) -> Iterator[tupl
             yield False, f"{text}; no key includes it"
 
 
-def _about(scene: Scene, touch: LoadedProbe, polygons: NDArray[np.object_]) -> Array:
+def _about(scene: Scene, touch: PosedProbe, polygons: NDArray[np.object_]) -> Array:
     """About the force in N of a touch that presses on each electrode."""
     (outline, _), force = guessed_press(scene, touch), guessed_force(touch.load, scene.film)
     probe, at_edge = outline.polygon, LOADS[touch.load.kind].edge_share
     inside, edge = (shapely.intersection(polygons, x) for x in (probe, probe.exterior))
     along, over = shapely.length(edge) / probe.length, shapely.area(inside) / probe.area
+    if (profile := profile_of(touch)).order and (pressed := np.flatnonzero(over)).size:
+        means = [profile.mean(shape) for shape in inside[pressed]]
+        over[pressed] *= np.array(means) / max(profile.mean(probe), np.finfo(float).tiny)
     x, y = outline.corners.T
     tips = AT_CORNER * shapely.contains_xy(polygons[:, None], x, y).sum(axis=1)
     return np.asarray(force * (at_edge * (along + tips) + (1.0 - at_edge) * over))

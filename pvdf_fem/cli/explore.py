@@ -13,7 +13,8 @@ from pvdf_fem.cli.response_model import number_of
 DESCRIPTION = """\
 A page in the browser, served on this machine only (127.0.0.1): drag, turn and press
 the probe, change film and electrodes, and see deflection or stress, charges,
-readings, and what `locate` says of these charges. Every picture is a full solve."""
+readings, and what `locate` says of these charges. Every picture is a full solve.
+A file as load.profile must be named by the scene file: the page reads no other."""
 EPILOG = """\
 examples:
   pvdf-fem explore scene.toml

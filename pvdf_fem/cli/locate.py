@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -45,8 +46,10 @@ With --csv every row of a file is located. Its header has names of electrodes,
 and may have rotation_deg and force_N, which are then known. Other columns are
 passed through; columns x_mm, y_mm, rotation_deg, force_N, their deviations,
 chi_square, p_value, alternatives (other touches with 1 % of the likelihood or
-more), status and remark follow. Files that end in .json or .jsonl have a list
-of objects, or an object on each line; - is CSV, or such a list with --json."""
+more), status and remark follow. A row that no touch of the model explains is
+`unexplained`; its numbers are those of the nearest touch. Files that end in
+.json or .jsonl have a list of objects, or an object on each line; - is CSV, or
+such a list with --json."""
 
 EPILOG = """\
 examples:
@@ -60,8 +63,8 @@ examples:
   read-amplifier | pvdf-fem locate sensor.toml --csv - --quick | show-touches
   pvdf-fem locate triangle.toml --or rectangle.toml --charges A=905,B=731,C=600,D=641
 
-exit codes: 0 located (look at the remarks; with --csv all rows that can be
-used), 2 bad input, 3 no touch found, or a solve failed"""
+exit codes: 0 located (look at the remarks; with --csv one row or more),
+2 bad input, 3 no touch found, with --csv in any row, or a solve failed"""
 
 _UNITS = {"x": "mm", "y": "mm", "force": "N", "rotation": "°"}
 
@@ -239,13 +242,14 @@ def print_matches(matches: Sequence[ProbeMatch], as_json: bool) -> None:
 def location_lines(found: Location) -> list[str]:
     """A location as lines."""
     from pvdf_fem.readout.channel import READINGS
-    from pvdf_fem.touch.measurement import electrode_columns
+    from pvdf_fem.touch.measurement import rest_of
 
     lines = [f"remark      {text}" for text in found.remarks]
     lines.append(f"reading     {READINGS[found.reading]}")
     if found.reading == "total":
-        rest = max(abs(pC) for *_, pC in electrode_columns(found.problem.model.scene).values())
-        lines[-1] += f", up to {rest:.3g} pC of them without a touch"
+        rest = float(abs(rest_of(found.problem.model.scene)[0]).max())
+        known = not math.isnan(rest)
+        lines[-1] += f", up to {rest:.3g} pC of them without a touch" if known else ""
     for number, touch in enumerate(found.touches, start=1):
         several = f" {number} of {len(found.touches)}" if len(found.touches) > 1 else ""
         lines += [f"touch{several}", *_touch_lines(touch, found)]

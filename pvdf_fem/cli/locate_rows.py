@@ -26,7 +26,6 @@ CALIBRATED_ROWS = 32
 #: Columns with what is known of a touch, and the options of `locate_many` for them.
 KNOWN = {"rotation_deg": "rotations_deg", "force_N": "forces_N"}
 OTHER = "explained as"  #: In a remark about a row that is none of the reading.
-UNEXPLAINED = "unexplained"  #: In a remark about a row that no touch explains.
 
 
 def locate_rows(scene: Scene, request: Request, options: argparse.Namespace) -> int:
@@ -61,8 +60,7 @@ def locate_rows(scene: Scene, request: Request, options: argparse.Namespace) -> 
             for first in range(0, len(batch), step):
                 located = locate(batch[first : first + step])
                 counts.update(row["status"] for row in located)
-                for told in (OTHER, UNEXPLAINED):
-                    counts[told] += sum(told in row["remark"] for row in located)
+                counts[OTHER] += sum(OTHER in row["remark"] for row in located)
                 write(located)
     return _told(counts)
 
@@ -71,9 +69,9 @@ def _told(counts: Counter[str]) -> int:
     """Tell on standard error what became of rows; the exit code."""
     if others := counts.pop(OTHER, 0):
         print(f"{others} rows are {OTHER} the other --reading; see their remarks", file=sys.stderr)
-    if others := counts.pop(UNEXPLAINED, 0):
+    if counts["unexplained"]:
         check = "check --unit, signs and the order of channels"
-        print(f"{others} rows are {UNEXPLAINED}: no touch fits; {check}", file=sys.stderr)
+        print(f"unexplained rows: no touch fits them; {check}", file=sys.stderr)
     named = ", ".join(f"{count} {status}" for status, count in counts.items())
     print(f"{counts.total()} rows: {named or 'none'}", file=sys.stderr)
     failed = counts["no_touch_found"] or (counts and not counts["located"])

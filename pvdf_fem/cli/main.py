@@ -181,9 +181,9 @@ def _parser() -> argparse.ArgumentParser:
         ("--vtu", "write deflection, stresses, patches for ParaView"),
     ):
         solve.add_argument(name, metavar="FILE", type=Path, help=about)
-    shown = "deflection, stress, charge density, principal directions, mesh, error or contact"
+    shown = "stress, charge density, principal directions, mesh, error or contact"
     add_plot(solve, "a map of the film")
-    add_texts(solve, ("--quantity", "NAME", "deflection", f"what --plot shows: {shown}"))
+    add_texts(solve, ("--quantity", "NAME", None, f"what --plot shows, if not deflection: {shown}"))
     summary = "write the mesh of a scene"
     mesh = add_scene_command(commands, "mesh", _mesh, summary, _MESH, _MESH_EPILOG, as_json="")
     mesh.add_argument("file", metavar="FILE", type=Path, help="mesh file to write")
@@ -212,12 +212,15 @@ def _example(options: argparse.Namespace) -> int:
 def _solve(options: argparse.Namespace) -> int:
     mistakes = output_mistakes(options.vtu, [".vtu"], options.scene, options.mesh)
     mistakes += plot_mistakes(options, options.scene, options.mesh, options.vtu)
+    quantity = "deflection" if options.quantity is None else options.quantity
+    if options.quantity is not None and not options.plot:
+        mistakes.append("--quantity: is what --plot shows; give --plot FILE, or leave it out")
     scene = scene_of(options, *mistakes)
     if options.plot:
         from pvdf_fem.output.film_map import require_quantity
 
         try:
-            require_quantity(options.quantity, scene)
+            require_quantity(quantity, scene)
         except ValueError as error:
             raise InputError(f"--quantity: {error}") from error
     from pvdf_fem.solution.solve import solve
@@ -230,7 +233,7 @@ def _solve(options: argparse.Namespace) -> int:
             if options.vtu:
                 solution.to_vtu(options.vtu)
             if options.plot:
-                save_plot(solution.plot(options.quantity), options)
+                save_plot(solution.plot(quantity), options)
     finally:  # a full disk does not take the charges with it
         _print(solution.to_json(), options.json, lambda: str(solution))
     return ExitCode.CONVERGED if converged else ExitCode.NOT_CONVERGED

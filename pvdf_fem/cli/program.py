@@ -86,7 +86,8 @@ def add_scene_command(
         default=[],
         dest="settings",
         help="change a value of the scene, such as load.force_N=2 or electrodes[0].x_mm=9; VALUE "
-        "is TOML, and a bare word is text; may be given several times, the last counts",
+        "is TOML, and a bare word is text; a table, as in 'film={thickness_um=12}', changes the "
+        "keys that it has; may be given several times, the last counts",
     )
     if as_json:
         parser.add_argument("--json", action="store_true", help=as_json)
@@ -98,11 +99,15 @@ def scene_of(options: argparse.Namespace, *mistakes: str) -> Scene:
     from pvdf_fem.scene.change import spelled
     from pvdf_fem.scene.scene import Scene
 
-    problems, changes = list(mistakes), {}
+    problems = list(mistakes)
+    changes: dict[str, Any] = {}
     for text in options.settings:
         try:
             key, value = parse_change(text)
-            changes[spelled(key)] = value
+            before = changes.get(key := spelled(key))
+            if isinstance(value, dict) and isinstance(before, dict):
+                value = before | value
+            changes[key] = value
         except SceneError as error:
             problems += [f"--set {told}" for told in error.problems]
     try:
@@ -119,13 +124,15 @@ def scene_of(options: argparse.Namespace, *mistakes: str) -> Scene:
 
 def _lost(given: Scene, scene: Scene, changes: Mapping[str, Any]) -> Iterator[str]:
     """What a scene file has and the changed scene has not, though no change names it."""
+    from pvdf_fem.scene.change import named
+
     set_before = given.model_dump(mode="json", exclude_unset=True, exclude_none=True)
-    after = scene.model_dump(mode="json", exclude_none=True)
+    after, known = scene.model_dump(mode="json", exclude_none=True), named(changes)
     for name, section in set_before.items():
         tables = (s if isinstance(s, list) else [s] for s in (section, after.get(name, {})))
         for old, new in zip(*tables, strict=False):
             for key in (f"{name}.{key}" for key in old if key not in new):
-                if not key.startswith(tuple(changes)):
+                if not known & {name, key}:
                     yield f"{key} = {quote(old[key.rpartition('.')[2]])}"
 
 

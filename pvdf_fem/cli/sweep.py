@@ -111,6 +111,8 @@ def add_to(commands: Any) -> None:
     parser.add_argument("script", metavar="REPORT.toml", type=Path, help="report script")
     about = "directory to write (default: the script's name here, without .toml)"
     parser.add_argument("--out", metavar="DIR", type=Path, help=about)
+    about = "Python file that is run for further kinds of figures: its classes of Kind"
+    parser.add_argument("--kinds", metavar="FILE.py", type=Path, help=about)
     about = "few scenes to a coarse tolerance, to see what the page looks like"
     parser.add_argument("--quick", action="store_true", help=about)
     _add_processes(parser)
@@ -196,13 +198,14 @@ def _run(
 
 
 def _report(options: argparse.Namespace) -> int:
+    from pvdf_fem.reporting.registry import kinds_of
     from pvdf_fem.reporting.report import Report
     from pvdf_fem.scene.scene_file import SceneError
     from pvdf_fem.sweeps.sweep import shown
 
     mistakes = _process_mistakes(options)
     try:
-        report = Report.load(options.script)
+        report = Report.load(options.script, kinds_of(options.kinds) if options.kinds else None)
     except SceneError as error:
         raise InputError(*mistakes, *error.problems) from error
     if mistakes:

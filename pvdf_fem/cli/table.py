@@ -14,7 +14,7 @@ from typing import Any, BinaryIO, TextIO
 
 from pvdf_fem.cli.program import InputError
 from pvdf_fem.cli.response_model import number_of
-from pvdf_fem.files import FileError, csv_rows, reading, replacing
+from pvdf_fem.files import FileError, csv_rows, reading, replacing, require_lines
 
 LONGEST_ROW = 1 << 20  #: Largest size in bytes of a line, or of an object.
 CHUNK = 1 << 18  #: Bytes that are read at once at most; a pipe gives what has come.
@@ -39,7 +39,11 @@ def rows_of(
         raise InputError("standard input: is closed; redirect it from a file")
     stream = stack.enter_context(reading(source, "a table")) if source else sys.stdin.buffer
     name = str(source or "standard input")
-    batches = (_csv_rows if kind == ".csv" else _json_rows)(_lines(stream, name), name)
+    lines = _lines(stream, name)
+    first = next(lines, [""])
+    require_lines(first[0].encode("utf-8", "surrogateescape"), name)
+    read = _csv_rows if kind == ".csv" else _json_rows
+    batches = read(itertools.chain([first], lines), name)
     columns = list(next(batches, [({}, True)])[0][0])
     if not set(columns) & set(electrodes):
         shown = ", ".join(columns)
@@ -100,12 +104,12 @@ def writer(
 
 def _csv_rows(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
     """First a row with the columns of a table, then its rows as they come."""
-    header, *first = next(lines, [""])
+    header, *first = next(lines)
     columns = [column.strip() for column in _cells(header, header)]
     if twice := sorted({column for column in columns if columns.count(column) > 1}):
         raise FileError(f"{name}: column {twice[0]} is there twice; rename one")
     yield [(dict.fromkeys(columns), True)]
-    for batch in itertools.chain([first], lines):
+    for batch in itertools.chain([first] if first else [], lines):
         cells = [_cells(line, header) for line in batch]
         yield [(dict(zip(columns, row, strict=False)), len(row) == len(columns)) for row in cells]
 

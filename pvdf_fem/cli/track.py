@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -46,12 +47,13 @@ status of a row, and of a touch that has ended:
   lost         a touch cannot be told from the drift any longer, or the readings
                paused
   clock        the time did not grow, and all begins anew
+  malformed    not a number in each cell, or no time; the row is left out
 
 examples:
   pvdf-fem track sensor.toml signals.csv > rows.csv
   my-logger | pvdf-fem track sensor.toml - --json
 
-exit codes: 0 done, 2 bad input"""
+exit codes: 0 done, 2 bad input, or no row that can be used"""
 
 
 def add_to(commands: Any) -> None:
@@ -70,6 +72,8 @@ def add_to(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the command; returns its exit code."""
     scene = scene_of(options)
+    from pvdf_fem.solution.solve import rest_charges
+    from pvdf_fem.touch.locate_many import RowStatus
     from pvdf_fem.tracking.rows import Row
     from pvdf_fem.tracking.tracker import Tracker
 
@@ -83,6 +87,7 @@ def run(options: argparse.Namespace) -> int:
         mistakes.append(f"--unit V: {options.scene} has no [readout]; add one, or give pC")
     if mistakes:
         raise InputError(*mistakes)
+    rest_charges(scene)  # without charges at rest the scene is refused, before a model is built
     electrodes = [electrode.name for electrode in scene.electrode_list]
     source = None if options.signals == "-" else Path(options.signals)
     name = source or "standard input"
@@ -99,17 +104,16 @@ def run(options: argparse.Namespace) -> int:
             raise InputError(*str(error).splitlines()) from error
         kind = ".jsonl" if options.json else ".csv"
         write = writer(stack, None, kind, [f.name for f in fields(Row)])
-        rows, told = (row for batch in batches for row in batch), 0
+        rows, malformed, count, told = (row for batch in batches for row in batch), 0, 0, 0
         unit = f"; are the readings in {options.unit}, as --unit says?"
+        wanted = f"give {len(columns)} numbers, or nan for what is missing"
         for count, (cells, sound) in enumerate(rows, 1):
-            texts = {key: cells.get(key, "").strip() for key in ("t_s", *electrodes)}
-            values = {key: number(text) for key, text in texts.items()}
-            wrong = {texts[n] for n, v in values.items() if math.isnan(v)} - {"", "nan", "NaN"}
-            if wrong or not sound:
-                shown = printable(", ".join(sorted(wrong)))[:40] or f"{len(cells)} cells"
-                wanted = f"give {len(columns)} numbers, or nan for what is missing"
-                raise InputError(f"{name}: row {count} has {shown}; {wanted}")
-            row = tracker.update(values.pop("t_s"), values)
+            values, wrong = _sample(cells, sound, electrodes)
+            t_s = values.pop("t_s")
+            if wrong and not malformed:
+                print(f"{name}: row {count} has {wrong}; {wanted}", file=sys.stderr, flush=True)
+            malformed += bool(wrong)
+            row = Row(t_s, RowStatus.MALFORMED) if wrong else tracker.update(t_s, values)
             write([_plain(row)])
             for summary in tracker.touches[told:]:
                 if options.json:
@@ -118,9 +122,25 @@ def run(options: argparse.Namespace) -> int:
                     doubt = unit if math.isnan(summary.force_N) else ""
                     print(f"{summary}{doubt}", file=sys.stderr, flush=True)
             told = len(tracker.touches)
+    if malformed:
+        print(f"{name}: {malformed} of {count} rows are malformed, left out", file=sys.stderr)
+        if malformed == count:
+            return ExitCode.BAD_INPUT
     if not told:
         print(f"{name}: nothing touches{unit}", file=sys.stderr)
     return ExitCode.CONVERGED
+
+
+def _sample(
+    cells: dict[str, Any], sound: bool, electrodes: Sequence[str]
+) -> tuple[dict[str, float], str]:
+    """The numbers of a row by column, NaN where missing, and what keeps the row from being used."""
+    texts = {key: cells.get(key, "").strip() for key in ("t_s", *electrodes)}
+    values = {key: number(text) for key, text in texts.items()}
+    wrong = {texts[n] for n, v in values.items() if math.isnan(v)} - {"", "nan", "NaN"}
+    if wrong or not sound:
+        return values, printable(", ".join(sorted(wrong)))[:40] or f"{len(cells)} cells"
+    return values, "" if math.isfinite(values["t_s"]) else "no time t_s"
 
 
 def _plain(row: Row) -> dict[str, Any]:

@@ -75,7 +75,7 @@ def adjoints(solution: Solution) -> tuple[Adjoint, Adjoint]:
 
 def next_order(solved: Equilibrium, q: Array, factors: SuperLU) -> Correction:
     """The solution in the order above on the same mesh; raises `NotConvergedError`."""
-    rich = Equilibrium(solved.scene, solved.space.mesh, solved.space.order + 1)
+    rich = solved.with_(order=solved.space.order + 1)
     correction = corrected(solved, q, factors, rich, Budget.of(solved.scene))
     if isinstance(correction, NewtonResult):
         raise NotConvergedError(f"{correction.status}: {correction.status.advice}")

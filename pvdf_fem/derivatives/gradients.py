@@ -19,6 +19,7 @@ from pvdf_fem.derivatives.rates import rate_of
 from pvdf_fem.film.models import film_model
 from pvdf_fem.scene.change import number_at
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.solution.history import Stop
 from pvdf_fem.solution.solution import NotConvergedError, Solution
 from pvdf_fem.solution.solve import solve
 from pvdf_fem.solvers.status import Status
@@ -82,16 +83,22 @@ def gradients(
     NotConvergedError
         When the solution is not converged, or no mesh meets the tolerance.
     ValueError
-        For a key that is not among `parameters_of` the scene, or a tolerance out of range.
+        For a key that is not among `parameters_of` the scene, and for a tolerance out of range or
+        of a solution on a mesh that was given.
     """
     scene = solution if isinstance(solution, Scene) else solution.scene
-    known = parameters_of(scene)
+    pressure = None if isinstance(solution, Scene) else solution.pressure
+    known = parameters_of(scene, pressure)
     wanted = known if parameters is None else tuple(parameters)
     for key in wanted:
         if key not in known:
-            raise ValueError(f"parameters: {key!r} {refusal(scene, key)}; take some of {known}")
+            reason = refusal(scene, key, pressure)
+            raise ValueError(f"parameters: {key!r} {reason}; take some of {known}")
     if tolerance is not None and not 0.0 < tolerance < 1.0:
         raise ValueError(f"tolerance = {tolerance!r}: is out of range; give a number from 0 to 1")
+    if tolerance and isinstance(solution, Solution) and solution.stop is Stop.GIVEN_MESH:
+        reason = "would leave the mesh that was given; give the scene instead, or no tolerance"
+        raise ValueError(f"tolerance = {tolerance:g}: {reason}")
     found = _gradients_of(solve(scene) if isinstance(solution, Scene) else solution, wanted)
     while tolerance and max(found.relative_errors.values(), default=0.0) > tolerance:
         found = _gradients_of(_finer(found, tolerance), wanted)
@@ -107,7 +114,8 @@ def _finer(found: Gradients, tolerance: float, least: float = 2e-8) -> Solution:
         # the tolerance must not choose anew whether the film bends or feels voltages
         model = film_model(scene)
         chosen = {"film.bending": model.bends, "film.coupling": bool(model.floating)}
-        finer = solve(scene.with_(**chosen, **{"numerics.tolerance": aim}))
+        finer_scene = scene.with_(**chosen, **{"numerics.tolerance": aim})
+        finer = solve(finer_scene, pressure=found.solution.pressure)
         if finer.status is Status.CONVERGED:
             return finer
         reason = f"with charges to {aim:.1e}: {finer.reason}"
@@ -123,7 +131,7 @@ def _gradients_of(solution: Solution, wanted: Sequence[str]) -> Gradients:
     All are of one displacement and share its error, so one that nearly vanishes does so by chance:
     none is taken for much smaller, over its `unit`, than the mean of its electrode and of all.
     """
-    scene, keys = solution.scene, parameters_of(solution.scene)
+    scene, keys = solution.scene, parameters_of(solution.scene, solution.pressure)
     adjoint, rich = adjoints(solution)
     rates, better = (np.array([rate_of(of, key) for key in keys]) for of in (adjoint, rich))
     errors = np.abs(better - rates)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pvdf_fem.film.loads.kinds import LOADS
+from pvdf_fem.film.loads.posed import Pressure
 from pvdf_fem.film.models import film_model
 from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.registry import said_at
 from pvdf_fem.scene.scene import LoadedProbe, Scene
-from pvdf_fem.scene.shapes import FORCES
 
 #: Names of what places a probe.
 PLACE_NAMES = ("x_mm", "y_mm", "rotation_deg")
@@ -16,8 +17,8 @@ HEAT = "temperature_K"
 COEFFICIENTS = ("film.d31_pC_N", "film.d32_pC_N")
 
 
-def parameters_of(scene: Scene) -> tuple[str, ...]:
-    """Keys of the parameters by which `gradients` differentiates.
+def parameters_of(scene: Scene, pressure: Pressure | None = None) -> tuple[str, ...]:
+    """Keys of the parameters by which `gradients` differentiates, of a solve under a pressure too.
 
     A film with two moduli has ``film.youngs_modulus_GPa.0`` and ``.1``. A film of given
     ``film.pretension_N_m`` has that, or its ``.0`` and ``.1``, in place of
@@ -27,7 +28,7 @@ def parameters_of(scene: Scene) -> tuple[str, ...]:
     depends on; of one that feels the voltages of electrodes none by d31 and d32 either.
     """
     scene.require_plain_charges("derivatives", "coupling", "warming_K", HEAT)
-    probes = tuple(key for key in touched(scene) if not _hindrance(scene, key))
+    probes = tuple(key for key in touched(scene) if not _hindrance(scene, key, pressure))
     rubs = any(touch.load.friction for touch in scene.loaded_probes)
     model, uneven = film_model(scene), scene.film.is_uneven or scene.warm_probes
     differentiable = model.film_is_differentiable and model.electrodes_only_read
@@ -41,26 +42,25 @@ def touched(scene: Scene) -> dict[str, list[tuple[LoadedProbe, int, str]]]:
     found: dict[str, list[tuple[LoadedProbe, int, str]]] = {}
     for i, touch in enumerate(scene.loaded_probes):
         prefix = f"probe[{i}]" if isinstance(scene.probe, tuple) else "probe"
-        own = getattr(touch.probe, "load", None)
         heat = () if touch.probe.temperature_K is None else (HEAT,)
+        for name in (*PLACE_NAMES, *heat):
+            found[f"{prefix}.{name}"] = [(touch, i, name)]
         force = "force_N" if touch.load.depth_mm is None else "depth_mm"
-        for name in (*PLACE_NAMES, *heat, force, *IN_PLANE):
-            key, _, component = name.partition("[")
-            where = prefix if key in (*PLACE_NAMES, HEAT) else f"{prefix}.load" if own else "load"
-            if key in FORCES and getattr(touch.probe, key, None) is not None:
-                where = prefix
-            if not component or touch.load.tangential_N is not None:
-                found.setdefault(f"{where}.{name}", []).append((touch, i, name))
+        pushed = IN_PLANE if touch.load.tangential_N is not None else ()
+        for name in (force, *pushed):
+            key, bracket, component = name.partition("[")
+            where = said_at(prefix, touch.probe, key)
+            found.setdefault(f"{where}{bracket}{component}", []).append((touch, i, name))
     return found
 
 
-def _hindrance(scene: Scene, key: str) -> str:
+def _hindrance(scene: Scene, key: str, pressure: Pressure | None) -> str:
     """Why the charges have no derivative by a key of `touched`; empty if they have."""
     for touch, _, name in touched(scene)[key]:
         if touch.load.friction:
             return "of a tip with friction has no derivative here; give load.friction = 0"
-        if name in PLACE_NAMES and (touch.load.profile != "uniform" or touch.pressure):
-            return 'of a pressure profile has no derivative here; give load.profile = "uniform"'
+        if name in PLACE_NAMES and (touch.load.profile != "uniform" or pressure):
+            return 'of a pressure profile has no derivative here; press with "uniform"'
         if name in PLACE_NAMES and LOADS[touch.load.kind].rigid:
             return "of a rigid probe has no derivative here: the tractions at its edge are singular"
     return ""
@@ -73,9 +73,9 @@ def _film_keys(film: Film) -> tuple[str, ...]:
     return tuple(f"film.{n}{end}" for n in names for end in ends.get(type(getattr(film, n)), ("",)))
 
 
-def refusal(scene: Scene, key: str) -> str:
+def refusal(scene: Scene, key: str, pressure: Pressure | None = None) -> str:
     if key in touched(scene):
-        return _hindrance(scene, key)
+        return _hindrance(scene, key, pressure)
     if key in (*_film_keys(scene.film), *COEFFICIENTS):
         return "of a film that bends, wrinkles, sticks, warms or feels voltages has no derivative"
     return "is not a parameter of this scene that charges are differentiated by"

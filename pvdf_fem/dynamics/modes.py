@@ -29,12 +29,12 @@ from pvdf_fem.film.bending_effect import bending_effect, layer_size
 from pvdf_fem.film.electric.coupling import coupling_remarks
 from pvdf_fem.film.electric.raised import Raised
 from pvdf_fem.film.equilibrium import Equilibrium, prolongation
-from pvdf_fem.film.loads.kinds import presses_rigidly
+from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import FILM, MeshError
 from pvdf_fem.mesh.size_field import Sizes
 from pvdf_fem.scene.film import Air
-from pvdf_fem.scene.scene import Scene, Step
+from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.attempt import UNKNOWNS_PER_ELEMENT
 from pvdf_fem.solution.estimate import corrected
 from pvdf_fem.solution.history import Clock
@@ -176,12 +176,15 @@ def modes(scene: Scene, count: int = 6, loaded: bool = False) -> Modes:
         About the equilibrium under the load instead of the flat film, which has no frequencies
         without tension in all directions.
     """
-    if not 1 <= count <= MOST_MODES:
-        raise ValueError(f"count = {count!r}: is out of range; give 1 to {MOST_MODES}")
+    if count not in range(1, MOST_MODES + 1):
+        raise ValueError(f"count = {count!r}: is no number of modes; give 1 to {MOST_MODES}")
+    count = int(count)
     if loaded:
         scene.require_no_tips("frequencies about the load")
-    # on the flat film only a rigid probe matters, by the unknowns that it binds together
-    bare = scene if loaded or presses_rigidly(scene) else scene.with_(probe=None)
+        bare = scene
+    else:  # on the flat film only rigid probes matter, by the unknowns that they bind together
+        rigid = [touch for touch in scene.loaded_probes if LOADS[touch.load.kind].rigid]
+        bare = scene.loaded([replace(t, load=t.load.times(0.0)) for t in rigid])
     share = _bending_share(bare, count, loaded)
     bends = scene.film.bending
     if bends == "auto":
@@ -224,6 +227,10 @@ class _Attempt:
         """Largest relative error of a frequency."""
         spectra = [s for s in (self.spectrum, self.spectrum and self.spectrum.in_air) if s]
         return max((float(np.max(s.errors / s.frequencies)) for s in spectra), default=0.0)
+
+    @property
+    def bound(self) -> float:
+        return self.worst
 
     @property
     def unknowns(self) -> int:
@@ -269,12 +276,11 @@ class _ModalProblem:
     def solve_on(self, mesh: MeshTri2, coarser: _Attempt | None) -> _Attempt:
         """Modes with their errors, or why there are none."""
         order = max(2, film_model(self.scene).lowest_order + 1)
-        scene = self.scene if self.loaded else self.scene.at(Step(0.0, 0.0))
-        coarse, rich = (Equilibrium(scene, mesh, p) for p in (order, order + 1))
+        coarse, rich = (Equilibrium(self.scene, mesh, p) for p in (order, order + 1))
         q, q_rich = np.zeros(coarse.unknowns.count), np.zeros(rich.unknowns.count)
         least, iterations = self.scene.film.stress_at_rest[:2].min(), 0
         tried: tuple[Tried, ...] = ()
-        if (self.loaded and coarse.force > 0.0) or not coarse.membrane.even:
+        if not coarse.is_flat:
             with self.clock("solve"):
                 result = equilibrate(coarse, budget=self.budget)
                 iterations, tried = len(result.iterations), result.tried

@@ -15,7 +15,6 @@ orthonormal by M. K has its losses there; where film radiates, vectors from K^-1
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,7 +29,7 @@ from pvdf_fem.dynamics.air import AirLoad
 from pvdf_fem.dynamics.modes import pencil_of
 from pvdf_fem.film.electric.raised import Raised
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.pressure import UP, DeadPressure
+from pvdf_fem.film.loads.pressure import UP
 from pvdf_fem.film.term import State
 from pvdf_fem.solution.solution import NotConvergedError, Solution
 from pvdf_fem.solvers.newton import factorise
@@ -126,8 +125,8 @@ def oscillations(solution: Solution) -> tuple[Oscillation, Oscillation]:
 
 def _elastic(equilibrium: Equilibrium, state: State) -> Any:
     """The film's stiffness in N/m without that of its tension."""
-    film, space, membrane = copy(equilibrium), equilibrium.space, equilibrium.membrane
-    film.terms = [term for term in film.terms if not isinstance(term, DeadPressure)]
+    space, membrane = equilibrium.space, equilibrium.membrane
+    film = equilibrium.with_terms([t for t in equilibrium.terms if t.forces(state) is None])
     tension = (state.stress * membrane.volumes[..., None])[..., [[0, 2], [2, 1]]]
     slopes = space.gradients
     by_tension = np.matmul(np.matmul(slopes, tension), slopes.swapaxes(2, 3)).sum(axis=1)

@@ -90,6 +90,8 @@ def find(scene: Scene, result: Mapping[str, Any], noise: float, file: Path | Non
     """
     reading = scene.readout.reading if scene.readout else "total"
     charges = result["charge_changes_pC" if reading == "change" else "charges_pC"]
+    if charges is None:
+        raise ValueError("changes by the touch are not known; the result's warnings say why")
     noise_pC = {c.name: 1e12 * c.noise * c.capacitance / abs(c.gain) for c in channels(scene)}
     how: dict[str, Any] = {"sigma": noise, "noise_pC": noise_pC, "reading": reading}
     scene = scene.with_(stage=None, readout=None)  # places are those of the film

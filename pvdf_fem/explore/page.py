@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import logging
+import re
 import socket
 from collections.abc import Callable
 from functools import partial
@@ -17,6 +18,7 @@ from bokeh.document import without_document_lock
 from bokeh.models import ColumnDataSource, DataRange1d, FactorRange
 from bokeh.plotting import curdoc, figure
 from matplotlib.ticker import MaxNLocator
+from tornado.web import ErrorHandler
 
 from pvdf_fem.explore.film_figure import FilmFigure, colour_of
 from pvdf_fem.explore.finding import Found, build, find, response_file
@@ -28,6 +30,7 @@ from pvdf_fem.scene.scene_file import parse_change
 from pvdf_fem.solution.summary import solution_html
 
 ADDRESS = "127.0.0.1"  #: The page is served on this machine only.
+HOSTS = (ADDRESS, "localhost")  #: What the page may be called; another site's name may lead here.
 DIMMED = 0.2  #: Opacity of results that are not those of the scene that is shown.
 PATIENCE_MS = 300  #: After this time a scene is shown without its picture.
 WIDE = {"sizing_mode": "stretch_width"}
@@ -45,12 +48,14 @@ def serve(scene: Scene, file: Path, port: int, browser: bool) -> None:
     logging.getLogger("panel.util").setLevel("ERROR")  # Panel wonders about tables in links
     workers = Worker(picture_of), Worker(find, 5), Worker(build, 10)  # pictures come first
     with TemporaryDirectory() as folder:
-        origins = [f"{name}:{port}" for name in (ADDRESS, "localhost")]
+        origins = [f"{name}:{port}" for name in HOSTS]
         where = {"port": port, "address": ADDRESS, "websocket_origin": origins, "verbose": False}
         try:
             pages = {"/": lambda: Page(scene, file.name, Path(folder), *workers).layout()}
             look = {"show": browser, "title": f"explore {file.name}", "start": False}
             server = pn.serve(pages, **look, **where)
+            others = f"(?!({'|'.join(map(re.escape, HOSTS))})$).*"
+            server._tornado.add_handlers(others, [(".*", ErrorHandler, {"status_code": 403})])
             print(f"http://{ADDRESS}:{port}/ shows {file}; Ctrl-C ends it", flush=True)
             server.run_until_shutdown()
         finally:
@@ -266,7 +271,7 @@ class Bars:
 
     def show(self, result: dict[str, Any]) -> None:
         """Show the numbers of a result; nothing where it has none."""
-        values = result.get(self.key, {})
+        values = result.get(self.key) or {}
         self.pane.visible, self.plot.x_range.factors = bool(values), [*values]
         columns = {"name": [*values], "value": [*values.values()]}
         columns["text"] = [f"{value:.4g}" for value in values.values()]

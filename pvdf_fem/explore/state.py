@@ -12,7 +12,8 @@ from urllib.parse import parse_qsl, urlencode
 
 from pvdf_fem.calibration.unknowns import value_of
 from pvdf_fem.explore.picture import QUANTITIES
-from pvdf_fem.scene.change import plain
+from pvdf_fem.scene.change import Replaced, plain
+from pvdf_fem.scene.registry import PROFILE_ENTRIES
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import choose, parse_change, problem, toml_value
 
@@ -35,7 +36,11 @@ class View:
             raise SceneError([problem("quantity", quantity, choose(quantity, [*QUANTITIES]))])
         if not (isinstance(noise, float | int) and 0.0 <= noise <= MOST_NOISE):
             raise SceneError([problem("noise", noise, f"give a number from 0 to {MOST_NOISE:g}")])
-        return View(self.scene.with_(**scene), quantity, noise)
+        changed = self.scene.with_(**scene)
+        if others := sorted(_profile_files(changed) - _profile_files(self.scene)):
+            told = "names a file, which a page does not read; name it in the scene file"
+            raise SceneError([problem("load.profile", others[0], told)])
+        return View(changed, quantity, noise)
 
     def query(self, start: Scene) -> str:
         """The query of a link with what differs from the scene of the file: whole sections."""
@@ -49,7 +54,15 @@ class View:
     def of_query(cls, start: Scene, query: str) -> View:
         """The view of a link to the page of a scene; SceneError for what leads to none."""
         words = parse_qsl(query, keep_blank_values=True)
-        return cls(start).changed(dict(parse_change(f"{key}={value}") for key, value in words))
+        given = dict(parse_change(f"{key}={value}") for key, value in words)
+        whole = {k: Replaced(v) if isinstance(v, dict) else v for k, v in given.items()}
+        return cls(start).changed(whole)
+
+
+def _profile_files(scene: Scene) -> set[str]:
+    """Files of pressure profiles; whoever changes a page may be no user of this machine."""
+    loads = [scene.load, *(touch.load for touch in scene.loaded_probes)]
+    return {load.profile for load in loads} - PROFILE_ENTRIES.keys()
 
 
 @dataclass(frozen=True)
@@ -82,8 +95,10 @@ SLIDERS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("sliders.toml")
 
 def sliders_of(scene: Scene) -> dict[str, dict[str, float]]:
     """The sliders of a scene by key: value, limits that enclose it, and step."""
-    found = {}
+    found, unheeded = {}, scene.unheeded(SLIDERS)
     for name, (*limits, step) in SLIDERS.items():
+        if name in unheeded:
+            continue
         for probe in probe_keys(scene) if name.startswith("probe.") else [""]:
             key = name.replace("probe", probe) if probe else name
             with suppress(AttributeError, TypeError):  # the scene has none, or a pair

@@ -13,6 +13,7 @@ from copy import copy
 from dataclasses import replace
 from functools import cached_property, reduce
 from operator import add
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -22,6 +23,7 @@ from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.film.electric.raised import Raised
 from pvdf_fem.film.loads.contact import Contact
 from pvdf_fem.film.loads.contact_edge import Edge
+from pvdf_fem.film.loads.posed import NOTHING, Posed
 from pvdf_fem.film.loads.pressure import DeadPressure
 from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.models import film_model
@@ -36,22 +38,34 @@ from pvdf_fem.scene.scene import Scene
 FIXED = -1
 #: Values of shape functions below this, at nodes of a richer element, are rounding.
 ROUNDING = 1e-13
+#: Forces of the flat film's own stress below this part of those at the rim are rounding.
+BALANCED = 1e-12
 
 
 class Equilibrium:
     """The nonlinear equations of a scene on a mesh of it, or of a part: stationary energy."""
 
     def __init__(
-        self, scene: Scene, mesh: MeshTri2, order: int = 2, part: MirroredPart = WHOLE
+        self,
+        scene: Scene,
+        mesh: MeshTri2,
+        order: int = 2,
+        part: MirroredPart = WHOLE,
+        posed: Posed = NOTHING,
     ) -> None:
-        self.scene, self.film, self.part = scene, scene.film, part
+        self.scene, self.film, self.part, self.posed = scene, scene.film, part, posed
         self.model = film_model(scene)
         self.space = Space(mesh, order)
         #: The membrane, first, the loads, coupling and, where the film bends, the plate.
-        self.terms: list[Term] = self.model.terms(self.space, part)
+        self.terms: list[Term] = self.model.terms(self.space, part, posed)
         rim = self.space.basis.get_dofs(RIM).all()
         self.rim_dofs = (3 * rim[:, None] + np.arange(3)).ravel()
         self.unknowns = self._unknowns()
+
+    def with_(self, **changes: Any) -> Equilibrium:
+        """The equations of another `scene`, `mesh`, `order`, `part` or `posed`, set up anew."""
+        own = {"scene": self.scene, "mesh": self.space.mesh, "order": self.space.order}
+        return Equilibrium(**{**own, "part": self.part, "posed": self.posed, **changes})
 
     def _unknowns(self) -> Unknowns:
         """The unknowns of displacements that are even about the mirror lines."""
@@ -74,13 +88,13 @@ class Equilibrium:
 
     @property
     def loads(self) -> list[DeadPressure]:
-        """The loads of the probes."""
+        """The loads of the probes. Other terms may apply forces, too."""
         return [term for term in self.terms if isinstance(term, DeadPressure)]
 
     @property
     def force(self) -> float:
-        """Sum of the sizes of the loads' forces, N."""
-        return sum(load.force for load in self.loads)
+        """Sum of the sizes of the terms' forces, N."""
+        return sum(term.force for term in self.terms)
 
     @property
     def plate(self) -> Plate | None:
@@ -94,10 +108,12 @@ class Equilibrium:
         """The loads that are tips on which the film rests."""
         return [term for term in self.terms if isinstance(term, Contact)]
 
-    def replacing(self, old: Term, new: Term) -> Equilibrium:
-        """The same equations with another term, which constrains the same dofs."""
+    def with_terms(self, terms: Sequence[Term]) -> Equilibrium:
+        """The same equations with other terms, which constrain the same dofs."""
         other = copy(self)
-        other.terms = [new if term is old else term for term in self.terms]
+        for worked_out in ("contacts", "_tip_forces", "uneven_forces"):
+            other.__dict__.pop(worked_out, None)
+        other.terms = list(terms)
         return other
 
     @property
@@ -215,24 +231,42 @@ class Equilibrium:
 
     def load_forces(self, state: State) -> Array:
         """External forces in N, (dofs,)."""
-        return sum((load.forces(state) for load in self.loads), np.zeros(self.space.dof_count))
+        forces = (term.forces(state) for term in self.terms)
+        return sum((f for f in forces if f is not None), np.zeros(self.space.dof_count))
 
     def external_forces(self, state: State) -> Array:
         """External forces on the unknowns, N."""
         return self.on_unknowns(state, self.load_forces(state)) + self._tip_forces
 
     @cached_property
-    def flat_forces(self) -> Array:
-        """What moves the flat film without loads, (unknowns,), in N; nothing where it is even."""
+    def uneven_forces(self) -> Array:
+        """What moves the flat film besides loads, (unknowns,), in N: its own stress, where that is
+        uneven. A film in balance to rounding has none."""
+        terms = [term for term in self.terms if not term.rests_flat]
+        if not terms:
+            return np.zeros(self.unknowns.count)
         flat = self.membrane.state(np.zeros(self.space.dof_count))
-        return -self.on_unknowns(flat, self.membrane.residual(flat))
+        film = self.with_terms(terms)
+        internal = film.film_forces(flat) + film.load_forces(flat)
+        forces = -self.on_unknowns(flat, internal)
+        moves = np.abs(forces).max(initial=0.0) > BALANCED * np.abs(internal).max()
+        return forces if moves else np.zeros(self.unknowns.count)
+
+    @property
+    def flat_forces(self) -> Array:
+        """What moves the flat film, (unknowns,), in N: its residual with a minus sign."""
+        flat = self.membrane.state(np.zeros(self.space.dof_count))
+        return self.external_forces(flat) + self.uneven_forces
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether the flat film is in balance, and no tip deflects it."""
+        return not (self.force or self.contacts or self.flat_forces.any())
 
     def work(self, state: State, q: Array) -> float:
         """Work in J of the external forces, held as they are at `state`, along `q`; and of those
         that move the flat film."""
-        work = float(self.external_forces(state) @ q)
-        if not self.membrane.even:
-            work += float(self.flat_forces @ q)
+        work = float((self.external_forces(state) + self.uneven_forces) @ q)
         given = [contact for contact in self.contacts if contact.depth is not None]
         forces = self.film_forces(state) if given else np.empty(0)
         return work + sum((c.depth or 0.0) * float(forces[c.raised].sum()) for c in given)
@@ -249,19 +283,16 @@ class Equilibrium:
 
     def pressed(self) -> Equilibrium:
         """The same film under pressures in place of the tips."""
-        other = copy(self)
-        for worked_out in ("contacts", "assembly", "_tip_forces", "flat_forces"):
-            other.__dict__.pop(worked_out, None)
-        other.terms = [t.as_pressure(self.film) if t in self.contacts else t for t in self.terms]
+        terms = [t.as_pressure(self.film) if t in self.contacts else t for t in self.terms]
+        other = self.with_terms(terms)
+        other.__dict__.pop("assembly", None)
         other.unknowns = other._unknowns()
         return other
 
     def with_lagged_friction(self) -> Equilibrium:
         """The same film, with a tangent in which friction keeps its direction."""
-        other = copy(self)
-        other.__dict__.pop("contacts", None)
-        other.terms = [t.lagged() if isinstance(t, Contact) else t for t in self.terms]
-        return other
+        lagged = [t.lagged() if isinstance(t, Contact) else t for t in self.terms]
+        return self.with_terms(lagged)
 
     def rim_reaction(self, state: State) -> Array:
         """Force in N, (3,), by which the rim, and guides of punches, hold the film."""

@@ -33,6 +33,8 @@ class Membrane(Term):
     """The membrane's energy, residual and tangent on a space, by default with the law of St. Venant
     and Kirchhoff."""
 
+    rests_flat = True
+
     def __init__(self, space: Space, film: Film, law: Law | None = None) -> None:
         self.space, self.film = space, film
         self.strain_at_rest: Array = film.strain_at_rest
@@ -61,11 +63,6 @@ class Membrane(Term):
         """`stress` with what is `added` at places (..., 2) in m of the whole film."""
         stress = self.stress(strain)
         return stress if self.added is None else stress + self.added.stress(places)
-
-    @property
-    def even(self) -> bool:
-        """Whether the film is in balance while it is flat."""
-        return True
 
     def stiffened(self, strain: Array) -> Array:
         """C : e in Pa of the strain e at all quadrature points, without the stress at rest."""
@@ -218,6 +215,8 @@ class UnevenMembrane(Membrane):
     `stress` lacks what is `added`; states have the resultant of film and layers over the film's
     thickness. `frame` leads from the scene's axes to those of the space."""
 
+    rests_flat = False
+
     def __init__(
         self, space: Space, film: Film, added: AddedStrain | None, frame: Array = IDENTITY[:2]
     ) -> None:
@@ -238,11 +237,6 @@ class UnevenMembrane(Membrane):
             strain += layer.strain_at_rest
             self._stiffness[covered] += ratio * layer.stiffness
             self._at_rest[covered] += ratio * strain @ layer.stiffness
-
-    @cached_property
-    def even(self) -> bool:
-        spread = np.ptp(self._at_rest, axis=(0, 1))
-        return bool(spread.max() <= 1e-12 * np.abs(self._at_rest).max())
 
     def stiffened(self, strain: Array) -> Array:
         return times(self._stiffness, strain)
@@ -289,6 +283,7 @@ class WrinklingMembrane(Membrane):
     LEAST_STRAIN = 1e-16
 
     law: TensionField
+    rests_flat = False
 
     def __init__(self, space: Space, film: Film) -> None:
         super().__init__(space, film, TensionField(film.stiffness))

@@ -15,10 +15,10 @@ import scipy.sparse as sp
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.bending_effect import BendingEffect, bending_effect
 from pvdf_fem.film.electric.coupling import Coupling, Floating, coupled
-from pvdf_fem.film.laws import Law, StVenantKirchhoff, TensionField
 from pvdf_fem.film.layers import Layers
 from pvdf_fem.film.loads.heat import AddedStrain
 from pvdf_fem.film.loads.kinds import LOADS, presses_rigidly, rigid_elements
+from pvdf_fem.film.loads.posed import NOTHING, Posed
 from pvdf_fem.film.membrane import Membrane, UnevenMembrane, UnevenWrinkling, WrinklingMembrane
 from pvdf_fem.film.plate import LOWEST_ORDER, Plate
 from pvdf_fem.film.remarks import two_digits
@@ -87,24 +87,14 @@ class FilmModel:
         uneven = film.patches or added
         return UnevenMembrane(space, film, added, part.frame) if uneven else Membrane(space, film)
 
-    def terms(self, space: Space, part: MirroredPart = WHOLE) -> list[Term]:
+    def terms(self, space: Space, part: MirroredPart = WHOLE, posed: Posed = NOTHING) -> list[Term]:
         """The terms of the film's energy on a space of a part of it: membrane and loads."""
-        touches = self.scene.loaded_probes
+        touches = posed.touches(self.scene)
         return [
             self.membrane(space, part),
             *(LOADS[touch.load.kind](touch, space, part) for touch in touches),
             *(Coupling(electrode, space) for electrode in self.floating),
         ]
-
-    @property
-    def law(self) -> Law:
-        """The material's law."""
-        return StVenantKirchhoff(self.scene.film.stiffness)
-
-    @property
-    def stress_at_rest(self) -> Array:
-        """Stress of the flat film in Pa, (3,): components 11, 22, 12."""
-        return self.law.stress(self.scene.film.strain_at_rest[None])[0]
 
     @property
     def saturation(self) -> float:
@@ -157,10 +147,6 @@ class FilmModel:
                 compressed,
             )
 
-    def flat_film_is_stable(self, terms: list[Term]) -> bool | None:
-        """Whether the unloaded film stays flat; None if the tangent has to tell."""
-        return bool(self.scene.film.stress_at_rest[:2].min() >= 0.0)
-
 
 #: Stresses below this part of the largest one are rounding.
 ROUNDING = 1e-9
@@ -185,9 +171,9 @@ class PlateModel(FilmModel):
     force_over_thickness = False
     film_is_differentiable = False
 
-    def terms(self, space: Space, part: MirroredPart = WHOLE) -> list[Term]:
+    def terms(self, space: Space, part: MirroredPart = WHOLE, posed: Posed = NOTHING) -> list[Term]:
         """The membrane's terms and the plate."""
-        terms, effect, film = super().terms(space, part), self.effect, self.scene.film
+        terms, effect, film = super().terms(space, part, posed), self.effect, self.scene.film
         plate = Plate(
             space, film, rigid_elements(terms, flat=True), effect.rim_tension, effect.probe_tension
         )
@@ -207,10 +193,6 @@ class PlateModel(FilmModel):
     def warnings(self) -> tuple[str, ...]:
         """None before a solve."""
         return ()
-
-    def flat_film_is_stable(self, terms: list[Term]) -> bool | None:
-        """A plate bears the compression below that at which it buckles."""
-        return super().flat_film_is_stable(terms) or None
 
 
 class TensionFieldModel(FilmModel):
@@ -234,11 +216,6 @@ class TensionFieldModel(FilmModel):
         return WrinklingMembrane(space, film)
 
     @property
-    def law(self) -> Law:
-        """The tension field's law."""
-        return TensionField(self.scene.film.stiffness)
-
-    @property
     def saturation(self) -> float:
         """The next order takes away 0.55 to 0.8 of the error of kinks (measured)."""
         return max(1.6, super().saturation)
@@ -259,10 +236,6 @@ class TensionFieldModel(FilmModel):
         for word, where in (("wrinkled", wrinkled), ("slack", slack)):
             if where.any():
                 yield f"tension field: {word} on {{}}", where
-
-    def flat_film_is_stable(self, terms: list[Term]) -> bool:
-        """A slack film is stable, too."""
-        return True
 
 
 @lru_cache(maxsize=64)

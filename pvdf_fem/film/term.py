@@ -47,12 +47,27 @@ class Term(ABC):
     space: Space
     #: Whether `residual` derives from `energy`.
     conservative: bool = True
+    #: Whether `residual` is no more than -`forces` while the film is flat, whatever the mesh.
+    rests_flat: bool = False
     #: Dofs that the term holds at zero, (n,).
     fixed_dofs: Indices = np.empty(0, dtype=np.int64)
     #: Groups of dofs that it lets move by one common value each.
     shared_dofs: tuple[Indices, ...] = ()
     #: Dofs that it lets move by sums of functions: (n,), and the functions' values there, (n, m).
     modes: tuple[tuple[Indices, Array], ...] = ()
+
+    @property
+    def force(self) -> float:
+        """Size in N of the force that the term applies to the whole film; 0 unless it is a load."""
+        return 0.0
+
+    def forces(self, state: State) -> Array | None:
+        """External forces of a load in N, (dofs,), which `residual` has with a minus sign."""
+        return None
+
+    def held(self) -> Term:
+        """A conservative term near this one, whose equilibrium is a start for this one's."""
+        return self
 
     @abstractmethod
     def energy(self, state: State) -> float:

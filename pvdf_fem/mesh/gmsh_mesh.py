@@ -29,7 +29,7 @@ from skfem import MeshTri2
 
 from pvdf_fem.arrays import Indices
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError, missing_text
-from pvdf_fem.mesh.six_node import SIDES, bulge, compression, with_sorted_vertices
+from pvdf_fem.mesh.six_node import SIDES, bent, bulge, compression, with_sorted_vertices
 from pvdf_fem.mesh.size_field import SPARE, SizeField, Sizes, element_sizes
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
 from pvdf_fem.scene.outlines.circle import Circle
@@ -97,6 +97,7 @@ def mesh_scene(
     least_jacobian: float = 0.14,
     attempts: int = 6,
     contacts: Mapping[str, Outline] = MappingProxyType({}),
+    require: Callable[[float], object] = lambda elements: None,
 ) -> MeshTri2:
     """Mesh a scene, or a part of it in the part's axes, with coordinates in m.
 
@@ -105,7 +106,8 @@ def mesh_scene(
     at elements of the one before with a Jacobian below `least_jacobian` times its mean: those
     between an arc and a corner or an edge that it nearly touches. What is left of them in the last
     mesh gets straight sides. The cusp between an arc and its tangent, or between two arcs that
-    touch, has 0.15 at any element size.
+    touch, has 0.15 at any element size. Before a mesh `require` is called with the estimated
+    number of its elements, and may raise.
 
     Subdomains are ``film``, one ``electrode NAME`` each, ``film patch 1`` and so on, and ``probe``,
     or ``probe 1``, ``probe 2`` and so on; boundaries are ``rim``, and those of `MIRRORS` that a
@@ -115,6 +117,9 @@ def mesh_scene(
     """
     shapes = outlines(scene) | dict(contacts)
     smallest = min((shape.perimeter for shape in shapes.values()), default=0.0)
+    if isinstance(sizes, Sizes):
+        film, arcs = Circle(np.zeros(2), scene.film.radius), _arcs(scene.numerics.tolerance)
+        require(sizes.elements(film.area, {FILM: film, **shapes}, arcs) / len(part.signs))
     for _ in range(attempts):
         # moving a side by this part of the smallest outline changes its area by less than 1e-6
         mesh = straightened(_mesh_once(scene, shapes, sizes, part), least_jacobian, 1e-5 * smallest)
@@ -124,6 +129,7 @@ def mesh_scene(
         next_sizes = SPARE * element_sizes(mesh)
         next_sizes[distorted] = 0.4 * element_sizes(mesh, sliver=0.1)[distorted]
         sizes = SizeField.of_elements(mesh, next_sizes)
+        require(sizes.elements)
     mesh = straightened(mesh, least_jacobian, np.inf)
     if (distorted := compression(mesh) < least_jacobian).any():
         raise MeshError(f"{distorted.sum()} elements fold: an outline nearly touches another")
@@ -131,8 +137,9 @@ def mesh_scene(
 
 
 def straightened(mesh: MeshTri2, least_jacobian: float, most: float) -> MeshTri2:
-    """The mesh with straight sides of distorted elements, where that moves them by up to `most`.
-    Such elements lie in cusps too narrow for an arc."""
+    """The mesh with bent sides of distorted elements in gaps (`bent`), and then with straight ones
+    where that moves them by up to `most`: of elements in cusps too narrow for an arc."""
+    mesh = bent(mesh, least_jacobian)
     while True:
         points = mesh.doflocs.copy()
         nodes = mesh.dofs.element_dofs[:, compression(mesh) < least_jacobian]
@@ -363,7 +370,7 @@ def _read(
         points[axis, np.abs(points[axis]) < ON_LINE * 100.0 * unit] = 0.0
     curved = np.zeros(len(tags), dtype=bool)
     for _, curve in gmsh.model.getEntities(1):
-        if gmsh.model.getType(1, curve) != "Line":
+        if gmsh.model.getEntityType(1, curve) != "Line":
             curved[row[gmsh.model.mesh.getNodes(1, curve)[0]]] = True
     for outline in smooth:
         bulge(points, triangles, outline, curved, 100.0 * unit)

@@ -40,7 +40,7 @@ LEAST_JACOBIAN = 0.14
 
 
 class MeshFileError(FileError):
-    """A file holds no mesh of the scene; each argument is a line about a mistake."""
+    """What is given is no mesh of the scene; each argument is a line about a mistake."""
 
     def __str__(self) -> str:
         return "\n".join(self.args)
@@ -54,6 +54,17 @@ class _Contents:
     triangles: Indices  #: Nodes of the triangles, (elements, 3 or 6).
     groups: dict[str, Indices]  #: Triangles by the names of their groups.
     rim: int  #: Number of lines in the group `RIM`, zero without one.
+
+
+def mesh_of(given: MeshTri2 | str | Path, scene: Scene, slack: float = 1e-3) -> MeshTri2:
+    """A mesh of the whole film, or that in a file, with the patches of a scene; see `read_mesh`."""
+    if isinstance(given, str | Path):
+        return read_mesh(given, scene, slack)
+    contents = _Contents(given.doflocs.T, given.dofs.element_dofs.T, given.subdomains or {}, 0)
+    try:
+        return _mesh(contents, scene, slack)
+    except MeshFileError as error:
+        raise MeshFileError(*(f"mesh: {line}" for line in error.args)) from error.__cause__
 
 
 def read_mesh(path: str | Path, scene: Scene, slack: float = 1e-3) -> MeshTri2:
@@ -155,7 +166,8 @@ def _mesh(contents: _Contents, scene: Scene, slack: float) -> MeshTri2:
     shapes = {FILM: Circle(np.zeros(2), radius), **outlines(scene)}
     inside = _inside(mesh, shapes)
     if straight:
-        mesh = _curved(mesh, {shapes[name]: elements for name, elements in inside.items()}, slack)
+        by_outline = {shapes[name]: elements for name, elements in inside.items()}
+        mesh = _curved(mesh.with_subdomains(inside), by_outline, slack)
     if (folded := compression(mesh) <= 0.0).any():
         raise MeshFileError(f"has {folded.sum()} triangles that fold; move their midside nodes")
     if mistakes := [*_misplaced(mesh, shapes, inside, contents.groups, slack)]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from skfem import MeshTri2
 from skfem.quadrature import get_quadrature
@@ -27,13 +29,14 @@ def bulge(
     outline: Outline,
     curved: Mask,
     film: float,
-    near: float = 1e-12,
+    near: float = 2.5e-9,
 ) -> None:
     """Move the midside nodes on a smooth outline, in place, so that its elements have its area.
     `points` (2, nodes) and the film's radius `film` are in m. `curved` (nodes,) are nodes inside of
     curved pieces of boundaries: a short chord is as near to the outline. A node is on the outline
-    if it is nearer than `near` times the radius: well above rounding, and far below the distance of
-    two curves that touch, an element's size away from where they do."""
+    if it is nearer than `near` times the radius: gmsh makes one of curves up to about twice as far
+    apart, halfway between them, and those are far below the distance of two curves that touch, an
+    element's size away from where they do."""
     on = np.abs(outline.signed_distance(points.T)) < near * film
     ends, middle = triangles[:, SIDES].reshape(-1, 2), triangles[:, 3:].ravel()
     arcs = curved[middle] & on[middle] & on[ends].all(axis=1)
@@ -47,3 +50,37 @@ def compression(mesh: MeshTri2) -> Array:
     jacobian = mesh.mapping().detDF(points)
     mean = jacobian.mean(axis=1, keepdims=True)
     return (jacobian / mean).min(axis=1)
+
+
+def bent(mesh: MeshTri2, least_jacobian: float) -> MeshTri2:
+    """The mesh with bent sides inside of patches, where elements have a Jacobian below
+    `least_jacobian` times its mean. In a gap narrower than the height of its arcs over their
+    chords, straight sides would cross the arcs. A side is bent by the arc's height times the square
+    of its own extent along the arc's chord over that chord: a quadratic shear of the element, whose
+    Jacobian is constant. Passes end when they mend no more elements."""
+    every = np.arange(mesh.nelements)
+    patch_of = np.stack([np.isin(every, elements) for elements in mesh.subdomains.values()])
+    first, second = mesh.f2t
+    inside = (second >= 0) & (patch_of[:, first] == patch_of[:, second]).all(axis=0)
+    movable = mesh.dofs.facet_dofs[0, inside]
+    distorted = compression(mesh) < least_jacobian
+    while distorted.any():
+        nodes = mesh.dofs.element_dofs[:, distorted]
+        starts, ends = mesh.doflocs[:, nodes[np.transpose(SIDES)]].swapaxes(0, 1)
+        chords, middles = ends - starts, 0.5 * (starts + ends)
+        heights = mesh.doflocs[:, nodes[3:]] - middles
+        highest = np.linalg.norm(heights, axis=0).argmax(axis=0)[None, None]
+        chord, height = (np.take_along_axis(a, highest, axis=1) for a in (chords, heights))
+        extents = (chords * chord).sum(axis=0) / (chord**2).sum(axis=0)
+        wanted = (middles + height * extents**2).reshape(2, -1)
+        points, sides = mesh.doflocs.copy(), nodes[3:].ravel()
+        moved, owner, count = np.unique(sides, return_inverse=True, return_counts=True)
+        mean = np.stack([np.bincount(owner, places) for places in wanted]) / count
+        chosen = np.isin(moved, movable)
+        points[:, moved[chosen]] = mean[:, chosen]
+        after = replace(mesh, doflocs=points)
+        still = compression(after) < least_jacobian
+        if still.sum() >= distorted.sum():
+            break
+        mesh, distorted = after, still
+    return mesh

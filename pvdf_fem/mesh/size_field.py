@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.scene.outlines.outline import Outline
 
 #: gmsh's elements are smaller than the sizes that they are asked for by about this factor.
 SPARE = 1.18
+#: Elements at each corner of outlines with many: their sides are shorter than the sizes.
+AT_CORNER = 4.0
 
 
 @dataclass(frozen=True)
@@ -23,9 +27,18 @@ class Sizes:
     film: float  #: Largest element size.
     growths: dict[str, float] = field(default_factory=dict)  #: `growth` about some patches.
 
-    def least_elements(self, radius: float) -> float:
-        """Number of elements of the largest size on a disc; the mesh has more."""
-        return float(np.pi / np.sqrt(3.0 / 16.0)) * (radius / self.film) ** 2
+    def elements(self, area: float, outlines: Mapping[str, Outline], arcs: int) -> float:
+        """Estimated number of elements on a film of an area in m², within a factor of about 2. A
+        smooth outline has at least `arcs` sides."""
+        total, corners = area / self.film**2, 0
+        for name, outline in outlines.items():
+            least = self.film if len(outline.corners) else outline.perimeter / arcs
+            size = min(self.patches.get(name, self.film), least)
+            growth = self.growths.get(name, self.growth)
+            # both sides of the outline, to where the size is the largest
+            total += 2.0 * outline.perimeter / growth * max(1.0 / size - 1.0 / self.film, 0.0)
+            corners += len(outline.corners)
+        return float(4.0 / np.sqrt(3.0) * SPARE**2 * total + AT_CORNER * corners)
 
     def scaled(self, factor: float) -> Sizes:
         """All element sizes, and so the gradient, times `factor`."""
@@ -57,11 +70,15 @@ class SizeField:
                 return cls(mesh, at_vertices)
             at_vertices = lowered
 
+    @property
+    def elements(self) -> float:
+        """Estimated number of elements of a mesh of these sizes."""
+        mean = self.sizes[self.mesh.t].mean(axis=0)
+        return float(((SPARE * element_sizes(self.mesh) / mean) ** 2).sum())
+
     def coarsened(self, most: float) -> SizeField:
         """The same field, or a coarser one of about `most` elements."""
-        mean = self.sizes[self.mesh.t].mean(axis=0)
-        count = float(((SPARE * element_sizes(self.mesh) / mean) ** 2).sum())
-        return SizeField(self.mesh, self.sizes * np.sqrt(max(count / most, 1.0)))
+        return SizeField(self.mesh, self.sizes * np.sqrt(max(self.elements / most, 1.0)))
 
 
 def element_sizes(mesh: MeshTri2, sliver: float = 0.5) -> Array:

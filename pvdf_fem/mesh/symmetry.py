@@ -13,18 +13,19 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from itertools import product
+from typing import Any
 
 import numpy as np
 import shapely
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.scene.affects import Affects, affecting
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import TOUCH, Outline, overlaps
 from pvdf_fem.scene.outlines.polygon import Polygon
-from pvdf_fem.scene.outlines.shape import HEAT
 from pvdf_fem.scene.registry import Load
 from pvdf_fem.scene.scene import LoadedProbe, Scene
-from pvdf_fem.scene.shapes import Bonded
+from pvdf_fem.scene.shapes import Bonded, Pressing
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +82,7 @@ def part_of(scene: Scene, with_images_below: float = 1e-4) -> MirroredPart:
     touches, slack = scene.loaded_probes, TOUCH * scene.film.radius
     pressed = any(any(touch.load.components) for touch in touches)
     symmetric = not scene.film.rim_displacement_um
-    if not (pressed and symmetric and all(touch.is_symmetric for touch in touches)):
+    if not (pressed and symmetric and all(t.load.profile_entry.is_symmetric for t in touches)):
         return WHOLE
     with_images = []
     for mirror in _mirrors(scene, slack):
@@ -124,9 +125,11 @@ def _part(frame: Array, mirrored: tuple[int, ...], scene: Scene, slack: float) -
 def _patch_swap(mirror: Array, scene: Scene, slack: float) -> dict[str, str] | None:
     """What a map brings each probe with its load, and each patch of the film, onto, by names in the
     mesh; None where one has no image."""
-    swap, things = {}, {}
+    swap: dict[str, str] = {}
+    things: dict[str, tuple[Outline, Any, Array]] = {}
     for touch in scene.loaded_probes:
-        what = _upright(touch), *(getattr(touch.probe, key) for key in HEAT)
+        own = affecting(touch.probe, Affects.MECHANICS).items()
+        what = _upright(touch), {key: value for key, value in own if key not in _SAID}
         things[touch.patch] = touch.outline, what, np.array(touch.load.components)
     for name, (patch, *_) in scene.film.layers.items():
         things[name] = patch.outline, (patch.model_dump(include=_MATERIAL),), np.zeros(3)
@@ -140,8 +143,9 @@ def _patch_swap(mirror: Array, scene: Scene, slack: float) -> dict[str, str] | N
     return swap if len(swap) == len(things) else None
 
 
-#: What a patch's layer is made of.
+#: What a patch's layer is made of, and what of a probe its outline and its load have.
 _MATERIAL = set(Bonded.model_fields)
+_SAID = {"shape", *Pressing.model_fields}
 
 
 def _upright(touch: LoadedProbe) -> Load:

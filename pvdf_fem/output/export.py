@@ -34,9 +34,10 @@ def write_vtu(solution: Solution, path: str | Path) -> None:
     as the mean over the elements around a node by area; ``principal_stress_Pa``, its larger
     principal value; and ``contact_pressure_Pa`` of tips. Cell data: the stresses averaged over an
     element, and for each patch an array of 0 and 1 of its name (``electrode A``, ``probe``). Field
-    data: ``charge_pC A`` and ``charge_error_pC A`` of each electrode, and ``scene_toml``, the scene
-    as bytes of UTF-8. Raises `NotConvergedError`, and `ExportError` or `FileError` for another
-    ending than ``.vtu`` and for a file that cannot be written.
+    data: ``charge_pC A`` and ``charge_error_pC A`` of each electrode, and as bytes of UTF-8
+    ``scene_toml``, the scene, and ``included``, the solution's. Raises `NotConvergedError`, and
+    `ExportError` or `FileError` for another ending than ``.vtu`` and for a file that cannot be
+    written.
     """
     path = Path(path)
     if path.suffix.lower() != ".vtu":
@@ -64,8 +65,9 @@ def _field_data(solution: Solution) -> dict[str, Array]:
         for key, table in tables.items()
         for name, value in table.items()
     }
-    scene = np.frombuffer(solution.scene.to_toml().encode(), dtype=np.uint8)
-    return {**values, "scene_toml": scene}
+    texts = {"scene_toml": solution.scene.to_toml(), "included": "\n".join(solution.included)}
+    told = {key: np.frombuffer(t.encode(), dtype=np.uint8) for key, t in texts.items() if t}
+    return {**values, **told}
 
 
 def _at_nodes(solution: Solution) -> tuple[Array, Array]:

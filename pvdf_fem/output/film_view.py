@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import io
 import json
+import subprocess
+import sys
 import zipfile
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -22,12 +25,34 @@ ABOVE = 0.002  #: Height of lines above the film, over its radius, so that it do
 DEPTH = 0.25  #: Depth of the picture of the film, over its radius.
 LEVELS = 9  #: Number of lines of equal deflection.
 VIEWED_FROM: Array = np.array([-1.0, -1.5, 1.2])  #: Direction to the camera.
+#: A program that ends with 0 where VTK renders, and by a signal where VTK misses its libraries.
+TRIAL = """
+from vtkmodules import vtkRenderingOpenGL2
+from vtkmodules.vtkRenderingCore import vtkRenderWindow
+window = vtkRenderWindow()
+window.SetOffScreenRendering(True)
+window.Render()
+"""
+
+
+class NoRenderingError(ImportError):
+    """VTK cannot render on this machine; the text says what to install."""
+
+
+@cache
+def require_rendering() -> None:
+    """Raise `NoRenderingError` where VTK would end Python: tried in another process, once."""
+    if subprocess.run([sys.executable, "-c", TRIAL], capture_output=True).returncode:
+        raise NoRenderingError(
+            "a view in 3-D needs a display, or EGL: apt-get install libegl1 libgl1-mesa-dri"
+        )
 
 
 def film_view(solution: Solution, name: str, scale: float | None, html: str | Path | None) -> Any:
     """`Solution.view`."""
     quantity, scene = require_quantity(name, solution.scene), solution.scene
     pyvista = _imported("pyvista")
+    require_rendering()
     if scale is None:
         scale = DEPTH * scene.film.radius_mm / (solution.deflection_max_mm or 1.0)
     plotter = pyvista.Plotter(off_screen=True if html else None)

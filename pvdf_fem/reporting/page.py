@@ -16,6 +16,8 @@ from pvdf_fem.reporting.kind import Content
 from pvdf_fem.reporting.script import Item, Plan
 
 LONG_TABLE = 12  #: Rows of a table above which it is folded.
+MOST_ROWS = 60  #: Rows of a table above which it is in its CSV file only.
+BESIDE_TABLE = 6  #: Columns of a table above which it stands below its figure.
 WIDE_TABLE = 5  #: Columns of a table above which a phone shows a row as a list.
 JUDGING = ("comparison", "positions")  #: Kinds whose findings are the verdict, if there are any.
 
@@ -50,12 +52,19 @@ class Entry:
     def rows(self) -> list[dict[str, str]]:
         """Cells of the table by their heads."""
         shown = None if self.content is None else self.content.shown
-        return [] if shown is None else [dict(row) for row in shown.to_dict("records")]
+        if shown is None or len(shown) > MOST_ROWS:
+            return []
+        return [dict(row) for row in shown.to_dict("records")]
 
     @property
     def is_long(self) -> bool:
         """Whether the table is folded."""
         return len(self.rows) > LONG_TABLE
+
+    @property
+    def is_below(self) -> bool:
+        """Whether the table has the page's whole width."""
+        return bool(self.rows) and (not self.svg or len(self.rows[0]) > BESIDE_TABLE)
 
     @property
     def is_wide(self) -> bool:

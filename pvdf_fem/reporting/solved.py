@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
 
 import numpy as np
 import pandas as pd
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.solution.solve import rest_forces
 from pvdf_fem.sweeps.store import Record
 
 
@@ -67,12 +66,10 @@ class Solved:
 
 def rests(scenes: Sequence[Scene], names: Sequence[str]) -> Array:
     """Charges (scenes, names) of the films without a touch, in pC."""
-    rows = [_rest(scene.model_copy(update={"probe": None})) for scene in scenes]
-    values = [[row.get(name, np.nan) for name in names] for row in rows]
-    return np.array(values, dtype=float).reshape(len(scenes), len(names))
-
-
-@lru_cache(maxsize=256)
-def _rest(untouched: Scene) -> dict[str, float]:
-    names = [electrode.name for electrode in untouched.electrode_list]
-    return dict(zip(names, (1e12 * rest_charges(untouched)).tolist(), strict=True))
+    values = np.full((len(scenes), len(names)), np.nan)
+    for row, scene in zip(values, scenes, strict=True):
+        film = scene.film
+        charges = rest_forces(scene, needed=False).charges((film.d31_pC_N, film.d32_pC_N))
+        known = dict(zip((e.name for e in scene.electrode_list), charges.tolist(), strict=True))
+        row[:] = [known.get(name, np.nan) for name in names]
+    return values

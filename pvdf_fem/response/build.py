@@ -221,8 +221,7 @@ def _best(
 def _refuse(scene: Scene, domain: Domain, options: ResponseOptions, tolerance: float) -> None:
     """Raise `ValueError` for a scene, a domain or a tolerance without a response."""
     low, high = domain.force_N
-    if scene.single_probe is None:
-        raise ValueError("scene: has no probe; give it one")
+    mechanics_of(scene)  # refuses what no response is of
     if not LEAST_TOLERANCE <= tolerance < np.inf:
         raise ValueError(
             f"tolerance: {tolerance} is below {LEAST_TOLERANCE:g}, or no number; full solves could"
@@ -240,7 +239,6 @@ def _refuse(scene: Scene, domain: Domain, options: ResponseOptions, tolerance: f
             "film: patches and rim_displacement_um make a stress about a probe that is another one"
             " everywhere, which a response does not have; remove them"
         )
-    mechanics_of(scene)  # refuses a depth
     if scene.load.friction:
         friction = f"load.friction: {scene.load.friction!r}"
         raise ValueError(f"{friction}: a response is of film that slides freely; give 0")

@@ -190,7 +190,8 @@ def _stresses(equilibrium: Equilibrium, loads: Sequence[float]) -> Iterator[Arra
     solutions: list[tuple[float, Array]] = []
     for force in loads:
         (load,) = equilibrium.loads
-        loaded = equilibrium.replacing(load, load.with_force(force))
+        terms = [t.with_force(force) if t is load else t for t in equilibrium.terms]
+        loaded = equilibrium.with_terms(terms)
         start = None
         if solutions:  # by a polynomial of log F through the last three
             forces, unknowns = map(np.array, zip(*solutions[-3:], strict=True))

@@ -19,13 +19,15 @@ from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.response.held_out import SAFETY, SHARE, HeldOut
-from pvdf_fem.response.model import FORCE, QUANTITIES, SCENE_KEYS, Domain, all_within
+from pvdf_fem.response.model import FORCE, QUANTITIES, Domain, all_within, centred
 from pvdf_fem.response.response_file import Contents, StressContents, mechanics_of, read, write
 from pvdf_fem.response.rim_places import ProbeCharges
 from pvdf_fem.response.table import Grid, scaled_force
 from pvdf_fem.response.uniform_spline import UniformSpline
+from pvdf_fem.scene.affects import Affects, affecting
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solvers.status import Status
+from pvdf_fem.sweeps.equivalence import MECHANICS
 from pvdf_fem.sweeps.sweep import silent
 
 if TYPE_CHECKING:
@@ -60,14 +62,18 @@ def refuse_other_mechanics(known: Scene, other: Scene) -> None:
     if mechanics_of(known) == mechanics_of(other):
         return
     there, here = (
-        {f"{n}.{key}": v for n in ("film", "probe", "load") for key, v in getattr(scene, n)}
+        {
+            f"{name}.{key}": value
+            for name, tables in affecting(centred(scene), *MECHANICS, Affects.READING).items()
+            if name != "electrodes"
+            for key, value in tables[0].items()
+        }
         for scene in (known, other)
     )
-    reading = {"film.d31_pC_N", "film.d32_pC_N", "film.density_kg_m3", *SCENE_KEYS}
     texts = [
         f"{key} = {here.get(key)} is {there.get(key)} there"
         for key in {**there, **here}
-        if key not in reading and here.get(key) != there.get(key)
+        if here.get(key) != there.get(key)
     ]
     raise ValueError(
         f"scene: the film deforms otherwise than in the response ({', '.join(texts)}); build a"
@@ -77,8 +83,8 @@ def refuse_other_mechanics(known: Scene, other: Scene) -> None:
 
 def reads_alike(known: Scene, other: Scene) -> bool:
     """Whether two scenes read the same charges from the same stress, whatever their names."""
-    d = [(scene.film.d31_pC_N, scene.film.d32_pC_N) for scene in (known, other)]
-    return d[0] == d[1] and _outlines(known) == _outlines(other)
+    film, other_film = (affecting(scene.film, Affects.READING) for scene in (known, other))
+    return film == other_film and _outlines(known) == _outlines(other)
 
 
 def _outlines(scene: Scene) -> list[str]:

@@ -31,7 +31,7 @@ from pvdf_fem.files import FileError, reading, replacing
 from pvdf_fem.response.model import Domain, centred
 from pvdf_fem.response.rim_places import RimPlaces
 from pvdf_fem.response.uniform_spline import UniformAxis
-from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.scene import Numerics, Scene
 from pvdf_fem.sweeps.equivalence import mechanics
 from pvdf_fem.sweeps.store import NUMERICAL_FOLDERS, code_version
 
@@ -45,13 +45,16 @@ class ResponseError(FileError):
 def mechanics_of(scene: Scene) -> str:
     """What the stress about a scene's probe depends on, wherever it is and whatever its force.
 
-    Raises `ValueError` for a depth in place of a force.
+    Raises `ValueError` without a probe, and for a depth in place of a force.
     """
+    if scene.single_probe is None:
+        raise ValueError("scene: has no probe; give it one")
     if (depth_mm := scene.load.depth_mm) is not None:
         raise ValueError(f"load.depth_mm = {depth_mm:g}: a response is of forces; remove it")
     scene.require_plain_charges("a response")
-    observable = {"observable": scene.numerics.observable}
-    return f"{mechanics(centred(scene).with_(numerics=observable)).given} {observable}"
+    observable = scene.numerics.observable
+    pressed = centred(scene).model_copy(update={"numerics": Numerics(observable=observable)})
+    return f"{mechanics(pressed).given} {observable}"
 
 
 def response_key(scene: Scene, domain: Domain, tolerance: float) -> str:

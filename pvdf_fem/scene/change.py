@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
 from typing import Any
 
@@ -11,19 +11,20 @@ import numpy as np
 from pydantic import BaseModel
 
 from pvdf_fem.scene.outlines.shape import HEAT
+from pvdf_fem.scene.registry import FORCES, RIVALS, put
 from pvdf_fem.scene.scene_file import problem
 from pvdf_fem.scene.shapes import Bonded
 
 # Keys that a shape keeps when it becomes another one, alone or all around a ring.
 _PLACE = {"name", "shape", "x_mm", "y_mm", "rotation_deg"}
 _PLACE |= {"layout", "count", "ring_radius_mm", "first_angle_deg", "centre"}
-_PLACE |= {"force_N", "tangential_N", "load", *HEAT, *Bonded.model_fields}
+_PLACE |= {"load", *FORCES, *HEAT, *Bonded.model_fields}
 # Keys that electrodes keep when their layout becomes another one.
 _OF_ALL_LAYOUTS = {"layout", "ring_radius_mm", "side_mm"}
 # Keys that decide which other keys there are, in the order in which they are changed.
-_FIRST = ("layout", "shape", "kind")
-# Keys of which one takes the place of the other.
-_RIVALS = {"temperature_change_K": "pretension_N_m", "pretension_N_m": "temperature_change_K"}
+_FIRST = ("layout", "shape", "kind", "profile")
+# The change of a key that has to be a table, whose keys are changes of their own.
+_TABLE = object()
 _KEY = re.compile(r"[^.[\]]+(?:\.[^.[\]]+|\[[0-9]{1,9}\])*")
 #: What a key is told that addresses an entry of a table, or a key of a list.
 _BY_INDEX = {
@@ -32,11 +33,25 @@ _BY_INDEX = {
 }
 
 
+class Replaced(dict[str, Any]):
+    """A table that takes the place of a whole table of the scene, as in
+    ``scene.with_(film=Replaced(thickness_um=12))``: keys that it does not have get their defaults.
+    Other tables are merged."""
+
+
 @lru_cache(maxsize=1024)
 def steps_of(key: str) -> tuple[Any, ...]:
     """The names and the indices, as int, that a dotted key consists of; none if it is no key."""
     steps = re.findall(r"[^.[\]]+", key) if _KEY.fullmatch(key) else []
-    return tuple(int(step) if re.fullmatch("[0-9]{1,9}", step) else step for step in steps)
+    return _beside(int(step) if re.fullmatch("[0-9]{1,9}", step) else step for step in steps)
+
+
+def _beside(steps: Iterable[Any]) -> tuple[Any, ...]:
+    """The steps to a key; those to the force of a probe of a list lead beside the probe's shape."""
+    match steps := tuple(steps):
+        case ("probe", int(), "load", key, *_) if key in FORCES:
+            return steps[:2] + steps[3:]
+    return steps
 
 
 def number_at(scene: Any, key: str) -> float:
@@ -54,36 +69,54 @@ def spelled(key: str) -> str:
 
 
 def change(tables: dict[str, Any], changes: Mapping[str, Any]) -> list[str]:
-    """Replace values of tables in place, by key such as ``load.force_N``, ``probe[0].x_mm``. Tables
-    on the way are made. It returns a complaint for each key that leads nowhere, or that another one
-    spells otherwise."""
-    changes = {_encodable(key): value for key, value in changes.items()}
-    keys: dict[tuple[Any, ...], str] = {}
+    """Change values of tables in place, by key such as ``load.force_N``, ``probe[0].x_mm``. Tables
+    among the values are merged, and tables on the way are made. It returns a complaint for each key
+    that leads nowhere, or that is changed twice."""
+    found: dict[tuple[Any, ...], tuple[str, Any]] = {}
     problems = []
-    for key, value in changes.items():
-        steps = steps_of(key)
-        if not steps:
+    for name, given in changes.items():
+        key = _encodable(name)
+        if not (whole := steps_of(key)):
             reason = "is no key; write one such as film.radius_mm or electrodes[0].x_mm"
-            problems.append(problem(key[:80] or '""', value, reason))
-        elif keys.setdefault(steps, key) != key:
-            reason = f"is the same key as {keys[steps]}; remove one"
-            problems.append(problem(key[:80], value, reason))
+            problems.append(problem(key[:80] or '""', given, reason))
+        for steps, value in leaves(whole, given) if whole else ():
+            told = ".".join([key, *map(str, steps[len(whole) :])])[:80]
+            if steps in found:
+                reason = f"is the same key as {found[steps][0]}; remove one"
+                problems.append(problem(told, given, reason))
+            found.setdefault(steps, (told, value))
     # whole sections first, then the keys that decide which other keys there are
-    for steps in sorted(keys, key=lambda s: (len(s), [*_FIRST, s[-1]].index(s[-1]))):
-        key = keys[steps]
+    for steps in sorted(found, key=lambda s: (len(s), [*_FIRST, s[-1]].index(s[-1]))):
+        told, value = found[steps]
+        _, rival = found.get((*steps[:-1], RIVALS.get(steps[-1])), ("", None))
         try:
-            _put(tables, steps, value := plain(changes[key]))
-            rival = _RIVALS.get(steps[-1])
-            if rival and value is not None and ("film", rival) not in keys:
-                tables["film"].pop(rival, None)
+            _put(tables, steps, value, rival)
         except (AttributeError, LookupError, TypeError, ValueError) as error:
-            told = [text for text in _BY_INDEX.values() if text in error.args]
-            reason = told[0] if told else "leads nowhere; use a key of this scene"
-            problems.append(problem(key[:80], changes[key], reason))
-    return problems
+            indexed = [text for text in _BY_INDEX.values() if text in error.args]
+            reason = indexed[0] if indexed else "leads nowhere; use a key of this scene"
+            problems.append(problem(told, {} if value is _TABLE else value, reason))
+    return list(dict.fromkeys(problems))
 
 
-def _put(tables: dict[str, Any], steps: tuple[Any, ...], value: Any) -> None:
+def leaves(steps: tuple[Any, ...], value: Any) -> Iterator[tuple[tuple[Any, ...], Any]]:
+    """A change by its steps; of a table that is merged, the change of each of the table's keys."""
+    if isinstance(value, Mapping) and not isinstance(value, Replaced):
+        yield steps, _TABLE
+        for key, item in value.items():
+            yield from leaves(_beside((*steps, _encodable(key))), item)
+    else:
+        yield steps, plain(value)
+
+
+def named(changes: Mapping[str, Any]) -> set[str]:
+    """The keys of sections that changes name, ``load.force_N``, and sections that they replace."""
+    every = (leaf for key, value in changes.items() for leaf in leaves(steps_of(key), value))
+    found = (steps for steps, value in every if value is not _TABLE)
+    return {".".join([step for step in steps if isinstance(step, str)][:2]) for steps in found}
+
+
+def _put(tables: dict[str, Any], steps: tuple[Any, ...], value: Any, rival: Any) -> None:
+    """Change a value; `rival` is what the key's rival is changed to, or None."""
     node: Any = tables
     if steps[0] in _BY_INDEX and len(steps) > 2:
         entries = node.get(steps[0]) or {}
@@ -92,24 +125,20 @@ def _put(tables: dict[str, Any], steps: tuple[Any, ...], value: Any) -> None:
             raise ValueError(_BY_INDEX[steps[0]])
     for step in steps[:-1]:
         node = node[step] if isinstance(node, list) else node.setdefault(str(step), {})
-    last = steps[-1] if isinstance(node, list) else str(steps[-1])
+    last: Any = steps[-1] if isinstance(node, list) else str(steps[-1])
+    if value is _TABLE:
+        old = node[last] if isinstance(node, list) else node.get(last)
+        value = old if isinstance(old, dict) else {}
+    if isinstance(node, list):
+        node[last] = value
+        return
     if last == "shape" and node.get("shape") != value:
         for size in node.keys() - _PLACE:
             del node[size]
     if steps == ("electrodes", "layout") and node.get("layout") != value:
         for key in node.keys() - _OF_ALL_LAYOUTS:
             del node[key]
-    if last == "kind" and value != "rigid":
-        node.pop("contact", None)
-        node.pop("tilt", None)
-    if last == "kind" and value != "contact":
-        node.pop("depth_mm", None)
-        node.pop("friction", None)
-    if last == "depth_mm" and value is not None:
-        node.pop("force_N", None)
-    if last == "force_N":
-        node.pop("depth_mm", None)
-    node[last] = value
+    put(node, last, value, rival)
 
 
 def _encodable(key: Any) -> Any:

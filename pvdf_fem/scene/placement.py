@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from pvdf_fem.scene.outlines.outline import TOUCH, overlaps
 from pvdf_fem.scene.outlines.sphere import SphereShape
 from pvdf_fem.scene.outlines.tip import tip_of
-from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES, Load
+from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES, Load, said_at
 from pvdf_fem.scene.scene_file import problem
 from pvdf_fem.scene.shapes import Electrode, Layout, Pressing, PressingProbe, Probe, Ring
 
@@ -47,26 +47,25 @@ def misplacements(
 
 def _of_load(radius_mm: float | None, key: str, probe: Any, load: Load) -> Iterator[str]:
     """Complaints about the load of a probe, its own or the scene's."""
-    where, own = "load", load
-    if isinstance(probe, Pressing):
-        where, own = ("load", load) if probe.load is None else (f"{key}.load", probe.load)
-        try:
-            probe.load_in(load)
-        except ValidationError as error:
-            for wrong in error.errors():
-                name = f"{key}.{wrong['loc'][0]}"
-                yield problem(name, wrong["input"], wrong["ctx"]["reason"])
-    yield from _of_tip(key, probe, where, own)
+    try:
+        own = probe.load_in(load) if isinstance(probe, Pressing) else load
+    except ValidationError as error:
+        for wrong in error.errors():
+            name = said_at(key, probe, str(wrong["loc"][0]))
+            whose = "" if name.startswith(key) else f" (of {key})"
+            yield problem(name, wrong["input"], wrong["ctx"]["reason"] + whose)
+        return
+    yield from _of_tip(key, probe, own)
     outline, rim = probe.outline, (radius_mm or np.inf) / 1e3
     if own.kind == "rigid" and abs(outline.reach - rim) <= TOUCH * rim < np.inf:
         reason = "a rigid probe on the clamped rim cannot move; make the probe smaller"
-        yield problem(f"{where}.kind", own.kind, f"{reason} or choose another kind")
+        yield problem(said_at(key, probe, "kind"), own.kind, f"{reason} or choose another kind")
     if own.profile_entry.needs_ellipse and len(outline.corners):
         reason = f'is of discs and ellipses; give {key}.shape = "circle" or another profile'
-        yield problem(f"{where}.profile", own.profile, reason)
+        yield problem(said_at(key, probe, "profile"), own.profile, reason)
 
 
-def _of_tip(key: str, probe: Any, where: str, load: Load) -> Iterator[str]:
+def _of_tip(key: str, probe: Any, load: Load) -> Iterator[str]:
     """Complaints about a probe that is a tip but does not touch, or touches and is none."""
     touches, rounding = load.kind == "contact", probe.edge_radius_mm
     try:
@@ -79,11 +78,11 @@ def _of_tip(key: str, probe: Any, where: str, load: Load) -> Iterator[str]:
         return
     if load.friction == "stuck" and tip.modes(probe.outline.centroid[None]) is None:
         reason = "is of round tips: spheres, and circles with edge_radius_mm; give 0"
-        yield problem(f"{where}.friction", load.friction, reason)
+        yield problem(said_at(key, probe, "friction"), load.friction, reason)
     if not touches:
         reason = "is of a tip that the film touches where it must"
         name = "shape" if rounding is None else "edge_radius_mm"
-        change = f'give {where}.kind = "contact" or another {name}'
+        change = f'give {said_at(key, probe, "kind")} = "contact" or another {name}'
         yield problem(f"{key}.{name}", getattr(probe, name), f"{reason}; {change}")
 
 

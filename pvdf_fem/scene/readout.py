@@ -51,7 +51,7 @@ Resistance = Annotated[Finite, within(1e-9, 1e12, "MOhm")]
 Voltage = Annotated[Finite, within(-1e6, 1e6, "V")]
 
 #: Keys that only one kind of channel has.
-_KEYS_OF_KIND = {
+KEYS_OF_KIND = {
     "feedback_capacitance_pF": "charge",
     "feedback_resistance_MOhm": "charge",
     "input_resistance_MOhm": "voltage",
@@ -80,12 +80,12 @@ class Readout(Section):
     noise_V: ByChannel[Annotated[Finite, within(0.0, 1e6, "V")]] = 0.0
     reading: Literal["change", "total"] = "change"
 
-    @field_validator(*_KEYS_OF_KIND)
+    @field_validator(*KEYS_OF_KIND)
     @classmethod
     def _belongs_to_kind(cls, value: Any, info: ValidationInfo) -> Any:
         kind, name = info.data.get("kind"), str(info.field_name)
-        if kind in ("charge", "voltage") and kind != _KEYS_OF_KIND[name]:
-            raise refusal(f'is for kind = "{_KEYS_OF_KIND[name]}" only; remove it or change kind')
+        if kind in ("charge", "voltage") and kind != KEYS_OF_KIND[name]:
+            raise refusal(f'is for kind = "{KEYS_OF_KIND[name]}" only; remove it or change kind')
         return value
 
     @model_serializer(mode="wrap")

@@ -13,11 +13,14 @@ from pydantic import (
     Field,
     SerializerFunctionWrapHandler,
     ValidationInfo,
+    create_model,
     field_validator,
     model_serializer,
 )
 
+from pvdf_fem.scene.affects import Affects
 from pvdf_fem.scene.quantity import Finite, Length, Section, refusal, within
+from pvdf_fem.scene.readout import KEYS_OF_KIND
 from pvdf_fem.scene.scene_file import choose
 
 #: Class of each ``load.kind``.
@@ -43,6 +46,8 @@ PROFILE_ENTRIES = {
     "hertz": ProfileEntry("pvdf_fem.film.loads.profiles:Hertz", needs_ellipse=True),
     "gaussian": ProfileEntry("pvdf_fem.film.loads.profiles:Gaussian"),
 }
+#: What stands between the path of a file with a profile and the SHA-256 of the file's content.
+PIN = "#sha256="
 TABLE_ENTRY = ProfileEntry("pvdf_fem.film.loads.profiles:Table", is_symmetric=False)
 
 
@@ -63,6 +68,7 @@ if TYPE_CHECKING:
     LoadKind: TypeAlias = str
 else:
     LoadKind = Literal[tuple(LOAD_CLASSES)]
+Depth = Annotated[Finite, within(1e-6, 1e3, "mm")]
 Force = Annotated[Finite, within(0.0, 1e6, "N")]
 _InPlane = Annotated[Finite, within(-1e6, 1e6, "N")]
 Tangential = tuple[_InPlane, _InPlane]
@@ -75,6 +81,28 @@ _NEEDS = {
     "profile": ("kind", "dead"),
     "profile_width_mm": ("profile", "gaussian"),
 }
+#: Keys of any table, and the other key with its value that they need.
+_ALL_NEEDS = {**_NEEDS, **{key: ("kind", kind) for key, kind in KEYS_OF_KIND.items()}}
+#: Keys of a table of which one takes the place of the other.
+RIVALS = {"depth_mm": "force_N", "temperature_change_K": "pretension_N_m"}
+RIVALS |= {rival: key for key, rival in RIVALS.items()}
+#: Keys of a load that a probe of a list has beside its shape; a file may have them in `load`, too.
+FORCES = ("depth_mm", "force_N", "tangential_N")
+
+
+def put(table: dict[str, Any], key: str, value: Any, rival: Any = None) -> None:
+    """Change a key of a scene's table. Keys that need another value of this one are left behind,
+    and so is its rival. Where a value of the `rival` is given, too, both stay and are refused."""
+    if isinstance(value, dict):  # a value by channel leaves nothing behind
+        table[key] = value
+        return
+    for other, (decider, needed) in _ALL_NEEDS.items():
+        if other in table and decider == key and value != needed:
+            put(table, other, None)
+            del table[other]
+    if value is not None and rival is None:
+        table.pop(RIVALS.get(key, ""), None)
+    table[key] = value
 
 
 class Load(Section):
@@ -94,13 +122,15 @@ class Load(Section):
 
     `profile` is ``uniform``, ``hertz``, ``gaussian`` or the path, from the working directory, of a
     CSV or NetCDF file with ``x_mm``, ``y_mm`` and ``pressure`` on a grid in the probe's own axes.
-    Only its shape counts: its total is the force. At `profile_width_mm` from the probe's centroid
-    a ``gaussian`` is 1/e² of its largest value; by default the radius of a disc of the same area.
+    Only its shape counts: its total is the force. A path that ends in ``#sha256=`` and a digest, as
+    in the scene of a solution, refuses any other content of the file. At `profile_width_mm` from
+    the probe's centroid a ``gaussian`` is 1/e² of its largest value; by default the radius of a
+    disc of the same area.
     """
 
     kind: LoadKind = "dead"
-    depth_mm: Annotated[Finite, within(1e-6, 1e3, "mm")] | None = None
-    force_N: Force = 1.0
+    depth_mm: Depth | None = None
+    force_N: Annotated[Force, Affects.SCALE] = 1.0
     friction: Any = 0.0
     contact: Literal["sliding", "stuck"] | None = Field(None, validate_default=True)
     tilt: Literal["held", "free"] = "held"
@@ -112,7 +142,7 @@ class Load(Section):
     @classmethod
     def _has_what_it_needs(cls, value: Any, info: ValidationInfo) -> Any:
         key, needed = _NEEDS[str(info.field_name)]
-        found = info.data.get(key, needed)  # refused already where it is missing
+        found = info.data.get(key) or needed  # refused already, or said by the scene's load
         if info.field_name == "contact" and info.data.get("kind") == "rigid":
             return value or "sliding"
         if value not in (None, "uniform", "held", 0.0) and found != needed:
@@ -136,7 +166,7 @@ class Load(Section):
     @field_validator("profile")
     @classmethod
     def _is_a_profile(cls, value: str) -> str:
-        if value not in PROFILE_ENTRIES and not value.endswith((".csv", ".nc")):
+        if value not in PROFILE_ENTRIES and not value.partition(PIN)[0].endswith((".csv", ".nc")):
             known = choose(value, list(PROFILE_ENTRIES))
             raise refusal(f"is no path that ends in .csv or .nc and no profile; {known}")
         return value
@@ -167,23 +197,20 @@ class Load(Section):
 
     @model_serializer(mode="wrap")
     def _say_once(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """The table, without a force that follows from the depth."""
-        table: dict[str, Any] = handler(self)
-        if self.depth_mm is not None:
-            table.pop("force_N", None)
-        return table
+        """The table, without what is None and without a force that follows from the depth."""
+        left_out = "force_N" if self.depth_mm is not None else ""
+        table = handler(self).items()
+        return {key: value for key, value in table if value is not None and key != left_out}
 
     @property
     def depth(self) -> float | None:
         """Depth of a tip in m, where it is given instead of a force."""
         return None if self.depth_mm is None else self.depth_mm / 1e3
 
-    def times(self, part: float, sideways: float) -> Load:
-        """A part of the load; a tip's depth is about as the third root of its force."""
-        if part == sideways == 1.0:
-            return self
+    def times(self, part: float) -> Load:
+        """A part of the force along z, none sideways; a tip's depth is about as its third root."""
         depth_mm = self.depth_mm and self.depth_mm * part ** (1.0 / 3.0)
-        pushed = self.tangential_N and tuple(sideways * force for force in self.tangential_N)
+        pushed = self.tangential_N and (0.0, 0.0)
         update = {"depth_mm": depth_mm, "tangential_N": pushed, "force_N": part * self.force_N}
         return self.model_copy(update=update)
 
@@ -201,3 +228,22 @@ class Load(Section):
     def profile_entry(self) -> ProfileEntry:
         """What the profile's name stands for."""
         return PROFILE_ENTRIES.get(self.profile, TABLE_ENTRY)
+
+
+if TYPE_CHECKING:
+
+    class OwnLoad(Load):
+        """What a probe of a list says of its load. What it does not say is None."""
+else:
+    _own: Any = {
+        key: (Annotated[(field.annotation, Field(), *field.metadata)] | None, None)
+        for key, field in Load.model_fields.items()
+    }
+    OwnLoad = create_model("OwnLoad", __base__=Load, __module__=__name__, **_own)
+
+
+def said_at(where: str, probe: Any, key: str) -> str:
+    """The key that says a value of the load of the probe at `where`: the probe's or the scene's."""
+    if key not in getattr(probe, "said", ()):
+        return f"load.{key}"
+    return f"{where}.{key}" if key in FORCES else f"{where}.load.{key}"

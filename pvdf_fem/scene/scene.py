@@ -8,14 +8,13 @@ nothing else in the package converts lengths or moduli. Defaults are the thesis'
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, overload
 
 from pydantic import (
-    PrivateAttr,
     SerializerFunctionWrapHandler,
     ValidationError,
     model_serializer,
@@ -23,7 +22,8 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from pvdf_fem.scene.change import change
+from pvdf_fem.scene.affects import Affects
+from pvdf_fem.scene.change import Replaced, change
 from pvdf_fem.scene.film import Air, Film
 from pvdf_fem.scene.mistakes import MOST_MISTAKES, mistakes
 from pvdf_fem.scene.outlines.outline import Outline, overlaps
@@ -31,7 +31,7 @@ from pvdf_fem.scene.outlines.tip import Tip, tip_of
 from pvdf_fem.scene.placement import LEAST_RADIUS_MM, misplacements
 from pvdf_fem.scene.quantity import Finite, Section, Whole, within
 from pvdf_fem.scene.readout import Readout
-from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES, Load
+from pvdf_fem.scene.registry import FORCES, OBSERVABLE_ENTRIES, Load, OwnLoad, said_at
 from pvdf_fem.scene.scene_file import (
     SceneError,
     example_text,
@@ -53,6 +53,7 @@ __all__ = [
     "Numerics",
     "Probe",
     "Readout",
+    "Replaced",
     "Scene",
     "SceneError",
     "Stage",
@@ -79,7 +80,7 @@ class Numerics(Section):
     """
 
     tolerance: Annotated[Finite, within(1e-8, 0.5, ends=False)] = 1e-3
-    observable: ObservableName = "material"
+    observable: Annotated[ObservableName, Affects.READING] = "material"
     load_steps: Annotated[Whole, within(3, 50)] | None = None
     max_unknowns: Annotated[Whole, within(100, 10_000_000, "unknowns")] | None = None
     max_seconds: Annotated[Finite, within(0.1, 1e6, "s")] | None = None
@@ -102,24 +103,6 @@ if TYPE_CHECKING:
         def __get__(self, scene: Any, owner: Any) -> Any: ...
 
 
-#: A pressure, in any unit, at arrays of x and y in mm.
-Pressure: TypeAlias = Callable[[Any, Any], Any]
-
-
-@dataclass(frozen=True)
-class Step:
-    """A step on the way to the loads, and what its friction with tips depends on, by patch.
-
-    All loads have a `part` of their forces, and `sideways` is that of the ones in the plane. By
-    patch, a probe has `moved` in the plane, in m.
-    """
-
-    part: float = 1.0
-    sideways: float = 1.0
-    held: Mapping[str, Any] = field(default_factory=dict)
-    moved: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-
-
 @dataclass(frozen=True)
 class LoadedProbe:
     """One of a scene's probes with its load, and the name of its patch in a mesh."""
@@ -127,8 +110,6 @@ class LoadedProbe:
     patch: str
     probe: Probe
     load: Load
-    pressure: Pressure | None = None  #: In place of the load's profile, in the probe's own axes.
-    held: Any = None  #: A `Sticking` or `Displacement` of `pvdf_fem.film.loads`.
 
     @property
     def outline(self) -> Outline:
@@ -139,11 +120,6 @@ class LoadedProbe:
     def tip(self) -> Tip:
         """The rigid tip that it is; ValueError of a probe that is none."""
         return tip_of(self.probe)
-
-    @property
-    def is_symmetric(self) -> bool:
-        """Whether its pressure is as symmetric as its outline."""
-        return self.pressure is None and self.load.profile_entry.is_symmetric
 
 
 _THINNEST_UM = 0.5  #: A thinner film in µm was probably meant in mm.
@@ -161,18 +137,16 @@ class Scene(Section):
     """
 
     film: Film = Film()
-    electrodes: Electrodes = Layout()
+    electrodes: Annotated[Electrodes, Affects.READING] = Layout()
     probe: Probes | None = None
     if TYPE_CHECKING:
         load: _LoadOrReader = _LoadOrReader()
     else:
         load: Load = Load()
     numerics: Numerics = Numerics()
-    readout: Readout | None = None
-    stage: Stage | None = None
-    air: Air | None = None
-    _pressure: Pressure | None = PrivateAttr(None)
-    _step: Step = PrivateAttr(Step())
+    readout: Annotated[Readout | None, Affects.INSTRUMENT] = None
+    stage: Annotated[Stage | None, Affects.INSTRUMENT] = None
+    air: Annotated[Air | None, Affects.DYNAMICS] = None
 
     if not TYPE_CHECKING:  # type checkers have the keys from the fields
 
@@ -192,7 +166,7 @@ class Scene(Section):
             self.load,
             self.numerics.observable,
         )
-        if self.film.bending is True and any(t.load.kind == "contact" for t in self.loaded_probes):
+        if self.film.bending is True and "contact" in self._kinds.values():
             reason = 'is not for tips; give "auto" or false, and its effect is estimated'
             complaints = chain(complaints, [problem("film.bending", True, reason)])
         film = self.film
@@ -231,9 +205,10 @@ class Scene(Section):
             found["film.warming_K"] = coupled
         if film.coupling:
             found["film.coupling"] = edges
-        for key, probe in self.warm_probes.items():
-            kind = (getattr(probe, "load", None) or self.load).kind
-            found[key] = wrinkles + edges + coupled + [("load.kind", kind)] * (kind == "contact")
+        for key in self.warm_probes:
+            kind = self._kinds[probe := key.rpartition(".")[0]]
+            tips = [(said_at(probe, self._probes[probe], "kind"), kind)] * (kind == "contact")
+            found[key] = wrinkles + edges + coupled + tips
         for key, clashing in found.items():
             for name, value in clashing:
                 yield problem(name, value, f"is not for {key}; change it or remove that")
@@ -247,6 +222,8 @@ class Scene(Section):
         elif (force := self.load.force_N) >= _MOST_N:
             meant = f"were {force * 9.81e-3:.3g} N meant, which are {force:g} grams?"
             found.append(f"{problem('load.force_N', force, 'is in N')}; {meant}")
+        for key in self.unheeded(f"load.{k}" for k in self.load.model_dump(exclude_defaults=True)):
+            found.append(f"{key}: no probe has it, since each says its own; remove one of the two")
         for key, least, factor, unit, other in (
             ("d31_pC_N", _LEAST_PC_N, 1e12, "pC/N", "C/N"),
             ("d32_pC_N", _LEAST_PC_N, 1e12, "pC/N", "C/N"),
@@ -265,6 +242,12 @@ class Scene(Section):
         if isinstance(self.probe, tuple):
             return {f"probe[{i}]": probe for i, probe in enumerate(self.probe)}
         return {"probe": self.probe} if self.probe else {}
+
+    @property
+    def _kinds(self) -> dict[str, str]:
+        """The kinds of the probes' loads by the keys of the probes."""
+        own = {key: getattr(probe, "load", None) for key, probe in self._probes.items()}
+        return {key: (load and load.kind) or self.load.kind for key, load in own.items()}
 
     @property
     def warm_probes(self) -> dict[str, Probe]:
@@ -286,28 +269,28 @@ class Scene(Section):
         entries: list[tuple[str, Any, Load]] = [("probe", probe, load)]
         if isinstance(probe, tuple):
             entries = [(f"probe {i}", p, p.load_in(load)) for i, p in enumerate(probe, 1)]
-        return tuple(self._loaded(*entry) for entry in entries)
+        return tuple(LoadedProbe(*entry) for entry in entries)
 
-    def _loaded(self, patch: str, probe: Probe, load: Load) -> LoadedProbe:
-        step = self._step
-        load = load.times(step.part, step.sideways)
-        if moved := step.moved.get(patch):
-            x_mm, y_mm = (
-                1e3 * m + at for m, at in zip(moved, (probe.x_mm, probe.y_mm), strict=True)
-            )
-            probe = probe.model_copy(update={"x_mm": x_mm, "y_mm": y_mm})
-        return LoadedProbe(patch, probe, load, self._pressure, step.held.get(patch))
+    def loaded(self, touches: Sequence[LoadedProbe]) -> Scene:
+        """The scene with other `loaded_probes`, or with some of them; their values go unchecked."""
+        if not touches:
+            return self.model_copy(update={"probe": None})
+        if not isinstance(self.probe, tuple):
+            (touch,) = touches
+            return self.model_copy(update={"probe": touch.probe, "load": touch.load})
+        own = [OwnLoad.model_construct(**touch.load.model_dump()) for touch in touches]
+        alone = dict.fromkeys(FORCES)  # all is in the probe's own load
+        probes = tuple(
+            touch.probe.model_copy(update={**alone, "load": load})
+            for touch, load in zip(touches, own, strict=True)
+        )
+        return self.model_copy(update={"probe": probes, "load": Load()})
 
-    @property
-    def step(self) -> Step:
-        """The step of its loads."""
-        return self._step
-
-    def at(self, step: Step) -> Scene:
-        """The same scene at a step of its loads; no file holds it."""
-        other = self.model_copy()
-        other._step = step
-        return other
+    def unheeded(self, keys: Iterable[str]) -> list[str]:
+        """Those of the keys that are of the scene's load, and that no probe of a list has."""
+        probes = self.probe if isinstance(self.probe, tuple) else ()
+        of_load = {key: key.removeprefix("load.") for key in keys if key.startswith("load.")}
+        return [k for k in of_load if probes and not any(p.heeds(of_load[k]) for p in probes)]
 
     def require_no_tips(self, what: str) -> None:
         """SceneError for a scene with tips, whose contact has to be found, which `what` cannot."""
@@ -334,17 +317,6 @@ class Scene(Section):
             raise SceneError([problem("probe", [probe.shape for probe in self.probe], reason)])
         return self.probe
 
-    def under(self, pressure: Pressure | None) -> Scene:
-        """The same scene with a function in place of its load's profile; no file holds it."""
-        if pressure is None:
-            return self
-        if self.single_probe is None or self.load.kind != "dead" or self.load.profile != "uniform":
-            reason = 'is no load to spread; give a [probe], kind "dead" and no load.profile'
-            raise SceneError([problem("load.kind", self.load.kind, reason)])
-        other = self.model_copy()
-        other._pressure = pressure
-        return other
-
     @classmethod
     def parse(cls, text: str, source: str = "<text>") -> Scene:
         """Scene from the text of a scene file; `source` names it in a `SceneError`."""
@@ -368,11 +340,15 @@ class Scene(Section):
         Parameters
         ----------
         **changes
-            Values by dotted key, ``{"load.force_N": 2.0, "electrodes.0.x_mm": 8}``, or whole
-            sections, ``probe=None``. A new shape leaves the sizes of the old one behind, a new
-            layout the keys that it does not have, and a load that becomes ``dead`` or ``follower``
-            its contact. ``film.pretension_N_m`` takes the place of ``film.temperature_change_K``,
-            and the other way round.
+            Values by dotted key, ``{"load.force_N": 2.0, "electrodes.0.x_mm": 8}``, or tables,
+            ``film={"thickness_um": 12}``, which are merged: keys that a table does not have stay. A
+            model of a section, a `Replaced` table, a list and None take the place of the old value.
+
+            A new shape leaves the sizes of the old one behind, a new layout the keys that it does
+            not have, and a new kind or profile of a load the keys that need the old one.
+            ``film.pretension_N_m`` takes the place of ``film.temperature_change_K``,
+            ``load.depth_mm`` of ``load.force_N``, and the other way round; both of them together
+            are refused.
 
         Raises
         ------

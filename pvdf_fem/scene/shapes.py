@@ -13,14 +13,14 @@ from pydantic import (
     AfterValidator,
     Discriminator,
     Field,
-    SerializerFunctionWrapHandler,
     Tag,
     ValidationInfo,
     create_model,
     field_validator,
-    model_serializer,
+    model_validator,
 )
 
+from pvdf_fem.scene.affects import Affects
 from pvdf_fem.scene.outlines.circle import CircleShape
 from pvdf_fem.scene.outlines.ellipse import EllipseShape
 from pvdf_fem.scene.outlines.outline import turn
@@ -28,12 +28,14 @@ from pvdf_fem.scene.outlines.polygon import PolygonShape, RectangleShape, Square
 from pvdf_fem.scene.outlines.shape import HEAT, Shape
 from pvdf_fem.scene.outlines.sphere import SphereShape
 from pvdf_fem.scene.quantity import Finite, Length, Modulus, Number, Section, Whole, refusal, within
-from pvdf_fem.scene.registry import Force, Load, Tangential
+from pvdf_fem.scene.registry import FORCES, RIVALS, Depth, Force, Load, OwnLoad, Tangential, put
 from pvdf_fem.scene.scene_file import quote
 
 MOST_ELECTRODES = 100  #: Sensors with more electrodes are refused.
 MOST_PROBES = 20  #: Scenes with more probes are refused.
 MOST_PATCHES = 100  #: Films with more patches are refused.
+Density = Annotated[Finite, within(0.0, 1e6, "kg/m³")]
+Expansion = Annotated[Finite, within(-1.0, 1.0, "1/K")]
 #: Shapes of probes and electrodes. A new shape is named here.
 _SHAPES: list[type[Shape]] = [RectangleShape, CircleShape, EllipseShape, PolygonShape]
 _OF_PROBES_ONLY: list[type[Shape]] = [TriangleShape, SphereShape]
@@ -75,9 +77,9 @@ class Bonded(_Flat):
     both_sides: Annotated[bool, Field(strict=True)] = False
     youngs_modulus_GPa: Modulus | None = None
     poisson_ratio: Annotated[Finite, within(0.0, 0.4999)] | None = None
-    density_kg_m3: Annotated[Finite, within(0.0, 1e6, "kg/m³")] | None = None
+    density_kg_m3: Annotated[Density | None, Affects.DYNAMICS] = None
     bonded: Literal["at rest", "before stretching"] = "at rest"
-    thermal_expansion_per_K: Annotated[Finite, within(-1.0, 1.0, "1/K")] | None = None
+    thermal_expansion_per_K: Expansion | None = None
 
     @field_validator("poisson_ratio", "thermal_expansion_per_K")
     @classmethod
@@ -94,43 +96,58 @@ class Bonded(_Flat):
         return self.thickness_um / 1e6
 
 
-#: Keys of a load that a probe of a list may have beside its shape.
-FORCES = ("force_N", "tangential_N")
-
-
 class Pressing(Section):
-    """The load of one probe of a list; what it does not say, the scene's load does."""
+    """What a probe of a list says of its load, which is merged over the scene's load: a kind of its
+    own leaves behind what only the kind of the scene's load bears."""
 
+    depth_mm: Depth | None = None
     force_N: Force | None = None
     tangential_N: Tangential | None = None
-    load: Load | None = None
+    load: OwnLoad | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _has_forces_beside(cls, table: Any) -> Any:
+        own = table.get("load") if isinstance(table, Mapping) else None
+        own = own.model_dump() if isinstance(own, Load) else own
+        if not isinstance(own, Mapping):
+            return table
+        said = {key: value for key, value in own.items() if value is not None}
+        forces = {key: said.pop(key) for key in FORCES if key in said and table.get(key) is None}
+        return {**table, **forces, "load": said or None}
 
     @field_validator("load")
     @classmethod
-    def _is_said_once(cls, value: Load | None, info: ValidationInfo) -> Load | None:
+    def _is_said_once(cls, value: OwnLoad | None) -> OwnLoad | None:
         for key in FORCES:
-            if value and key in value.model_fields_set and info.data.get(key) is not None:
+            if getattr(value, key, None) is not None:
                 raise refusal(f"has {key}, which stands beside it too; remove one of the two")
         return value
 
-    @model_serializer(mode="wrap")
-    def _say_once(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """The table, in which a force is in one place."""
-        table: dict[str, Any] = handler(self)
-        for key in FORCES:
-            if table.get("load") and getattr(self, key) is not None:
-                table["load"].pop(key, None)
-        return table
+    @property
+    def said(self) -> dict[str, Any]:
+        """What it says of its load, its kind first."""
+        forces = self.model_dump(include=set(Pressing.model_fields), exclude_none=True)
+        return {**forces.pop("load", {}), **forces}
 
     def load_in(self, scene_load: Load) -> Load:
-        """Its load in a scene; ValidationError for forces that its kind does not bear."""
-        return _with_forces(self.load or scene_load, self.force_N, self.tangential_N)
+        """Its load in a scene; ValidationError for keys that its kind does not bear."""
+        return _merged(scene_load, tuple(self.said.items()))
+
+    def heeds(self, key: str) -> bool:
+        """Whether its load has a key from the scene's load."""
+        return key in _over({key: None}, self.said) and key not in self.said
 
 
 @lru_cache(maxsize=1024)
-def _with_forces(load: Load, force_N: float | None, tangential_N: Tangential | None) -> Load:
-    given = zip(FORCES, (force_N, tangential_N), strict=True)
-    return Load(**{**load.model_dump(), **{key: v for key, v in given if v is not None}})
+def _merged(load: Load, said: tuple[tuple[str, Any], ...]) -> Load:
+    return Load(**_over(load.model_dump(), dict(said)))
+
+
+def _over(table: dict[str, Any], said: Mapping[str, Any]) -> dict[str, Any]:
+    for key, value in said.items():
+        put(table, key, value, said.get(RIVALS.get(key, "")))
+    return table
 
 
 if TYPE_CHECKING:
@@ -282,7 +299,7 @@ MODELS: dict[tuple[str, ...], type[Section]] = {
     ("electrodes", "layout"): Layout,
     **{("probe", "table", shape): model for shape, model in PROBES.items()},
     **{("probe", "list", shape): model for shape, model in LISTED_PROBES.items()},
-    **{("probe", "list", shape, "load"): Load for shape in LISTED_PROBES},
+    **{("probe", "list", shape, "load"): OwnLoad for shape in LISTED_PROBES},
     **{("electrodes", "list", shape): model for shape, model in ELECTRODES.items()},
     **{("electrodes", "ring", shape): model for shape, model in RINGS.items()},
     **{("film", "patches", shape): model for shape, model in PATCHES.items()},

@@ -69,15 +69,14 @@ def changes_by_wrinkles(attempt: Attempt) -> Array | None:
     carries = solved.model.bends or solved.model.wrinkles
     if carries or not attempt.result.converged or not compressed(attempt.fields.solved_state):
         return None
-    space, part = solved.space, solved.part
     # a scene of a sweep may have no electrodes, which `Scene.with_` refuses
     film = solved.film.model_copy(update={"bending": False, "compression": "tension-field"})
     scene = solved.scene.model_copy(update={"film": film})
-    wrinkling = Equilibrium(scene, space.mesh, space.order, part)
+    wrinkling = solved.with_(scene=scene)
     state = wrinkling.state(q)
     step = factorise(wrinkling.tangent(state)).solve(wrinkling.residual(state))
     x = wrinkling.dofs(q - step)
-    return goal_forces(goals, wrinkling.membrane, x, part) - attempt.fields.forces.values
+    return goal_forces(goals, wrinkling.membrane, x, solved.part) - attempt.fields.forces.values
 
 
 def warnings(equilibrium: Equilibrium, state: State, change: float | None) -> Iterator[str]:

@@ -57,8 +57,11 @@ class Fields:
 
     @cached_property
     def equilibrium(self) -> Equilibrium:
-        """The equations of the whole film."""
-        return unfolded(self.solved)
+        """The equations of the whole film, in the axes of the scene."""
+        solved, part = self.solved, self.solved.part
+        if not part.mirrored:
+            return solved
+        return solved.with_(mesh=unfolded_mesh(solved.space.mesh, part), part=WHOLE)
 
     @cached_property
     def displacement(self) -> Array:
@@ -93,14 +96,6 @@ def largest(basis: Basis, values: Array, zoom: int = 8, rounds: int = 5) -> floa
         places = points[np.arange(len(points)), field.argmax(axis=1)]
         best, width = max(best, float(field.max())), width / zoom * 2.0
     return best
-
-
-def unfolded(equilibrium: Equilibrium) -> Equilibrium:
-    """The equations of the whole film, in the axes of the scene."""
-    part, space = equilibrium.part, equilibrium.space
-    if not part.mirrored:
-        return equilibrium
-    return Equilibrium(equilibrium.scene, unfolded_mesh(space.mesh, part), space.order)
 
 
 def unfolded_mesh(mesh: MeshTri2, part: MirroredPart) -> MeshTri2:

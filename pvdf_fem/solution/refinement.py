@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Generic, Protocol, TypeVar
 
 from skfem import MeshTri2
@@ -16,7 +17,7 @@ from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.history import Clock, MeshRecord, Stop
-from pvdf_fem.solvers.budget import Budget
+from pvdf_fem.solvers.budget import Budget, iteration_seconds
 from pvdf_fem.solvers.newton import Tried
 from pvdf_fem.solvers.status import Status
 
@@ -31,6 +32,10 @@ class Attempted(Protocol):
         """Largest relative error; 0 without a result."""
 
     @property
+    def bound(self) -> float:
+        """What of it the tolerance is compared with."""
+
+    @property
     def unknowns(self) -> int: ...
     @property
     def iterations(self) -> int: ...
@@ -42,13 +47,14 @@ T = TypeVar("T", bound=Attempted)
 
 
 class TooManyUnknownsError(RuntimeError):
-    """The first mesh would have more unknowns than allowed; the text names the key to raise."""
+    """A mesh would have more unknowns than allowed; the text names the key to raise."""
 
-    def __init__(self, unknowns: float, allowed: int) -> None:
+    def __init__(self, unknowns: float, allowed: str, stop: Stop) -> None:
         super().__init__(
-            f"the first mesh needs about {unknowns:.0f} unknowns, but numerics.max_unknowns allows"
-            f" {allowed}; raise it, or raise numerics.tolerance"
+            f"a mesh needs about {unknowns:.0f} unknowns, but {allowed}; raise it, or raise"
+            " numerics.tolerance"
         )
+        self.stop = stop
 
 
 @dataclass(frozen=True)
@@ -70,6 +76,10 @@ class Rules:
     most_fits: int = 5
     #: The unknowns that can be paid grow as this power of the work of a mesh.
     work_exponent: float = 0.8
+    #: Newton iterations that a solve on a mesh, with the estimate of its error, takes at least.
+    least_iterations: int = 3
+    #: The estimated number of elements of a mesh is at most this factor too large.
+    overestimate: float = 2.5
 
 
 @dataclass
@@ -105,7 +115,7 @@ class MeshLoop(Generic[T]):
         rules, tolerance = self.rules, self.scene.numerics.tolerance
         aim, spent = rules.safety * tolerance, self.budget.spent_seconds
         attempt = best = self.attempt(self.first_sizes(), None)
-        while attempt.worst > tolerance:
+        while attempt.bound > tolerance:
             if len(self.history) == rules.most_meshes:
                 return best, Stop.MESHES
             most, limit = self._affordable(attempt, self.budget.spent_seconds - spent)
@@ -118,6 +128,8 @@ class MeshLoop(Generic[T]):
                 finer = self.attempt(sizes, attempt)
             except MeshError:
                 return best, Stop.MESH_FAILED
+            except TooManyUnknownsError as error:
+                return best, error.stop
             if finer.status is Status.MAX_ITERATIONS:
                 return best, Stop.FINER_FAILED
             slow = finer.worst > rules.slow * attempt.worst
@@ -126,7 +138,7 @@ class MeshLoop(Generic[T]):
             attempt = finer
             if finer.status is Status.CONVERGED and finer.worst < best.worst:
                 best = finer
-            if slow and large and attempt.worst > tolerance:
+            if slow and large and attempt.bound > tolerance:
                 return best, Stop.UNKNOWNS
         converged = attempt.status is Status.CONVERGED
         return attempt, Stop.ACCURATE if converged else Stop.NO_EQUILIBRIUM
@@ -149,20 +161,27 @@ class MeshLoop(Generic[T]):
 
     def _attempt_once(self, sizes: Sizes | SizeField, coarser: T | None) -> T:
         start = time.perf_counter()
-        if coarser is None and isinstance(sizes, Sizes):
-            self._require_affordable(sizes.least_elements(self.scene.film.radius))
+        require = partial(self._require_affordable, overestimate=self.rules.overestimate)
         with self.clock("mesh"):
-            least_jacobian = film_model(self.scene).least_jacobian
-            contacts = self.contacts_of(coarser)
-            mesh = mesh_scene(self.scene, sizes, self.part, least_jacobian, contacts=contacts)
+            jacobian, contacts = film_model(self.scene).least_jacobian, self.contacts_of(coarser)
+            mesh = mesh_scene(
+                self.scene, sizes, self.part, jacobian, contacts=contacts, require=require
+            )
         if coarser is None:
             self._require_affordable(mesh.nelements)
         return self.attempt_on(mesh, coarser, start)
 
-    def _require_affordable(self, elements: float) -> None:
+    def _require_affordable(self, elements: float, overestimate: float = 1.0) -> None:
+        """Refuse a mesh whose number of elements is at most `overestimate` times too large."""
         budget, unknowns = self.budget, elements * self.unknowns_per_element
-        if budget.bounds_first_mesh and unknowns > budget.max_unknowns:
-            raise TooManyUnknownsError(unknowns, budget.max_unknowns)
+        least = unknowns / overestimate
+        if budget.bounds_first_mesh and least > budget.max_unknowns:
+            allowed = f"numerics.max_unknowns allows {budget.max_unknowns}"
+            raise TooManyUnknownsError(unknowns, allowed, Stop.UNKNOWNS)
+        work = self.rules.least_iterations * iteration_seconds(least, film_model(self.scene))
+        if work > budget.max_seconds:
+            allowed = f"numerics.max_seconds allows {budget.max_seconds:g} s of work"
+            raise TooManyUnknownsError(unknowns, allowed, Stop.SECONDS)
 
     def attempt_on(self, mesh: MeshTri2, coarser: T | None, start: float) -> T:
         """Solve on a mesh and note it in the history, with the seconds since `start`."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,10 +12,12 @@ from numpy.typing import ArrayLike
 from skfem import Basis, MeshTri2
 
 from pvdf_fem.arrays import Array, finite
+from pvdf_fem.charges.forces import Forces
 from pvdf_fem.charges.point_values import PointValues, values_along, values_at
-from pvdf_fem.charges.rest import heat_charges, rest_charges
+from pvdf_fem.charges.rest import heat_charges
 from pvdf_fem.charges.thickness import thickness_charges
 from pvdf_fem.film.electric.coupling import floating
+from pvdf_fem.film.loads.posed import Pressure
 from pvdf_fem.film.loads.pressure import Leaning, Punch
 from pvdf_fem.film.loads.touchdown import Touchdown
 from pvdf_fem.readout.channel import channels
@@ -30,6 +33,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
     from pyvista import Plotter
+
+
+KINDS = "charge", "rest_charge", "charge_change"
+CHARGES = tuple(f"{kind}{end}" for kind in KINDS for end in ("s_pC", "_errors_pC"))
 
 
 class NotConvergedError(RuntimeError):
@@ -53,7 +60,10 @@ class Solution:
     warnings: tuple[str, ...] = ()
     #: ``mesh``, ``solve``, ``estimate``, ``refine`` and ``total``.
     seconds: dict[str, float] = field(default_factory=dict)
+    #: What was given to `solve` in place of the scene's ``load.profile``.
+    pressure: Pressure | None = None
     _fields: Fields | None = None
+    at_rest: Forces | None = None  #: Forces of the electrodes on the untouched film, if known.
 
     @property
     def fields(self) -> Fields:
@@ -82,7 +92,7 @@ class Solution:
         """Total charge of each electrode: what the pretension put there, the touch, and, where the
         film has values for them, the probe's pressure and heat."""
         film, fields = self.scene.film, self.fields
-        charges = fields.forces.charges((film.d31_pC_N, film.d32_pC_N))
+        charges = fields.forces.charges(self._coefficients)
         if film.pyroelectric_uC_m2K is not None:
             charges += 1e12 * heat_charges(self.scene, fields.solved)
         if film.d33_pC_N is not None:
@@ -95,21 +105,38 @@ class Solution:
 
         Wrinkles are those that a real film would have where this one is in compression.
         """
-        return self.charge_errors(self.scene.film.d31_pC_N, self.scene.film.d32_pC_N)
+        return self.charge_errors(*self._coefficients)
 
     @property
     def rest_charges_pC(self) -> dict[str, float]:
-        """Charge of each electrode of the untouched film, which is known without a solve."""
-        return self._by_electrode(1e12 * rest_charges(self.scene))
+        """Charge of each electrode of the untouched film before it warms; NaN, as changes then are,
+        where that film has no result, of which a warning tells."""
+        return self._by_electrode(self._rest.charges(self._coefficients))
+
+    @property
+    def rest_charge_errors_pC(self) -> dict[str, float]:
+        """Estimated error of each charge at rest; 0 where the untouched film is flat."""
+        return self._by_electrode(self._rest.charge_errors(self._coefficients))
 
     @property
     def charge_changes_pC(self) -> dict[str, float]:
-        """Charge that the touch adds to each electrode: what a zeroed charge amplifier sees.
-
-        Their errors are `charge_errors_pC`, since charges at rest are exact.
-        """
+        """Charge that the touch adds to each electrode: what a zeroed charge amplifier sees."""
         rest = self.rest_charges_pC
         return {name: charge - rest[name] for name, charge in self.charges_pC.items()}
+
+    @property
+    def charge_change_errors_pC(self) -> dict[str, float]:
+        """Estimated error of each change: the errors of both charges, added up."""
+        rest = self.rest_charge_errors_pC
+        return {name: error + rest[name] for name, error in self.charge_errors_pC.items()}
+
+    @property
+    def _rest(self) -> Forces:
+        return self.at_rest or Forces.unknown(len(self.scene.electrode_list))
+
+    @property
+    def _coefficients(self) -> tuple[float, float]:
+        return self.scene.film.d31_pC_N, self.scene.film.d32_pC_N
 
     @property
     def readings_V(self) -> dict[str, float]:
@@ -201,10 +228,7 @@ class Solution:
         results: dict[str, Any] = {"reason": self.reason}
         if self.status is Status.CONVERGED:
             results = {
-                "charges_pC": self.charges_pC,
-                "charge_errors_pC": self.charge_errors_pC,
-                "rest_charges_pC": self.rest_charges_pC,
-                "charge_changes_pC": self.charge_changes_pC,
+                **{name: _known(getattr(self, name)) for name in CHARGES},
                 "deflection_max_mm": self.deflection_max_mm,
                 "force_balance": self.force_balance,
             }
@@ -213,9 +237,9 @@ class Solution:
             if punches := self.punches:
                 results["punches"] = {name: asdict(punch) for name, punch in punches.items()}
             if floating(self.scene):
-                results["voltages_V"] = self.voltages_V
+                results["voltages_V"] = _known(self.voltages_V)
             if self.scene.readout is not None:
-                results["readings_V"] = self.readings_V
+                results["readings_V"] = _known(self.readings_V)
                 results["time_constants_s"] = {
                     channel.name: finite(channel.time_constant) for channel in channels(self.scene)
                 }
@@ -267,7 +291,8 @@ class Solution:
 
         `scale` multiplies the displacements, by default so that the film is a quarter of its radius
         deep. `html` is where a page is written that any browser shows without a server. ``show()``
-        of what is returned opens a window, or shows the film in a notebook.
+        of what is returned opens a window, or shows the film in a notebook. `ImportError` says what
+        to install where nothing can be rendered.
         """
         from pvdf_fem.output.film_view import film_view
 
@@ -277,8 +302,7 @@ class Solution:
         """Charges in pC and, with ``[readout]``, readings in V, by electrode."""
         from pandas import DataFrame
 
-        names = ["charges_pC", "charge_errors_pC", "rest_charges_pC", "charge_changes_pC"]
-        names += ["readings_V"] if self.scene.readout else []
+        names = [*CHARGES, *(["readings_V"] if self.scene.readout else [])]
         return DataFrame({name: getattr(self, name) for name in names}).rename_axis("electrode")
 
     def to_vtu(self, path: str | Path) -> None:
@@ -286,3 +310,7 @@ class Solution:
         from pvdf_fem.output.export import write_vtu
 
         write_vtu(self, Path(path))
+
+
+def _known(values: dict[str, float]) -> dict[str, float] | None:
+    return None if any(map(math.isnan, values.values())) else values

@@ -9,27 +9,30 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
-from itertools import chain
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
 from skfem import MeshTri2
 
-from pvdf_fem.charges.forces import charges_of
+from pvdf_fem.arrays import Array
+from pvdf_fem.charges.forces import Forces, charges_of
 from pvdf_fem.charges.goals import Goal, goals_of
+from pvdf_fem.charges.rest import known_at_rest, untouched
 from pvdf_fem.charges.thickness import thickness_remarks
 from pvdf_fem.film.electric.coupling import coupling_remarks
 from pvdf_fem.film.loads.heat import heat_remarks
-from pvdf_fem.film.loads.profiles import profile_of
+from pvdf_fem.film.loads.posed import NOTHING, Held, Posed, Pressure
+from pvdf_fem.film.loads.profiles import pinned, profile_of
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError
-from pvdf_fem.mesh.mesh_file import read_mesh
+from pvdf_fem.mesh.mesh_file import mesh_of
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart, part_of
-from pvdf_fem.scene.scene import Pressure, Scene
+from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.solution import admissible
 from pvdf_fem.solution.attempt import (
     UNKNOWNS_PER_ELEMENT,
@@ -51,8 +54,26 @@ from pvdf_fem.solvers.wrinkling import barely_loaded
 
 #: Relative error of a charge above which a film that is barely loaded is called slack.
 UNKNOWN_CHARGE = 0.1
-#: Whether effects that are charges by themselves are included, and texts with their sizes.
-REMARKS = (thickness_remarks, heat_remarks)
+#: Tolerance over the error of steps of the load from which both that and a mesh's keep to it.
+ROOM = 2.0
+
+
+class RestError(SceneError):
+    """The untouched film has no charges at rest; the line names the key and the reason."""
+
+    @classmethod
+    def of(cls, scene: Scene, status: str, reason: str) -> RestError:
+        """The error of a scene, by how the solve of its untouched film ended."""
+        film = scene.film
+        moved = ["rim_displacement_um", "patches"] if film.moves_at_rest else []
+        keys = [*moved, "pretension_N_m", "temperature_change_K"]
+        key = next(key for key in keys if getattr(film, key) is not None)
+        if status == Status.UNSTABLE:
+            reason = "it is in compression; stretch it more"
+            wrinkles = ', or let it wrinkle (film.compression = "tension-field")'
+            reason += "" if film.moves_at_rest else wrinkles
+        told = f"leaves the untouched film without charges at rest ({status}): {reason}"
+        return cls([problem(f"film.{key}", getattr(film, key), told)])
 
 
 def solve(
@@ -63,7 +84,8 @@ def solve(
     budget: Budget | None = None,
     pressure: Pressure | None = None,
 ) -> Solution:
-    """Charges and fields of a scene.
+    """Charges and fields of a scene, and its charges at rest: where these need a solve, it is made
+    within the same budget.
 
     Parameters
     ----------
@@ -76,8 +98,9 @@ def solve(
     budget : Budget, optional
         What the solve may cost, by default what the scene's numerics say.
     pressure : callable, optional
-        ``p(x_mm, y_mm)`` for arrays in the probe's own axes, in place of ``load.profile``; it is
-        scaled to the scene's force.
+        ``p(x_mm, y_mm)`` for arrays (n,) in the probe's own axes, in place of ``load.profile``: one
+        value for each point, or one for all. It is scaled to the scene's force. It is no part of
+        the scene: `Solution.pressure` keeps it, and `gradients` of the solution are under it.
 
     Returns
     -------
@@ -87,16 +110,57 @@ def solve(
     Raises
     ------
     MeshFileError, FileError
-        When a file holds no mesh of the scene; when it cannot be read. Both are ValueErrors.
+        For a mesh of another scene; for a file that cannot be read. Both are ValueErrors.
+    SceneError
+        For a pressure that cannot be used or has no single dead load; it is a ValueError, too.
     """
-    if isinstance(mesh, str | Path):
-        mesh = read_mesh(mesh, scene)
-    scene = scene.under(pressure)
-    solution = solve_goals(scene, goals_of(scene), mesh=mesh, order=order, budget=budget)
-    warnings = [*scene.doubts, *solution.warnings]
+    posed = Posed.under(scene, pressure)
+    if order not in tuple(UNKNOWNS_PER_ELEMENT):
+        raise ValueError(f"order = {order!r}: there are no such elements; give 1, 2 or 3")
+    if mesh is not None:
+        mesh = mesh_of(mesh, scene)
+    budget, start = Budget.of(scene) if budget is None else budget, time.perf_counter()
+    goals = goals_of(scene)
+    solution = solve_goals(scene, goals, mesh=mesh, order=order, budget=budget, posed=posed)
+    warnings, at_rest = [*scene.doubts, *solution.warnings], None
     if solution.status is Status.CONVERGED:
         warnings += admissible.cancelled_charges(scene, solution.fields.forces)
-    return replace(solution, warnings=tuple(warnings))
+        at_rest = _at_rest(untouched(scene), budget)
+    if isinstance(at_rest, RestError):
+        warnings, at_rest = [*warnings, *at_rest.problems], None
+    seconds = solution.seconds | {"total": time.perf_counter() - start}
+    return replace(solution, warnings=tuple(warnings), at_rest=at_rest, seconds=seconds)
+
+
+def rest_forces(scene: Scene, needed: bool = True) -> Forces:
+    """Forces X, Y of each electrode of the untouched film, with their errors. Where that has no
+    result they are NaN, or raise `RestError` if they are `needed`."""
+    found = _kept_at_rest(untouched(scene))
+    if not isinstance(found, RestError):
+        return found
+    if needed:
+        raise found
+    return Forces.unknown(len(scene.electrode_list))
+
+
+def rest_charges(scene: Scene) -> Array:
+    """Charges in C of `rest_forces`, (electrodes,)."""
+    return rest_forces(scene).charges((scene.film.d31, scene.film.d32))
+
+
+def _at_rest(film: Scene, budget: Budget) -> Forces | RestError:
+    """Forces of the electrodes of an untouched film, or why there are none."""
+    if (known := known_at_rest(film)) is not None:
+        return known
+    solution = solve_goals(film, goals_of(film), budget=budget)
+    if solution.status is not Status.CONVERGED:
+        return RestError.of(film, solution.status, solution.reason)
+    return solution.fields.forces
+
+
+@lru_cache(maxsize=64)
+def _kept_at_rest(film: Scene) -> Forces | RestError:
+    return _at_rest(film, Budget.of(film))
 
 
 def solve_goals(
@@ -106,24 +170,34 @@ def solve_goals(
     mesh: MeshTri2 | None = None,
     order: int = ORDER,
     budget: Budget | None = None,
+    posed: Posed = NOTHING,
 ) -> Solution:
     """`solve` for other charges than those of the scene's electrodes.
 
     The charges that meet the tolerance, and the `forces` of the solution's `fields`, are those of
     the goals; a solution's charges by electrode have no meaning here.
     """
-    for touch in scene.loaded_probes:
-        profile_of(touch)  # refuses files before any mesh
-    budget = Budget.of(scene) if budget is None else budget
-    if steps.takes_steps(scene):
-        stepped = steps.stepped(scene, lambda s: solve_goals(s, goals, order=order, budget=budget))
-        if isinstance(stepped, Solution):
-            return stepped
-        scene = stepped
-    problem = Problem(scene, goals, order, budget, Clock())
-    loop = _mesh_loop(problem, WHOLE)
+    for touch in posed.touches(scene):  # before any mesh, files and functions are refused
+        profile_of(touch).mean(touch.outline.polygon)
+    (scene,) = pinned([scene])
     if mesh is not None:
         scene.require_no_tips("a mesh that is given")
+    budget = Budget.of(scene) if budget is None else budget
+
+    def solved(loaded: Scene, held: Mapping[str, Held]) -> Solution:
+        """With less load or tips that have moved, and what these hold."""
+        here = replace(posed, held=held)
+        return _solved(Problem(loaded, goals, order, budget, Clock(), here), mesh)
+
+    solution = steps.stepped(scene, solved)
+    included = (*posed.remarks, *solution.included)
+    return replace(solution, scene=scene, pressure=posed.pressure, included=included)
+
+
+def _solved(problem: Problem, mesh: MeshTri2 | None) -> Solution:
+    """The solution of a problem on a mesh, or on those that its tolerance asks for."""
+    scene, loop = problem.scene, _mesh_loop(problem, WHOLE)
+    if mesh is not None:
         attempt = loop.attempt_on(mesh, None, time.perf_counter())
         return _solution(steps.with_errors(attempt), Stop.GIVEN_MESH, loop.history)
     try:
@@ -136,9 +210,9 @@ def solve_goals(
         return Solution(scene, Status.MESH_FAILED, reason, Stop.NO_MESH, seconds=seconds)
     except TooManyUnknownsError as error:
         seconds = problem.clock.seconds()
-        return Solution(scene, Status.TOLERANCE, str(error), Stop.UNKNOWNS, seconds=seconds)
+        return Solution(scene, Status.TOLERANCE, str(error), error.stop, seconds=seconds)
     judged = steps.with_errors(attempt)
-    few = attempt.worst <= scene.numerics.tolerance < judged.worst
+    few = attempt.bound <= scene.numerics.tolerance < judged.bound
     return _solution(judged, Stop.STEPS if few else stop, loop.history)
 
 
@@ -158,11 +232,11 @@ def _mesh_loop(problem: Problem, part: MirroredPart) -> MeshLoop[Attempt]:
 
 def _on_part(problem: Problem) -> Solution | None:
     """The solution on a part of a symmetric film; None where it is not that of the film."""
-    scene = problem.scene
+    scene, pressure = problem.scene, problem.posed.pressure
     loads = [touch.load for touch in scene.loaded_probes]
     leaning = any(load.kind == "contact" or load.tilt == "free" for load in loads)
     model = film_model(scene)
-    whole = leaning or not (model.solved_on_parts and model.electrodes_only_read)
+    whole = leaning or pressure or not (model.solved_on_parts and model.electrodes_only_read)
     part = WHOLE if whole else part_of(scene)
     if not part.mirrored:
         return None
@@ -190,13 +264,14 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
     names = [electrode.name for electrode in scene.electrode_list]
     # scenes of a sweep that are solved as one have the goals of all
     charges_pC = dict(zip(names, by_stress, strict=True)) if len(names) == len(by_stress) else None
-    others = (told(scene, charges_pC) for told in REMARKS)
-    remarks = [model.remark, *coupling_remarks(scene), *chain.from_iterable(others)]
+    remarks = [model.remark, *coupling_remarks(scene)]
+    remarks += thickness_remarks(scene, charges_pC, problem.posed)
+    remarks += heat_remarks(scene, charges_pC)
     reason = status.advice
     if status is Status.TOLERANCE:
-        reason = (
-            f"{reason}, to at least {_rounded_up(attempt.worst)}, which was reached ({stop.value})"
-        )
+        # a coarser mesh leaves more beside what the steps do
+        enough = attempt.bound * (ROOM if stop is Stop.STEPS else 1.0)
+        reason = f"{reason}, to at least {_rounded_up(enough)}, which can be reached ({stop.value})"
     elif status is Status.CONVERGED and (change or 0.0) > problem.scene.numerics.tolerance:
         reason = f"{reason}, but for {change:.1e} of a charge that wrinkles would change"
     return Solution(
@@ -210,7 +285,7 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
         tuple(text for included, text in remarks if included),
         (*model.warnings, *admissible.warnings(fields.solved, fields.solved_state, change)),
         problem.clock.seconds(),
-        fields,
+        _fields=fields,
     )
 
 
@@ -227,7 +302,7 @@ def _status(attempt: Attempt, stop: Stop, change: float | None) -> Status:
         status = admissible.refusal(fields, attempt.result.factors, change) or status
     if stop is Stop.GIVEN_MESH:
         return status
-    if status is Status.CONVERGED and attempt.worst > scene.numerics.tolerance:
+    if status is Status.CONVERGED and attempt.bound > scene.numerics.tolerance:
         status = Status.TOLERANCE
     missed = status in (Status.MAX_ITERATIONS, Status.UNBALANCED)
     unknown = status is Status.TOLERANCE and attempt.worst > UNKNOWN_CHARGE

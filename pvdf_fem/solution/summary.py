@@ -71,15 +71,11 @@ def _head(result: dict[str, Any]) -> tuple[str, list[str]]:
 def _tables(result: dict[str, Any]) -> list[Grid]:
     tables: list[Grid] = []
     if charges := result.get("charges_pC"):
-        errors = result["charge_errors_pC"]
-        changes = result["charge_changes_pC"]
-        rows = tuple(
-            (name, shown, error, f"{changes[name] + 0.0:.{len(shown.partition('.')[2])}f}")
-            for name, charge in charges.items()
-            for shown, error in [rounded(charge, errors[name])]
-        )
-        title = f"charges ({result['observable']})"
-        tables.append(Grid((title, "pC", "± pC", "change by touch, pC"), rows))
+        columns = ["pC", "± pC"]
+        if result["rest_charges_pC"]:  # not of a film that has no result without a touch
+            columns += ["at rest, pC", "± pC", "change by touch, pC", "± pC"]
+        rows = tuple((name, *_charge(result, name)) for name in charges)
+        tables.append(Grid((f"charges ({result['observable']})", *columns), rows))
     for patch, contact in result.get("contacts", {}).items():
         titles = (f"contact of {patch}", "depth, mm", "force, N", "area, mm2", "pressure, MPa")
         shown = ("depth_mm", "force_N", "area_mm2", "mean_pressure_MPa")
@@ -105,6 +101,16 @@ def _tables(result: dict[str, Any]) -> list[Grid]:
         )
         tables.append(Grid(heading, meshes))
     return tables
+
+
+def _charge(result: dict[str, Any], name: str) -> list[str]:
+    """The charge of an electrode, at rest, and since, to the same digit, each with its error."""
+    cells = [*rounded(result["charges_pC"][name], result["charge_errors_pC"][name])]
+    places = len(cells[0].partition(".")[2])
+    for kind in ("rest_charge", "charge_change") if result["rest_charges_pC"] else ():
+        value, error = (result[f"{kind}{end}"][name] for end in ("s_pC", "_errors_pC"))
+        cells += [f"{value + 0.0:.{places}f}", f"{error:.2g}"]
+    return cells
 
 
 def _remarks(result: dict[str, Any]) -> list[str]:

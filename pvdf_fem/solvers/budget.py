@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.models import film_model
+from pvdf_fem.film.models import FilmModel, film_model
 from pvdf_fem.scene.scene import Scene
 
 #: Seconds of work that a solve may take by default, at tolerances from `USUAL_TOLERANCE` on.
@@ -25,11 +25,10 @@ FIXED_UNKNOWNS = 150.0
 FACTORISING_UNKNOWNS = 22_500.0
 
 
-def iteration_seconds(equilibrium: Equilibrium) -> float:
-    """Work of a Newton iteration with a new tangent."""
-    count = equilibrium.unknowns.count
+def iteration_seconds(count: float, model: FilmModel) -> float:
+    """Work of a Newton iteration with a new tangent of `count` unknowns."""
     unknowns = FIXED_UNKNOWNS + count * (1.0 + (count / FACTORISING_UNKNOWNS) ** 0.5)
-    return equilibrium.model.iteration_cost * unknowns / UNKNOWNS_PER_SECOND
+    return model.iteration_cost * unknowns / UNKNOWNS_PER_SECOND
 
 
 @dataclass
@@ -63,9 +62,10 @@ class Budget:
 
     def spend(self, equilibrium: Equilibrium, iterations: float) -> None:
         """Count Newton iterations with a new tangent."""
-        self.spent_seconds += iterations * iteration_seconds(equilibrium)
+        count = equilibrium.unknowns.count
+        self.spent_seconds += iterations * iteration_seconds(count, equilibrium.model)
 
     def iterations(self, equilibrium: Equilibrium) -> int:
         """Newton iterations that the search for one equilibrium may take."""
         share = self.equilibrium_share * self.max_seconds
-        return int(share / iteration_seconds(equilibrium))
+        return int(share / iteration_seconds(equilibrium.unknowns.count, equilibrium.model))

@@ -21,17 +21,18 @@ def seed(equilibrium: Equilibrium) -> Array:
     deflection; the result is scaled to the least energy."""
     film, membrane = equilibrium.film, equilibrium.membrane
     q = np.zeros(equilibrium.unknowns.count)
-    if equilibrium.force == 0.0 and membrane.even:
+    forces = equilibrium.flat_forces
+    if not forces.any():
         return q
     deflections = np.flatnonzero(equilibrium.unknowns.deflections())
     in_plane = np.flatnonzero(~equilibrium.unknowns.deflections())
     flat = membrane.state(np.zeros(equilibrium.space.dof_count))
-    if equilibrium.force == 0.0:
-        q[in_plane] = _solve_block(
-            equilibrium.sparse_tangent(flat), equilibrium.flat_forces, in_plane
-        )
+    tangent = equilibrium.sparse_tangent(flat)
+    factors = factorise(tangent[in_plane][:, in_plane].tocsc())
+    moved = factors.solve(forces[in_plane])  # by oblique loads and uneven stress
+    if not forces[deflections].any():
+        q[in_plane] = moved
         return q
-    forces = equilibrium.external_forces(flat)
 
     stiffness = film.thickness * film.stiffness[:2, :2].mean()
     induced = 0.3 * np.cbrt(stiffness * (equilibrium.force / film.radius) ** 2)
@@ -40,28 +41,20 @@ def seed(equilibrium: Equilibrium) -> Array:
     stretched = assembly.matrix(equilibrium.space.laplace() * tension)
     if equilibrium.plate is not None:
         stretched = stretched + equilibrium.plate.coupled_tangent(assembly)
-    tangent = equilibrium.sparse_tangent(flat)
     q[deflections] = _solve_block(stretched, forces, deflections)
     residual = equilibrium.residual(equilibrium.state(q)) + forces
-    factors = factorise(tangent[in_plane][:, in_plane].tocsc())
     q[in_plane] = -factors.solve(residual[in_plane])
-    if not q.any():  # nothing presses along z
-        q[in_plane] = factors.solve(forces[in_plane])
-        return q
-
     length = least_energy(_energy_of_scaled(equilibrium, q, deflections, forces, flat))
     q[deflections] *= length
-    q[in_plane] *= length**2
-    q[in_plane] += factors.solve(forces[in_plane])  # of oblique loads
+    q[in_plane] = q[in_plane] * length**2 + moved
     return q
 
 
 def deflected_film(equilibrium: Equilibrium) -> Array:
     """Unknowns of the linear membrane's deflection alone, scaled to the least energy. For a film
     that wrinkles, whose energy is no polynomial: where it stops falling is bisected."""
-    flat = equilibrium.membrane.state(np.zeros(equilibrium.space.dof_count))
     laplace = equilibrium.assembly.matrix(equilibrium.space.laplace())
-    q, forces = np.zeros(equilibrium.unknowns.count), equilibrium.external_forces(flat)
+    q, forces = np.zeros(equilibrium.unknowns.count), equilibrium.flat_forces
     moving = np.flatnonzero(equilibrium.unknowns.deflections())
     if not forces[moving].any():  # all forces are in the plane
         moving = np.arange(len(q))

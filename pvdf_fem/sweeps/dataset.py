@@ -13,7 +13,6 @@ import numpy as np
 import xarray
 
 from pvdf_fem import __version__
-from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.files import replacing
 from pvdf_fem.sweeps.grid import Grid
 from pvdf_fem.sweeps.plan import SweepPlan
@@ -32,26 +31,28 @@ def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) 
 
     `records` are those of the distinct scenes with their indices in the plan, in any order. The
     dataset has a dimension for each axis, and `electrode`. The variables `charge_pC` and
-    `charge_error_pC`, with NaN where there is no charge, and `rest_charge_pC` of the untouched film
-    have all dimensions; `status` and `deflection_max_mm` have those of the axes. All have the
-    attributes of the CF conventions, `long_name` and `units`, and coordinates an attribute `key`,
-    the key of the scene that varies.
+    `charge_error_pC`, and `rest_charge_pC` and `rest_charge_error_pC` of the untouched film, with
+    NaN where there is no charge, have all dimensions; `status` and `deflection_max_mm` have those
+    of the axes. All have the attributes of the CF conventions, `long_name` and `units`, and
+    coordinates an attribute `key`, the key of the scene that varies.
     """
     scenes = plan.scenes
     layouts = {scene.electrodes: scene.electrode_list for scene in scenes}
     electrodes = (electrode for layout in layouts.values() for electrode in layout)
     names = list(dict.fromkeys(electrode.name for electrode in electrodes))
     count = len(scenes)
-    charge, error, rest = np.full((3, count, len(names)), np.nan)
+    charge, error, rest, rest_error = np.full((4, count, len(names)), np.nan)
     deflection, status = np.full(count, np.nan), np.full(count, "", dtype="U32")
     for index, record in records:
         status[index] = record.status
         columns = [names.index(e.name) for e in scenes[index].electrode_list]
-        rest[index, columns] = 1e12 * rest_charges(scenes[index])
-        if not record.converged:
-            continue
         film, observable = scenes[index].film, scenes[index].numerics.observable
         d = film.d31_pC_N, film.d32_pC_N
+        if record.rest_forces:
+            rest[index, columns] = record.at_rest.charges(d)
+            rest_error[index, columns] = record.at_rest.charge_errors(d)
+        if not record.converged:
+            continue
         charge[index, columns] = list(record.charges_pC(*d, observable).values())
         error[index, columns] = list(record.charge_errors_pC(*d, observable).values())
         deflection[index] = record.deflection_max_mm
@@ -65,6 +66,7 @@ def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) 
         "charge_pC": (charge, {**_named("total charge", "pC"), "ancillary_variables": _BESIDE}),
         "charge_error_pC": (error, _named("estimated error of the charge", "pC")),
         "rest_charge_pC": (rest, _named("charge without a touch", "pC")),
+        "rest_charge_error_pC": (rest_error, _named("estimated error of that charge", "pC")),
         "deflection_max_mm": (deflection, _named("largest deflection", "mm")),
         "status": (status, {"long_name": "how the solve ended"}),
     }

@@ -20,18 +20,15 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.symmetry import isotropy
-from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.affects import Affects, affecting
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.shapes import Probe
 
 # Lengths over the film's radius are equal if they agree to this many decimals, and forces over the
 # thickness if they agree to this many digits.
 DIGITS = 9
-# Film keys that do not change the deformation if electrodes only read the stress.
-_READING_KEYS = {"d31_pC_N", "d32_pC_N", "density_kg_m3", "permittivity", "loss_tangent"}
-_READING_KEYS |= {"pyroelectric_uC_m2K"}
-# Film keys that count through the strain at rest only.
-_STRETCHING_KEYS = {"thermal_expansion_per_K", "temperature_change_K", "pretension_N_m"}
+# What a key affects that changes the deformation of the film.
+MECHANICS = (Affects.MECHANICS, Affects.OUTLINE, Affects.STRAIN_AT_REST, Affects.SCALE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,44 +47,30 @@ class Mechanics:
 def mechanics(scene: Scene) -> Mechanics:
     """The mechanics of a scene, in which its tolerance and its limits count as well."""
     scene.require_plain_charges("a sweep", "coupling")
-    model = film_model(scene)
+    model, film, probe, load = film_model(scene), scene.film, scene.probe, scene.load
     if not model.electrodes_only_read:
         alone = repr(scene)
         return Mechanics(alone, alone, alone, np.eye(2))
-    film, thickness = _film_key(scene.film), scene.film.thickness_um
-    if scene.film.bending == "auto":  # the electrodes decide whether bending joins
-        film = f"{film} {model.bends}"
-    numerics = scene.numerics.model_dump(exclude={"observable"})
-    if scene.probe is None and not scene.film.is_uneven:
-        flat = f"{film} {thickness} {numerics}"
-        return Mechanics(flat, flat, f"{film} {numerics}", np.eye(2))
-    load, force = scene.load, scene.load.force_N
-    unlike = load.tangential_N or load.profile != "uniform" or scene.film.is_uneven
-    if unlike or scene.probe is None or isinstance(scene.probe, tuple):
-        given = f"{film} {thickness} {numerics} {scene.probe!r} {load!r}"
+    unlike = load.tangential_N or load.profile != "uniform" or isinstance(probe, tuple)
+    if film.is_uneven or (probe is not None and unlike):
+        given = f"{affecting(scene, *MECHANICS)} {model.bends}"
         return Mechanics(given, given, given, np.eye(2))
-    place, frame = _canonical_place(scene.probe, scene.film.radius, isotropy(scene.film))
-    common = (
-        f"{film} {scene.probe.edge_radius_mm} {load.model_dump(exclude={'force_N'})} {numerics}"
-    )
+    # with bending "auto", the electrodes decide whether the film bends
+    common = f"{affecting(scene, Affects.MECHANICS)} {model.bends}"
+    common += "".join(f" {strain:.{DIGITS}e}" for strain in film.strain_at_rest[:2])
+    thickness, force = film.thickness_um, load.force_N
+    if probe is None or isinstance(probe, tuple):
+        flat = f"{common} {thickness}"
+        return Mechanics(flat, flat, common, np.eye(2))
+    place, frame = _canonical_place(probe, film.radius, isotropy(film))
     size = f"{thickness} {force}"
     ratio = f"{force / thickness:.{DIGITS}e}" if model.force_over_thickness else size
     return Mechanics(
-        f"{common} {size} {scene.probe!r}",
+        f"{common} {size} {affecting(probe, Affects.OUTLINE)}",
         f"{common} {size} {place}",
         f"{common} {ratio} {place}",
         frame,
     )
-
-
-@lru_cache(maxsize=1024)
-def _film_key(film: Film) -> str:
-    """The film's keys that change its deformation but for the thickness, and its strain at rest."""
-    if film.is_uneven:
-        return f"{film.model_dump(exclude=_READING_KEYS)}"
-    table = film.model_dump(exclude={*_READING_KEYS, *_STRETCHING_KEYS, "thickness_um"})
-    along_x, along_y, _ = film.strain_at_rest
-    return f"{table} {along_x:.{DIGITS}e} {along_y:.{DIGITS}e}"
 
 
 @lru_cache(maxsize=4096)

@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, ValidationError
 
-from pvdf_fem.scene.change import plain, spelled, steps_of
+from pvdf_fem.scene.change import named, plain, spelled, steps_of
 from pvdf_fem.scene.mistakes import MOST_MISTAKES
 from pvdf_fem.scene.quantity import Finite, Length, Number, Section
 from pvdf_fem.scene.scene import Scene
@@ -29,7 +29,8 @@ MOST_SCENES = 1_000_000  #: Largest number of scenes in a grid.
 #: Largest number of axes; numpy's arrays have at most 64 dimensions, of which one is `electrode`.
 MOST_AXES = 63
 #: Names of the variables and of the further dimension of `pvdf_fem.sweeps.dataset.dataset`.
-OWN_NAMES = {"charge_pC", "charge_error_pC", "rest_charge_pC", "deflection_max_mm", "status"}
+OWN_NAMES = {"charge_pC", "charge_error_pC", "deflection_max_mm", "status"}
+OWN_NAMES |= {"rest_charge_pC", "rest_charge_error_pC"}
 OWN_NAMES |= {"electrode"}
 _TOO_MANY = f"at most {MOST_SCENES} are allowed, give fewer values"
 _SECTIONS = tuple(Scene.model_fields)
@@ -105,6 +106,11 @@ class Grid:
         ``distances_mm`` and ``reach_mm`` as in `MappingScheme`. Raises `SceneError` with all
         mistakes, which names `source` as their file.
         """
+        if not isinstance(axes, list | tuple) or not all(isinstance(a, Mapping) for a in axes):
+            reason = "must be a list of tables; in a file begin each with [[axes]]"
+            raise SceneError([problem("axes", axes, reason)], source)
+        if not axes:
+            raise SceneError(["axes = (nothing): is required; add a table [[axes]]"], source)
         if len(axes) > MOST_AXES:
             reason = f"is the number of axes; at most {MOST_AXES} are allowed, put keys together"
             raise SceneError([problem("axes", len(axes), reason)], source)
@@ -143,15 +149,10 @@ class Grid:
                 problems.append(problem("scene", "(nothing)" if given is None else given, reason))
         except SceneError as error:
             problems += error.problems
-        if not isinstance(axes, list) or not all(isinstance(axis, Mapping) for axis in axes):
-            problems.append(problem("axes", axes, "must be tables; begin each with [[axes]]"))
-        elif not axes:
-            problems.append("axes = (nothing): is required; add a table [[axes]] with a key")
-        else:
-            try:
-                grid = cls.of(scene, axes, str(path))
-            except SceneError as error:
-                problems += error.problems
+        try:
+            grid = cls.of(scene, axes, str(path))
+        except SceneError as error:
+            problems += error.problems
         if problems:
             raise SceneError(problems[:MOST_MISTAKES], str(path))
         return replace(grid, files=tuple(files))
@@ -175,6 +176,9 @@ class Grid:
                 changes |= axis[index]
             try:
                 scene = self.scene.with_(**changes)
+                if unheeded := scene.unheeded(named(changes)):
+                    reason = "varies, and each probe says its own; remove one of the two"
+                    raise SceneError(f"{key}: {reason}" for key in unheeded)
             except SceneError as error:
                 problems |= dict.fromkeys(error.problems)
                 refused += 1

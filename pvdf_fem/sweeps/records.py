@@ -8,14 +8,16 @@ from dataclasses import replace
 import numpy as np
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.charges.forces import Forces
 from pvdf_fem.charges.goals import Goal, goals_of
 from pvdf_fem.charges.observables import OBSERVABLES, Observable
+from pvdf_fem.charges.rest import known_at_rest, untouched
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import electrode_patch
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.admissible import cancelled_charges
 from pvdf_fem.solution.solution import Solution
-from pvdf_fem.solution.solve import solve_goals
+from pvdf_fem.solution.solve import RestError, solve_goals
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.sweeps.equivalence import DIGITS
 from pvdf_fem.sweeps.store import Record
@@ -48,7 +50,28 @@ def record_of(solution: Solution) -> Record:
     """The record of a scene's own solution."""
     scene = solution.scene
     goals = goals_of(scene)
-    return _records(solution, goals, [scene], [list(range(len(goals)))])[0]
+    record = _records(solution, goals, [scene], [list(range(len(goals)))])[0]
+    return record if solution.at_rest is None else _rested(record, solution.at_rest)
+
+
+def with_rest(record: Record, scene: Scene, film: Record | None) -> Record:
+    """The record of a scene with its forces at rest, or with a warning that there are none. `film`
+    is the record of the untouched film if that needs a solve and is another scene; if its solve
+    crashed, so has the scene."""
+    if (known := known_at_rest(untouched(scene))) is not None:
+        return _rested(record, known)
+    solved = film or record
+    if solved.status not in Status.__members__.values():
+        return replace(record, status=solved.status, reason=solved.reason)
+    if solved.converged:
+        return _rested(record, solved.forces_by(str(scene.numerics.observable)))
+    told = RestError.of(scene, solved.status, solved.reason).problems if record.converged else ()
+    return replace(record, warnings=(*record.warnings, *told))
+
+
+def _rested(record: Record, at_rest: Forces) -> Record:
+    values, errors = at_rest.values.tolist(), at_rest.errors.tolist()
+    return replace(record, rest_forces=values, rest_force_errors=errors)
 
 
 def _records(
@@ -70,6 +93,9 @@ def _records(
     )
     if not converged:
         return [replace(shared, electrodes=electrodes) for electrodes in names]
+    # a thicker film under more force may share the solve, and not what bending would change
+    left_out = film_model(solution.scene).warnings
+    others = [text for text in solution.warnings if text not in left_out]
     forces = {name: _forces(solution, goals, known) for name, known in OBSERVABLES.items()}
     records = []
     for scene, electrodes, rows in zip(scenes, names, indices, strict=True):
@@ -85,7 +111,7 @@ def _records(
                 electrodes=electrodes,
                 forces=defined,
                 force_errors={str(scene.numerics.observable): solved.errors.tolist()},
-                warnings=(*shared.warnings, *cancelled_charges(scene, solved)),
+                warnings=(*film_model(scene).warnings, *others, *cancelled_charges(scene, solved)),
             )
         )
     return records

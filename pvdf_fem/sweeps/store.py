@@ -1,7 +1,8 @@
 """Records of solved scenes, in an SQLite file that survives a killed process.
 
-Each scene has a row. The row's key is a hash of the scene, numerics included, and of the source of
-every module that numbers depend on, so that results of older code are never taken for new ones.
+Each scene has a row. The row's key is a hash of what is solved of the scene, with its numerics and
+the content of its files, and of the source of every module that numbers depend on, so that results
+of older code are never taken for new ones.
 Rows are committed as soon as their scenes are solved, those of one solve together.
 
 Programs that use a store at the same time claim a solve before they begin it. A claim is a lock on
@@ -31,6 +32,8 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.charges.forces import Forces
 from pvdf_fem.files import FileError, give_permissions
+from pvdf_fem.film.loads.profiles import pinned
+from pvdf_fem.scene.affects import Affects, affecting
 from pvdf_fem.scene.scene import Scene
 
 if sys.platform != "win32":
@@ -77,6 +80,14 @@ class Record:
     deflection_max_mm: float = 0.0
     warnings: tuple[str, ...] = ()
     seconds: float = 0.0
+    #: Forces by the scene's observable on the untouched film, and their errors; empty if not known.
+    rest_forces: list[list[float]] = field(default_factory=list)
+    rest_force_errors: list[list[float]] = field(default_factory=list)
+
+    @property
+    def at_rest(self) -> Forces:
+        """`rest_forces` with their errors."""
+        return Forces(np.array(self.rest_forces), np.array(self.rest_force_errors))
 
     @property
     def converged(self) -> bool:
@@ -87,15 +98,15 @@ class Record:
         self, d31_pC_N: float, d32_pC_N: float, observable: str = "material"
     ) -> dict[str, float]:
         """Charges in pC by electrode; raises `KeyError` for a record without charges."""
-        return self._by_electrode(self._forces(observable).charges((d31_pC_N, d32_pC_N)))
+        return self._by_electrode(self.forces_by(observable).charges((d31_pC_N, d32_pC_N)))
 
     def charge_errors_pC(
         self, d31_pC_N: float, d32_pC_N: float, observable: str = "material"
     ) -> dict[str, float]:
         """Estimated errors of `charges_pC`; NaN for an observable other than the scene's."""
-        return self._by_electrode(self._forces(observable).charge_errors((d31_pC_N, d32_pC_N)))
+        return self._by_electrode(self.forces_by(observable).charge_errors((d31_pC_N, d32_pC_N)))
 
-    def _forces(self, observable: str) -> Forces:
+    def forces_by(self, observable: str) -> Forces:
         """The electrodes' forces; their errors are NaN for an observable other than the scene's."""
         values = np.reshape(self.forces[observable], (-1, 2))
         errors = self.force_errors.get(observable, np.full_like(values, np.nan))
@@ -300,8 +311,10 @@ def _sum(name: str, text: str) -> str:
 
 def key(scene: Scene, folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> str:
     """Hash of what is solved of a scene, and of the code in some folders that solves it."""
-    unsolved = {"stage"} if scene.film.coupling else {"readout", "stage"}
-    solved = scene.model_dump_json(exclude=unsolved)
+    (scene,) = pinned([scene])
+    # with coupling, amplifiers and the permittivity act on the film
+    effects = [*Affects] if scene.film.coupling else set(Affects) - {Affects.INSTRUMENT}
+    solved = repr(affecting(scene, *effects))
     return hashlib.sha256((code_version(folders) + solved).encode()).hexdigest()
 
 

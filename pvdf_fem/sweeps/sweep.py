@@ -12,11 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.charges.rest import known_at_rest, untouched
+from pvdf_fem.film.loads.profiles import pinned
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.sweeps.grid import Grid
 from pvdf_fem.sweeps.plan import SweepPlan, plan
-from pvdf_fem.sweeps.records import records_of
+from pvdf_fem.sweeps.records import records_of, with_rest
 from pvdf_fem.sweeps.store import Record, Store
 from pvdf_fem.sweeps.workers import Died, on_cluster, on_processes
 
@@ -32,6 +34,7 @@ WAIT = 0.2  #: Seconds between two looks at what other processes have solved.
 Progress = Callable[[int, int], None]
 Task = tuple[list[Scene], Array]
 Run = Callable[..., Iterator[tuple[int, Any]]]
+Films = dict[Scene, Record]  #: Records of untouched films.
 
 
 def silent(done: int, total: int) -> None:
@@ -105,6 +108,7 @@ def solve_all(scenes: Sequence[Scene], store: Store | None = None, **how: Any) -
 
 def planned(scenes: Sequence[Scene], store: Store | None = None) -> SweepPlan:
     """The plan for scenes, of which those in the store need no solve."""
+    scenes = pinned(scenes)
     return plan(scenes, None if store is None else [scene in store for scene in scenes])
 
 
@@ -125,16 +129,20 @@ def records(
     run: Run = partial(on_processes, processes=processes)
     if scheduler:
         run = partial(on_cluster, scheduler=scheduler)
+    films = _moving(todo)
+    at_rest = solve_all(films, store, processes=processes, scheduler=scheduler) if films else []
     done, total = 0, todo.missing
     progress(done, total)
-    for number, result in _shared(todo, store, run):
+    for number, result in _shared(todo, store, run, dict(zip(films, at_rest, strict=True))):
         indices = todo.blocks[number].indices
         done += len(indices)
         progress(done, total)
         yield from zip(indices, result, strict=True)
 
 
-def _shared(todo: SweepPlan, store: Store | None, run: Run) -> Iterator[tuple[int, list[Record]]]:
+def _shared(
+    todo: SweepPlan, store: Store | None, run: Run, films: Films
+) -> Iterator[tuple[int, list[Record]]]:
     """Numbers of blocks with their records, which join the store, as they come. A block that
     another process solves at the same time is left until the store has its records."""
     left = set(range(len(todo.blocks)))
@@ -145,7 +153,7 @@ def _shared(todo: SweepPlan, store: Store | None, run: Run) -> Iterator[tuple[in
             if first := next(tasks, None):
                 for number, result in run(_solved, itertools.chain([first], tasks)):
                     left.remove(number)
-                    yield number, _kept(todo.scenes_of(number), result, store)
+                    yield number, _kept(todo.scenes_of(number), result, store, films)
             left -= stored.keys()
             yield from stored.items()
             if left:
@@ -168,13 +176,25 @@ def _claimed(
             yield number, (scenes, block.frames)
 
 
-def _kept(scenes: list[Scene], result: list[Record] | Died, store: Store | None) -> list[Record]:
-    """The records of scenes, which join the store unless the scenes crashed."""
+def _kept(
+    scenes: list[Scene], result: list[Record] | Died, store: Store | None, films: Films
+) -> list[Record]:
+    """The records of scenes with charges at rest, which join the store unless scenes crashed."""
     records = _crashed(scenes, result.reason) if isinstance(result, Died) else result
+    at_rest = [films.get(untouched(scene)) for scene in scenes]
+    records = [*map(with_rest, records, scenes, at_rest)]
     if store is not None:
         pairs = zip(scenes, records, strict=True)
         store.put((scene, record) for scene, record in pairs if record.status != CRASHED)
     return records
+
+
+def _moving(todo: SweepPlan) -> list[Scene]:
+    """The distinct untouched films of a plan of which a solve has to tell the charges at rest, but
+    those that are solved for themselves."""
+    missing = (scene for number in range(len(todo.blocks)) for scene in todo.scenes_of(number))
+    films = dict.fromkeys(film for scene in missing if (film := untouched(scene)) != scene)
+    return [film for film in films if known_at_rest(film) is None]
 
 
 def _solved(task: Task) -> list[Record]:

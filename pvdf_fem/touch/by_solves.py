@@ -17,19 +17,20 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from pvdf_fem.arrays import Array, Indices, Mask
-from pvdf_fem.charges.rest import rest_charges
+from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.derivatives.parameters import parameters_of
 from pvdf_fem.derivatives.rates import charge_rates
+from pvdf_fem.film.loads.profiles import pinned
 from pvdf_fem.response.model import Domain, room_mm
 from pvdf_fem.scene.change import number_at, plain, steps_of
 from pvdf_fem.scene.outlines.shape import HEAT
-from pvdf_fem.scene.scene import Scene, SceneError
-from pvdf_fem.scene.shapes import FORCES, Pressing
+from pvdf_fem.scene.scene import Numerics, Scene, SceneError
+from pvdf_fem.scene.shapes import Pressing
 from pvdf_fem.solution.solution import NotConvergedError
-from pvdf_fem.solution.solve import solve
+from pvdf_fem.solution.solve import solve_goals
 from pvdf_fem.sweeps.sweep import solve_all
 from pvdf_fem.touch.descent import Descent, SearchOptions, descend, joined
-from pvdf_fem.touch.measurement import Deviations, Measurement
+from pvdf_fem.touch.measurement import Deviations, Measurement, rest_of
 from pvdf_fem.touch.mistakes import charge_mistakes
 from pvdf_fem.touch.touch import Fit, explains, p_values
 
@@ -57,7 +58,8 @@ class SolveOptions:
     #: Largest distance of a touch from the centre in mm; by default `REACH` times that of the
     #: farthest electrode.
     reach_mm: float | None = None
-    #: Tolerance of the solves of searches, and of those from where these end.
+    #: Tolerance of coarse solves, and of the final ones, whose slopes give the deviations: to 1 %
+    #: at 1e-4, to 6 % at 1e-3, measured where the probe's rim crosses an electrode.
     first_tolerance: float = 1e-2
     tolerance: float = 1e-4
     #: Distance in mm of the places of single touches that are solved, and that are compared.
@@ -264,7 +266,7 @@ class Search:
 
     def _solved(self, at: Array) -> tuple[Array, Array]:
         try:
-            solution = solve(self.at(at))
+            solution = solve_goals(scene := self.at(at), goals_of(scene))
             rates = 1e12 * charge_rates(solution, self.keys)
         except (SceneError, NotConvergedError):
             none = np.full((len(self.names), len(self.keys)), np.nan)
@@ -360,8 +362,9 @@ class Search:
 def _starts(search: Search, options: SolveOptions) -> Array:
     """Starts (n, keys) where charges of single touches, added up, are most like those measured."""
     scene, how = search.scene, (search.domain.reach_mm, options.pitch_mm, options.fine_mm)
-    rest = 1e12 * rest_charges(scene)[search.electrodes]
-    tables = [_single(_alone(scene, i), *how) for i in range(len(scene.loaded_probes))]
+    rest = np.nan_to_num(rest_of(scene)[0, search.electrodes])
+    alone = pinned(_alone(scene, i) for i in range(len(scene.loaded_probes)))
+    tables = [_single(one, *how) for one in alone]
     changes = np.concatenate([(c[:, search.electrodes] - rest) for _, c in tables])
     changes, places = changes / search.spread_pC, np.concatenate([p for p, _ in tables])
     count, alike = len(tables[0][0]), tables[0] is tables[-1]
@@ -421,13 +424,11 @@ def _single(scene: Scene, reach_mm: float, pitch_mm: float, fine_mm: float) -> t
 def _alone(scene: Scene, number: int) -> Scene:
     """One of a scene's probes on the centre, under 1 N and cold."""
     touch = scene.loaded_probes[number]
-    probe = {
-        k: v for k, v in plain(touch.probe).items() if k not in (*Pressing.model_fields, *HEAT)
-    }
-    probe |= {"x_mm": 0.0, "y_mm": 0.0, "rotation_deg": 0.0}
-    load = {**plain(touch.load), "force_N": 1.0}
-    load.pop("tangential_N", None)
-    numerics = {"tolerance": 1e-2, "observable": scene.numerics.observable}
+    place = dict.fromkeys(("x_mm", "y_mm", "rotation_deg"), 0.0)
+    unsaid = dict.fromkeys((*Pressing.model_fields, *HEAT))
+    probe = touch.probe.model_copy(update=place | unsaid)
+    load = touch.load.model_copy(update={"force_N": 1.0, "tangential_N": None})
+    numerics = Numerics(tolerance=1e-2, observable=scene.numerics.observable)
     return scene.with_(probe=probe, load=load, numerics=numerics, readout=None)
 
 
@@ -437,8 +438,6 @@ def _listed(scene: Scene, touches: int, unknown: Sequence[str]) -> Scene:
     probes = [*scene.loaded_probes] * (touches // len(scene.loaded_probes))
     tables = [{**plain(touch.probe), "force_N": touch.load.force_N} for touch in probes]
     for touch, table in zip(probes, tables, strict=True):
-        for key in FORCES:
-            table.get("load", {}).pop(key, None)
         if "temperature_K" in unknown:
             table["temperature_K"] = 0.0
         if "tangential_N" in unknown or touch.load.tangential_N:

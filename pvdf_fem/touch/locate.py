@@ -120,10 +120,9 @@ def locate(  # type: ignore[misc]  # the overloads leave its keywords out
         asked: dict[str, Any] = {"touches": touches, "noise_pC": noise_pC, "reading": reading}
         if known:
             raise ValueError("known: a scene has what is known; change the scene")
-        if isinstance(options, SolveOptions):
-            asked["options"] = options
+        asked["options"] = _options(options, SolveOptions, "scene")
         return locate_by_solves(model, charges_pC, sigma, unknown=unknown, **asked)
-    how = options if isinstance(options, LocateOptions) else DEFAULTS
+    how = _options(options, LocateOptions, "response")
     if touches != 1:
         raise ValueError(f"touches = {touches}: a response is of one; give its scene instead")
     default = staged_touch(model.scene)
@@ -153,6 +152,12 @@ def locate(  # type: ignore[misc]  # the overloads leave its keywords out
     return best
 
 
+def _options(given: Any, kind: type, what: str) -> Any:
+    if not isinstance(given, kind | None):
+        raise ValueError(f"options: {type(given).__name__} suits no {what}; give {kind.__name__}")
+    return given or kind()
+
+
 def _meant_otherwise(measurement: Measurement) -> dict[str, tuple[Measurement, Array | float]]:
     """What readings may be instead of what they were taken for, and the factors that undo it."""
     scene, other = measurement.model.scene, measurement.other
@@ -162,7 +167,8 @@ def _meant_otherwise(measurement: Measurement) -> dict[str, tuple[Measurement, A
         factors |= {"as V, not pC,": units["V"], "as pC, not V,": 1.0 / units["V"]}
     factors |= {f"as {unit}, not pC,": units[unit] for unit in ("nC", "fC", "µC", "C")}
     by_factor = {words: (measurement, factor) for words, factor in factors.items()}
-    return {f"as {READINGS[other.reading]}": (other, 1.0), **by_factor}
+    as_other = {f"as {READINGS[other.reading]}": (other, 1.0)} if other else {}
+    return {**as_other, **by_factor}
 
 
 def staged_touch(scene: Scene) -> dict[str, float]:

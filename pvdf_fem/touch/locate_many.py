@@ -38,6 +38,7 @@ class RowStatus(StrEnum):
     OUTSIDE = "known_outside_domain"  #: The known force is outside of the model's domain.
     #: No search ended: the charges fit no touch of the model's domain.
     NOT_FOUND = "no_touch_found"
+    UNEXPLAINED = "unexplained"  #: The nearest touch of the model's domain does not fit.
     MALFORMED = "malformed"  #: The row of the file has not one cell for each column of the header.
 
 
@@ -45,8 +46,8 @@ class RowStatus(StrEnum):
 class Touches:
     """The likeliest touch found for each row of charges; other touches may be as likely."""
 
-    #: x and y in mm, rotation in degrees, force in N, (n, 4); NaN unless located, as all other
-    #: numbers.
+    #: x and y in mm, rotation in degrees, force in N, (n, 4); NaN, as all other numbers, unless
+    #: located, or the nearest where `UNEXPLAINED`.
     values: Array
     #: What the readings were taken for, of `READINGS`, and what was sought.
     reading: str
@@ -61,8 +62,7 @@ class Touches:
     determined: Mask
     chi_square: Array
     p_value: Array
-    explained: Mask
-    #: Whether no touch does, but one if the readings are the other of `READINGS`, (n,).
+    #: Whether no touch explains the readings, but one if they are the other of `READINGS`, (n,).
     other_reading: Mask
     at_edge: Mask  #: Whether the touch is held by a limit of the model's domain, (n,).
 
@@ -73,11 +73,16 @@ class Touches:
         values, covariances, deviations, alternatives, chi_square, p_value = (
             np.full((n, *shape), np.nan) for shape in ((4,), (k, k), (k,), (), (), ())
         )
-        determined, explained, other, at_edge = np.zeros((4, n), dtype=bool)
+        determined, other, at_edge = np.zeros((3, n), dtype=bool)
         numbers = values, reading, unknown, status, covariances, deviations, alternatives
-        return cls(*numbers, determined, chi_square, p_value, explained, other, at_edge)
+        return cls(*numbers, determined, chi_square, p_value, other, at_edge)
 
-    def put(self, rows: Indices, problem: Problem, ends: Descent) -> None:
+    @property
+    def explained(self) -> Mask:
+        """Whether a touch explains the charges, (n,)."""
+        return np.asarray(self.status == RowStatus.LOCATED)
+
+    def put(self, rows: Indices, problem: Problem, ends: Descent, significance: float) -> None:
         """Write down the ends of searches for some rows."""
         sought = problem.unknown
         self.status[rows[~ends.arrived]] = RowStatus.NOT_FOUND
@@ -95,29 +100,28 @@ class Touches:
         freedom = len(problem.electrodes) - len(sought)
         self.chi_square[rows] = ends.chi_square
         self.p_value[rows] = p_values(ends.chi_square, freedom)
-        self.explained[rows] = explains(ends.chi_square, freedom)
+        self.status[rows[~explains(ends.chi_square, freedom, significance)]] = RowStatus.UNEXPLAINED
         self.at_edge[rows] = [bool(limits) for limits in edges(problem, ends.at)]
 
     def to_table(self) -> dict[str, NDArray[Any]]:
         """Columns (n,): touches, deviations (NaN where known), fit, alternatives, status, remark.
 
-        The remark has words: ``unexplained``, ``explained as change`` or ``as total``,
-        ``undetermined``, ``at edge``.
+        The remark has words: ``explained as change`` or ``as total``, ``undetermined``,
+        ``at edge``.
         """
         deviations = np.full(self.values.shape, np.nan)
         deviations[:, [QUANTITIES.index(name) for name in self.unknown]] = self.deviations
         columns = ["_deviation_".join(name.rsplit("_", 1)) for name in QUANTITIES]
         (other,) = READINGS.keys() - {self.reading}
-        located = self.status == RowStatus.LOCATED
+        found = np.isfinite(self.chi_square)
         words = {
-            "unexplained": ~self.explained,
             f"explained as {other}": self.other_reading,
             "undetermined": ~self.determined,
             "at edge": self.at_edge,
         }
         remarks = np.full(len(self.status), "", dtype=object)
         for word, rows in words.items():
-            remarks[located & rows] += f"; {word}"
+            remarks[found & rows] += f"; {word}"
         counts = [None if np.isnan(count) else int(count) for count in self.alternatives]
         return {
             **dict(zip(QUANTITIES, self.values.T, strict=True)),
@@ -160,8 +164,8 @@ def locate_many(
     electrodes : sequence of str, optional
         The columns of `charges_pC`; by default the model's, or the names of the mapping.
     significance : float
-        Charges count as explained if their p-value is not below this. With 0 the touches of the
-        first search are kept, however far their charges are.
+        Charges count as explained if their p-value is not below this. With 0 all do: the touches
+        of the first search are kept, however far their charges are.
     calibrated : bool
         Find all likely touches of each row, and calibrated deviations, as `locate` does; that is
         a hundred times slower.
@@ -195,10 +199,10 @@ def locate_many(
         ends = _ends(problem, held, significance)
         if calibrated:
             _calibrate(found, rows, problem, ends)
-        found.put(rows, problem, ends)
-        strange = ~found.explained[rows] & ~_explained(problem, ends, significance)
-        if strange.any():
-            problem = measurement.other.problem(charges[rows[strange]], sought)
+        found.put(rows, problem, ends, significance)
+        strange = ~found.explained[rows]
+        if strange.any() and (other := measurement.other):
+            problem = other.problem(charges[rows[strange]], sought)
             ends = _ends(problem, {i: values[strange] for i, values in held.items()}, significance)
             found.other_reading[rows[strange]] = _explained(problem, ends)
     return found

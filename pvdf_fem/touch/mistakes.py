@@ -9,7 +9,8 @@ from typing import Any
 from pvdf_fem.readout.channel import READINGS
 from pvdf_fem.response.model import QUANTITIES, Domain
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.touch.measurement import Deviations, electrode_columns
+from pvdf_fem.solution.solve import RestError
+from pvdf_fem.touch.measurement import Deviations, electrode_columns, reading_of, rest_of
 
 LARGEST_PC = 1e12  #: Readings beyond this many pC are in another unit, or none.
 LEAST_PC = 1e-12  #: Charges or changes below this many pC count as zero.
@@ -50,6 +51,10 @@ def charge_mistakes(
         yield from _deviation_mistakes("noise_pC", noise_pC, charges_pC, math.inf, what)
     if reading not in (None, *READINGS):
         yield f"reading = {reading}: choose from {', '.join(READINGS)}"
+    try:
+        rest_of(scene, reading or reading_of(scene))
+    except RestError as error:
+        yield from error.problems
 
 
 def _deviation_mistakes(

@@ -13,10 +13,10 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.response.model import QUANTITIES, Model, period_deg, touch_of
 from pvdf_fem.scene.stage import Stage
+from pvdf_fem.solution.solve import rest_charges
 from pvdf_fem.touch.locate import PLACE_AND_FORCE
 from pvdf_fem.touch.mistakes import known_mistakes
 from pvdf_fem.tracking.baseline import WINDOWS, Baseline, Watch

@@ -17,6 +17,7 @@ from pvdf_fem import Scene, solve
 from pvdf_fem.dynamics.modes import modes
 from pvdf_fem.output.figures import COLOURS, GREY, LABEL_SIZE
 from pvdf_fem.readout.channel import electrode_capacitance
+from pvdf_fem.scene.scene import Numerics
 from pvdf_fem.solvers.status import Status
 from reports.common.chapter import Chapter, Content
 from reports.common.charge_figures import Series, label_curves
@@ -406,7 +407,7 @@ def _static_texts(thesis: Thesis, results: Results) -> list[str]:
 
 def largest_stress_MPa(scene: Scene, pitch_mm: float = 0.25, reach_mm: float = 15.0) -> float:
     """Largest principal stress on a raster up to `reach_mm` from the centre; NaN if unsolved."""
-    solution = solve(scene.with_(numerics={}))
+    solution = solve(scene.with_(numerics=Numerics()))
     if solution.status is not Status.CONVERGED:
         return math.nan
     raster = np.arange(-reach_mm, reach_mm + 1e-9, pitch_mm)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pvdf_fem import solve
+from pvdf_fem.scene.scene import Numerics
 from pvdf_fem.solvers.status import Status
 from reports.common.chapter import Content, comparing
 from reports.common.comparison import Comparison
@@ -44,7 +45,7 @@ def _picture(comparisons: list[Comparison], path: Path) -> None:
     with drawing(path, 90 * len(pictured), 80) as figure:
         axes = figure.subplots(1, len(pictured), squeeze=False)
         for ax, (source, scene) in zip(axes[0], pictured, strict=True):
-            solution = solve(scene.with_(numerics={}))  # a picture needs no edges
+            solution = solve(scene.with_(numerics=Numerics()))  # a picture needs no edges
             ax.set_title(source.replace(" (", "\n("))
             if solution.status is Status.CONVERGED:
                 solution.plot(ax=ax, reach_mm=30.0)

@@ -19,6 +19,7 @@ from matplotlib.axes import Axes
 from pvdf_fem import Scene
 from pvdf_fem.arrays import Array
 from pvdf_fem.output.figures import COLOURS
+from pvdf_fem.scene.scene import Replaced
 from pvdf_fem.sweeps.lines import direction, placed
 from reports.chapters.calibration import (
     DIRECTIONS_DEG,
@@ -68,7 +69,7 @@ def sphere_places(force_N: float) -> Calibration:
     """Places of the sphere for its maps, with the ring of electrodes that all maps have."""
     disc = calibration(Setting("circle1", 0.0, force_N), PITCH_MM)
     probe = {"shape": "sphere", "radius_mm": RADIUS_MM}
-    scene = disc.scene.with_(probe=probe, load={"kind": "contact", "force_N": force_N})
+    scene = disc.scene.with_(probe=Replaced(probe), load={"kind": "contact", "force_N": force_N})
     return replace(disc, scene=scene, reach_mm=REACH_MM)
 
 

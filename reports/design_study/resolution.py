@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from pvdf_fem import Scene
-from pvdf_fem.charges.rest import rest_charges
+from pvdf_fem.solution.solve import rest_charges
 from pvdf_fem.sweeps.store import Record
 from reports.design_study.sensor import Lattice, Sensor, is_even
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 #: Names of the browser's program.
-PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
+PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 #: Widths in pixels at which a page is looked at: a screen's, a phone's, and that of printed A4.
 WIDTHS = {"screen": 1400, "phone": 390, "print": 703}
 

@@ -147,7 +147,7 @@ def uneven_charges(
     for factor in factors:
         stiffer = dict.fromkeys(tapes, factor)
         uneven = UnevenMembrane(equilibrium.space, scene.film, free_strain, stiffer)
-        equilibrium = equilibrium.replacing(equilibrium.membrane, uneven)
+        equilibrium = equilibrium.with_terms([uneven, *equilibrium.terms[1:]])
         result = newton(DeferredNewton(equilibrium, NewtonOptions(), budget, near=False), q)
         if result.status is not Status.CONVERGED:
             raise RuntimeError(f"tapes {factor:g} times as stiff: {result.status}")

@@ -11,9 +11,9 @@ from scipy.interpolate import BarycentricInterpolator
 from scipy.signal import lfilter
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.response.model import scene_of_touch
+from pvdf_fem.solution.solve import rest_charges
 from reports.locating.errors import over_disc
 
 Array = NDArray[np.float64]

@@ -21,6 +21,7 @@ import numpy as np
 from scipy.interpolate import CloughTocher2DInterpolator, NdBSpline, RectBivariateSpline
 from skfem import Basis, ElementTriP2
 
+from pvdf_fem import Replaced, Scene
 from pvdf_fem.arrays import Array, unit_gauss
 from pvdf_fem.charges.observables import OBSERVABLES
 from pvdf_fem.files import replacing
@@ -29,7 +30,6 @@ from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import PROBE, mesh_scene, outlines
 from pvdf_fem.mesh.size_field import Sizes
 from pvdf_fem.scene.outlines.outline import Outline
-from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solution import NotConvergedError
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.status import Status
@@ -141,7 +141,7 @@ def carried_field(scene: Scene, folder: Path | None = None) -> CarriedField:
             "probe.y_mm": 0.0,
             "film.d31_pC_N": 8.0,
             "film.d32_pC_N": 8.0,
-            "numerics": {},
+            "numerics": Replaced(),
         }
     )
     if folder is None:

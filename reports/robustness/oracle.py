@@ -59,7 +59,7 @@ SIZES = {
     "polygon": {"vertices_mm"},
 }
 PLACE = {"name", "shape", "x_mm", "y_mm", "rotation_deg", "edge_radius_mm"}
-LOADS = frozenset({"force_N", "tangential_N", "load"})
+LOADS = frozenset({"depth_mm", "force_N", "tangential_N", "load"})
 RING = frozenset({"layout", "count", "ring_radius_mm", "first_angle_deg", "centre"})
 
 
@@ -121,7 +121,8 @@ def _of_keys(section: Mapping[str, Any], documented_keys: frozenset[str]) -> Ite
         if key not in documented_keys:
             yield f"key {key}"
         elif key in WORDS:
-            file = key == "profile" and str(value).endswith((".csv", ".nc"))
+            path = str(value).partition("#sha256=")[0]
+            file = key == "profile" and path.endswith((".csv", ".nc"))
             word = isinstance(value, bool | str) or key == "friction"
             if not word or isinstance(value, list) or not (file or value in WORDS[key]):
                 yield f"{key} = {value!r}"

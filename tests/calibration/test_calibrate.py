@@ -11,6 +11,8 @@ from pvdf_fem.calibration import diagnosis, model
 from pvdf_fem.calibration.model import TouchModel
 from pvdf_fem.calibration.touches import read_touches
 from pvdf_fem.calibration.unknowns import unknowns_of
+from pvdf_fem.charges.goals import goals_of
+from pvdf_fem.solution.solve import solve_goals
 from tests.helpers.touched_sensor import NAMES, SCENE, TRUE, UNKNOWN, made
 
 
@@ -18,7 +20,8 @@ from tests.helpers.touched_sensor import NAMES, SCENE, TRUE, UNKNOWN, made
 def solved_once():
     """Fits of the same touches begin with the same scenes."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(model, "solve", cache(model.solve))
+        solved = cache(lambda scene: solve_goals(scene, goals_of(scene)))
+        patched.setattr(model, "solve_goals", lambda scene, goals: solved(scene))
         yield
 
 

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import json
+import sys
+
 import numpy as np
 import pytest
 
-from pvdf_fem import Scene, SceneError, gradients, solve, sweep
-from pvdf_fem.charges.rest import rest_charges
+from pvdf_fem import Scene, SceneError, calibrate, gradients, locate, solve, sweep
+from pvdf_fem.charges.goals import goals_of
+from pvdf_fem.cli.main import main
 from pvdf_fem.response.response_file import mechanics_of
+from pvdf_fem.solution.solve import rest_charges, solve_goals
+from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.sweeps.plan import plan
 from tests.helpers.discs import RECTANGLE
+
+solve_module = sys.modules["pvdf_fem.solution.solve"]
+records_module = sys.modules["pvdf_fem.sweeps.records"]
 
 CASES = {
     "thesis": {},
@@ -67,7 +76,9 @@ def test_a_solution_tells_total_rest_change_and_reading() -> None:
 
 def test_a_sweep_has_charges_at_rest_even_where_solves_fail() -> None:
     data = sweep(Scene(), [{"film.temperature_change_K": [-2.0, 1.0]}], processes=1)
-    assert data.rest_charge_pC.sel(electrode="A").values == pytest.approx([96.0, -48.0])
+    at_rest = data.rest_charge_pC.sel(electrode="A").values
+    assert at_rest == pytest.approx([96.0, np.nan], nan_ok=True)
+    assert data.rest_charge_error_pC.sel(electrode="A").values[0] == 0.0
     assert data.rest_charge_pC.attrs["units"] == "pC"
 
 
@@ -100,3 +111,153 @@ def test_warming_is_refused_where_charges_are_of_the_stress_only() -> None:
     for refuses in (mechanics_of, lambda scene: plan([scene])):
         with pytest.raises(SceneError, match=r"film\.warming_K"):
             refuses(RECTANGLE.with_(**WARM))
+
+
+TOUCHED = RECTANGLE.with_(**{"numerics.tolerance": 1e-2})
+#: A rim that leaves the film taut, and one that compresses it until it is touched.
+MOVED = {"film.rim_displacement_um": [0.0, 0.0, 0.0, 1.0, 0.0]}
+TORN = {"film.rim_displacement_um": [0.0, 0.0, 0.0, 10.0, 0.0]}
+HEATED = {"film.temperature_change_K": 1.0}
+NAMES = ("rest_charges_pC", "rest_charge_errors_pC", "charge_changes_pC", "charge_change_errors_pC")
+
+
+def test_a_solve_that_moves_at_rest_states_the_errors_of_both() -> None:
+    """Against a solve with a tolerance 30 times finer."""
+    patch = {"shape": "rectangle", "x_mm": 11.0, "y_mm": 1.0, "width_mm": 4.0, "height_mm": 3.0}
+    patches = [{**patch, "thickness_um": 20.0, "bonded": "before stretching"}]
+    light = TOUCHED.with_(**{"film.patches": patches, "load.force_N": 1e-3})
+    solution = solve(light)
+    fine = solve(light.with_(**{"numerics.tolerance": 3e-4}))
+    for name, rest in solution.rest_charges_pC.items():
+        assert 0.2 * solution.charge_errors_pC[name] < solution.rest_charge_errors_pC[name]
+        assert solution.rest_charge_errors_pC[name] < 1e-2 * rest
+        off = rest - fine.rest_charges_pC[name]
+        assert abs(off) < 2.0 * solution.rest_charge_errors_pC[name]
+        both = solution.rest_charge_errors_pC[name] + solution.charge_errors_pC[name]
+        assert solution.charge_change_errors_pC[name] == pytest.approx(both)
+        off = solution.charge_changes_pC[name] - fine.charge_changes_pC[name]
+        assert abs(off) <= both + fine.charge_change_errors_pC[name]
+    result = json.loads(json.dumps(solution.to_json(), allow_nan=False))
+    assert set(NAMES) < set(result)
+    assert set(NAMES) < set(solution.to_dataframe().columns)
+
+
+def test_the_film_at_rest_is_solved_once_and_within_the_budget(monkeypatch) -> None:
+    asked: list[Scene] = []
+
+    def counted(scene, *arguments, **options):
+        asked.append(scene)
+        return solve_goals(scene, *arguments, **options)
+
+    monkeypatch.setattr(solve_module, "solve_goals", counted)
+    budget = Budget.of(TOUCHED)
+    solution = solve(TOUCHED.with_(**MOVED), budget=budget)
+    assert [scene.probe is None for scene in asked] == [False, True]
+    alone = Budget.of(TOUCHED)
+    solve_goals(TOUCHED.with_(**MOVED), goals_of(TOUCHED), budget=alone)
+    assert budget.spent_seconds > alone.spent_seconds
+    assert solution.to_json()["rest_charges_pC"] == solution.rest_charges_pC
+    assert len(asked) == 2
+    solve(TOUCHED)
+    assert len(asked) == 3
+
+
+@pytest.mark.parametrize(("changes", "key"), [(TORN, "rim_displacement_um"), (HEATED, "temper")])
+def test_totals_without_a_film_at_rest_are_given_and_changes_are_not(changes, key) -> None:
+    readout = {"feedback_capacitance_pF": 500.0}
+    solution = solve(TOUCHED.with_(**changes, readout=readout))
+    result = json.loads(json.dumps(solution.to_json(), allow_nan=False))
+    assert result["charges_pC"]["A"] > 0.0
+    assert {result[name] for name in (*NAMES, "readings_V")} == {None}
+    assert np.isnan(solution.to_dataframe()[[*NAMES, "readings_V"]].values).all()
+    assert [text for text in solution.warnings if text.startswith(f"film.{key}")]
+    assert str(solution)
+    total = solve(TOUCHED.with_(**changes, readout={**readout, "reading": "total"}))
+    assert total.readings_V["A"] > 0.0
+
+
+def test_a_film_in_a_tension_field_has_no_compression_at_rest() -> None:
+    slack = {"film.compression": "tension-field", "film.d32_pC_N": 0.0}
+    heated = solve(TOUCHED.with_(**HEATED, **slack))
+    assert set(heated.rest_charges_pC.values()) == {0.0}
+    assert heated.charge_changes_pC == heated.charges_pC
+    # wrinkles along x leave E1 times the strain along x, (S11 - ν12 S22)/E1
+    film = {"film.pretension_N_m": [9.0, -1.0], "film.youngs_modulus_GPa": [3.0, 1.0]}
+    expected = 8.0 * 9.0 * (9.0 + 0.34) / 25.0
+    assert 1e12 * rest_charges(TOUCHED.with_(**film, **slack)) == pytest.approx(expected)
+
+
+def test_a_plate_bears_compression_below_its_buckling_load() -> None:
+    """Critical tension of a clamped disc: 14.682 D/a²."""
+    plate = {"film.bending": True, "film.thickness_um": 200.0, "numerics.tolerance": 1e-2}
+    critical = 14.682 * 2e9 * 2e-4**3 / 12.0 / (1.0 - 0.34**2) / 45e-3**2
+    bears, buckles = (
+        Scene().with_(**plate, **{"film.pretension_N_m": -part * critical}) for part in (0.8, 1.2)
+    )
+    expected = -16.0 * 9.0 * 0.8 * critical / 200.0
+    assert 1e12 * rest_charges(bears) == pytest.approx(expected)
+    with pytest.raises(SceneError, match=r"film\.pretension_N_m"):
+        rest_charges(buckles)
+
+
+def test_a_warmed_film_counts_from_before_it_warmed() -> None:
+    """Warmed beyond its stretch it is slack, and was taut when it was zeroed."""
+    warm = TOUCHED.with_(**{"film.warming_K": 2.0, "film.compression": "tension-field"})
+    assert 1e12 * rest_charges(warm) == pytest.approx(48.0)
+    assert solve(warm).rest_charges_pC["A"] == pytest.approx(48.0)
+
+
+def test_a_sweep_solves_each_untouched_film_once(monkeypatch) -> None:
+    asked: list[Scene] = []
+
+    def counted(scene, *arguments, **options):
+        asked.append(scene)
+        return solve_goals(scene, *arguments, **options)
+
+    monkeypatch.setattr(records_module, "solve_goals", counted)
+    rims = [MOVED["film.rim_displacement_um"], TORN["film.rim_displacement_um"]]
+    axes = [{"film.rim_displacement_um": rims}, {"load.force_N": [0.5, 1.0]}]
+    data = sweep(TOUCHED, axes, processes=1)
+    assert sorted(scene.probe is None for scene in asked) == [False] * 4 + [True] * 2
+    fresh = solve(TOUCHED.with_(**MOVED, **{"load.force_N": 1.0}))
+    found = data.isel({"rim_displacement_um": 0, "force_N": 1})
+    assert found.rest_charge_pC.values == pytest.approx([*fresh.rest_charges_pC.values()])
+    assert found.rest_charge_error_pC.values == pytest.approx(
+        [*fresh.rest_charge_errors_pC.values()]
+    )
+    torn = data.isel({"rim_displacement_um": 1})
+    assert np.isnan(torn.rest_charge_pC.values).all()
+    assert (torn.charge_pC.values > 0.0).all()
+
+
+def test_a_store_keeps_charges_at_rest(tmp_path) -> None:
+    axes = [{"film.rim_displacement_um": [MOVED["film.rim_displacement_um"]]}]
+    first, again = (sweep(TOUCHED, axes, tmp_path / "s.db", processes=1) for _ in range(2))
+    assert first.identical(again)
+    assert first.rest_charge_error_pC.values.min() > 0.0
+
+
+def test_inverse_problems_refuse_changes_without_a_film_at_rest() -> None:
+    scene = TOUCHED.with_(**HEATED)
+    charges = dict.fromkeys("ABCD", 500.0)
+    with pytest.raises(ValueError, match=r"film\.temperature_change_K"):
+        locate(scene, charges, reading="change")
+    places = [0.0, 5.0, 0.0, -5.0, 0.0, 3.0]
+    touches = {
+        "x_mm": places,
+        "y_mm": places[::-1],
+        "rotation_deg": [0.0] * 6,
+        "force_N": [1.0] * 6,
+    }
+    touches |= {name: [500.0 + 10.0 * i for i in range(6)] for name in "ABCD"}
+    with pytest.raises(SceneError, match=r"film\.temperature_change_K"):
+        calibrate(scene, touches, ["gains"], reading="change")
+
+
+def test_the_command_tells_a_film_without_charges_at_rest(tmp_path, capsys) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(TOUCHED.with_(**TORN).to_toml(), encoding="utf-8")
+    assert main(["solve", str(path)]) == 0
+    assert "film.rim_displacement_um" in capsys.readouterr().out
+    assert main(["solve", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["charge_changes_pC"] is None

@@ -188,6 +188,34 @@ def test_a_live_pipe_is_answered_row_by_row(form, file, monkeypatch, capsys):
     assert live.seen[-1] == 6
 
 
+def test_a_header_that_comes_alone_is_waited_for(file, monkeypatch, capsys):
+    lines = table().encode().splitlines(keepends=True)
+    monkeypatch.setattr(sys, "stdin", type("Stdin", (), {"buffer": Live(lines, lambda: 0)}))
+    assert run(file, "-", "--quick") == 0
+    assert [row["status"] for row in rows_of(capsys.readouterr().out)] == ["located"] * 6
+
+
+@pytest.mark.parametrize("how", [["--quick"], ["--json"]])
+def test_readings_in_another_unit_are_unexplained(how, file, tmp_path, capsys):
+    """Charges in nC: the nearest touch is told, as one that does not fit."""
+    source = tmp_path / "readings.csv"
+    wrong = (*(1e-3 * CHARGES).T, TOUCHES[:, 2])
+    source.write_text(table(*wrong, header="A,B,C,D,rotation_deg"))
+    assert run(file, source, *how) == 3
+    text = capsys.readouterr().out
+    rows = json.loads(text) if "--json" in how else rows_of(text)
+    assert [row["status"] for row in rows] == ["unexplained"] * 6
+    assert all(float(row["chi_square"]) > 100.0 for row in rows)
+    mixed = np.vstack([CHARGES, 1e-3 * CHARGES]).T
+    turned = np.tile(TOUCHES[:, 2], 2)
+    source.write_text(table(*mixed, turned, header="A,B,C,D,rotation_deg"))
+    assert run(file, source, "--quick") == 0
+    assert [row["status"] for row in rows_of(capsys.readouterr().out)] == [
+        *["located"] * 6,
+        *["unexplained"] * 6,
+    ]
+
+
 def test_a_closed_input_is_told(file, monkeypatch, capsys):
     monkeypatch.setattr(sys, "stdin", None)
     assert run(file, "-") == 2
@@ -230,10 +258,10 @@ def test_tables_of_changes_and_volts(file, tmp_path, capsys):
         assert values(row) == pytest.approx(touch, abs=2e-3)
         assert row["remark"] == ""
     total = ["--quick", "--unit", "V", "--reading", "total", "--sigma", "0.001"]
-    assert run(file, source, *total) == 0
+    assert run(file, source, *total) == 3
     out, err = capsys.readouterr()
     remarks = [row["remark"] for row in rows_of(out)]
-    others = sum(remark.startswith("unexplained; explained as change") for remark in remarks)
+    others = sum(remark.startswith("explained as change") for remark in remarks)
     assert others > 0
     assert f"{others} rows are explained as the other --reading; see their remarks\n" in err
     bare = tmp_path / "bare.toml"

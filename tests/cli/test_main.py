@@ -133,7 +133,7 @@ def test_table_has_each_charge_with_its_error(
     run = Run(["solve", scene], capsys)
     solution = solve(Scene.load(scene))
     assert (run.code, run.err) == (0, "")
-    rows = re.findall(r"^(\w) +([\d.]+) +([\d.e-]+) +[\d.]+$", run.out, re.MULTILINE)
+    rows = re.findall(r"^([A-Z]) +([\d.]+) +([\d.e-]+) .*$", run.out, re.MULTILINE)
     assert [name for name, _, _ in rows] == list("ABCD")
     for name, charge, error in rows:
         # rounding changes a charge by less than its error, and the error by less than a tenth
@@ -150,7 +150,8 @@ def test_charges_without_error_are_printed(
     """No probe: the stress is uniform, 48 pC by the thesis's film, and there is no error."""
     (tmp_path / "empty.toml").touch()
     text = Run(["solve", tmp_path / "empty.toml"], capsys).out
-    assert re.search(r"^A +48\.00000000 +0 +0\.00000000$", text, re.MULTILINE)
+    zero = r"0 +0\.00000000 +0"
+    assert re.search(rf"^A +48\.00000000 +0 +48\.00000000 +{zero}$", text, re.MULTILINE)
 
 
 def test_set_stretches_and_lays_out(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -161,6 +162,22 @@ def test_set_stretches_and_lays_out(scene: Path, capsys: pytest.CaptureFixture[s
     both = ["--set", "film.pretension_N_m=9", "--set", "film.temperature_change_K=-2"]
     (mistake,) = Run(["solve", scene, *both], capsys).mistakes
     assert "film.temperature_change_K = -2: stands beside film.pretension_N_m = 9.0" in mistake
+
+
+def test_set_merges_tables_and_refuses_rivals(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.toml"
+    path.write_text("[film]\nradius_mm = 40\npretension_N_m = 9\n")
+    tables = ["film={thickness_um=12}", "film={d31_pC_N=10}"]
+    changes = {"film.thickness_um": 12.0, "film.d31_pC_N": 10.0}
+    scene = scene_of(Namespace(scene=path, settings=tables))
+    assert scene == Scene.load(path).with_(**changes)
+    path.write_text('[probe]\nshape = "sphere"\nradius_mm = 5\n[load]\nkind = "contact"\n')
+    both = ["--set", "load.force_N=0.5", "--set", "load.depth_mm=2"]
+    for changes in (both, ["--set", "load={force_N=0.5, depth_mm=2}"]):
+        (mistake,) = Run(["solve", path, *changes], capsys).mistakes
+        assert mistake.startswith("load.force_N = 0.5: ")
 
 
 @pytest.mark.parametrize(
@@ -542,7 +559,8 @@ def test_an_unknown_command_is_told_the_nearest(capsys: pytest.CaptureFixture[st
     ("settings", "lost"),
     [
         (["probe.shape=circle"], ["probe.side_mm = 7.5"]),
-        (["probe={shape='circle'}"], []),
+        (["probe={shape='circle'}"], ["probe.side_mm = 7.5"]),
+        (["load={kind='dead', force_N=2}"], ['load.contact = "stuck"']),
         (
             ["load.kind=dead", "film.pretension_N_m=9"],
             ["film.temperature_change_K = -2.0", 'load.contact = "stuck"'],
@@ -585,6 +603,7 @@ def test_a_map_of_a_quantity_that_there_is_not_is_refused_before_the_solve(
         assert run.code == 2
         assert run.err.startswith("--quantity: ")
         assert reason in run.err
+    assert Run(["solve", scene, "--quantity", "stress"], capsys).code == 2  # without --plot
     assert Run([*command[:-1], "stress"], capsys).code == 0
     assert "<svg" in (tmp_path / "a.svg").read_text()[:1000]
 

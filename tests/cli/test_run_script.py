@@ -105,6 +105,29 @@ def test_old_python_is_refused_with_its_version(run: Run) -> None:
     assert "PYTHON=python3.11 ./run test" in done.stderr
 
 
+@pytest.mark.parametrize("installed", ["chromium", ""])
+def test_root_installs_what_the_tests_need(
+    run: Run, checkout: Path, tmp_path: Path, installed: str
+) -> None:
+    """And goes on without where that fails."""
+    tools, venv = tmp_path / "bin", checkout / ".venv" / "bin"
+    executable(tools / "id", "echo 0\n")
+    executable(tools / "apt-get", 'echo "$@" >&2; exit 1\n')
+    executable(tools / "dpkg-query", f'[ "$4" != "{installed}" ] || echo installed\n')
+    for name in ("pyproject.toml", "constraints.txt"):
+        (checkout / name).touch()
+    venv.mkdir(parents=True)
+    executable(venv / "python", 'echo "$@"\n')
+    version = subprocess.run([sys.executable, "-VV"], capture_output=True, text=True).stdout
+    (checkout / ".venv" / "made-from").write_text(f"{checkout}\n{version}")
+    done = run("test", "tests/cli")
+    assert done.returncode == 0
+    assert done.stdout == "-m pytest -n auto --dist worksteal tests/cli\n"
+    packages = ["chromium", "libatomic1", "libegl1"]
+    wanted = " ".join(package for package in packages if package != installed)
+    assert f"-qq install -y --no-install-recommends {wanted}\n" in done.stderr
+
+
 def test_unknown_command_is_named(run: Run) -> None:
     done = run("reprot")
     assert done.returncode == 2

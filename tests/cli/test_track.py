@@ -65,7 +65,7 @@ def test_json_lines_from_standard_input(files, monkeypatch, capsys):
         ("t_s\tA\tB\n", "name some of A, B, C, D in its first line; separate columns by commas"),
         ("t_s;A;B;C;D\n0;1;2;3;1,2,3\n", "row 1 has 1,2,3; give 5 numbers"),
         ("t_s,A,B,C,D\n0,1,2\n", "row 1 has 3 cells; give 5 numbers, or nan for what is missing"),
-        ("t_s,A,B,C,D\n0,1,2,3,4\n1,1,2,3,x\n", "row 2 has x; give 5 numbers"),
+        ("t_s,A,B,C,D\n,1,2,3,4\n1,1,2,3,x\n", "2 of 2 rows"),
         ("", "has no electrode among its columns"),
     ],
 )
@@ -74,6 +74,20 @@ def test_wrong_signals_are_told_by_line(files, text, complaint, capsys):
     signals.write_text(text)
     assert main(["track", str(scene), str(signals)]) == 2
     assert complaint in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("garbled", ["0.6,1,2", "0.6,1,2,3,x", ",1,2,3,4", '"0.6,1,2,3,4', "\0"])
+def test_a_garbled_row_is_marked_and_the_others_are_followed(files, garbled, capsys):
+    scene, signals = files
+    header, *lines = signals.read_text().splitlines()
+    middle = len(lines) // 4  # before the tap
+    signals.write_text("\n".join([header, *lines[:middle], garbled, *lines[middle:]]) + "\n")
+    assert main(["track", str(scene), str(signals)]) == 0
+    printed = capsys.readouterr()
+    statuses = [row.split(",")[1] for row in printed.out.splitlines()[1:]]
+    assert [i for i, status in enumerate(statuses) if status == "malformed"] == [middle]
+    assert f"1 of {len(statuses)} rows" in printed.err
+    assert "touch 1: 0.59" in printed.err
 
 
 def test_missing_cells_are_missing_readings_and_other_columns_are_left_out(files, capsys):
@@ -153,3 +167,23 @@ def test_a_live_pipe_is_answered_row_by_row(files, tmp_path):
         assert process.stdout.readline().startswith("0.001,settling")
         process.stdin.close()
         assert process.wait(timeout=60) == 0
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["track", "{scene}", "{signals}"],
+        ["locate", "{scene}", "--changes", "A=500,B=400,C=300,D=400"],
+        ["locate", "{scene}", "--changes", "A=500,B=400,C=300,D=400", "--touches", "1"],
+    ],
+)
+def test_a_film_without_charges_at_rest_is_refused_before_a_model_is_built(files, command, capsys):
+    scene, signals = files
+    words = [word.format(scene=scene, signals=signals) for word in command]
+    before = sorted(scene.parent.iterdir())
+    assert main([*words, "--set", "film.temperature_change_K=1"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "film.temperature_change_K = 1" in err
+    assert "Traceback" not in err
+    assert sorted(scene.parent.iterdir()) == before

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -206,6 +208,14 @@ def punched(scene: Scene, diameters: int) -> float:
     return float(k) * wave_speed(scene) / (2.0 * np.pi)
 
 
+def test_of_several_probes_only_rigid_ones_bind_the_flat_film() -> None:
+    rigid = {"shape": "circle", "radius_mm": 4.0, "x_mm": -8.0, "load": {"kind": "rigid"}}
+    tip = {"shape": "sphere", "radius_mm": 5.0, "x_mm": 9.0, "load": {"kind": "contact"}}
+    dead = {"shape": "circle", "radius_mm": 2.0, "y_mm": 12.0}
+    alone, beside = (modes(Scene(probe=p), 2) for p in ([rigid], [rigid, tip, dead]))
+    assert beside.frequencies_Hz == pytest.approx(alone.frequencies_Hz, rel=1e-12)
+
+
 def test_rigid_punch_binds_the_flat_film() -> None:
     text = '[probe]\nshape = "circle"\nradius_mm = 8\n[load]\nkind = "rigid"\n'
     found = modes(with_tolerance(Scene.parse(text), 1e-3), 3)
@@ -286,9 +296,9 @@ def test_unreachable_tolerance_is_said_before_meshing() -> None:
     assert "mesh" not in found.seconds
 
 
-@pytest.mark.parametrize("count", [0, -1, MOST_MODES + 1])
-def test_count_out_of_range(count: int) -> None:
-    with pytest.raises(ValueError, match=f"count = {count}: .* give 1 to {MOST_MODES}"):
+@pytest.mark.parametrize("count", [0, -1, MOST_MODES + 1, 2.5, "2"])
+def test_count_out_of_range(count: Any) -> None:
+    with pytest.raises(ValueError, match=f"count = {count!r}: .* give 1 to {MOST_MODES}"):
         modes(Scene(), count)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from pvdf_fem import Scene, SceneError, gradients, modes, respond, transient
+from pvdf_fem import Replaced, Scene, SceneError, gradients, modes, respond, transient
 from pvdf_fem.dynamics.forced import half_sine, step
 from pvdf_fem.dynamics.oscillation import oscillations
 from tests.helpers.discs import TRIANGLE, on_mesh
@@ -90,7 +90,7 @@ def test_readings_discharge():
         size = np.abs(voltage).max()
         np.testing.assert_allclose(found.readings_V[name], 3.0 * voltage, atol=3e-4 * size)
     ideal = transient(
-        on_mesh(scene.with_(readout={})), half_sine(0.01, 8e-3), times[:9], highest_Hz=200.0
+        on_mesh(scene.with_(readout=Replaced())), half_sine(0.01, 8e-3), times[:9], highest_Hz=200.0
     )
     for name, charge in ideal.charges_pC.items():
         np.testing.assert_allclose(ideal.readings_V[name], charge / 1000.0, rtol=1e-12)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pvdf_fem.explore.finding import isocharge_lines
+from pvdf_fem.explore.finding import find, isocharge_lines
 from pvdf_fem.explore.picture import ORDER, PIXELS, image_of, picture_of
 from pvdf_fem.response.model import SCENE_KEYS
 from pvdf_fem.scene.scene import Scene
@@ -68,3 +68,9 @@ def test_isocharge_lines_go_through_the_touch():
         assert np.hypot(*(points - touch[0, :2]).T).min() < 0.3
         assert np.hypot(*points.T).max() > 8.0  # they go on
     assert isocharge_lines(model, {**pressed, "force_N": 50.0}, charges) == {}
+
+
+def test_changes_without_a_film_at_rest_are_not_located():
+    heated = SCENE.with_(**{"film.temperature_change_K": 1.0}, readout={"reading": "change"})
+    with pytest.raises(ValueError, match="changes"):
+        find(heated, solve(heated).to_json(), 0.01, None)

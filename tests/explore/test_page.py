@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
 import signal
 import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlparse
@@ -18,13 +18,10 @@ from pvdf_fem.explore.picture import ORDER
 from pvdf_fem.explore.state import View
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solve import solve
+from tests.helpers.browsers import browser_or_skip
 
 page = pytest.importorskip("pvdf_fem.explore.page", reason="the extra `explore` is not installed")
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-
-NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
-CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path")
+pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
 #: Two electrodes tell no touch, and of charges with d33 there is no response: so `locate` says
 #: what is missing, and takes no time.
@@ -73,11 +70,8 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    with playwright.sync_playwright() as driver:
-        options = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
-        chromium = driver.chromium.launch(executable_path=CHROMIUM, args=options)
-        yield chromium
-        chromium.close()
+    with browser_or_skip() as started:
+        yield started
 
 
 class Visit:
@@ -190,6 +184,21 @@ def test_scene_and_picture_are_saved(visit: Visit, tmp_path: Path) -> None:
         download.value.save_as(tmp_path / file)
     assert Scene.load(tmp_path / "scene.toml") == changed
     assert (tmp_path / "film.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("path", ["/", "/?load.force_N=2", "/ws", "/static/js/bokeh.min.js"])
+def test_a_name_that_leads_here_is_refused(address: str, path: str) -> None:
+    """As of a site whose name was rebound to this machine, so that its scripts may read answers."""
+    port = urlparse(address).port
+    answers = {}
+    for host in (f"rebound.example:{port}", "127.0.0.1.rebound.example", f"localhost:{port}"):
+        request = HTTPConnection("127.0.0.1", port, timeout=60)
+        request.request("GET", path, headers={"Host": host})
+        answers[host] = request.getresponse().status
+        request.close()
+    *others, own = answers.values()
+    assert others == [403, 403]
+    assert own == (400 if path == "/ws" else 200)  # as no websocket is asked for
 
 
 def test_it_is_served_on_this_machine_only(address: str) -> None:

@@ -38,6 +38,7 @@ def test_undo_and_redo():
         (TRIANGLE, {"electrodes": {"layout": "ring", "count": 6, "shape": "circle"}}),
         (TRIANGLE, {"film.pretension_N_m": [8.0, 9.0], "film.youngs_modulus_GPa": [2.0, 3.0]}),
         (TRIANGLE, {"readout": {"noise_V": {"A": 0.01}}}),
+        (TRIANGLE.with_(film={"warming_K": 1.0}), {"film": {"warming_K": None, "radius_mm": 40}}),
         (TWO, {"probe[1].rotation_deg": 30.0, "probe[0].force_N": 0.5}),
     ],
 )
@@ -47,6 +48,26 @@ def test_a_link_and_a_scene_file_give_the_view_again(start, changes):
     view = View(start).changed(changes)
     assert View.of_query(start, view.query(start)) == view
     assert Scene.parse(view.scene.to_toml()) == view.scene
+
+
+@pytest.mark.parametrize(
+    ("start", "changes"),
+    [
+        (TRIANGLE, {"load.profile": "/srv/secret.csv"}),
+        (TRIANGLE, {"load": {"profile": "secret.nc"}}),
+        (TRIANGLE, {"probe": None, "load.profile": "secret.csv"}),
+        (TWO, {"probe[0].load": {"profile": "secret.csv"}}),
+    ],
+)
+def test_a_page_reads_no_file_that_the_scene_did_not_name(start, changes):
+    with pytest.raises(SceneError, match=r"load\.profile"):
+        View(start).changed(changes)
+    given = View(TRIANGLE.with_(**{"load.profile": "mine.csv"}))
+    moved = given.changed({"probe.x_mm": 1.0})
+    assert View.of_query(given.scene, moved.query(given.scene)) == moved
+    assert moved.changed({"load.profile": "uniform"}).scene.load.profile == "uniform"
+    with pytest.raises(SceneError, match=r"load\.profile"):
+        View.of_query(TRIANGLE, moved.query(TRIANGLE))
 
 
 def test_a_link_tells_only_what_was_changed():
@@ -80,3 +101,4 @@ def test_sliders_are_those_of_the_scene_and_reach_its_values():
     assert not {"electrodes.radius_mm", "load.depth_mm", "probe.force_N"} & found.keys()
     assert not any("probe" in key for key in sliders_of(Scene()))
     assert {"probe[0].force_N", "probe[1].rotation_deg"} <= sliders_of(TWO).keys()
+    assert "load.force_N" not in sliders_of(TWO)  # each probe says its own

@@ -9,10 +9,10 @@ from scipy.constants import epsilon_0
 from pvdf_fem import Scene, SceneError, gradients, modes, solve
 from pvdf_fem.charges.forces import charges_of, goal_forces, goal_gradients
 from pvdf_fem.charges.goals import goals_of
-from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.film.electric.coupling import Coupling, coupling_effect, floating
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.response.response_file import mechanics_of
+from pvdf_fem.solution.solve import rest_charges
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.newton import factorise, negative_pivots
 from pvdf_fem.sweeps.equivalence import mechanics

@@ -11,6 +11,7 @@ from scipy.sparse.linalg import splu
 from pvdf_fem import Scene, SceneError, build_response, gradients, solve
 from pvdf_fem.film.loads.heat import AddedStrain, heat_remarks, warmed
 from pvdf_fem.mesh.symmetry import WHOLE, part_of
+from pvdf_fem.scene.scene import Replaced
 from pvdf_fem.solution import solve as solving
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.sweeps.equivalence import mechanics
@@ -97,7 +98,7 @@ def test_a_film_that_is_warm_all_over_is_one_that_was_cooled_less():
         probe={**disc, "temperature_K": 0.5, "contact_time_s": 1e3},
         **{"load.force_N": 20.0, "film.bending": False},
     )
-    cooled = warm.with_(probe=disc, **{"film.temperature_change_K": -0.5})
+    cooled = warm.with_(probe=Replaced(disc), **{"film.temperature_change_K": -0.5})
     assert charges(warm) == pytest.approx(charges(cooled), rel=1e-6)
     pyroelectric = 25.0 * 9.0 * 0.5  # pC on 9 mm2
     assert charges(warm.with_(**PYROELECTRIC)) == pytest.approx(charges(cooled) + pyroelectric)
@@ -112,7 +113,7 @@ def test_heat_on_an_electrode_is_its_area_times_the_pyroelectric_coefficient():
     warm, mechanical = charges(scene), charges(scene.with_(**{"film.pyroelectric_uC_m2K": None}))
     assert warm - mechanical == pytest.approx([2250.0, 0.0, 0.0, 0.0], rel=1e-4, abs=1e-6)
     # what the film would do if it could not move: 8e-12 · 2 · E α ΔT/(1 - ν) · 9 mm2
-    clamped = charges(scene.with_(probe=finger)) - mechanical
+    clamped = charges(scene.with_(probe=Replaced(finger))) - mechanical
     assert 0.0 < clamped[0] < 480.0
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, SceneError, build_response, gradients, modes, solve
-from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.mesh.mesh_file import read_mesh
 from pvdf_fem.mesh.symmetry import WHOLE, part_of
 from pvdf_fem.solution import solve as solving
+from pvdf_fem.solution.solve import rest_charges
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.sweeps.equivalence import mechanics
 from tests.helpers.layered_disc import LayeredDisc

@@ -105,19 +105,6 @@ def test_a_function_turns_with_its_probe():
 
 
 @pytest.mark.parametrize(
-    ("pressure", "told"),
-    [
-        (lambda x, y: 0.0 * x, "nowhere positive"),
-        (lambda x, y: x, "negative"),
-        (lambda x, y: x / 0.0 if np.ndim(x) else 0.0, "not finite"),
-    ],
-)
-def test_impossible_functions_are_refused(pressure, told):
-    with np.errstate(all="ignore"), pytest.raises(SceneError, match=f"load.profile.*{told}"):
-        solve(SCENE, pressure=pressure)
-
-
-@pytest.mark.parametrize(
     ("text", "told"),
     [
         ("x_mm,y_mm\n0,0", "pressure"),
@@ -138,3 +125,15 @@ def test_a_file_that_is_not_there_is_refused(tmp_path):
     for name in ("none.csv", "none.nc"):
         with pytest.raises(SceneError, match=r"load\.profile = .*none"):
             solve(SCENE.with_(**{"load.profile": str(tmp_path / name)}))
+
+
+@pytest.mark.parametrize("profile", ["gaussian", "table.csv"])
+def test_a_profile_that_is_zero_under_its_probe_is_refused(profile, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "table.csv").write_text("x_mm,y_mm,pressure\n8,8,1\n9,8,1\n8,9,1\n9,9,1")
+    width = {"load.profile_width_mm": 1e-3} if profile == "gaussian" else {}
+    with pytest.raises(SceneError) as caught:
+        solve(SCENE.with_(**{"load.profile": profile, **width}))
+    (line,) = caught.value.problems
+    assert line.startswith("load.profile = ")
+    assert profile in line

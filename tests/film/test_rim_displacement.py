@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, SceneError, solve
-from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.mesh.symmetry import WHOLE, part_of
+from pvdf_fem.solution.solve import rest_charges
 
 TRIANGLE = {"shape": "triangle", "x_mm": 5.0714, "y_mm": 0.8757, "side_mm": 7.0}
 FAR = {"electrodes.ring_radius_mm": 30.0, "numerics.tolerance": 1e-4}

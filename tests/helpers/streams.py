@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.readout.channel import channels
+from pvdf_fem.solution.solve import rest_charges
 from tests.helpers.touch_models import Bumps, bumps
 
 RESISTIVE = {"kind": "voltage", "input_resistance_MOhm": 1.0, "cable_capacitance_pF": 100.0}

@@ -54,6 +54,10 @@ PLACES = {
         '[[electrodes]]\nname = "name of 4 words"\nx_mm = 13\ny_mm = 0\n[probe]\nx_mm = 11'
     ),
 }
+#: A polygon with many short sides.
+_ANGLES = np.linspace(0.0, 2.0 * np.pi, 300, endpoint=False)
+_RAYS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=-1) * np.tile([8.0, 20.0], 150)[:, None]
+STAR = f'[probe]\nshape = "polygon"\nvertices_mm = {_RAYS.tolist()}'
 
 
 def area_basis(mesh):
@@ -218,6 +222,12 @@ def test_meshes_are_made_outside_of_the_main_thread():
     assert same(made[0], graded_mesh(RECTANGLE, 1.0, 6.0))
 
 
+def test_a_name_that_gmsh_has_deprecated_is_not_needed(monkeypatch):
+    """Since 4.14 `getEntityType`; with that version, the oldest allowed one, tests pass too."""
+    monkeypatch.delattr(gmsh.model, "getType", raising=False)
+    assert PROBE in mesh_scene(RECTANGLE, first_sizes(RECTANGLE, 2)).subdomains
+
+
 def test_gmsh_is_left_finalized_when_it_fails(monkeypatch):
     def fail(_):
         raise Exception("no elements in surface 7")
@@ -300,3 +310,64 @@ def test_an_arc_beside_a_corner_does_not_fold(x_mm: float, y_mm: float, radius_m
     assert compression(mesh).min() > 0.0
     area = Space(mesh, 2).weights[mesh.subdomains[PROBE]].sum()
     assert area == pytest.approx(math.pi * (1e-3 * radius_mm) ** 2, rel=1e-6)
+
+
+DISC_A = '[[electrodes]]\nname = "A"\nshape = "circle"\ny_mm = 0\n'
+DISC = '[probe]\nshape = "circle"\n'
+#: Outlines that nearly touch, as functions of the gap in mm.
+NEARLY = {
+    "probe and rim": lambda gap: f"{DISC}radius_mm = {45 - gap!r}",
+    "electrode and rim": lambda gap: f"{DISC_A}x_mm = 0\nradius_mm = {45 - gap!r}\n{DISC}x_mm = 3",
+    "patch and rim": lambda gap: (
+        '[[film.patches]]\nshape = "circle"\nx_mm = 0\ny_mm = 0\nthickness_um = 9\n'
+        f"radius_mm = {45 - gap!r}\n{DISC}x_mm = 3"
+    ),
+    "probe in an electrode": lambda gap: (
+        f"{DISC_A}x_mm = 4\nradius_mm = 6\n{DISC}x_mm = {4 + 0.6 * gap!r}\nradius_mm = {6 - gap!r}"
+    ),
+    "probe crosses an electrode": lambda gap: (
+        f"{DISC_A}x_mm = 4\nradius_mm = 6\n{DISC}x_mm = {4 + gap!r}\nradius_mm = 6"
+    ),
+    "two ellipses": lambda gap: (
+        '[[electrodes]]\nname = "A"\nshape = "ellipse"\nsemi_axes_mm = [12, 5]\nx_mm = 0\n'
+        f'y_mm = 0\n[probe]\nshape = "ellipse"\nsemi_axes_mm = [{12 - gap!r}, {5 - gap!r}]'
+    ),
+    "discs side by side": lambda gap: (
+        f"{DISC_A}x_mm = 10\nradius_mm = 5\n{DISC}x_mm = {18 + gap!r}\nradius_mm = 3"
+    ),
+    "disc by the rim": lambda gap: f"{DISC}radius_mm = 5\nx_mm = {40 - gap!r}",
+    "corners and rim": lambda gap: (
+        f'[probe]\nshape = "rectangle"\nwidth_mm = {54 - gap!r}\nheight_mm = 72'
+    ),
+    "disc by an edge": lambda gap: f"{DISC}radius_mm = 4\nx_mm = {15.5 + gap!r}",
+    "two edges": lambda gap: (
+        f'[probe]\nshape = "rectangle"\nx_mm = {13 + gap!r}\nwidth_mm = 3\nheight_mm = 4'
+    ),
+}
+
+
+@pytest.mark.parametrize("pair", list(NEARLY))
+def test_a_thin_gap_takes_no_more_elements_than_a_wide_one(pair):
+    """Elements are as long along a gap as they would be without, however thin it is; only about a
+    point where an arc nearly touches they are smaller."""
+    counts = []
+    for gap_mm in (1.0, 1e-2, 1e-4, 1e-6):
+        scene = Scene.parse(NEARLY[pair](gap_mm))
+        mesh = mesh_scene(scene, first_sizes(scene, 3))
+        assert compression(mesh).min() > 0.14
+        counts.append(mesh.nelements)
+        weights = Space(mesh, 3).weights
+        for name, outline in outlines(scene).items():
+            assert weights[mesh.subdomains[name]].sum() == pytest.approx(outline.area, rel=1e-6)
+    assert max(counts[1:]) < 2.2 * counts[0]
+
+
+@pytest.mark.parametrize("text", [PLACES["no probe"], PLACES["probe covers two"], DISC, STAR])
+def test_the_number_of_elements_is_known_before_gmsh_runs(text):
+    told = []
+    scene = Scene.parse(text)
+    sizes = first_sizes(scene, 3)
+    mesh = mesh_scene(scene, sizes, require=told.append)
+    assert 0.4 * mesh.nelements < told[0] < 2.5 * mesh.nelements
+    finer = SizeField.of_elements(mesh, 0.5 * element_sizes(mesh))
+    assert 0.4 < finer.elements / mesh_scene(scene, finer).nelements < 2.5

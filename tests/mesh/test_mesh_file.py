@@ -134,6 +134,32 @@ def test_a_mesh_of_another_scene(
     assert isinstance(caught.value, ValueError)
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"probe.x_mm": 5.4},
+        {"probe.radius_mm": 4.1},
+        {"film.radius_mm": 46.0},
+        {"electrodes.ring_radius_mm": 10.1},
+        {
+            "film.patches": [
+                {"shape": "circle", "x_mm": 0, "y_mm": 9, "radius_mm": 2, "thickness_um": 9}
+            ]
+        },
+    ],
+)
+def test_a_mesh_object_of_another_scene_is_refused_as_its_file_is(
+    tmp_path: Path, change: dict[str, object]
+) -> None:
+    mesh, path, other = graded_mesh(SCENE, 3.0, 12.0), tmp_path / "a.msh", SCENE.with_(**change)
+    write_mesh(mesh, path)
+    for given in (mesh, path):
+        with pytest.raises(MeshFileError) as caught:
+            solve(other, mesh=given)
+        assert isinstance(caught.value, ValueError)
+    assert solve(SCENE.with_(**{"load.force_N": 0.5}), mesh=mesh).stop is Stop.GIVEN_MESH
+
+
 def grid(points: list[list[float]], **cells: list[list[int]]) -> meshio.Mesh:
     return meshio.Mesh(np.array(points, dtype=float), [*cells.items()])
 

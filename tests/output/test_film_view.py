@@ -34,6 +34,12 @@ def test_the_surface_is_the_deflected_film(solution: Solution) -> None:
 def test_a_page_needs_nothing_else(solution: Solution, tmp_path: Path) -> None:
     pytest.importorskip("pyvista", reason="views in 3-D need pyvista")
     pytest.importorskip("trame_vtk", reason="pages in 3-D need trame-vtk")
+    from pvdf_fem.output.film_view import NoRenderingError, require_rendering
+
+    try:
+        require_rendering()
+    except NoRenderingError as error:
+        pytest.skip(str(error))
     solution.view("charge density", html=tmp_path / "film.html").close()
     page = tmp_path.joinpath("film.html").read_text("utf-8")
     assert "OfflineLocalView.load" in page
@@ -48,3 +54,21 @@ def test_without_pyvista_it_says_what_to_install(
     monkeypatch.setitem(sys.modules, "pyvista", None)
     with pytest.raises(ImportError, match=r"pip install .pvdf-fem\[view\]"):
         solution.view()
+
+
+def test_without_a_way_to_render_it_says_what_to_install_and_python_goes_on(
+    solution: Solution, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A stand-in for Python ends as VTK does without EGL, OSMesa and a display."""
+    pytest.importorskip("pyvista", reason="views in 3-D need pyvista")
+    from pvdf_fem.output.film_view import NoRenderingError, require_rendering
+
+    crashes = tmp_path / "python"
+    crashes.write_text("#!/bin/sh\nkill -SEGV $$\n")
+    crashes.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(crashes))
+    require_rendering.cache_clear()
+    page = tmp_path / "film.html"
+    with pytest.raises(NoRenderingError, match="libegl1"):
+        solution.view(html=page)
+    assert not page.exists()

@@ -10,6 +10,7 @@ import pytest
 import reports.experiment as experiment
 import reports.locate as report
 from pvdf_fem import Scene, solve
+from pvdf_fem.scene.scene import Replaced
 from reports.common.thesis_data import Thesis
 from reports.locating.errors import FREE, LOCATED, TURNED, Trial, bounds_mm, located, triangulated
 from reports.locating.film import taped, uneven_charges
@@ -136,7 +137,7 @@ def test_a_free_strain_is_that_of_a_temperature():
 
 
 def test_stretching_along_x_and_y_are_mirror_images():
-    middle = SCENE.with_(probe={"shape": "circle", "radius_mm": 3.0})
+    middle = SCENE.with_(probe=Replaced(shape="circle", radius_mm=3.0))
     e = -middle.film.strain_at_rest[0]
     along_x, along_y = (uneven_charges(middle, e * np.array(s))[0] for s in ([4, 0, 0], [0, 4, 0]))
     assert along_x == pytest.approx(along_y[[1, 0, 3, 2]], rel=1e-3)

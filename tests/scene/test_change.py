@@ -6,7 +6,9 @@ import pytest
 
 from pvdf_fem import Scene, SceneError
 from pvdf_fem.scene.change import spelled
+from pvdf_fem.scene.scene import Film, Load, Replaced
 from pvdf_fem.scene.shapes import Layout
+from pvdf_fem.sweeps.grid import Grid
 
 LISTED = Scene().with_(
     electrodes=[{"name": f"E{i}", "x_mm": 9.0 * i, "y_mm": 0.0} for i in (1, -1)]
@@ -64,8 +66,8 @@ def test_pretension_and_temperature_take_each_others_place():
 def test_pretension_and_temperature_together_are_refused():
     with pytest.raises(SceneError) as error:
         Scene().with_(**{"film.temperature_change_K": -2, "film.pretension_N_m": 9})
-    reason = "stands beside film.pretension_N_m = 9.0; remove one of the two"
-    assert error.value.problems == (f"film.temperature_change_K = -2: {reason}",)
+    (line,) = error.value.problems
+    assert line.startswith("film.temperature_change_K = -2: ")
 
 
 def test_a_file_has_the_one_that_counts():
@@ -98,3 +100,101 @@ def test_numbers_of_a_ring_are_reached():
         assert ring.with_(**{key: 3}).electrodes.semi_axes_mm == (2.0, 3.0)
     with pytest.raises(SceneError, match="electrodes are addressed by index"):
         ring.with_(**{"electrodes.0.x_mm": 3})
+
+
+SMALL = Scene().with_(**{"film.radius_mm": 30.0, "film.pretension_N_m": 9})
+
+
+def test_tables_are_merged():
+    assert SMALL.with_(film={"thickness_um": 12}) == SMALL.with_(**{"film.thickness_um": 12})
+    cooled = SMALL.with_(film={"temperature_change_K": -2})
+    assert (cooled.film.radius_mm, cooled.film.pretension_N_m) == (30.0, None)
+    grid = Grid.of(SMALL, [{"film": [{"thickness_um": 9}, {"thickness_um": 12}]}])
+    assert [scene.film.radius_mm for scene in grid.scenes()] == [30.0, 30.0]
+    read = Scene().with_(readout={"gain": {"A": 2.0}}).with_(readout={"gain": {"B": 3.0}})
+    assert read.readout.gain == {"A": 2.0, "B": 3.0}
+    assert Scene().with_(stage={}).stage is not None
+
+
+def test_a_merged_table_leaves_behind_what_keys_do():
+    disc = Scene().with_(probe={"shape": "circle", "radius_mm": 2.0, "x_mm": 4.0})
+    square = disc.with_(probe={"shape": "rectangle"})
+    assert square == disc.with_(**{"probe.shape": "rectangle"})
+    assert square.probe.x_mm == 4.0
+    ring = Scene().with_(electrodes={"layout": "ring", "shape": "circle", "radius_mm": 1.5})
+    assert ring.with_(electrodes={"layout": "three"}).electrodes == Layout(layout="three")
+    stuck = disc.with_(load={"kind": "rigid", "contact": "stuck", "force_N": 0.3})
+    assert stuck.with_(load={"kind": "dead"}).load == Load(force_N=0.3)
+    pair = Scene().with_(probe=[{"x_mm": 9.0}, {"x_mm": -9.0, "load": {"kind": "rigid"}}])
+    changed = pair.with_(**{"probe[1]": {"load": {"force_N": 0.2}, "y_mm": 1.0}})
+    assert changed == pair.with_(**{"probe[1].force_N": 0.2, "probe[1].y_mm": 1.0})
+
+
+def test_replacing_has_a_name_of_its_own():
+    thin = Scene().with_(**{"film.thickness_um": 12})
+    assert SMALL.with_(film=Replaced(thickness_um=12)) == thin
+    assert SMALL.with_(film=Film(thickness_um=12)) == thin
+    assert SMALL.with_(film=Replaced()) == Scene()
+    assert LISTED.with_(electrodes={"layout": "three"}).electrodes == Layout(layout="three")
+
+
+SPHERE = Scene().with_(probe={"shape": "sphere", "radius_mm": 5}, load={"kind": "contact"})
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "named"),
+    [
+        ({"load.force_N": 0.5}, {"load.depth_mm": 2.0}, "load.force_N"),
+        ({"load": {"force_N": 0.5}}, {"load.depth_mm": 2.0}, "load.force_N"),
+        ({"load.force_N": 0.5}, {"load": {"force_N": 0.6}}, "load.force_N"),
+        ({"film.radius_mm": 40.0}, {"film": {"radius_mm": 30.0}}, "film.radius_mm"),
+        ({"film": {"pretension_N_m": 9}}, {"film.temperature_change_K": -2}, "film.temperature"),
+    ],
+)
+def test_rivals_that_are_changed_together_are_refused(one, other, named):
+    for changes in ({**one, **other}, {**other, **one}):
+        with pytest.raises(SceneError, match=named.replace(".", r"\.")):
+            SPHERE.with_(**changes)
+    axes = [{key: [value]} for key, value in (one | other).items()]
+    if all(not isinstance(values[0], dict) for axis in axes for values in axis.values()):
+        with pytest.raises(SceneError, match=named.replace(".", r"\.")):
+            Grid.of(SPHERE, axes).scenes()
+
+
+def test_rivals_of_a_probe_are_refused_together_and_replace_each_other():
+    listed = SPHERE.with_(probe=[{"shape": "sphere", "radius_mm": 5, "force_N": 0.5}])
+    deep = listed.with_(**{"probe[0].load.depth_mm": 2.0})
+    assert deep.loaded_probes[0].load == Load(kind="contact", depth_mm=2.0)
+    light = deep.with_(**{"probe[0].load.force_N": 0.4})
+    assert light.loaded_probes[0].load == Load(kind="contact", force_N=0.4)
+    both = {"probe[0].force_N": 0.4, "probe[0].load.depth_mm": 2.0}
+    with pytest.raises(SceneError, match=r"probe\[0\]\.force_N"):
+        listed.with_(**both)
+    with pytest.raises(SceneError, match=r"probe\[0\]\.force_N"):
+        Grid.of(listed, [{key: [value]} for key, value in both.items()]).scenes()
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ({"load.kind": ["contact", "dead"]}, {"load.friction": [0.1, 0.2]}),
+        ({"load.profile": ["gaussian", "uniform"]}, {"load.profile_width_mm": [1.0, 2.0]}),
+        ({"probe.shape": ["sphere", "triangle"]}, {"probe.radius_mm": [4.0, 5.0]}),
+    ],
+)
+def test_an_axis_that_another_makes_meaningless_is_refused(one, other):
+    (key,) = other
+    for axes in ([one, other], [other, one]):
+        with pytest.raises(SceneError, match=key.replace(".", r"\.")):
+            Grid.of(SPHERE, axes).scenes()
+
+
+def test_another_kind_of_readout_leaves_the_keys_of_the_old_kind_behind():
+    charge = Scene().with_(readout={"feedback_capacitance_pF": 500.0, "gain": 2.0})
+    voltage = charge.with_(readout={"kind": "voltage", "cable_capacitance_pF": 30.0})
+    assert voltage == charge.with_(**{"readout.kind": "voltage"}).with_(
+        **{"readout.cable_capacitance_pF": 30.0}
+    )
+    assert voltage.readout.gain == 2.0
+    by_channel = charge.with_(**{"readout.kind": {"A": "charge"}})
+    assert by_channel.readout.feedback_capacitance_pF == 500.0

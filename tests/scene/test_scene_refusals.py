@@ -274,7 +274,7 @@ def test_touching_is_allowed(text):
         (b"[film]\nradius_mm == 45", "line 2"),
         (b"[film]\nradius_mm = 45\n[film]", "line 3"),
         (b"[film]\n# \xb5m", "line 2"),
-        ("[film]".encode("utf-16"), "line 1"),
+        ("[film]".encode("utf-16"), "UTF-16"),
         (b"#" * 1_000_001, "more than 1000000"),
     ],
 )

@@ -205,3 +205,16 @@ def test_an_edge_that_crosses_itself_at_a_corner_loses_the_loop():
     assert not shapely.Polygon(crossing).is_valid
     assert tip.fitted(crossing).shape.is_valid
     assert tip.fitted(crossing).area == pytest.approx(1.44 * tip.core.area, rel=0.1)
+
+
+@pytest.mark.parametrize("tolerance", [1e-1, 1e-2])
+def test_a_rounded_rectangle_settles_on_coarse_meshes_too(tolerance):
+    """Where its edge errs by more than a thousandth of the depth, charges hardly feel it."""
+    probe = {"shape": "rectangle", "width_mm": 9.57, "height_mm": 4.54, "edge_radius_mm": 1.32}
+    probe |= {"x_mm": -6.82, "y_mm": -15.3, "rotation_deg": 34.4}
+    load = {"kind": "contact", "force_N": 0.82}
+    solution = solve(pressed(probe, load, **{"numerics.tolerance": tolerance}))
+    assert solution.status == "converged"
+    assert len(solution.history) <= 3
+    known = {"A": 370.346, "B": 349.895, "C": 493.699, "D": 698.784}  # at 1e-4
+    assert solution.charges_pC == pytest.approx(known, rel=1e-3)

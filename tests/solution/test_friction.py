@@ -1,5 +1,7 @@
 """Film that sticks to a tip: a 1-D reference, balance, symmetry, and what is refused."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -52,6 +54,40 @@ def test_a_stuck_sphere_is_that_of_the_reference():
     assert depth_mm(solution) == pytest.approx(depth, rel=1e-4)
     assert abs(solution.charges_pC["A"] - narrow) < 1e-3 * narrow
     assert solution.charge_errors_pC["A"] < 1e-3 * narrow
+
+
+def test_a_step_more_makes_a_stuck_sphere_no_worse_and_errors_are_stated():
+    """Under the middle of a sphere a charge depends on all that stuck before."""
+    small = [{**CENTRED[0], "radius_mm": 0.5}]
+    scene = ONE.with_(electrodes=small, **{"load.force_N": 1.0002778, "numerics.tolerance": 1e-2})
+    for count in (4, 7):  # the digits are those of `Sphere.stuck`
+        solution = solved(scene.with_(**{"numerics.load_steps": count}))
+        error = solution.charge_errors_pC["A"]
+        assert abs(solution.charges_pC["A"] - 47.80051) < 1.5 * error
+        assert error < 2e-3 * 47.8
+
+
+def tolerance_advised(solution):
+    assert solution.status == "tolerance_not_reached"
+    return float(re.findall(r"\d\.\de-\d\d", solution.reason)[0])
+
+
+def test_a_tolerance_that_is_advised_is_met():
+    small = [{**CENTRED[0], "radius_mm": 0.5}]
+    scene = ONE.with_(electrodes=small, **{"numerics.tolerance": 2e-4})
+    solved(scene.with_(**{"numerics.tolerance": tolerance_advised(solve(scene))}))
+
+
+def test_every_step_against_friction_counts():
+    """Steps that missed a small tolerance were left out, and the error of that was not stated."""
+    probe = {**SPHERE, "x_mm": 4.0, "y_mm": 3.0}
+    electrodes = [{**CENTRED[0], "x_mm": 4.3, "y_mm": 3.0, "radius_mm": 0.8}]
+    scene = ONE.with_(probe=probe, electrodes=electrodes, **{"load.friction": 0.3})
+    solution = solve(scene.with_(**{"numerics.tolerance": 5e-4}))
+    assert solution.status == "tolerance_not_reached"
+    charge = solved(scene.with_(**{"numerics.tolerance": tolerance_advised(solution)}))
+    known = 1026.68  # of ever more steps
+    assert abs(charge.charges_pC["A"] - known) < charge.charge_errors_pC["A"]
 
 
 def test_a_stuck_sphere_holds_the_film_and_the_rim_bears_it():

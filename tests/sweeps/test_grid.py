@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pvdf_fem import Scene, SceneError
+from pvdf_fem import Scene, SceneError, sweep
 from pvdf_fem.scene.scene_file import quote
 from pvdf_fem.sweeps.grid import OWN_NAMES, Grid
 from pvdf_fem.sweeps.lines import MappingScheme
@@ -77,6 +77,12 @@ def test_axes_are_a_list_of_tables(axes, tmp_path):
     (path := tmp_path / "sweep.toml").write_text(f"scene = {{}}\n{axes}")
     with pytest.raises(SceneError, match=r"begin each (of them )?with \[\[axes\]\]"):
         Grid.load(path)
+
+
+@pytest.mark.parametrize("axes", [[], (), {"load.force_N": [1.0, 2.0]}, "load.force_N", [1.0]])
+def test_a_sweep_without_axes_is_refused_before_any_solve(axes):
+    with pytest.raises(SceneError, match="axes = "):
+        sweep(Scene.example("triangle"), axes)
 
 
 def test_the_examples_are_valid():

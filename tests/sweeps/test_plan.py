@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from pvdf_fem import Scene, solve
+from pvdf_fem import Replaced, Scene, solve
 from pvdf_fem.film.models import FilmModel
 from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.sweeps.plan import plan
@@ -19,6 +19,7 @@ TRIANGLE = Scene().with_(
     }
 )
 L_SHAPE = [[0.0, 0.0], [3.0, 0.0], [3.0, 1.0], [1.0, 1.0], [1.0, 2.0], [0.0, 2.0]]
+L_SHAPED = Replaced(shape="polygon", vertices_mm=L_SHAPE)
 MIRRORED = {"probe.x_mm": -3.0, "probe.rotation_deg": -200.0}
 TURNED = {"probe.x_mm": 7.5, "probe.y_mm": 3.0, "probe.rotation_deg": 290.0}
 X, Y = turn([3.0, -7.5], 37.0).tolist()
@@ -64,7 +65,7 @@ def solves(*scenes: Scene) -> int:
         (STIFFER_ALONG_X, TURNED, 2),
         ({"film.shear_modulus_GPa": 1.0}, TURNED, 1),
         ({"film.shear_modulus_GPa": 1.0}, ASKEW, 2),
-        ({"probe": {"shape": "polygon", "vertices_mm": L_SHAPE}}, {"probe.rotation_deg": 45.0}, 1),
+        ({"probe": L_SHAPED}, {"probe.rotation_deg": 45.0}, 1),
         ({"probe": None}, {"load.force_N": 3.0, "film.thickness_um": 9.0}, 1),
     ],
 )
@@ -74,7 +75,7 @@ def test_scenes_join_when_their_films_deform_alike(base, change, count):
 
 
 def test_a_probe_on_the_centre_may_be_turned_at_will():
-    scene = TRIANGLE.with_(**{"probe": {"shape": "rectangle"}})
+    scene = TRIANGLE.with_(probe=Replaced(shape="rectangle"))
     turned = [scene.with_(**{"probe.rotation_deg": angle}) for angle in (0.0, 33.0, 90.0, 201.0)]
     assert solves(*turned) == 1
 
@@ -129,6 +130,16 @@ def test_a_pretension_and_a_cooling_share_a_solve():
         for name, charge in solve(scene).charges_pC.items():
             shared = record.charge_pC(name, "material", 18.0, 2.0)
             assert shared == pytest.approx(charge, rel=1e-9)
+
+
+def test_scenes_that_share_a_solve_have_their_own_warnings():
+    thin = TRIANGLE.with_(**{"numerics.tolerance": 0.05})
+    thick = thin.with_(**{"film.thickness_um": 500.0, "load.force_N": 20.0})
+    for scenes in ([thin, thick], [thick, thin]):
+        assert len(planned(scenes).blocks) == 1
+        for scene, record in zip(scenes, solve_all(scenes, processes=1), strict=True):
+            assert record.warnings == solve(scene).warnings
+    assert solve(thick).warnings != solve(thin).warnings
 
 
 def test_images_of_a_scene_share_its_mesh():

@@ -63,12 +63,13 @@ def test_a_film_that_bears_no_touch_is_told():
 def test_a_warm_touch_is_found_with_its_temperature():
     """Half of it on an electrode of four, from the place that a cold film would have."""
     truth = {"probe.x_mm": 8.0, "probe.y_mm": 1.0, "probe.temperature_K": 10.0}
-    fine = {"numerics.tolerance": 1e-4}
-    charges = np.array([*solve(FINGER.with_(**truth, **fine)).charges_pC.values()])
+    last = SolveOptions().tolerance
+    touched = FINGER.with_(**truth, **{"numerics.tolerance": last})
+    charges = np.array([*solve(touched).charges_pC.values()])
     listed = FINGER.with_(probe=[{**WARM, "force_N": 1.0, "temperature_K": 0.0}])
     keys = tuple(f"probe[0].{name}" for name in ("x_mm", "y_mm", "force_N", "temperature_K"))
     domain = Domain(15.0, (0.1, 10.0))
-    search = Search(listed, keys, domain, 3e-4, np.arange(4), charges, 1e-3 * charges)
+    search = Search(listed, keys, domain, last, np.arange(4), charges, 1e-3 * charges)
     assert {cold.keys for cold in search.of_cold_touches()} == {keys[:3]}
     assert [len(cold.electrodes) for cold in search.of_cold_touches()] == [4, 3, 3, 3, 3]
     ends = descend(search, np.array([[8.1, 0.9, 0.02, 5.0]]), options=search.how(FEW))
@@ -77,9 +78,10 @@ def test_a_warm_touch_is_found_with_its_temperature():
     assert [x, y] == pytest.approx([8.0, 1.0], abs=0.01)
     assert force == pytest.approx(1.0, rel=2e-3)
     assert kelvins == pytest.approx(10.0, abs=0.1)
-    # deviations are those of slopes by solves
-    scene, slopes = best.scene.with_(**fine), []
+    # deviations by central differences: a shift changes charges least, so it needs finer solves
+    slopes = []
     for key, step in zip(keys, (0.1, 0.1, 0.03, 3.0), strict=True):
+        scene = best.scene.with_(**{"numerics.tolerance": 2e-5 if key.endswith("_mm") else last})
         ends = [
             np.array([*solve(scene.with_(**{key: best.values[key] + h})).charges_pC.values()])
             for h in (step, -step)
@@ -87,6 +89,7 @@ def test_a_warm_touch_is_found_with_its_temperature():
         slopes.append((ends[0] - ends[1]) / (2.0 * step) / (1e-3 * charges))
     normal = np.array(slopes) @ np.transpose(slopes)
     told = np.linalg.inv(normal + np.diag((4.0 * search.longest) ** -2.0))
+    # measured about this place: within 1.2 % by the last solves of a search, 6 % by coarser ones
     assert [*best.deviations.values()] == pytest.approx(np.sqrt(told.diagonal()), rel=0.03)
 
 

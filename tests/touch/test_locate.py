@@ -6,8 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pvdf_fem import Scene
 from pvdf_fem.response.model import QUANTITIES
 from pvdf_fem.solvers.status import Status
+from pvdf_fem.touch.by_solves import SolveOptions
 from pvdf_fem.touch.descent import SearchOptions
 from pvdf_fem.touch.locate import LocateOptions, locate, weigh
 from pvdf_fem.touch.locate_many import locate_many
@@ -417,6 +419,16 @@ def test_the_right_probe_is_chosen():
             assert right.location.best.chi_square < 1.0
     sure = weigh(models, charges_of(models["rectangle"], np.array([4.0, 1.0, 20.0, 1.0])), 1e-3)
     assert (sure[0].name, round(sure[0].weight, 3)) == ("rectangle", 1.0)
+
+
+def test_options_of_the_other_route_are_refused():
+    model, scene = bumps("circle"), Scene.example("triangle")
+    charges = charges_of(model, np.array([3.0, -4.0, 0.0, 1.0]))
+    for given, options in ((model, SolveOptions()), (scene, LocateOptions()), (model, {})):
+        with pytest.raises(ValueError, match=type(options).__name__):
+            locate(given, charges, options=options)
+    with pytest.raises(ValueError, match="SolveOptions"):
+        weigh({"circle": model}, charges, options=SolveOptions())
 
 
 # ---------------------------------------------------------------------------------------- polish

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.response.model import QUANTITIES
+from pvdf_fem.solution.solve import rest_charges
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.touch.descent import SearchOptions
 from pvdf_fem.touch.locate import LocateOptions, locate, weigh
@@ -93,7 +93,8 @@ def test_a_wrong_reading_is_told(given, other):
         model, [list(readings.values())] * 2, 0.002, rotations_deg=[25.0, 25.0], reading=given
     )
     assert many.other_reading.all()
-    assert many.to_table()["remark"][1] == f"unexplained; explained as {other}"
+    assert many.to_table()["remark"][1] == f"explained as {other}"
+    assert many.status[1] is RowStatus.UNEXPLAINED
     right = locate_many(
         model, [list(readings.values())], 0.002, rotations_deg=[25.0], reading=other
     )

@@ -18,6 +18,7 @@ from pvdf_fem.arrays import ALL, Array, Indices, Mask, Selection
 from pvdf_fem.film.loads.contact_edge import Edge, EdgeFacets
 from pvdf_fem.film.loads.contact_guess import face_patch, guessed_force
 from pvdf_fem.film.loads.coulomb import LIKE_STICKING, Coulomb
+from pvdf_fem.film.loads.posed import PosedProbe
 from pvdf_fem.film.loads.pressure import DeadPressure, shared
 from pvdf_fem.film.membrane import IDENTITY, Membrane, strain_of
 from pvdf_fem.film.space import Space
@@ -26,7 +27,6 @@ from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.outlines.tip import Height, Tip
-from pvdf_fem.scene.scene import LoadedProbe
 
 
 class Contact(DeadPressure):
@@ -34,7 +34,7 @@ class Contact(DeadPressure):
 
     edge_share = 0.5
 
-    def __init__(self, touch: LoadedProbe, space: Space, part: MirroredPart = WHOLE) -> None:
+    def __init__(self, touch: PosedProbe, space: Space, part: MirroredPart = WHOLE) -> None:
         super().__init__(touch, space, part)
         self.tip: Tip = touch.tip
         #: Of the tip's lowest point in m where it is given; otherwise the force decides it.
@@ -46,7 +46,7 @@ class Contact(DeadPressure):
         self.touched: Indices = (3 * self.nodes[:, None] + np.arange(3)).ravel()
         self.places: Array = space.basis.doflocs.T[self.nodes]
         moving = self.depth is None, touch.load.tangential_N is not None
-        known = touch.held and touch.held(self.places)
+        known = None if touch.held is None else touch.held(self.places)
         sticks = touch.load.friction == "stuck"
         self.friction = 0.0 if sticks else float(touch.load.friction)
         self._held: Array | None = known if sticks else None

@@ -21,8 +21,8 @@ from pvdf_fem.scene.outlines.tip import STEEPEST, Height, Tip
 
 #: Largest overlap of film and tip over the tip's depth.
 PENETRATION = 1e-6
-#: The same from which a contact has no result.
-LARGEST = 1e-3
+#: The same from which a contact has no result, as what it changes is no longer small.
+LARGEST = 1e-2
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from sticking. Without friction it is the balance of `pvdf_fem.film.loads.contac
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -24,29 +25,18 @@ from pvdf_fem.scene.outlines.tip import Height
 LIKE_STICKING = 1e-3
 
 
-class Untouched:
-    """The displacement of a film before it is touched."""
-
-    less_exact = None
-    share = 0.0
-
-    def __call__(self, points: Array) -> Array:
-        """None at points (n, 2)."""
-        return np.zeros_like(points)
-
-
 @dataclass(frozen=True, eq=False)
 class Displacement:
     """That of a film after a step of its load, seen from a tip that has `moved` since, (2,) in m.
 
-    `dofs` (dofs,) are those of a `space`. The error of all steps is the `share` of what the
-    `less_exact` one changes.
+    `dofs` (dofs,) are those of a `space`. The error of all steps is the `share` of the change by
+    a film that was untouched before.
     """
 
     space: Space
     dofs: Array
     share: float
-    less_exact: Untouched | None
+    less_exact: ClassVar[None] = None
     moved: Array = field(default_factory=lambda: np.zeros(2))
 
     def __call__(self, points: Array) -> Array:

@@ -21,11 +21,11 @@ from typing import Self
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices, Selection
+from pvdf_fem.film.loads.posed import PosedProbe
 from pvdf_fem.film.loads.profiles import profile_of
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State, Term
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
-from pvdf_fem.scene.scene import LoadedProbe
 
 UP: Array = np.array([0.0, 0.0, 1.0])
 
@@ -38,11 +38,12 @@ class DeadPressure(Term):
     probe; tractions are then singular along its edge.
     """
 
+    rests_flat = True
     rigid = False
     #: About the part of the force that acts along the patch's edge.
     edge_share = 0.0
 
-    def __init__(self, touch: LoadedProbe, space: Space, part: MirroredPart = WHOLE) -> None:
+    def __init__(self, touch: PosedProbe, space: Space, part: MirroredPart = WHOLE) -> None:
         self.touch, self.space, self.part = touch, space, part
         self.patch: Indices = space.mesh.subdomains[touch.patch]
         self.components = np.array(touch.load.components)
@@ -110,6 +111,8 @@ class DeadPressure(Term):
         else:
             places, values, weights = self.space.rule(self.patch, profile.order)
             weights = weights * profile(places @ self.part.frame)
+            if len(weights) and not weights.any():
+                raise profile.refused("is zero wherever the probe presses; change it")
         return values, weights
 
     def pressed(self, film_forces: Array) -> Array:
@@ -136,6 +139,10 @@ class FollowerPressure(DeadPressure):
     """A pressure that stays normal to the deformed film."""
 
     conservative = False
+
+    def held(self) -> DeadPressure:
+        """The dead pressure of the same size."""
+        return DeadPressure(self.touch, self.space, self.part).with_components(self.components)
 
     def direction(self, deformation_gradient: Array) -> Array:
         """Traction per reference area over the pressure, (..., 3)."""
@@ -184,7 +191,7 @@ class Punch(DeadPressure):
     rigid = True
     edge_share = 1.0
 
-    def __init__(self, touch: LoadedProbe, space: Space, part: MirroredPart = WHOLE) -> None:
+    def __init__(self, touch: PosedProbe, space: Space, part: MirroredPart = WHOLE) -> None:
         super().__init__(touch, space, part)
         dofs = 3 * np.unique(space.basis.element_dofs[:, self.patch])
         self.shared_dofs = (dofs + 2,)

@@ -6,25 +6,33 @@ class here and a line in `pvdf_fem.scene.registry`.
 
 from __future__ import annotations
 
+import os
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from functools import lru_cache
+from collections.abc import Callable, Iterable
+from functools import cache, lru_cache
+from hashlib import sha256
 from pathlib import Path
 from pkgutil import resolve_name
+from tempfile import TemporaryDirectory
 
 import numpy as np
+import shapely
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.files import FileError, read_text
+from pvdf_fem.files import FileError, decoded, read_bytes
+from pvdf_fem.film.loads.posed import PosedProbe, Pressure, name_of
 from pvdf_fem.scene.outlines.disc import ImageOfDisc
 from pvdf_fem.scene.outlines.outline import turn
-from pvdf_fem.scene.scene import LoadedProbe, Pressure, SceneError
+from pvdf_fem.scene.registry import PIN, PROFILE_ENTRIES
+from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import problem
 
-#: Largest CSV file of a profile in bytes.
+#: Largest file of a profile in bytes.
 MOST_BYTES = 20_000_000
 #: Polynomial degree that quadrature is exact for under a profile that is not uniform.
 RICH_ORDER = 16
+#: Cells along each side of the raster of a mean value.
+RASTER = 24
 
 
 class Profile(ABC):
@@ -33,12 +41,27 @@ class Profile(ABC):
     #: Degree of the quadrature that it takes; None for that of the film.
     order: int | None = RICH_ORDER
 
-    def __init__(self, touch: LoadedProbe) -> None:
+    def __init__(self, touch: PosedProbe) -> None:
         self.touch = touch
+        #: What a refusal names, and its value.
+        self.source = "load.profile", touch.load.profile
 
     @abstractmethod
     def __call__(self, points: Array) -> Array:
         """Values (...) at points (..., 2) in m on the film, none of them negative."""
+
+    def mean(self, shape: shapely.Geometry) -> float:
+        """About the mean over a shape on the film, in m: of a raster, or at one point."""
+        x0, y0, x1, y1 = shape.bounds
+        s = (np.arange(RASTER) + 0.5) / RASTER
+        points = np.dstack(np.meshgrid(x0 + s * (x1 - x0), y0 + s * (y1 - y0))).reshape(-1, 2)
+        inside = points[shapely.contains_xy(shape, points)]
+        one = shapely.get_coordinates(shapely.point_on_surface(shape))
+        return float(self(inside if len(inside) else one).mean())
+
+    def refused(self, reason: str) -> SceneError:
+        """The error of a profile that cannot be integrated."""
+        return SceneError([problem(*self.source, reason)])
 
 
 class Uniform(Profile):
@@ -72,31 +95,40 @@ class Gaussian(Profile):
 class Given(Profile):
     """A function of x and y in mm in the probe's own axes."""
 
-    def __init__(self, touch: LoadedProbe, pressure: Pressure) -> None:
+    def __init__(self, touch: PosedProbe, pressure: Pressure) -> None:
         super().__init__(touch)
         self.pressure = pressure
+        if pressure is touch.pressure:
+            self.source = "pressure", name_of(pressure)
 
     def __call__(self, points: Array) -> Array:
-        probe = self.touch.probe
-        x, y = np.moveaxis(
-            turn(1e3 * points - [probe.x_mm, probe.y_mm], -probe.rotation_deg), -1, 0
-        )
-        values = np.broadcast_to(np.asarray(self.pressure(x, y), dtype=float), x.shape)
-        if not (np.isfinite(values).all() and values.min(initial=0.0) >= 0.0 < values.max()):
-            reason = "is negative, not finite or nowhere positive under the probe; change it"
-            raise SceneError([problem("load.profile", self.touch.load.profile, reason)])
-        return values
+        probe, places = self.touch.probe, 1e3 * points.reshape(-1, 2)
+        x, y = turn(places - [probe.x_mm, probe.y_mm], -probe.rotation_deg).T.copy()
+        try:
+            values = np.asarray(self.pressure(x, y))
+        except Exception as error:
+            reason = f"raises {type(error).__name__} at x_mm, y_mm of shape {x.shape}: {error}"
+            raise self.refused(f"{reason}; give a function of arrays") from error
+        if values.dtype.kind not in "biuf":
+            raise self.refused(f"gives values of type {values.dtype}; give real numbers")
+        if values.shape not in ((), x.shape):
+            reason = f"gives shape {values.shape} at x_mm, y_mm of shape {x.shape}"
+            raise self.refused(f"{reason}; give a value for each point, or one for all")
+        if not (np.isfinite(values).all() and values.min(initial=0.0) >= 0.0):
+            raise self.refused("is negative or not finite under the probe; change it")
+        return np.broadcast_to(values.astype(float), x.shape).reshape(points.shape[:-1])
 
 
 class Table(Given):
     """Values on a grid in a file, interpolated bilinearly, and zero outside."""
 
-    def __init__(self, touch: LoadedProbe) -> None:
-        grid = _read(touch.load.profile)
+    def __init__(self, touch: PosedProbe) -> None:
+        _, grid = _read(touch.load.profile)
         super().__init__(touch, lambda x, y: grid(np.stack([x, y], axis=-1)))
+        self.source = "load.profile", Path(touch.load.profile.partition(PIN)[0]).name
 
 
-def profile_of(touch: LoadedProbe) -> Profile:
+def profile_of(touch: PosedProbe) -> Profile:
     """The profile of a probe's load; SceneError for a file that cannot be read."""
     if touch.pressure is not None:
         return Given(touch, touch.pressure)
@@ -104,33 +136,66 @@ def profile_of(touch: LoadedProbe) -> Profile:
     return profile
 
 
-def _read(name: str) -> Callable[[Array], Array]:
+def pinned(scenes: Iterable[Scene]) -> list[Scene]:
+    """Scenes that name whole paths and the content of files with profiles: ``/p.csv#sha256=...``.
+
+    Processes with another working directory find the files, and no process solves another content.
+    Each file is read once. Raises SceneError for a file that holds no grid.
+    """
+
+    @cache
+    def named(profile: str) -> str:
+        return f"{os.path.abspath(profile)}{PIN}{_read(profile)[0]}"
+
+    def changed(scene: Scene) -> Scene:
+        probes = scene.probe if isinstance(scene.probe, tuple) else ()
+        loads = {"load": scene.load if scene.probe else None}
+        loads |= {f"probe[{i}].load": probe.load for i, probe in enumerate(probes)}
+        profiles = {f"{key}.profile": load.profile for key, load in loads.items() if load}
+        known = {None, *PROFILE_ENTRIES}  # a probe's own load may leave the profile to the scene's
+        in_files = {k: p for k, p in profiles.items() if p not in known and PIN not in p}
+        return scene.with_(**{k: named(p) for k, p in in_files.items()}) if in_files else scene
+
+    return [changed(scene) for scene in scenes]
+
+
+def _read(profile: str) -> tuple[str, Callable[[Array], Array]]:
+    """Digest of a file, and the profile that the file holds."""
+    name, _, pin = profile.partition(PIN)
     try:
-        return _grid(name, Path(name).stat().st_mtime_ns)
+        content = read_bytes(Path(name), MOST_BYTES, "a pressure profile")
+        digest = sha256(content).hexdigest()
+        if pin not in ("", digest):
+            reason = "does not hold the profile that is to be solved, as its digest tells"
+            raise FileError(f"{name}: {reason}; restore the file, or name it without {PIN}")
+        return digest, _grid(name, content)
     except (FileError, KeyError, OSError, ValueError) as error:
         reason = f"cannot be used ({error}); give x_mm, y_mm and pressure on a grid that grows"
-        raise SceneError([problem("load.profile", name, reason)]) from None
+        raise SceneError([problem("load.profile", profile, reason)]) from None
 
 
 @lru_cache(maxsize=8)
-def _grid(name: str, changed: int) -> Callable[[Array], Array]:
-    """What a file held when it was `changed`."""
+def _grid(name: str, content: bytes) -> Callable[[Array], Array]:
+    """The profile in the content of a file; the name tells the format."""
     from scipy.interpolate import RegularGridInterpolator  # slow to import
 
-    x, y, values = _of_netcdf(name) if name.endswith(".nc") else _of_csv(name)
+    x, y, values = (_of_netcdf if name.endswith(".nc") else _of_csv)(name, content)
     return RegularGridInterpolator((x, y), values, bounds_error=False, fill_value=0.0)
 
 
-def _of_netcdf(name: str) -> tuple[Array, Array, Array]:
+def _of_netcdf(name: str, content: bytes) -> tuple[Array, Array, Array]:
     import xarray  # slow to import
 
-    with xarray.open_dataset(name) as data:
-        table = data["pressure"].transpose("x_mm", "y_mm")
-        return data["x_mm"].values, data["y_mm"].values, table.values
+    with TemporaryDirectory() as folder:  # not every engine of xarray reads bytes
+        copy = Path(folder) / Path(name).name
+        copy.write_bytes(content)
+        with xarray.open_dataset(copy) as data:
+            table = data["pressure"].transpose("x_mm", "y_mm")
+            return data["x_mm"].values, data["y_mm"].values, table.values
 
 
-def _of_csv(name: str) -> tuple[Array, Array, Array]:
-    heading, *lines = read_text(Path(name), MOST_BYTES, "a pressure profile").splitlines()
+def _of_csv(name: str, content: bytes) -> tuple[Array, Array, Array]:
+    heading, *lines = decoded(Path(name), content).splitlines()
     columns = [column.strip() for column in heading.split(",")]
     rows = np.array([line.split(",") for line in lines if line.strip()], dtype=float)
     x, y, pressure = (rows[:, columns.index(key)] for key in ("x_mm", "y_mm", "pressure"))

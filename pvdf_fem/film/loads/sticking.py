@@ -2,45 +2,47 @@
 
 Friction makes no line force along the edge of the contact, so the strain has no jump there: where
 the edge comes by, the gradient of what sticks is that of the film outside. So the gradients along
-the edges of a few steps of the load give what sticks between them.
+the edges of a few steps of the load, from none at the first touch, give what sticks between them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import ClassVar
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.interpolate import BSpline
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.film.loads.contact_edge import Edge
 from pvdf_fem.scene.outlines.tip import DiscTip
 
-#: Lowest power of the distance from the core: the strain at an edge is about as its square.
-LOWEST = 3
-#: Most powers: more of them follow the errors of the steps.
-MOST_POWERS = 5
 #: Highest multiple of the angle.
 HIGHEST_MODE = 3
-_NONE = np.zeros((1, 2 * HIGHEST_MODE + 1), dtype=complex)
+#: Least radius in m that is divided by.
+TINY = 1e-15
+#: Error of what sticks over what the less exact displacement changes.
+SHARE = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class Sticking:
-    """The displacement u + i v in m of film that sticks, a polynomial about the tip.
+    """The displacement u + i v in m of film that sticks, about the tip.
 
-    `coefficients` (powers, modes) are of (d/`scale`)^i e^(i m angle), d the distance from the core.
-    `less_exact` is the polynomial of one degree less, and `share` the factor of what that changes
-    which is the error: it covers the errors of the steps' meshes.
+    At the radius r it is U with d(r U)/dr = r `stretch`, and zero on the core. The stretch, by the
+    distance d in m from the core, has the factors of e^(i m angle), (modes,). `less_exact` has a
+    stretch that is linear between the steps and off by its scatter along their edges. The error is
+    `SHARE` of what that changes.
     """
 
     tip: DiscTip
-    coefficients: NDArray[np.complex128] = field(default_factory=lambda: _NONE)
-    scale: float = 1.0
+    stretch: BSpline | None = None
     less_exact: Sticking | None = None
-    share: ClassVar[float] = 3.0
+
+    @property
+    def share(self) -> float:
+        """Error of the steps over the change by the `less_exact` displacement."""
+        return SHARE if self.less_exact else 0.0
 
     def fitted(self, edges: Sequence[Edge]) -> Sticking:
         """The least squares of what the film is stretched by outside of the edges of steps.
@@ -54,34 +56,48 @@ class Sticking:
         gradient = np.concatenate([edge.gradient for edge in edges])
         rate = np.einsum("nca,na->nc", gradient[:, :2], away) @ [1.0, 1j]
         held = np.concatenate([edge.place for edge in edges])[:, :2] @ [1.0, 1j]
-        stretch, powers = rate + held / np.abs(z), min(len(edges), MOST_POWERS)
-        lower = self._least_squares(z, stretch, powers - 1) if powers > 1 else Sticking(self.tip)
-        return replace(self._least_squares(z, stretch, powers), less_exact=lower)
-
-    def _least_squares(self, z: Array, stretch: Array, count: int) -> Sticking:
-        r, powers = np.abs(z), LOWEST + np.arange(count)
-        scale = float((r - self.tip.core).max())
-        d = (r[:, None] - self.tip.core) / scale
-        radial = (powers / (scale * d) + 1.0 / r[:, None]) * d**powers
-        weights = 1.0 / d
-        rows = weights * (radial[:, :, None] * _waves(z)[:, None, :]).reshape(len(z), -1)
-        found = np.asarray(np.linalg.lstsq(rows, weights[:, 0] * stretch, rcond=None)[0], complex)
-        return Sticking(self.tip, found.reshape(count, -1), scale)
+        stretch, steps = rate + held / np.abs(z), [edge.widths.mean() for edge in edges]
+        (linear, _), (best, error) = (_spline(k, steps, self.tip, z, stretch) for k in (1, 2))
+        off = BSpline(linear.t, (1.0 + error / SHARE) * linear.c, linear.k)
+        return Sticking(self.tip, best, Sticking(self.tip, off))
 
     def change(self, other: Sticking) -> float:
         """Largest difference between two along this one's outermost circle, over its values."""
         angle = np.linspace(0.0, 2.0 * np.pi, 4 * HIGHEST_MODE, endpoint=False)
-        radius = self.tip.core + self.scale
+        radius = self.tip.core + (self.stretch.t[-1] if self.stretch else 0.0)
         points = self.tip.centre + radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         return float(np.abs(self(points) - other(points)).max() / np.abs(self(points)).max())
 
     def __call__(self, points: Array) -> Array:
         """Displacements (n, 2) in m at points (n, 2)."""
+        if self.stretch is None:
+            return np.zeros_like(points)
         z = (points - self.tip.centre) @ [1.0, 1j]
-        d = np.maximum(np.abs(z) - self.tip.core, 0.0) / self.scale
-        radial = d[:, None] ** (LOWEST + np.arange(len(self.coefficients)))
-        value = np.einsum("np,pm,nm->n", radial, self.coefficients, _waves(z))
+        r = np.maximum(np.abs(z), TINY)
+        first, second = (self.stretch.antiderivative(n) for n in (1, 2))
+        d = np.maximum(r - self.tip.core, 0.0)
+        radial = first(d) - second(d) / r[:, None]
+        value = (radial * _waves(z)).sum(axis=1)
         return np.stack([value.real, value.imag], axis=-1)
+
+
+def _spline(
+    degree: int, steps: Sequence[float], tip: DiscTip, z: Array, stretch: Array
+) -> tuple[BSpline, float]:
+    """The least squares of a stretch at points z, zero on the core, with a piece for each step;
+    and its relative standard error by the scatter along the edges, of all waves together."""
+    ends = np.array([0.0, *steps])
+    degree = min(degree, len(steps))
+    inner = ends[1:-1] if degree == 1 else 0.5 * (ends[1:-2] + ends[2:-1])
+    knots = np.concatenate([[0.0] * (degree + 1), inner, [ends[-1]] * (degree + 1)])
+    d = np.abs(z) - tip.core
+    functions = BSpline.design_matrix(d, knots, degree, extrapolate=True).toarray()[:, 1:]
+    rows = (functions[:, :, None] * _waves(z)[:, None]).reshape(len(z), -1)
+    found = np.asarray(np.linalg.lstsq(rows, stretch, rcond=None)[0], complex)
+    left = np.abs(stretch - rows @ found).mean() / np.abs(stretch).mean()
+    error = float(left * np.sqrt((2 * HIGHEST_MODE + 1) / len(z)))
+    found = found.reshape(functions.shape[1], -1)
+    return BSpline(knots, np.concatenate([np.zeros_like(found[:1]), found]), degree), error
 
 
 def _waves(z: Array) -> Array:

@@ -10,8 +10,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.outlines.disc import ImageOfDisc
-from pvdf_fem.scene.outlines.shape import Shape
-from pvdf_fem.scene.quantity import Length
+from pvdf_fem.scene.outlines.shape import Shape, Size
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +64,7 @@ class CircleShape(Shape):
     is_mirrored = True
     size_key = "radius_mm"
     shape: Literal["circle"] = "circle"
-    radius_mm: Length = 1.0
+    radius_mm: Size = 1.0
 
     @cached_property
     def outline(self) -> Circle:

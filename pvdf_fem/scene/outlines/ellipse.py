@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import AfterValidator
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.scene.affects import Affects
 from pvdf_fem.scene.outlines.disc import ImageOfDisc
 from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.scene.outlines.shape import Shape
@@ -83,7 +84,7 @@ class EllipseShape(Shape):
     is_mirrored = True
     size_key = "semi_axes_mm"
     shape: Literal["ellipse"] = "ellipse"
-    semi_axes_mm: Annotated[tuple[Length, Length], AfterValidator(_is_not_thin)]
+    semi_axes_mm: Annotated[tuple[Length, Length], AfterValidator(_is_not_thin), Affects.OUTLINE]
 
     @cached_property
     def outline(self) -> Ellipse:

@@ -12,9 +12,10 @@ import shapely
 from pydantic import AfterValidator, Field
 
 from pvdf_fem.arrays import Array, unit_gauss
+from pvdf_fem.scene.affects import Affects
 from pvdf_fem.scene.outlines.outline import Line, Outline, turn
-from pvdf_fem.scene.outlines.shape import Shape
-from pvdf_fem.scene.quantity import Coordinate, Length, refusal
+from pvdf_fem.scene.outlines.shape import Shape, Size
+from pvdf_fem.scene.quantity import Coordinate, refusal
 
 DETAIL = 1e-6  #: Details of a ring smaller than this, relative to its extent, cannot be meshed.
 MOST_VERTICES = 1000  #: Polygons with more vertices are refused.
@@ -179,7 +180,7 @@ class TriangleShape(_PolygonalShape):
     period_deg = 120.0
     is_mirrored = True
     shape: Literal["triangle"] = "triangle"
-    side_mm: Length = 7.0
+    side_mm: Size = 7.0
 
     @cached_property
     def outline(self) -> Polygon:
@@ -193,7 +194,7 @@ class SquareShape(_PolygonalShape):
     is_mirrored = True
     is_rectangle = True
     shape: Literal["square"] = "square"
-    side_mm: Length = 3.0
+    side_mm: Size = 3.0
 
     @cached_property
     def outline(self) -> Polygon:
@@ -208,8 +209,8 @@ class RectangleShape(_PolygonalShape):
     is_rectangle = True
     size_key = "width_mm"
     shape: Literal["rectangle"] = "rectangle"
-    width_mm: Length = 14.0
-    height_mm: Length = 7.0
+    width_mm: Size = 14.0
+    height_mm: Size = 7.0
 
     @cached_property
     def outline(self) -> Polygon:
@@ -231,6 +232,7 @@ class PolygonShape(_PolygonalShape):
         tuple[tuple[Coordinate, Coordinate], ...],
         Field(min_length=3, max_length=MOST_VERTICES),
         AfterValidator(_is_simple),
+        Affects.OUTLINE,
     ]
 
     @cached_property

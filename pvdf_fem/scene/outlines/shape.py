@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from typing import Annotated, ClassVar
 
+from pvdf_fem.scene.affects import Affects
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.quantity import Coordinate, Finite, Length, Number, Section, within
 
@@ -12,12 +13,16 @@ from pvdf_fem.scene.quantity import Coordinate, Finite, Length, Number, Section,
 HEAT = ("temperature_K", "contact_time_s")
 
 
+#: A size that a shape has in the plane of the film.
+Size = Annotated[Length, Affects.OUTLINE]
+
+
 class Shape(Section):
     """A shape at the point (x, y), rotated counter-clockwise about it."""
 
-    x_mm: Coordinate = 0.0
-    y_mm: Coordinate = 0.0
-    rotation_deg: Number = 0.0
+    x_mm: Annotated[Coordinate, Affects.OUTLINE] = 0.0
+    y_mm: Annotated[Coordinate, Affects.OUTLINE] = 0.0
+    rotation_deg: Annotated[Number, Affects.OUTLINE] = 0.0
     shape: str
     edge_radius_mm: Length | None = None
     temperature_K: Annotated[Finite, within(-500.0, 500.0, "K")] | None = None  #: Over the film's.

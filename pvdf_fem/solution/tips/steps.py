@@ -8,17 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.charges.forces import charges_of, goal_forces
-from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.contact_edge import Edge
-from pvdf_fem.film.loads.coulomb import Displacement, Untouched
+from pvdf_fem.film.loads.coulomb import Displacement
+from pvdf_fem.film.loads.posed import Held
 from pvdf_fem.film.loads.sticking import Sticking
 from pvdf_fem.scene.outlines.tip import DiscTip
-from pvdf_fem.scene.scene import LoadedProbe, Scene, Step
+from pvdf_fem.scene.scene import LoadedProbe, Scene
 from pvdf_fem.solution.attempt import Attempt, force_errors
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solvers.ladder import equilibrate
@@ -30,6 +31,11 @@ STEPS = 6
 SLIDING_STEPS = 4
 #: Third root of the first step's part: widths of contacts are about as the third root of the force.
 FIRST = 0.25
+#: The same of the parts of a load that sticks, as a power of the part of the steps that are done.
+GROWTH = 1.5
+#: Tolerance of the steps of a load that sticks. They leave one error at any tolerance of the scene,
+#: so that a tolerance above that error is met.
+FINE = 1e-3
 #: Change of what sticks, over its largest value, at which a step ends.
 SETTLED = 1e-2
 #: Most solves of a step.
@@ -37,49 +43,53 @@ MOST_SOLVES = 4
 #: Most solves that seek where a tip has moved sideways.
 MOST_SOLVES_SIDEWAYS = 15
 
-
-def takes_steps(scene: Scene) -> bool:
-    """Whether film sticks to a tip or slides against friction, and the way there is unknown."""
-    return any(touch.held is None for touch in _rubbed(scene))
+#: Solves a scene with what its tips hold, by patch.
+Solve: TypeAlias = Callable[[Scene, Mapping[str, Held]], Solution]
 
 
-def stepped(scene: Scene, solve: Callable[[Scene], Solution]) -> Scene | Solution:
-    """The scene with what its steps left behind, or the step that has no solution."""
-    stuck = any(touch.load.friction == "stuck" for touch in _rubbed(scene))
-    return (_stuck if stuck else _slid)(scene, solve)
+def stepped(scene: Scene, solve: Solve) -> Solution:
+    """The solution after all steps that friction needs, or of the step that has no result."""
+    frictions = [touch.load.friction for touch in _rubbed(scene)]
+    if not frictions:
+        return solve(scene, {})
+    return (_stuck if "stuck" in frictions else _slid)(scene, solve)
+
+
+def _at(scene: Scene, part: float) -> Scene:
+    """The scene with a part of its forces along z, and tips that nothing pushes sideways."""
+    touches = scene.loaded_probes
+    return scene.loaded([replace(t, load=t.load.times(part)) for t in touches])
 
 
 def _rubbed(scene: Scene) -> list[LoadedProbe]:
     return [touch for touch in scene.loaded_probes if touch.load.friction]
 
 
-def _slid(scene: Scene, solve: Callable[[Scene], Solution]) -> Scene | Solution:
+def _slid(scene: Scene, solve: Solve) -> Solution:
     """With the displacement from which film slides in the last step."""
     patches = [touch.patch for touch in _rubbed(scene)]
-    last: Untouched | Displacement = Untouched()
+    last: Displacement | None = None
     roots = np.linspace(FIRST, 1.0, scene.numerics.load_steps or SLIDING_STEPS)
     for width in roots[:-1]:
-        solution = solve(scene.at(Step(float(width) ** 3, 0.0, dict.fromkeys(patches, last))))
+        solution = solve(_at(scene, float(width) ** 3), dict.fromkeys(patches, last))
         if solution.status is Status.CONVERGED:
-            last = _displacement(solution, 1.0 / (len(roots) - 1), Untouched())
-    guided = scene.at(Step(1.0, 0.0, dict.fromkeys(patches, last)))
+            last = _displacement(solution)
+    if last is None or solution.status is not Status.CONVERGED:
+        return solution
+    last = replace(last, share=1.0 / (len(roots) - 1))
+    solution = solve(_at(scene, 1.0), dict.fromkeys(patches, last))
     pushed = [touch for touch in _rubbed(scene) if touch.load.tangential_N]
-    return _pushed(guided, pushed, solve) if pushed else guided
+    return _pushed(scene, pushed, solution, solve) if pushed else solution
 
 
-def _displacement(
-    solution: Solution, share: float = 0.0, less_exact: Untouched | None = None
-) -> Displacement:
-    fields = solution.fields
-    return Displacement(fields.solved.space, fields.solved_dofs, share, less_exact)
+def _displacement(solution: Solution) -> Displacement:
+    return Displacement(solution.fields.solved.space, solution.fields.solved_dofs, share=0.0)
 
 
-def _pushed(
-    scene: Scene, touches: list[LoadedProbe], solve: Callable[[Scene], Solution]
-) -> Scene | Solution:
+def _pushed(scene: Scene, touches: list[LoadedProbe], solution: Solution, solve: Solve) -> Solution:
     """With tips that have moved from where they are guided, until friction bears what pushes."""
     wanted: Array = np.array([touch.load.components[:2] for touch in touches])
-    film, solution = scene.film, solve(scene)
+    film, guided = scene.film, _at(scene, 1.0)
     if solution.status is not Status.CONVERGED:
         return solution
     last = _displacement(solution)
@@ -87,11 +97,13 @@ def _pushed(
     def borne(solution: Solution) -> Array:
         return np.array([-solution.contacts[touch.patch].lateral_N for touch in touches])
 
-    def moved(moves: Array) -> Scene:
-        places = dict(zip([touch.patch for touch in touches], moves, strict=True))
-        resting = {touch.patch: replace(last, moved=np.zeros(2)) for touch in _rubbed(scene)}
-        held = resting | {patch: replace(last, moved=move) for patch, move in places.items()}
-        return scene.at(Step(1.0, 0.0, held, {k: tuple(v.tolist()) for k, v in places.items()}))
+    def solved(moves: Array) -> Solution:
+        """With tips that have moved by these ways in m."""
+        ways = dict.fromkeys((touch.patch for touch in scene.loaded_probes), np.zeros(2))
+        ways |= zip((touch.patch for touch in touches), moves, strict=True)
+        held = {touch.patch: replace(last, moved=ways[touch.patch]) for touch in _rubbed(scene)}
+        there = [_moved(touch, ways[touch.patch]) for touch in guided.loaded_probes]
+        return solve(guided.loaded(there), held)
 
     contacts = [solution.contacts[touch.patch] for touch in touches]
     least = min(float(t.load.friction) * c.force_N for t, c in zip(touches, contacts, strict=True))
@@ -104,28 +116,37 @@ def _pushed(
         moves = moves + step.reshape(moves.shape)
         if np.hypot(*moves.T).max() > narrowest:
             break
-        solution = solve(moved(moves))
+        solution = solved(moves)
         if solution.status is not Status.CONVERGED:
             return solution
         lacking = (borne(solution) - wanted).ravel()
         if np.linalg.norm(lacking) < scene.numerics.tolerance * least:
-            return moved(moves)
+            return solution
         if solves:  # Broyden's update after a full step
             stiffness += np.outer(lacking, step) / (step @ step)
     return replace(solution, status=Status.SLIDES, reason=Status.SLIDES.advice)
 
 
-def _stuck(scene: Scene, solve: Callable[[Scene], Solution]) -> Scene | Solution:
+def _moved(touch: LoadedProbe, way: Array) -> LoadedProbe:
+    """A probe that has moved by a way in m, (2,)."""
+    probe = touch.probe
+    x_mm, y_mm = (1e3 * way + [probe.x_mm, probe.y_mm]).tolist()
+    return replace(touch, probe=probe.model_copy(update={"x_mm": x_mm, "y_mm": y_mm}))
+
+
+def _stuck(scene: Scene, solve: Solve) -> Solution:
+    fine = scene.numerics.model_copy(update={"tolerance": FINE})
+    stepping = scene.model_copy(update={"numerics": fine})
     touches = [touch for touch in _rubbed(scene) if touch.load.friction == "stuck"]
-    others = {touch.patch: Untouched() for touch in _rubbed(scene) if touch not in touches}
     known: dict[str, list[Edge]] = {touch.patch: [] for touch in touches}
     tips = {touch.patch: touch.tip for touch in touches}
     # the scene refuses others
     held = {name: Sticking(tip) for name, tip in tips.items() if isinstance(tip, DiscTip)}
-    for width in np.linspace(FIRST, 1.0, scene.numerics.load_steps or STEPS):
+    count = scene.numerics.load_steps or STEPS
+    for width in (np.arange(1, count + 1) / count) ** GROWTH:
         for _ in range(MOST_SOLVES):
             still = {name: replace(sticking, less_exact=None) for name, sticking in held.items()}
-            solution = solve(scene.at(Step(float(width) ** 3, 0.0, others | still)))
+            solution = solve(_at(stepping, float(width) ** 3), still)
             if solution.status is not Status.CONVERGED:
                 break  # too light a touch, perhaps
             edges, last = _edges(solution, held), held
@@ -134,9 +155,7 @@ def _stuck(scene: Scene, solve: Callable[[Scene], Solution]) -> Scene | Solution
                 break
         if solution.status is Status.CONVERGED:
             known = {name: [*known[name], edges[name]] for name in known}
-    if solution.status is not Status.CONVERGED:
-        return replace(solution, scene=scene)
-    return scene.at(Step(held=others | held))
+    return solve(scene, held) if solution.status is Status.CONVERGED else solution
 
 
 def _edges(solution: Solution, held: Mapping[str, Sticking]) -> dict[str, Edge]:
@@ -147,17 +166,15 @@ def _edges(solution: Solution, held: Mapping[str, Sticking]) -> dict[str, Edge]:
 
 def with_errors(attempt: Attempt) -> Attempt:
     """The attempt with errors of the steps: of what is held, the change by what is less exact."""
-    problem, old = attempt.problem, attempt.equilibrium
-    known = {t.patch: t.held for t in problem.scene.loaded_probes if t.held is not None}
-    less = {patch: held.less_exact for patch, held in known.items()}
-    if attempt.status is not Status.CONVERGED or not any(less.values()):
+    problem, known = attempt.problem, attempt.problem.posed.held
+    share = max((held.share for held in known.values() if held), default=0.0)
+    if attempt.status is not Status.CONVERGED or not share:
         return attempt
-    scene = problem.scene.at(replace(problem.scene.step, held=less))
-    other = Equilibrium(scene, old.space.mesh, old.space.order, old.part)
+    less = {patch: held and held.less_exact for patch, held in known.items()}
+    other = attempt.equilibrium.with_(posed=replace(problem.posed, held=less))
     result = equilibrate(other, attempt.result.q, budget=problem.budget)
     forces = attempt.fields.forces
     found = goal_forces(problem.goals, other.membrane, other.dofs(result.q), other.part)
-    share = max(held.share for held in known.values())
     changes = share * np.abs(charges_of(problem.goals, found - forces.values))
     changes[charges_of(problem.goals, forces.errors) < 0.0] *= -1.0
     changes = force_errors(changes, forces.values, problem.goals)

@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from pvdf_fem import Scene
-from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.output.figures import COLOURS, GREY
+from pvdf_fem.solution.solve import rest_charges
 from reports.common.chapter import Chapter, Content
 from reports.common.charge_figures import EQUATION_DASHES, Series
 from reports.common.comparison import Comparison, compare, group_by, series, sound

@@ -10,13 +10,12 @@ import pytest
 
 from reports.common.figures import drawing
 from reports.common.page import Column, Page, Picture, Section, Table
-from reports.front.boxes import WIDTHS, Fault, browser, chromium, look_at
+from reports.front.boxes import WIDTHS, Fault, look_at
 from reports.front.catalogue import REPORTS
 from reports.front.landing import publish, write_landing
+from tests.helpers.browsers import browser_or_skip
 
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-if not chromium():
-    pytest.skip("there is no Chromium", allow_module_level=True)
 
 KINDS = ("cut", "overlap", "missing")
 WORDS = "A sentence that is long enough to be broken into several lines on a phone. " * 3
@@ -24,7 +23,7 @@ WORDS = "A sentence that is long enough to be broken into several lines on a pho
 
 @pytest.fixture(scope="module")
 def opened() -> Iterator[Any]:
-    with browser() as started:
+    with browser_or_skip() as started:
         yield started
 
 

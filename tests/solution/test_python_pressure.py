@@ -1,0 +1,232 @@
+"""A pressure in Python belongs to its solve: the solution has the pressure, and no scene has."""
+
+import pickle
+
+import meshio
+import numpy as np
+import pytest
+
+from pvdf_fem import Scene, SceneError, gradients, solve
+from pvdf_fem.dynamics.forced import respond
+from pvdf_fem.scene.scene import Load
+from tests.helpers.discs import LOADS
+
+DISC = {"shape": "circle", "radius_mm": 4.0, "x_mm": 5.0, "y_mm": 1.0}
+SCENE = Scene().with_(probe=DISC)
+COARSE = SCENE.with_(**{"numerics.tolerance": 1e-2})
+
+
+def ramp(x_mm, y_mm):
+    """A pressure that rises along x to the probe's edge."""
+    return (4.0 + x_mm) ** 2
+
+
+def of_A(scene, **how):
+    return solve(scene, **how).charges_pC["A"]
+
+
+def test_finer_derivatives_are_under_the_pressure():
+    rough = solve(COARSE, order=2, pressure=ramp)
+    found = gradients(rough, ["load.force_N"], tolerance=2e-4)
+    rate, error = (table["load.force_N"]["A"] for table in (found, found.errors))
+    fine = SCENE.with_(**{"numerics.tolerance": 1e-4})
+    more, less = (of_A(fine.with_(**{"load.force_N": f}), pressure=ramp) for f in (1.02, 0.98))
+    assert rate == pytest.approx((more - less) / 0.04, rel=4e-4)
+    assert error < 2e-4 * rate
+    assert abs(rate - gradients(COARSE)["load.force_N"]["A"]) > 1e-2 * rate
+    assert found.solution.scene.numerics.tolerance < COARSE.numerics.tolerance
+    assert found.solution.pressure is ramp
+
+
+def test_a_place_has_no_derivative_under_a_pressure():
+    solution = solve(COARSE, pressure=ramp)
+    assert not any(key.startswith("probe") for key in gradients(solution))
+    assert "probe.x_mm" in gradients(solve(COARSE))
+    with pytest.raises(ValueError, match=r"probe\.x_mm"):
+        gradients(solution, ["probe.x_mm"])
+
+
+def test_slow_oscillations_are_under_the_pressure():
+    solution = solve(COARSE, pressure=ramp)
+    slow = respond(solution, [0.01]).charges_pC_N["A"].real
+    by_force = gradients(solution, ["load.force_N"])["load.force_N"]["A"]
+    assert slow == pytest.approx([by_force], rel=1e-6)
+
+
+def test_the_scene_is_data_and_the_solution_knows_its_pressure(tmp_path):
+    solution = solve(COARSE, pressure=ramp)
+    assert solution.scene == COARSE
+    assert hash(solution.scene) == hash(COARSE)
+    assert Scene.parse(solution.scene.to_toml()) == COARSE
+    assert pickle.loads(pickle.dumps(solution.scene)) == COARSE
+    assert solution.pressure is ramp
+    solution.to_vtu(tmp_path / "a.vtu")
+    written = meshio.read(tmp_path / "a.vtu").field_data["included"].astype(np.uint8)
+    for told in (str(solution), str(solution.to_json()["included"]), bytes(written).decode()):
+        assert "ramp" in told
+    plain = solve(COARSE)
+    assert plain.pressure is None
+    assert not any("ramp" in told for told in plain.included)
+
+
+@pytest.mark.parametrize(
+    "load",
+    [
+        {"load.friction": "stuck"},
+        {"load.friction": 0.5, "load.tangential_N": [0.1, 0.0]},
+    ],
+)
+def test_steps_of_a_load_leave_the_scene_as_it_was(load):
+    sphere = {"shape": "sphere", "radius_mm": 5.0}
+    scene = Scene().with_(probe=sphere, **{"load.kind": "contact", **load})
+    scene = scene.with_(**{"numerics.load_steps": 3, "numerics.tolerance": 0.02})
+    solution = solve(scene)
+    assert solution.status == "converged"
+    assert solution.scene == scene
+    assert pickle.loads(pickle.dumps(solution.scene)) == scene
+
+
+def test_a_step_that_fails_has_the_scene_that_was_asked_for():
+    sphere = {"shape": "sphere", "radius_mm": 5.0}
+    load = {"load.kind": "contact", "load.friction": 0.3, "load.tangential_N": [0.29, 0.0]}
+    scene = Scene().with_(probe=sphere, **load)
+    scene = scene.with_(**{"numerics.tolerance": 1e-2, "numerics.max_unknowns": 400})
+    solution = solve(scene)
+    assert solution.status != "converged"
+    assert solution.scene == scene
+
+
+def test_other_loads_of_several_probes_are_plain_data():
+    text = """
+        [[probe]]
+        x_mm = -8.0
+        force_N = 0.5
+        tangential_N = [0.1, 0.2]
+        [[probe]]
+        x_mm = 8.0
+        load = { kind = "rigid", contact = "stuck", force_N = 0.25 }
+        [[probe]]
+        y_mm = 9.0
+    """
+    scene = Scene.parse("[load]\nforce_N = 2.0" + text)
+    half = scene.loaded([type(t)(t.patch, t.probe, t.load.times(0.5)) for t in scene.loaded_probes])
+    loads = [touch.load for touch in half.loaded_probes]
+    assert loads[0] == Load(force_N=0.25, tangential_N=(0.0, 0.0))
+    assert loads[1] == Load(kind="rigid", contact="stuck", force_N=0.125)
+    assert loads[2] == Load(force_N=1.0)
+    assert [t.patch for t in half.loaded_probes] == [t.patch for t in scene.loaded_probes]
+
+
+def test_one_number_is_a_uniform_pressure():
+    by_number = solve(SCENE, pressure=lambda x, y: 7.0)
+    assert by_number.charges_pC == pytest.approx(solve(SCENE).charges_pC, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("scene", "key"),
+    [
+        (Scene(), "probe"),
+        (Scene(probe=[DISC]), "probe"),
+        *((SCENE.with_(**LOADS[kind]), "load.kind") for kind in ("follower", "sliding")),
+        (SCENE.with_(**{"load.profile": "hertz"}), "load.profile"),
+    ],
+)
+def test_loads_that_no_pressure_spreads_are_refused_by_key(scene, key, monkeypatch):
+    monkeypatch.setattr("pvdf_fem.mesh.gmsh_mesh.gmsh", None)
+    with pytest.raises(SceneError) as caught:
+        solve(scene, pressure=ramp)
+    assert [text.split(" = ")[0] for text in caught.value.problems] == [key]
+
+
+def of_one_point_only(x_mm, y_mm):
+    return 1.0 if x_mm > 0.0 else 2.0
+
+
+def of_another_shape(x_mm, y_mm):
+    return np.ones((2, 3))
+
+
+def a_word(x_mm, y_mm):
+    return "high"
+
+
+def complex_valued(x_mm, y_mm):
+    return x_mm**2 + 1j
+
+
+def negative(x_mm, y_mm):
+    return x_mm
+
+
+def not_a_number(x_mm, y_mm):
+    return np.where(x_mm > 0.0, np.nan, 1.0)
+
+
+def of_one_argument(x_mm):
+    return x_mm**2
+
+
+@pytest.mark.parametrize(
+    ("pressure", "cause"),
+    [
+        (of_one_point_only, ValueError),
+        (of_one_argument, TypeError),
+        (of_another_shape, None),
+        (a_word, None),
+        (complex_valued, None),
+        (negative, None),
+        (not_a_number, None),
+    ],
+)
+def test_functions_that_are_no_pressure_are_refused_by_name_before_any_mesh(
+    pressure, cause, monkeypatch
+):
+    monkeypatch.setattr("pvdf_fem.mesh.gmsh_mesh.gmsh", None)
+    with pytest.raises(SceneError) as caught:
+        solve(SCENE, pressure=pressure)
+    assert caught.value.problems[0].startswith(f'pressure = "{pressure.__name__}": ')
+    assert type(caught.value.__cause__) is (cause or type(None))
+
+
+def test_what_is_no_function_is_refused():
+    with pytest.raises(SceneError, match="pressure = "):
+        solve(SCENE, pressure=3.0)
+
+
+def test_a_function_that_fails_later_is_named():
+    def nothing(x_mm, y_mm):
+        return 0.0 * x_mm
+
+    def few_points(x_mm, y_mm):
+        if len(x_mm) > 1000:
+            raise MemoryError("too many points")
+        return 1.0
+
+    for pressure in (nothing, few_points):
+        with pytest.raises(SceneError) as caught:
+            solve(SCENE, pressure=pressure)
+        assert caught.value.problems[0].startswith(f'pressure = "{pressure.__name__}": ')
+    assert isinstance(caught.value.__cause__, MemoryError)
+
+
+@pytest.mark.parametrize("load", [{}, {"load.profile": "gaussian", "load.profile_width_mm": 1.5}])
+def test_the_charge_across_the_film_is_told_as_it_is_solved(load):
+    """An electrode is under less than a third of the disc, by which a ramp presses the most."""
+    electrode = {"name": "A", "shape": "rectangle", "width_mm": 4.0, "height_mm": 12.0}
+    electrode |= {"x_mm": 6.0, "y_mm": 0.0}
+    centred = {"shape": "circle", "radius_mm": 3.0, "x_mm": 3.0}
+    scene = Scene().with_(probe=centred, electrodes=[electrode], **load)
+    film = scene.film
+    scene = scene.with_(**{"film.d33_pC_N": -15.0, "numerics.tolerance": 1e-2})
+    solution = solve(scene, pressure=None if load else ramp)
+    found = solution.charges_pC["A"] - solution.charges(film.d31_pC_N, film.d32_pC_N)["A"]
+    (told,) = (text for text in solution.included if text.startswith("thickness direction"))
+    estimate = float(told.split("about ")[1].split(" pC")[0])
+    evenly = 15.0 / 2.0 * (9.0 * np.arccos(1.0 / 3.0) - np.sqrt(8.0)) / (9.0 * np.pi)
+    assert estimate == pytest.approx(found, rel=0.05)
+    assert abs(estimate - evenly) > 0.2 * evenly
+
+
+@pytest.mark.parametrize("gone", ["under", "at", "step", "_pressure"])
+def test_no_scene_has_a_pressure_or_a_step(gone):
+    assert not hasattr(SCENE, gone)

@@ -1,0 +1,224 @@
+"""Whatever is combined gives the charges of a fresh solve, or is refused by key.
+
+The number of examples is that of a run of the suite; more are drawn by hand with, for instance,
+``PVDF_FEM_EXAMPLES=2000 ./run test tests/validation/test_combinations.py``.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import re
+from functools import partial
+
+import numpy as np
+import pytest
+from hypothesis import Phase, assume, given, reject, settings
+from hypothesis import strategies as st
+
+from pvdf_fem import Response, Scene, SceneError, Solution, build_response, gradients, solve, sweep
+from pvdf_fem.derivatives.parameters import PLACE_NAMES, parameters_of
+from pvdf_fem.response.build import ResponseOptions
+from pvdf_fem.response.probe_stress import ProbeMesh
+from pvdf_fem.scene.change import number_at
+from pvdf_fem.solvers.status import Status
+from pvdf_fem.sweeps.sweep import silent
+from tests.helpers.features import (
+    SENSORS,
+    TOLERANCE,
+    combinations,
+    combined,
+    mirrored,
+    quarter_turned,
+)
+
+EXAMPLES = int(os.environ.get("PVDF_FEM_EXAMPLES", "200"))
+
+
+def drawn(share: float) -> settings:
+    """Settings for a share of all examples; the suite's own are the same at each run."""
+    by_hand = "PVDF_FEM_EXAMPLES" in os.environ
+    return settings(
+        max_examples=max(1, round(share * EXAMPLES)),
+        deadline=None,
+        derandomize=not by_hand,
+        phases=[Phase.explicit, Phase.generate],  # to shrink an example takes many solves
+    )
+
+
+#: A response of a few seconds.
+COARSE = ResponseOptions(
+    radii=2, rotations=2, held_out=3, attempts=1, cell=0.2, elements=ProbeMesh().scaled(1.6)
+)
+KEY = re.compile(r"(film|electrodes|probe|load|numerics|readout|stage|air|scene|reach_mm)\b")
+
+
+def scene_of(changes) -> Scene:
+    """The drawn scene; an example that is refused by key ends here."""
+    scene = combined(changes)
+    if isinstance(scene, Scene):
+        return scene
+    assert_named(SceneError(scene))
+    reject()
+
+
+def assert_named(error: ValueError) -> None:
+    """Each complaint of an error begins with a key."""
+    problems = error.problems if isinstance(error, SceneError) else [str(error)]
+    assert problems
+    assert all(KEY.match(problem) for problem in problems), problems
+
+
+def assert_alike(found, expected, most: float = 2.0 * TOLERANCE) -> None:
+    """Charges agree to a part of the largest of them; those of both are equally unknown."""
+    found, expected = np.array(found, dtype=float), np.array(expected, dtype=float)
+    assert np.array_equal(np.isnan(found), np.isnan(expected))
+    size = np.nanmax(np.abs(expected), initial=1e-3)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=most * size)
+
+
+def charges_of(solution: Solution) -> list[float]:
+    return list(solution.charges_pC.values())
+
+
+@given(changes=combinations())
+@drawn(0.3)
+def test_files_hold_scenes(changes):
+    scene = scene_of(changes)
+    assert Scene.parse(scene.to_toml()) == scene
+    assert Scene.model_validate_json(scene.model_dump_json(exclude_none=True)) == scene
+    copy = pickle.loads(pickle.dumps(scene))
+    assert copy == scene
+    assert copy.to_toml() == scene.to_toml()
+    force = scene.load.force_N
+    away = scene.with_(load={"force_N": 0.9 * force})
+    assert (away.load.kind, away.film) == (scene.load.kind, scene.film)
+    assert away.with_(**{"load.force_N": force}) == scene
+    thinner = scene.with_(film={"thickness_um": 12.0})
+    assert thinner == scene.with_(**{"film.thickness_um": 12.0})
+
+
+@given(changes=combinations(), image=st.sampled_from([quarter_turned, mirrored]))
+@drawn(0.3)
+def test_images_have_the_charges_of_the_scene(changes, image):
+    scene = scene_of(changes)
+    try:
+        other = image(scene)
+    except SceneError:  # the thesis's means are of squares along the axes
+        assume(False)
+    first, second = solve(scene), solve(other)
+    assert (first.status is Status.CONVERGED) == (second.status is Status.CONVERGED)
+    assume(first.status is Status.CONVERGED)
+    assert_alike(charges_of(second), charges_of(first))
+    changed = [list(s.charge_changes_pC.values()) for s in (second, first)]
+    assert_alike(*changed, most=4.0 * TOLERANCE)
+
+
+@st.composite
+def axes(draw, scene: Scene):
+    """One or two axes of a scene with two values each."""
+    force = "probe[1].force_N" if isinstance(scene.probe, tuple) else "load.force_N"
+    place = "probe[0].x_mm" if isinstance(scene.probe, tuple) else "probe.x_mm"
+    stretch = "temperature_change_K" if scene.film.pretension_N_m is None else "pretension_N_m"
+    values = {
+        force: [0.3, 1.1],
+        "load.force_N": [0.2, 0.9],
+        place: [2.0, -3.5],
+        "film.thickness_um": [20.0, 40.0],
+        f"film.{stretch}": [-2.0, -1.0] if stretch == "temperature_change_K" else [7.0, 4.0],
+        "film.poisson_ratio": [0.3, 0.4],
+        "film.d31_pC_N": [5.0, 15.0],
+        "film.d33_pC_N": [-10.0, -30.0],
+        "film.permittivity": [9.0, 13.0],
+        "film.density_kg_m3": [1000.0, 1800.0],
+        "film.warming_K": [0.2, 0.6],
+        "film.compression": ["refuse", "tension-field"],
+        "load.kind": ["dead", "follower"],
+        "load.profile": ["uniform", "gaussian"],
+        "electrodes": [SENSORS[0]["electrodes"], SENSORS[1]["electrodes"]],
+        "numerics.observable": ["material", "thesis-edge"],
+    }
+    keys = draw(st.lists(st.sampled_from(list(values)), min_size=1, max_size=2, unique=True))
+    return [{key: values[key]} for key in keys]
+
+
+@given(changes=combinations(), data=st.data())
+@drawn(0.2)
+def test_sweeps_have_the_charges_of_fresh_solves(changes, data):
+    scene = scene_of(changes)
+    grid = data.draw(axes(scene))
+    try:
+        found = sweep(scene, grid, processes=1)
+    except SceneError as error:
+        assert_named(error)
+        reject()
+    shape = tuple(len(values) for axis in grid for values in axis.values())
+    for index in np.ndindex(shape):
+        point = {k: v[i] for i, axis in zip(index, grid, strict=True) for k, v in axis.items()}
+        fresh = solve(scene.with_(**point))
+        there = found[dict(zip(list(found.dims)[: len(index)], index, strict=True))]
+        assert str(there["status"].values) == str(fresh.status)
+        names = [electrode.name for electrode in fresh.scene.electrode_list]
+        there = there.sel(electrode=names)
+        if fresh.status is Status.CONVERGED:
+            assert_alike(there["charge_pC"].values, charges_of(fresh))
+            rest = list(fresh.rest_charges_pC.values())
+            assert_alike(there["rest_charge_pC"].values, rest, most=4.0 * TOLERANCE)
+
+
+@given(changes=combinations(), data=st.data())
+@drawn(0.15)
+def test_gradients_are_those_of_fresh_solves(changes, data):
+    scene = scene_of(changes)
+    try:
+        known = parameters_of(scene)
+    except SceneError:
+        assume(False)
+    assume(known)
+    key = data.draw(st.sampled_from(known))
+    solution = solve(scene)
+    assume(solution.status is Status.CONVERGED)
+    step = 0.4 if key.endswith(PLACE_NAMES[:2]) else 8.0 if key.endswith("deg") else 0.0
+    step = step or 0.1 * (abs(number_at(scene, key)) or 0.5)
+    at = number_at(scene, key)
+    ends = [solve(scene.with_(**{key: at + s})) for s in (-step, step)]
+    assume(all(end.status is Status.CONVERGED for end in ends))
+    low, high = (np.array(charges_of(end)) for end in ends)
+    found = np.array(list(gradients(solution, [key])[key].values()))
+    secant = (high - low) / (2.0 * step)
+    # two charges with their errors, and the curvature over the step
+    slack = 2.0 * TOLERANCE * np.abs(high).max() / step + 0.05 * np.abs(secant).max()
+    np.testing.assert_allclose(found, secant, rtol=0.0, atol=slack)
+
+
+@given(changes=combinations())
+@drawn(0.02)
+def test_responses_have_the_charges_of_fresh_solves(changes):
+    scene = scene_of(changes)
+    how = {"reach_mm": 1.5, "force_N": (0.5, 1.5), "tolerance": 0.1, "processes": 1}
+    try:
+        response: Response = build_response(scene, **how, options=COARSE, progress=silent)
+    except ValueError as error:
+        assert_named(error)
+        reject()
+    bound = response.error_bound
+    assume(bound < how["tolerance"])
+    touch = (0.5, -0.8, 30.0, 0.8)
+    keys = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg", "load.force_N")
+    fresh = solve(scene.with_(**dict(zip(keys, touch, strict=True))))
+    assume(fresh.status is Status.CONVERGED)
+    assert_alike(response.evaluate(touch)[0][0], charges_of(fresh), most=2.0 * bound + TOLERANCE)
+    for_other = response.for_scene(scene.with_(**{"film.d31_pC_N": 3.0}), 1)
+    other = solve(for_other.scene.with_(**dict(zip(keys, touch, strict=True))))
+    assert_alike(for_other.evaluate(touch)[0][0], charges_of(other), most=2.0 * bound + TOLERANCE)
+
+
+def refuses_a_pressure(call) -> None:
+    """A function that takes scenes has no word for a pressure."""
+    with pytest.raises(TypeError):
+        call(pressure=np.hypot)
+
+
+@pytest.mark.parametrize("call", [sweep, build_response])
+def test_a_python_pressure_is_not_for(call):
+    refuses_a_pressure(partial(call, Scene.example("triangle"), []))
