@@ -23,7 +23,8 @@ from pvdf_fem.output.figures import COLOURS, GREY, HALO, LABEL_SIZE, figure_of, 
 WIDTH_MM = 120.0
 RING: dict[str, Any] = {"linestyle": "none", "marker": "o", "markerfacecolor": "white"}
 DOT_SIZE = 2.4  #: Size in points of the dots at solved scenes.
-ROOM = 0.13  #: Room for names at the right end of curves, over the axes' width.
+#: Room for a letter of the names at the right end of curves, over the width of all panels.
+ROOM = 0.018
 LINE_HEIGHT = 1.15  #: Distance of the lines of labels over their size.
 MOST_PASSES = 60  #: Over the names, to move them apart.
 SAMPLES = 121  #: Of a curve.
@@ -96,7 +97,8 @@ def curves_figure(
             axes[i * per_row + 1, 0].set_ylabel("diff. (%)")
     figure.supxlabel(x_label)
     low, high = axes[0, 0].get_xlim()
-    wider = high * (high / low) ** ROOM if log else high + ROOM * (high - low)
+    room = ROOM * columns * max(map(len, names))
+    wider = high * (high / low) ** room if log else high + room * (high - low)
     axes[0, 0].set_xlim(low, wider)
     for ax, of in ends:
         _label_ends(ax, of)
