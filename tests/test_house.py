@@ -61,11 +61,8 @@ LIBRARY = (
 REPORTS = (
     *LIBRARY,
     "reports.reference",
-    "reports.maps",
     "reports.common",
-    "reports.front",
-    "reports.thesis_methods",
-    "reports.chapters",
+    "reports.thesis",
     "reports.locating",
     "reports.design_study",
     "reports.speed",

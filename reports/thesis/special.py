@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
@@ -41,20 +42,21 @@ PRINTED_TOLERANCE = 3e-4  #: Of scenes beside printed numbers.
 EFFECT_TOLERANCE = 1e-4  #: A small part of the smallest effect.
 NOISE = 0.01  #: Relative standard deviation of a charge.
 EXCITATION_HZ = 20.0
+LINK = r"\[([^]]+)\]\(([^)]+)\)"
 Numbers = dict[str, Any]
 
 
 class Charges:
     """Charges of scenes, NaN while the scenes are collected."""
 
-    def __init__(self, scene: Scene, solved: Solved | None = None) -> None:
+    def __init__(self, inputs: Inputs, solved: Solved | None = None) -> None:
         precise = {"electrodes.layout": "four", "numerics.tolerance": PRINTED_TOLERANCE}
-        self.base, self.solved = scene.with_(**precise), solved
+        self.base, self.solved, self.inputs = inputs.scene.with_(**precise), solved, inputs
         self.scenes: list[Scene] = []
 
     def of(self, changes: Changes, reading: str = "total") -> dict[str, float]:
         """Charges in pC of the thesis's scene of four electrodes with changes."""
-        scene = self.base.with_(**changes)
+        scene = self.scene(changes)
         names = [electrode.name for electrode in scene.electrode_list]
         try:
             scene.require_plain_charges("records of sweeps")
@@ -65,6 +67,10 @@ class Charges:
             return dict.fromkeys(names, math.nan)
         values = self.solved.charges([scene], names, reading)[0].tolist()
         return dict(zip(names, values, strict=True))
+
+    def scene(self, changes: Changes) -> Scene:
+        """The scene of four electrodes with changes, coarse in a preview."""
+        return replace(self.inputs, scene=self.base).scene_of(changes)
 
 
 @cache
@@ -129,7 +135,7 @@ def _air(charges: Charges) -> Numbers:
     charges.of(keys)  # so that this waits for its turn
     if charges.solved is None:
         return {}
-    air = [charges.base.with_(**keys, air={"baffle": is_in}) for is_in in (False, True)]
+    air = [charges.scene({**keys, "air": {"baffle": is_in}}) for is_in in (False, True)]
     found = [modes(scene, count=1, loaded=False) for scene in air]
     found.append(modes(air[1], count=1, loaded=True))
     ratio = np.abs([*respond(air[1], [0.0, EXCITATION_HZ]).charges_pC_N.values()])
@@ -176,10 +182,11 @@ class Told(Kind):
         numbers, _ = self._asked(inputs, solved)
         texts = pd.read_csv(HERE / self.file, dtype=str, keep_default_na=False)
         filled = texts.map(lambda text: text.format(**numbers))
-        return Content("", filled.map(_unlinked), shown=filled.map(_linked))
+        plain = filled.replace(LINK, r"\1", regex=True)
+        return Content("", plain, shown=filled.map(_linked))
 
     def _asked(self, inputs: Inputs, solved: Solved | None = None) -> tuple[Numbers, Charges]:
-        charges, found = Charges(inputs.scene_of(self.set), solved), Numbers()
+        charges, found = Charges(inputs, solved), Numbers()
         for name in self.numbers:
             found |= NUMBERS[name](charges)
         return found, charges
@@ -204,7 +211,7 @@ class Effects(Kind):
 
     def scenes(self, inputs: Inputs) -> list[Scene]:
         """Two scenes for each effect and place."""
-        charges = Charges(inputs.scene_of(self.set))
+        charges = Charges(inputs)
         self._percents(charges)
         return charges.scenes
 
@@ -219,16 +226,14 @@ class Effects(Kind):
 
     def compose(self, inputs: Inputs, solved: Solved) -> Content:
         """Bars and rings of the largest changes."""
-        frame = self._percents(Charges(inputs.scene_of(self.set), solved))
+        frame = self._percents(Charges(inputs, solved))
         figure = new_figure(WIDTH_MM, 8.0 * len(self.effects) + 24.0)
         ax = figure.subplots()
-        for where, rows in frame.groupby("probe", sort=False):
-            largest, label = rows.iloc[:, 2:].abs().max(axis=1), f"probe {where}"
-            if where == "beside A":
-                ax.barh(rows.effect, largest, color=COLOURS[0], height=0.6, zorder=2, label=label)
-            else:
-                ring = {**RING, "markeredgecolor": COLOURS[1], "zorder": 3}
-                ax.plot(largest, rows.effect, **ring, label=label)
+        names, largest = frame.effect, frame.iloc[:, 2:].abs().max(axis=1)
+        first, ring = len(self.effects), {**RING, "markeredgecolor": COLOURS[1], "zorder": 3}
+        bars = {"color": COLOURS[0], "height": 0.6, "zorder": 2}
+        ax.barh(names[:first], largest[:first], **bars, label="probe beside A")
+        ax.plot(largest[first:], names[first:], **ring, label="probe on a part of A")
         ax.axvline(self.stated_percent, color=GREY, linestyle="--", linewidth=0.8)
         ax.set(xscale="log", xlabel="largest change of a charge (%)")
         ax.invert_yaxis()
@@ -242,8 +247,4 @@ class Effects(Kind):
 
 def _linked(text: str) -> str:
     """A text whose [words](#place) are links."""
-    return Markup(re.sub(r"\[([^]]+)\]\(([^)]+)\)", r'<a href="\2">\1</a>', str(escape(text))))
-
-
-def _unlinked(text: str) -> str:
-    return re.sub(r"\[([^]]+)\]\([^)]+\)", r"\1", text)
+    return Markup(re.sub(LINK, r'<a href="\2">\1</a>', str(escape(text))))

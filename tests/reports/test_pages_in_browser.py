@@ -10,10 +10,8 @@ import pytest
 
 from reports.common.figures import drawing
 from reports.common.page import Column, Page, Picture, Section, Table
-from reports.front.boxes import WIDTHS, Fault, look_at
-from reports.front.catalogue import REPORTS
-from reports.front.landing import publish, write_landing
 from tests.helpers.browsers import browser_or_skip
+from tests.helpers.page_boxes import WIDTHS, Fault, look_at
 
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
@@ -44,15 +42,11 @@ def report(directory: Path, *, crowded: bool = False) -> Page:
     return Page("Title", [WORDS], [section, Section("t", "Another")], {"Tolerance": "0.1 %"})
 
 
-def test_a_report_and_its_landing_page_are_sound(tmp_path: Path, opened: Any) -> None:
-    report(tmp_path).write(tmp_path, REPORTS["thesis"].page)
-    (tmp_path / "design").mkdir()
-    publish(report(tmp_path / "design"), tmp_path / "design")
-    write_landing(tmp_path)
-    for file in ("index.html", "design/index.html"):
-        look = look_at(tmp_path / file, opened)
-        assert not look.faults
-        assert look.count > 60
+def test_a_report_is_sound(tmp_path: Path, opened: Any) -> None:
+    report(tmp_path).write(tmp_path)
+    look = look_at(tmp_path / "index.html", opened)
+    assert not look.faults
+    assert look.count > 60
 
 
 def test_what_a_figure_hides_is_found(tmp_path: Path, opened: Any) -> None:
