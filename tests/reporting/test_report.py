@@ -208,3 +208,37 @@ def test_a_kind_of_ones_own_is_registered_and_its_faults_do_not_stop_the_others(
     assert places == ["section[0].figure[1]", "section[0].figure[2]"]
     assert "ZeroDivisionError" in capfd.readouterr().err
     assert '<svg id="svg-sensor"' in made.page.read_text(encoding="utf-8")
+
+
+OWN = """
+from typing import Literal
+import pandas as pd
+from pvdf_fem.reporting.kind import Content, Kind
+
+class Told(Kind):
+    kind: Literal["told"]
+    words: str
+
+    def scenes(self, inputs):
+        return []
+
+    def compose(self, inputs, solved):
+        frame = pd.DataFrame({"words": [self.words]})
+        return Content("", frame, shown=frame)
+"""
+
+
+def test_kinds_come_from_a_python_file(tmp_path, capsys):
+    table = only("sensor")
+    table["section"][0]["figure"] += [{"kind": "told", "words": "hear, hear", "name": "heard"}]
+    path, kinds = write(tmp_path, table), tmp_path / "own.py"
+    command = ["report", str(path), "--out", str(tmp_path / "out"), "--processes", "1"]
+    assert main(command) == 2  # no such kind
+    for text in (None, "import", "x = 1"):
+        if text is not None:
+            kinds.write_text(text)
+        assert main([*command, "--kinds", str(kinds)]) == 2
+        assert "kinds = " in capsys.readouterr().err
+    kinds.write_text(OWN)
+    assert main([*command, "--kinds", str(kinds)]) == 0
+    assert "hear, hear" in (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
