@@ -46,5 +46,10 @@ class Results:
         with self._store() as store:
             return len(planned(list(scenes), store).blocks)
 
+    @property
+    def records(self) -> list[Record]:
+        """All records that were needed so far."""
+        return list(self._records.values())
+
     def _store(self) -> Store:
         return Store(self.folder / "results.db")

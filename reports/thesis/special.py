@@ -139,7 +139,7 @@ def _air(charges: Charges) -> Numbers:
     found = [modes(scene, count=1, loaded=False) for scene in air]
     found.append(modes(air[1], count=1, loaded=True))
     ratio = np.abs([*respond(air[1], [0.0, EXCITATION_HZ]).charges_pC_N.values()])
-    first = [result.frequencies_in_air_Hz[0] for result in found]
+    first = [float(np.asarray(result.frequencies_in_air_Hz)[0]) for result in found]
     excess = 100.0 * float((ratio[:, 1] / ratio[:, 0] - 1.0).max())
     return {"modes": [found[0].frequencies_Hz[0], *first], "excess": excess}
 
@@ -171,7 +171,7 @@ class Told(Kind):
 
     kind: Literal["told"]
     file: str
-    numbers: tuple[Literal[tuple(NUMBERS)], ...] = ()
+    numbers: tuple[Literal["contact", "plates", "heat", "air", "shear"], ...] = ()
 
     def scenes(self, inputs: Inputs) -> list[Scene]:
         """The scenes of the numbers."""
@@ -231,7 +231,7 @@ class Effects(Kind):
         ax = figure.subplots()
         names, largest = frame.effect, frame.iloc[:, 2:].abs().max(axis=1)
         first, ring = len(self.effects), {**RING, "markeredgecolor": COLOURS[1], "zorder": 3}
-        bars = {"color": COLOURS[0], "height": 0.6, "zorder": 2}
+        bars: dict[str, Any] = {"color": COLOURS[0], "height": 0.6, "zorder": 2}
         ax.barh(names[:first], largest[:first], **bars, label="probe beside A")
         ax.plot(largest[first:], names[first:], **ring, label="probe on a part of A")
         ax.axvline(self.stated_percent, color=GREY, linestyle="--", linewidth=0.8)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene
-from pvdf_fem.charges.rest import rest_charges
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.reporting.data import DataSource, read_data
+from pvdf_fem.solution.solve import rest_charges
 
 SCENE = Scene().with_(
     probe={"shape": "circle", "radius_mm": 2.0},
