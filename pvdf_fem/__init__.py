@@ -8,7 +8,7 @@ About one solution
     `gradients` differentiates the charges; `modes` gives the frequencies of the film, `respond` the
     charges of an oscillating force by frequency, `transient` those of a touch by time.
 Many scenes
-    `sweep` solves a grid of scenes.
+    `sweep` solves a grid of scenes; `Report` makes a page of a report script.
 From known touches to the sensor
     `calibrate` finds film, gains, offsets and the film's place under the stage from readings.
 From charges to touches
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from pvdf_fem.derivatives.gradients import gradients
     from pvdf_fem.dynamics.forced import respond, transient
     from pvdf_fem.dynamics.modes import modes
+    from pvdf_fem.reporting.report import Report
     from pvdf_fem.response.build import build_response
     from pvdf_fem.response.response import Response
     from pvdf_fem.scene.scene import Replaced, Scene, SceneError
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
 __all__ = [
     "NotConvergedError",
     "Replaced",
+    "Report",
     "Response",
     "Scene",
     "SceneError",
@@ -66,6 +68,7 @@ __version__ = "0.1.0"
 # Where the public names are defined.
 _MODULES = {
     "NotConvergedError": "solution.solution",
+    "Report": "reporting.report",
     "Replaced": "scene.scene",
     "Response": "response.response",
     "Scene": "scene.scene",

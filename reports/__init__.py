@@ -1,1 +1,1 @@
-"""Reports: each script computes with `pvdf_fem` and writes a page; see `reports.thesis`."""
+"""Reports: each computes with `pvdf_fem` and writes a page; the first one is `reports/thesis/`."""

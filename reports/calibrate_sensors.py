@@ -27,7 +27,6 @@ from pvdf_fem import Scene
 from pvdf_fem.cli.program import ArgumentParser, run_program
 from reports.common.options import add_out, add_processes, number_of
 from reports.common.page import Cell, Column, Page, Section, Table
-from reports.front.landing import publish
 from reports.sensors.trials import trial
 from reports.sensors.wrong_files import WRONG_FILES, wrong_file
 
@@ -65,7 +64,7 @@ def _report(options: argparse.Namespace) -> int:
         for text in section.paragraphs:
             print(text)
     text = f"{options.count} sensors, each with {options.touches} touches; seed {options.seed}."
-    print(publish(Page("Calibrated sensors", [text], sections), options.out))
+    print(Page("Calibrated sensors", [text], sections).write(options.out))
     return 0
 
 

@@ -38,8 +38,6 @@ from reports.design_study.study import (
     shapes,
     thicknesses,
 )
-from reports.front.catalogue import REPORTS
-from reports.front.landing import publish
 
 Solve = Callable[[Sequence[Sensor]], None]
 
@@ -68,7 +66,7 @@ def _report(options: argparse.Namespace) -> int:
             "Time": f"{time.perf_counter() - start:.0f} s",
         }
     )
-    path = publish(report_page, options.out)
+    path = report_page.write(options.out)
     if not options.quiet:
         print(path)
     return 1 if failed else 0
@@ -95,7 +93,7 @@ def _page(study: Study, solve: Solve, options: argparse.Namespace) -> Page:
     for section in sections:
         section.write_tables(out)
     provenance = {"pvdf_fem": __version__, "Tolerance": f"{study.lattice.tolerance:g} (relative)"}
-    title = REPORTS["design"].title
+    title = "What a sensor's design does"
     return Page(title, page.introduction(study), sections, provenance, options.quick)
 
 

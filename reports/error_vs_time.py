@@ -36,8 +36,6 @@ from pvdf_fem.solution.first_sizes import ORDER  # noqa: E402
 from reports.common.figures import preview  # noqa: E402
 from reports.common.options import add_out  # noqa: E402
 from reports.common.page import Page, Picture, Section, Table  # noqa: E402
-from reports.front.catalogue import REPORTS  # noqa: E402
-from reports.front.landing import publish  # noqa: E402
 from reports.speed import figures, tables  # noqa: E402
 from reports.speed.cases import BenchmarkCase, Reference, reference  # noqa: E402
 from reports.speed.growth import LARGE_FACTOR, Size, measure  # noqa: E402
@@ -101,7 +99,7 @@ def _measure(options: argparse.Namespace) -> int:
         for _ in _measured(workload, peers, measured, options):
             made = _page(workload, measured, peers, options.out, time.perf_counter() - start)
             page = replace(made, is_preview=options.quick)
-            path = publish(page, options.out)
+            path = page.write(options.out)
     if not options.quiet:
         print(path)
     broken = any(section.error for section in page.sections)
@@ -355,7 +353,7 @@ def _introduction(workload: Workload, measured: Measured, peers: Peers) -> list[
 def _page(workload: Workload, measured: Measured, peers: Peers, out: Path, seconds: float) -> Page:
     sections = [_made(*entry, workload, measured, out) for entry in SECTIONS]
     introduction = _introduction(workload, measured, peers)
-    title = REPORTS["error_vs_time"].title
+    title = "Error against run time"
     return Page(title, introduction, sections, _provenance(peers, seconds))
 
 

@@ -28,8 +28,6 @@ from pvdf_fem.solvers.status import Status
 from pvdf_fem.solvers.wrinkling import barely_loaded
 from reports.common.options import add_out, add_processes, number_of
 from reports.common.page import Cell, Column, Page, Picture, Section, Table
-from reports.front.catalogue import REPORTS
-from reports.front.landing import publish
 from reports.robustness.figures import draw_scenes, draw_times
 from reports.robustness.laws import laws
 from reports.robustness.runs import CRASHED, DIED, HUNG, TIME_LIMIT, Ending, kept_endings
@@ -104,7 +102,7 @@ def _report(options: argparse.Namespace) -> int:
     for section in sections:
         section.write_tables(options.out)
     text = f"{len(drawn)} scenes drawn with the seed {options.seed}; times are of one thread."
-    print(publish(Page(REPORTS["extremes"].title, [text], sections), options.out))
+    print(Page("Scenes of extreme proportions", [text], sections).write(options.out))
     wrong = any(recheck.excess > TRUST for recheck in rechecks)
     statuses = {
         status for outcome in drawn for status in (outcome.first.status, outcome.final.status)

@@ -2,7 +2,7 @@
 
     python -m reports.fuzz [--count N] [--seed N] [--processes N] [--corpus NAME ...]
 
-Gives every program damaged scene and sweep files, changes, measurements, charges, stores, response
+Gives every program damaged scene and sweep files, changes, charges, stores, response
 models and command lines (`reports.robustness.corpora`), in this process and stopped where work on a
 valid input would begin.
 Some inputs are given to processes of their own too. Prints counts by corpus and every input that
@@ -41,7 +41,7 @@ from pvdf_fem.cli.program import (
 )
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.sweeps.store import Record
-from reports import benchmark, compare, error_vs_time, thesis
+from reports import benchmark, error_vs_time
 from reports.common.options import number_of
 from reports.robustness import kept
 from reports.robustness.charge_inputs import wrong_charge_list
@@ -52,7 +52,6 @@ from reports.robustness.oracle import (
     lost_values,
     spread,
     wrong_grid,
-    wrong_measurement,
     wrong_scene,
 )
 
@@ -87,8 +86,6 @@ PROGRAMS = {
     "modes": Program(cli.main, ("modes",), ("pvdf_fem.dynamics.modes.modes",)),
     "sweep": Program(cli.main, ("sweep",), ("pvdf_fem.sweeps.sweep.planned",)),
     "locate": Program(cli.main, ("locate",), ("pvdf_fem.cli.locate.model_of",)),
-    "compare": Program(compare.main, (), ("reports.compare._scenes",)),
-    "thesis": Program(thesis.main, (), ("reports.thesis.Thesis.read",)),
     "benchmark": Program(benchmark.main, (), ("reports.benchmark.yardstick",)),
     "error_vs_time": Program(error_vs_time.main, (), ("reports.error_vs_time.Peers",)),
     "locate_model": Program(cli.main, ("locate",), ("pvdf_fem.touch.locate.weigh",)),
@@ -218,8 +215,6 @@ def _accepted_faults(sample: Input, value: Any) -> list[str]:
         written = tomllib.loads(sample.data.decode("utf-8-sig"))
         mistakes = [*map(wrong_scene, scenes), wrong_grid(written, scenes, len(value))]
         return [f"accepted: {text}" for text in mistakes if text]
-    if isinstance(value, list):
-        return [f"accepted: {text}" for row in value if (text := wrong_measurement(row))]
     return [f"accepted: {value!r:.80}"] if isinstance(value, Record) else []
 
 

@@ -25,17 +25,16 @@ from reports.common.figures import preview
 from reports.common.options import add_out, add_processes, number_of
 from reports.common.page import Page
 from reports.common.results import MATERIAL, Results
-from reports.common.thesis_data import Thesis
-from reports.front.catalogue import REPORTS
-from reports.front.landing import publish
 from reports.locating.errors import WAYS, Trial, random_touches
 from reports.locating.models import (
     DISC,
     FORCES_N,
     REACH_MM,
     TOLERANCE,
+    Position,
     charges_of,
     electrodes_of,
+    printed_positions,
     response_of,
     scene_at,
     sensor,
@@ -89,22 +88,20 @@ def _compare(options: argparse.Namespace) -> int:
     make_directory(options.out, "index.html")
     scope = QUICK if options.quick else FULL
     scope = replace(scope, touches=options.touches or scope.touches)
-    thesis = Thesis.read().quick() if options.quick else Thesis.read()
+    positions = printed_positions()[:: 16 if options.quick else 1]
     results = Results(options.out / "results", options.processes)
-    models = _models(thesis, results, scope)
+    models = _models(positions, results, scope)
     touches = {
         probe: random_touches(scope.touches, seed, scope.reach_mm, scope.forces_N)
         for seed, probe in enumerate(SHAPES, start=1)
         if (probe, "biaxial") in models
     }
-    scenes = _scenes(thesis, touches)
+    scenes = _scenes(positions, touches)
     with tqdm(total=results.missing(scenes), unit="solve", disable=None) as bar:
         results.solve(scenes, lambda solved, total: bar.update(1 if solved else 0))
-    trials = {
-        probe: _trial(thesis, probe, rows, models, results) for probe, rows in touches.items()
-    }
+    trials = {probe: _trial(probe, rows, models, results) for probe, rows in touches.items()}
     sections = [
-        thesis_section(thesis, models, results),
+        thesis_section(positions, models, results),
         *(
             random_section(probe, trial, scope.touches, options.out, options.processes)
             for probe, trial in trials.items()
@@ -114,18 +111,18 @@ def _compare(options: argparse.Namespace) -> int:
     for section in sections:
         section.write_tables(options.out)
     provenance = {"pvdf_fem": __version__, "Tolerance": f"{TOLERANCE:g} (relative, each charge)"}
-    title = REPORTS["locate"].title
+    title = "Position, force and rotation from charges"
     page = Page(title, _introduction(), sections, provenance, options.quick)
-    print(publish(page, options.out))
+    print(page.write(options.out))
     return 0 if all(results[scene].converged for scene in scenes) else 1
 
 
-def _models(thesis: Thesis, results: Results, scope: Scope) -> Models:
+def _models(positions: Sequence[Position], results: Results, scope: Scope) -> Models:
     """Response models of the thesis's probes and films, and of the disc on biaxial film."""
-    sensors = {(position.probe, position.film) for position in thesis.positions}
+    sensors = {(position.probe, position.film) for position in positions}
     return {
         (probe, film): response_of(
-            sensor(thesis, probe, film),
+            sensor(probe, film),
             results.folder,
             results.processes,
             scope.reach_mm,
@@ -145,18 +142,16 @@ def _introduction() -> list[str]:
     ]
 
 
-def _scenes(thesis: Thesis, touches: dict[str, Array]) -> list[Scene]:
-    printed = [scene_at(thesis, p.probe, p.film, p.touch) for p in thesis.positions]
-    random_scenes = [
-        scene_at(thesis, n, "biaxial", row) for n, rows in touches.items() for row in rows
-    ]
+def _scenes(positions: Sequence[Position], touches: dict[str, Array]) -> list[Scene]:
+    printed = [scene_at(p.probe, p.film, p.touch) for p in positions]
+    random_scenes = [scene_at(n, "biaxial", row) for n, rows in touches.items() for row in rows]
     return [*printed, *random_scenes]
 
 
-def _trial(thesis: Thesis, probe: str, touches: Array, models: Models, results: Results) -> Trial:
+def _trial(probe: str, touches: Array, models: Models, results: Results) -> Trial:
     """The touches whose solve converged, with their charges."""
     names = electrodes_of(LAYOUT)
-    scenes = [scene_at(thesis, probe, "biaxial", row) for row in touches]
+    scenes = [scene_at(probe, "biaxial", row) for row in touches]
     converged = np.array([results[scene].converged for scene in scenes], dtype=bool)
     charges = [charges_of(results, scenes[k], names) for k in np.flatnonzero(converged)]
     return Trial(models[probe, "biaxial"], names, touches[converged], np.array(charges))

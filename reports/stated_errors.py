@@ -22,7 +22,6 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.cli.program import ArgumentParser, run_program
 from reports.common.options import add_out, add_processes, number_of
 from reports.common.page import Cell, Column, Page, Picture, Section, Table
-from reports.front.landing import publish
 from reports.robustness.figures import draw_errors
 from reports.robustness.runs import Ending, kept_endings
 from reports.robustness.usual_scenes import KINDS, SEED, usual_scene
@@ -98,7 +97,7 @@ def _report(options: argparse.Namespace) -> int:
     text = (
         f"Scenes drawn with the seed {options.seed}; true errors are against {FINER:g} times finer."
     )
-    print(publish(Page("Stated and true errors", [text], sections), options.out))
+    print(Page("Stated and true errors", [text], sections).write(options.out))
     return int(any(_wrong(c) for compared in groups.values() for c in compared))
 
 

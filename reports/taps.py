@@ -35,7 +35,6 @@ from pvdf_fem.tracking.tracker import Tracker
 from reports.common.figures import drawing
 from reports.common.options import add_out, add_processes, number_of
 from reports.common.page import Cell, Column, Page, Picture, Section, Table
-from reports.front.landing import publish
 from reports.locating.models import response_of
 from reports.locating.streams import Tap, TapCharges, random_taps, readings, spread
 
@@ -100,7 +99,7 @@ def _report(options: argparse.Namespace) -> int:
     section = Section("taps", "Taps", text, [_table(trials), picture])
     section.write_tables(options.out)
     print(*text, sep="\n")
-    print(publish(Page("Taps through 1 MOhm and 100 pF", [], [section]), options.out))
+    print(Page("Taps through 1 MOhm and 100 pF", [], [section]).write(options.out))
     return int(any(ratio > MOST for ratio in _ratios(trials)) or quiet > 0)
 
 

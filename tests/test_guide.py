@@ -7,6 +7,7 @@ import re
 import pytest
 
 import pvdf_fem
+from pvdf_fem.reporting.registry import FIGURES, TABLES
 from pvdf_fem.scene.shapes import MODELS
 from reports.guide import references
 
@@ -23,9 +24,16 @@ def test_scene_files_are_told_with_every_key_and_no_python():
     assert '| `compression` | `"refuse"` | `"refuse"`, `"tension-field"` |' in tables
 
 
+def test_report_scripts_are_told_with_every_kind_and_key():
+    page, kinds = references.report_page(), {**FIGURES, **TABLES}
+    for name, kind in kinds.items():
+        assert f'kind = "{name}"`' in page
+        assert not [key for key in kind.model_fields if f"`{key}`" not in page]
+
+
 def test_every_command_and_public_name_is_told():
     commands = references.commands_page()
-    for name in ("example", "solve", "sweep", "calibrate", "locate", "track"):
+    for name in ("example", "solve", "sweep", "report", "calibrate", "locate", "track"):
         assert f"usage: pvdf-fem {name}" in commands
     api = references.api_page()
     assert not [name for name in pvdf_fem.__all__ if f":: pvdf_fem.{name}" not in api]
@@ -35,7 +43,7 @@ def test_pages_are_written_once(tmp_path):
     references.write_references(tmp_path)
     times = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     references.write_references(tmp_path)
-    assert len(times) == 4
+    assert len(times) == 5
     assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == times
 
 

@@ -91,8 +91,8 @@ exit codes: 0 converged, 2 bad input or an output that cannot be written,
 3 not converged, 130 interrupted"""
 
 _EXAMPLE = """\
-Print a scene or sweep file that comes with the package, or without a name the
-list of them. `four_electrodes` explains every key."""
+Print a scene file, sweep file or report script that comes with the package, or
+without a name the list of them. `four_electrodes` explains every key."""
 
 _EXAMPLE_EPILOG = """\
 example:

@@ -1,4 +1,4 @@
-"""The command ``pvdf-fem sweep``."""
+"""The commands ``pvdf-fem sweep`` and ``pvdf-fem report``, which solve many scenes."""
 
 from __future__ import annotations
 
@@ -55,8 +55,34 @@ exit codes: 0 all converged, 2 bad input, 3 some scenes have no charges (their
 `status` in the file says why) or the Dask scheduler stopped, 130 interrupted"""
 
 
+_REPORT = """\
+A page with figures and tables about a sensor, as a report script says: charges
+against distance, isocharge maps, curves, and data of others beside computed
+charges. DIR/index.html is written at once, and anew with each figure; beside it
+are data/ (CSV files), figures/ and scenes/. What is solved is kept in
+DIR/solved.db: after an interruption of any kind the same command goes on."""
+
+_REPORT_EPILOG = """\
+report scripts are TOML. `title` heads the page. `scene` is the path of a scene
+file, seen from the script, or a table [scene], or example = "triangle". Data of
+others are tables [data.NAME]: `file`, a CSV file, or `table`, its text. Their
+columns are keys of a scene (x_mm, force_N, film.thickness_um, ...) and
+electrodes; unit = "pC" or "V", reading = "total" or "change". Each [[section]]
+has a `title`, a `text`, and below it:
+  [[section.figure]]  kind = "sensor", "charge-vs-distance", "isocharge", "curve"
+  [[section.table]]   kind = "comparison", "positions"
+The guide has all their keys; `pvdf-fem example report` is a script to begin with.
+
+examples:
+  pvdf-fem example report > report.toml
+  pvdf-fem report report.toml --out report --quick
+
+exit codes: 0 all figures and tables are made, 2 bad input, 3 some lack charges
+(the page says why in their places), 130 interrupted"""
+
+
 def add_to(commands: Any) -> None:
-    """Add the command to those of an argument parser."""
+    """Add the commands to those of an argument parser."""
     summary = "charges over a grid of scenes"
     parser = add_command(commands, "sweep", _sweep, summary, _DESCRIPTION, _EPILOG)
     parser.add_argument("sweep", metavar="SWEEP.toml", type=Path, help="sweep file")
@@ -73,15 +99,34 @@ def add_to(commands: Any) -> None:
         help="where solved scenes are kept (default: the output's name, ending in .db)",
     )
     where = parser.add_mutually_exclusive_group()
-    where.add_argument(
-        "--processes", metavar="N", type=int, default=-1, help="processes (default: all cores)"
-    )
+    _add_processes(where)
     where.add_argument(
         "--scheduler", metavar="ADDRESS", help="of a Dask cluster that solves (see below)"
     )
     program.add_plot(parser, "the charges over one or two axes")
     parser.add_argument("--plan", action="store_true", help="only print what there is to solve")
     parser.add_argument("--quiet", action="store_true", help="print complaints only")
+    summary = "a page of figures and tables about a sensor"
+    parser = add_command(commands, "report", _report, summary, _REPORT, _REPORT_EPILOG)
+    parser.add_argument("script", metavar="REPORT.toml", type=Path, help="report script")
+    about = "directory to write (default: the script's name here, without .toml)"
+    parser.add_argument("--out", metavar="DIR", type=Path, help=about)
+    about = "Python file that is run for further kinds of figures: its classes of Kind"
+    parser.add_argument("--kinds", metavar="FILE.py", type=Path, help=about)
+    about = "few scenes to a coarse tolerance, to see what the page looks like"
+    parser.add_argument("--quick", action="store_true", help=about)
+    _add_processes(parser)
+
+
+def _add_processes(parser: Any) -> None:
+    about = "processes (default: all cores)"
+    parser.add_argument("--processes", metavar="N", type=int, default=-1, help=about)
+
+
+def _process_mistakes(options: argparse.Namespace) -> list[str]:
+    count: int = options.processes
+    wrong = count == 0 or count < -1
+    return [f"--processes {count}: give 1 or more, or -1 for all cores"] * wrong
 
 
 def _sweep(options: argparse.Namespace) -> int:
@@ -91,8 +136,7 @@ def _sweep(options: argparse.Namespace) -> int:
     unused = options.plan and not options.output
     mistakes = [] if unused else output_mistakes(output, [".nc"], options.sweep)
     mistakes += program.plot_mistakes(options, options.sweep, output)
-    if options.processes == 0 or options.processes < -1:
-        mistakes.append(f"--processes {options.processes}: give 1 or more, or -1 for all cores")
+    mistakes += _process_mistakes(options)
     from pvdf_fem.sweeps.grid import Grid
 
     try:
@@ -151,3 +195,25 @@ def _run(
     for status, count in failed.items():
         print(f"no charges in {count} scenes: {status}", file=sys.stderr)
     return ExitCode.NOT_CONVERGED if failed else ExitCode.CONVERGED
+
+
+def _report(options: argparse.Namespace) -> int:
+    from pvdf_fem.reporting.registry import kinds_of
+    from pvdf_fem.reporting.report import Report
+    from pvdf_fem.scene.scene_file import SceneError
+    from pvdf_fem.sweeps.sweep import shown
+
+    mistakes = _process_mistakes(options)
+    try:
+        report = Report.load(options.script, kinds_of(options.kinds) if options.kinds else None)
+    except SceneError as error:
+        raise InputError(*mistakes, *error.problems) from error
+    if mistakes:
+        raise InputError(*mistakes)
+    out, how = options.out or Path(options.script.stem), {"processes": options.processes}
+    with shown("scene") as progress:
+        made = report.make(out, quick=options.quick, progress=progress, **how)
+    print(f"{made.page}: {made.scenes} scenes, of which {made.solved} were solved now")
+    for failure in made.failures:
+        print(failure, file=sys.stderr)
+    return ExitCode.CONVERGED if made.complete else ExitCode.NOT_CONVERGED

@@ -27,7 +27,7 @@ from pvdf_fem.scene.shapes import (
 
 MOST_MISTAKES = 100  #: The largest number of mistakes that are told about one scene.
 
-_REASONS = {
+REASONS = {
     "bool_type": "must be true or false; write one of them without quotes",
     "finite_number": "must be finite; give a number",
     "float_type": "must be a number; write digits without quotes",
@@ -68,7 +68,7 @@ def _line(details: ErrorDetails, model: type[BaseModel]) -> str:
     kind, loc, value = details["type"], details["loc"], details["input"]
     context = details.get("ctx", {})
     key = _key(loc)
-    reason = _REASONS.get(kind, details["msg"])
+    reason = REASONS.get(kind, details["msg"])
     if kind == "scene":
         reason = context["reason"]
     elif kind == "missing":

@@ -332,7 +332,8 @@ class Scene(Section):
     @classmethod
     def example(cls, name: str) -> Scene:
         """A scene that comes with the package: ``"triangle"``; SceneError tells the names."""
-        scenes = {key: text for key, text in examples().items() if "[[axes]]" not in text}
+        others = "[[axes]]", "[[section]]"  # sweeps and reports
+        scenes = {k: text for k, text in examples().items() if not any(o in text for o in others)}
         return cls.parse(example_text(name, scenes), name)
 
     def with_(self, /, **changes: Any) -> Scene:

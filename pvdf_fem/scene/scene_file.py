@@ -53,7 +53,7 @@ def read_scene_text(path: Path) -> str:
 
 
 def examples() -> dict[str, str]:
-    """The texts of the example files, scenes and sweeps, by name."""
+    """The texts of the example files, scenes, sweeps and reports, by name."""
     paths = sorted(Path(__file__).parents[1].joinpath("examples").glob("*.toml"))
     return {path.stem: path.read_text("utf-8") for path in paths}
 

@@ -1,40 +1,34 @@
-"""What the figures of several chapters share: their frame, and curves with the thesis's markers."""
+"""What the figures of several reports share: previews, colours, and names beside curves."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
 
+from pvdf_fem.arrays import Array
 from pvdf_fem.output import figures
-from pvdf_fem.output.figures import COLOURS, new_figure, style
-from pvdf_fem.scene.outlines.outline import Outline
-from reports.common.charge_figures import (
-    Dashed,
-    charge_against_force,
-    charge_against_rotation,
-    differences,
-)
-from reports.common.comparison import Comparison, curves, sound_differences
-
-#: Dashes of a line that marks a level or a limit.
-LEVEL_DASHES = (0, (4, 3))
-#: How the marker of a printed number looks.
-RING: dict[str, Any] = {"marker": "o", "linestyle": "none", "markerfacecolor": "none"}
-
-_OVER = {
-    "force_N": (charge_against_force, "force (N)"),
-    "rotation_deg": (charge_against_rotation, "rotation of the probe (°)"),
-}
+from pvdf_fem.output.figures import COLOURS, LABEL_SIZE, new_figure, style
 
 _is_preview: ContextVar[bool] = ContextVar("_is_preview", default=False)
+
+
+@dataclass(frozen=True)
+class Series:
+    """A named curve or a named set of points."""
+
+    label: str
+    #: x, y: Coordinates; y is NaN where there is no value, (n,).
+    x: Array
+    y: Array
 
 
 @contextmanager
@@ -67,32 +61,70 @@ def drawing(path: Path, width_mm: float, height_mm: float) -> Iterator[Figure]:
         save(figure, path)
 
 
-def draw_compared(
-    ax: Axes, groups: dict[str, list[Comparison]], x: str, dashed: Dashed | None = None
-) -> None:
-    """Our charges as curves and the thesis's as markers, in one colour for each group.
+def colours(count: int) -> list[Any]:
+    """Colours for `count` curves: distinct ones for up to four, an ordered scale for more."""
+    if count <= 4:
+        return list(COLOURS[:count])
+    return list(matplotlib.colormaps["viridis"](np.linspace(0.0, 0.9, count)))
 
-    `x` is ``force_N`` or ``rotation_deg``.
+
+def label_curves(ax: Axes, series: Sequence[Series], inks: Sequence[Any]) -> None:
+    """Write the labels right of the axes, apart from each other, each with a line to its curve.
+
+    Call it when the limits of the axes are final.
+
+    Parameters
+    ----------
+    ax : Axes
+    series : sequence of Series
+    inks : sequence
+        Colours of the series, for matplotlib.
     """
-    draw, _ = _OVER[x]
-    draw(ax, curves(groups, x), curves(groups, x, "thesis_pC"), dashed=dashed)
+    shown = [pair for pair in zip(series, inks, strict=True) if np.isfinite(pair[0].y).any()]
+    if not shown:
+        return
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    if layout := figure.get_layout_engine():
+        layout.execute(figure)  # settles the height of the axes
+    ends = np.array([_last(curve) for curve, _ in shown])
+    pixels = ax.transData.transform(ends)[:, 1]
+    line_height = 1.25 * LABEL_SIZE * figure.dpi / 72.0
+    places = np.column_stack([np.zeros(len(ends)), _spread(pixels, line_height)])
+    heights = ax.transData.inverted().transform(places)[:, 1]
+    for (curve, ink), end, height in zip(shown, ends.tolist(), heights.tolist(), strict=True):
+        ax.annotate(
+            curve.label,
+            xy=end,
+            xytext=(1.03, height),
+            textcoords=ax.get_yaxis_transform(),
+            color=ink,
+            fontsize=LABEL_SIZE,
+            verticalalignment="center",
+            annotation_clip=False,
+            arrowprops={"arrowstyle": "-", "color": ink, "linewidth": 0.5, "shrinkA": 0},
+        )
 
 
-def draw_differences(ax: Axes, groups: dict[str, list[Comparison]], x: str) -> None:
-    """The differences of the charges that `draw_compared` draws, in the same colours."""
-    _, label = _OVER[x]
-    differences(ax, sound_differences(groups, x), label)
+def _last(curve: Series) -> tuple[float, float]:
+    last = np.flatnonzero(np.isfinite(curve.y))[-1]
+    return float(curve.x[last]), float(curve.y[last])
 
 
-def draw_outline(ax: Axes, outline: Outline, **look: Any) -> None:
-    """The outline of an electrode or of a probe, in mm."""
-    ax.add_patch(Polygon(1e3 * np.array(outline.shape.exterior.coords), **look))
+def _spread(heights: Array, gap: float) -> Array:
+    """Heights (n,) moved so that they are at least `gap` apart, in the same order.
 
-
-def frame(
-    ax: Axes, title: str, reach_mm: float, centre_mm: tuple[float, float] = (0.0, 0.0)
-) -> None:
-    """Limits, labels and title of a map with equal scales."""
-    x, y = centre_mm
-    ax.set(xlim=(x - reach_mm, x + reach_mm), ylim=(y - reach_mm, y + reach_mm))
-    ax.set(xlabel="x (mm)", ylabel="y (mm)", title=title, aspect="equal")
+    Neighbours that come too close form a block, whose centre is the mean of its heights.
+    """
+    order = np.argsort(heights, kind="stable")
+    blocks: list[tuple[float, int]] = []  # centre, size
+    for height in heights[order]:
+        centre, size = float(height), 1
+        while blocks and centre - blocks[-1][0] < 0.5 * gap * (size + blocks[-1][1]):
+            below, count = blocks.pop()
+            centre = (centre * size + below * count) / (size + count)
+            size += count
+        blocks.append((centre, size))
+    spread = np.empty(len(heights))
+    spread[order] = [c + gap * (i - 0.5 * (n - 1)) for c, n in blocks for i in range(n)]
+    return spread

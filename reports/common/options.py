@@ -34,7 +34,7 @@ def add_out(parser: argparse.ArgumentParser, folder: str = "") -> None:
 
 def _out(text: str) -> Path:
     path = Path(text)
-    if same_file(path, OUT.with_name("data")):
+    if same_file(path, OUT.with_name("thesis")):
         raise argparse.ArgumentTypeError(f"{text} holds the thesis's data; name another directory")
     return path
 

@@ -8,10 +8,7 @@ from pathlib import Path
 from pvdf_fem import Scene
 from pvdf_fem.sweeps.store import Record, Store
 from pvdf_fem.sweeps.sweep import Progress, planned, silent, solve_all
-from reports.maps.carried import CarriedField, carried_field
 
-#: The observable that the thesis's post-processor computes: stresses averaged along the edges.
-THESIS_EDGE = "thesis-edge"
 #: The observable whose change a charge amplifier sees since it was zeroed: the stress over the
 #: electrode's material area.
 MATERIAL = "material"
@@ -48,16 +45,6 @@ class Results:
         """The number of solves that these scenes still need."""
         with self._store() as store:
             return len(planned(list(scenes), store).blocks)
-
-    def of(self, scenes: Iterable[Scene]) -> Results:
-        """The records of these solved scenes alone, for another process."""
-        selection = Results(self.folder, 1)
-        selection._records = {scene: self._records[scene] for scene in scenes}
-        return selection
-
-    def field(self, scene: Scene) -> CarriedField:
-        """The stress about the probe of a scene, from `reports.maps.carried`."""
-        return carried_field(scene, self.folder)
 
     @property
     def records(self) -> list[Record]:

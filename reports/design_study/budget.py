@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from pvdf_fem import Scene, solve
 from pvdf_fem.solvers.status import Status
 from reports.common.page import Cell, Column, Section, Table
+from reports.design_study.disturbances import air, rim_displaced, tapes
 from reports.design_study.sensor import PROBE_RADIUS_MM, Sensor
 from reports.design_study.study import Study
-from reports.locating.transducer import air, rim_displaced, tapes
 
 Array = NDArray[np.float64]
 Tables = dict[str, Any]

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from pvdf_fem.output.figures import COLOURS, GREY, new_figure, style
 from pvdf_fem.scene.outlines.circle import Circle
-from reports.common.charge_figures import Series, label_curves
-from reports.common.figures import save
+from reports.common.figures import Series, label_curves, save
 from reports.design_study.choice import OVERLOAD_N, STRENGTH_MPA
 from reports.design_study.sensor import Sensor
 from reports.design_study.study import LIGHT_N, QUANTILE, THESIS, Study, light, rings

@@ -7,19 +7,21 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image, PngImagePlugin
 
 from pvdf_fem import Scene, Solution, solve
-from pvdf_fem.output.figures import new_figure, save, style
-from reports.common.charge_figures import Series, charge_against_rotation
-from reports.common.thesis_data import Thesis
-from reports.common.thesis_scene import thesis_scene
+from pvdf_fem.output.figures import save, style
+from pvdf_fem.reporting.kind import Inputs
+from pvdf_fem.reporting.registry import kinds_of
+from pvdf_fem.reporting.report import Report
+from pvdf_fem.reporting.script import Item
+from pvdf_fem.reporting.solved import Solved
+from pvdf_fem.sweeps.sweep import solve_all
 
 #: Key of the text in a PNG file.
 KEY = "pvdf_fem"
-STEP_DEG = 2.5  #: Step of the rotation from 0 to 90 degrees; the rest follows by symmetry.
+THESIS = Path(__file__).parents[1] / "thesis"
 #: Values by name that a picture shows, with the scene that they are of.
 Shown = dict[str, Any]
 
@@ -31,19 +33,15 @@ def deflection() -> tuple[Figure, Shown]:
 
 
 def rotation() -> tuple[Figure, Shown]:
-    """Charges of A and B against the rotation of the rectangle, beside the thesis's."""
-    angles = np.arange(0.0, 90.0 + STEP_DEG, STEP_DEG)
-    solutions = [solve(turned(angle)) for angle in angles.tolist()]
-    of_a, of_b = ([s.charges_pC[name] for s in solutions] for name in "AB")
-    whole = np.concatenate([angles, 180.0 - angles[-2::-1]])
-    ours = [
-        Series(name, whole, np.array([*charge, *charge[-2::-1]]))
-        for name, charge in (("A", of_a), ("B", of_b))
-    ]
+    """Charges of A and B against the rotation of the rectangle, beside the thesis's: a figure of
+    the report on the thesis."""
+    inputs, asked = turned()
+    item, scenes = asked
+    solved = dict(zip(scenes, solve_all(scenes, processes=1), strict=True))
     with style():
-        figure = new_figure(120.0, 75.0)
-        charge_against_rotation(figure.subplots(), ours, printed())
-    return figure, shown(solutions)
+        figure = item.kind.compose(inputs, Solved(solved)).figure
+    assert figure is not None
+    return figure, shown([solve(scenes[0])])
 
 
 #: What makes a picture, by the name of its file.
@@ -53,24 +51,11 @@ PICTURES: dict[str, Callable[[], tuple[Figure, Shown]]] = {
 }
 
 
-def turned(angle_deg: float) -> Scene:
-    """The thesis's rectangle at the centre, turned, with 1 N."""
-    return thesis_scene("4", "rect14x7", rotation_deg=angle_deg)
-
-
-def printed() -> list[Series]:
-    """The thesis's charges of A and B of `turned`."""
-    table = Thesis.read().from_("Table 4.1")
-    charges = [charge for charge in table if charge.force_N == 1.0 and not charge.defect]
-    by_name = {n: [c for c in charges if c.electrode == n] for n in "AB"}
-    return [
-        Series(
-            name,
-            np.array([charge.rotation_deg for charge in of_name]),
-            np.array([charge.charge_pC for charge in of_name]),
-        )
-        for name, of_name in by_name.items()
-    ]
+def turned() -> tuple[Inputs, tuple[Item, list[Scene]]]:
+    """The figure of the rotation, with what it is made of and its scenes."""
+    report = Report.load(THESIS / "report.toml", kinds_of(THESIS / "special.py"))
+    inputs, needed = report.plan.needs()
+    return inputs, next(asked for asked in needed if asked[0].name == "rotation")
 
 
 def shown(solutions: Sequence[Solution]) -> Shown:

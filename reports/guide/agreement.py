@@ -4,24 +4,29 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Iterator
+from contextlib import nullcontext
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from pvdf_fem import Scene, modes, solve
+from pvdf_fem.reporting.registry import kinds_of
+from pvdf_fem.reporting.report import STORE, Report
+from pvdf_fem.reporting.solved import Solved
 from pvdf_fem.solvers.status import Status
-from reports.common.comparison import Comparison, compare
-from reports.common.results import Results
-from reports.common.thesis_data import Thesis
-from reports.common.thesis_scene import scene_of
+from pvdf_fem.sweeps.store import Store
+from pvdf_fem.sweeps.sweep import planned, solve_all
 from reports.reference.axisymmetric import axisymmetric_membrane
 from reports.reference.closed_form import disc_frequencies, linear_patch_deflection
 from reports.robustness.usual_scenes import usual_scene
 
 ROOT = Path(__file__).parents[2]
 OUT = ROOT / "reports" / "out"
+THESIS = ROOT / "reports" / "thesis"
 #: Solves that building the guide may make for the comparison with the thesis.
 FEW_SOLVES = 8
 #: Numbers of random scenes that are solved fast; the others bend, wrinkle or are heated.
@@ -159,16 +164,23 @@ def stated_and_true(seed: int = 1) -> Markdown:
     return table(("load", "tolerance", "worst stated error", "worst true error"), rows)
 
 
-def with_the_thesis() -> tuple[str, list[Comparison]]:
+def with_the_thesis() -> tuple[str, pd.DataFrame]:
     """Printed charges beside ours: all, where the report's solves are stored, or a few."""
-    thesis = Thesis.read()
-    results, charges = Results(OUT / "results", 1), list(thesis.charges)
-    where = "all printed charges; the solves of `./run report` are stored"
-    if results.missing([scene_of(charge) for charge in charges]) > FEW_SOLVES:
-        charges = thesis.from_("Table 3.4")
-        where = "Table 3.4 only, solved for this page; `./run report` compares all printed charges"
-    results.solve(list(dict.fromkeys(scene_of(charge) for charge in charges)))
-    return where, [c for c in compare(charges, results) if c.counts]
+    report = Report.load(THESIS / "report.toml", kinds_of(THESIS / "special.py"))
+    inputs, needed = report.plan.needs()
+    item, scenes = next(asked for asked in needed if asked[0].name == "charges")
+    where = "all printed charges, from the solves of `./run report`"
+    store = OUT / STORE
+    with Store(store) if store.is_file() else nullcontext() as kept:
+        if len(planned(scenes, kept).blocks) > FEW_SOLVES:
+            few = inputs.data["charges"]
+            rows = [i for i, text in enumerate(few.frame.source) if text == "Table 3.4"]
+            inputs = replace(inputs, data={"charges": few.taken(rows)})
+            scenes = item.kind.scenes(inputs)
+            where = "Table 3.4 only, solved for this page; `./run report` compares all charges"
+        records = solve_all(scenes, kept, processes=1)
+    solved = Solved(dict(zip(scenes, records, strict=True)))
+    return where, item.kind.compose(inputs, solved).frame
 
 
 def long_runs() -> Markdown:

@@ -14,6 +14,11 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import pvdf_fem
 from pvdf_fem.cli.main import _parser as parser
+from pvdf_fem.reporting.data import DataSource
+from pvdf_fem.reporting.kind import Kind
+from pvdf_fem.reporting.registry import FIGURES
+from pvdf_fem.reporting.registry import TABLES as REPORT_TABLES
+from pvdf_fem.reporting.script import Script, ScriptSection
 from pvdf_fem.scene.film import Air, Film
 from pvdf_fem.scene.outlines.shape import HEAT
 from pvdf_fem.scene.quantity import Section
@@ -56,6 +61,8 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
         "touch.touch.Touch",
         "touch.locate_many.Touches",
         "tracking.rows.Row",
+        "reporting.report.Made",
+        "reporting.kind.Content",
     ),
     "What they take": (
         "dynamics.forced.half_sine",
@@ -64,6 +71,7 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
         "response.model.Domain",
         "touch.locate.LocateOptions",
         "sweeps.store.Store",
+        "reporting.kind.Kind",
         "readout.channel.Channel",
     ),
 }
@@ -72,7 +80,8 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
 def write_references(folder: Path) -> None:
     """Write all pages to a folder; a page that has not changed keeps its time."""
     folder.mkdir(exist_ok=True)
-    pages = {"scene": scene_page(), "commands": commands_page(), "api": api_page()}
+    pages = {"scene": scene_page(), "report": report_page(), "commands": commands_page()}
+    pages |= {"api": api_page()}
     for name, text in (pages | {"modules": modules_page()}).items():
         path = folder / f"{name}.md"
         if not path.exists() or path.read_text("utf-8") != text:
@@ -94,6 +103,29 @@ def scene_page() -> str:
         lines += _alone(models[0]) if len(models) == 1 else _beside(models)
     commented = example_text("four_electrodes", examples()).rstrip()
     lines += ["", "## A scene with every key", "", "```toml", commented, "```"]
+    return "\n".join(lines) + "\n"
+
+
+def report_page() -> str:
+    """Every table of a report script, and every kind of figure and table, with its keys."""
+    lines = [
+        "# Report scripts",
+        "A report script is a TOML file of these tables; [the guide](../report.md) has examples.",
+    ]
+    tables: dict[str, type[Section]] = {
+        "at the head": Script,
+        "[data.NAME]": DataSource,
+        "[[section]]": ScriptSection,
+    }
+    for heading, model in tables.items():
+        lines += ["", f"## `{heading}`", "", *_alone(model)]
+    lines += ["", "## Keys of every figure and table", "", *_alone(Kind)]
+    for form, kinds in {"figure": FIGURES, "table": REPORT_TABLES}.items():
+        for name, model in kinds.items():
+            keys = [key for key in model.model_fields if key not in Kind.model_fields]
+            lines += ["", f'## `[[section.{form}]]` with `kind = "{name}"`', ""]
+            lines += [_cleaned(model.__doc__), "", *_table(model, keys)]
+    lines += ["", "## A script", "", "```toml", example_text("report", examples()).rstrip(), "```"]
     return "\n".join(lines) + "\n"
 
 
@@ -125,7 +157,9 @@ def _table(model: type[Section], keys: Iterable[str]) -> list[str]:
     lines = ["| key | default | values |", "| --- | --- | --- |"]
     for key in keys:
         field = model.model_fields[key]
-        default = "needed" if field.is_required() else _written(field.get_default())
+        default = "needed"
+        if not field.is_required():
+            default = _written(field.get_default(call_default_factory=True))
         lines += [f"| `{key}` | {default} | {_values(field.annotation, field.metadata)} |"]
     return lines
 
@@ -133,6 +167,8 @@ def _table(model: type[Section], keys: Iterable[str]) -> list[str]:
 def _written(value: Any) -> str:
     if value is None:
         return "not given"
+    if value in ((), {}):
+        return "none"
     if isinstance(value, Section | tuple):
         return "the table's"
     return f"`{json.dumps(value)}`"
@@ -157,10 +193,12 @@ def _values(annotation: Any, metadata: Any = ()) -> str:
         is_tables = any("Patch" in kind for kind in kinds)
         return "list of the next table" if is_tables else f"list of {'; '.join(kinds)}"
     if origin is dict:
-        return f"table by electrode of {_values(arguments[1])}"
+        is_number = _values(arguments[1]) not in ("value", "list of value")
+        return f"table by {'electrode' if is_number else 'key'} of {_values(arguments[1])}"
     if inspect.isclass(annotation) and issubclass(annotation, Section):
         return f"table {annotation.__name__}"
     names = {bool: "`true`, `false`", float: "number", int: "whole number", str: "text"}
+    names[Any] = "value"
     return names.get(annotation, "as said above")
 
 

@@ -9,22 +9,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
 
 from pvdf_fem import Scene
+from pvdf_fem.reporting.crossings import Contours
 from pvdf_fem.response.build import build_response
 from pvdf_fem.response.model import Domain, Model
 from pvdf_fem.response.response import Response
 from pvdf_fem.response.response_file import response_key
 from pvdf_fem.sweeps.store import key
-from reports.chapters.calibration import DIRECTIONS_DEG
 from reports.common.results import MATERIAL, Results
-from reports.common.thesis_data import Thesis
-from reports.common.thesis_scene import PROBES
-from reports.maps.isocharge import contour
-from reports.thesis_methods.triangulation import triangulate
 
 Array = NDArray[np.float64]
 
@@ -33,17 +31,57 @@ TOLERANCE = 5e-6
 #: Largest error bound of a model.
 MODEL_TOLERANCE = 2e-4
 #: A probe that the thesis has not, and which no turning changes.
-DISC = "disc8"
+DISC = "disc"
 REACH_MM = 12.0
 FORCES_N = (0.1, 5.0)
 _RING_MM, _SIDE_MM = 10.0, 3.0
-# Between points of a contour.
-_STEP_MM = 1.0
-_PROBES = {**PROBES, DISC: {"shape": "circle", "radius_mm": 4.0}}
-_ALL_DEG = sorted({d for layout in DIRECTIONS_DEG.values() for d in layout.values()})
+_PROBES: dict[str, dict[str, Any]] = {
+    "triangle": {"shape": "triangle", "side_mm": 7.0},
+    "rectangle": {"shape": "rectangle", "width_mm": 14.0, "height_mm": 7.0},
+    DISC: {"shape": "circle", "radius_mm": 4.0},
+}
+#: d31 and d32 in pC/N.
+_FILMS = {"biaxial": (8.0, 8.0), "uniaxial": (18.0, 2.0)}
+#: Direction of each electrode from the film's centre in degrees, by the layout.
+_DIRECTIONS_DEG = {
+    "three": {"A": -90, "B": 30, "C": 150},
+    "four": {"A": 0, "B": 90, "C": 180, "D": -90},
+}
+_ALL_DEG = sorted({d for layout in _DIRECTIONS_DEG.values() for d in layout.values()})
+#: Positions that the thesis recovers.
+PRINTED = Path(__file__).parents[1] / "thesis" / "positions.csv"
 
 
-def sensor(thesis: Thesis, probe: str, film: str = "biaxial") -> Scene:
+@dataclass(frozen=True)
+class Position:
+    """A touch of the thesis, and the error of its recovered place, NaN where there is none."""
+
+    case: str
+    layout: str
+    probe: str
+    film: str
+    touch: tuple[float, float, float, float]  #: x and y in mm, rotation in degrees, force in N.
+    error_mm: float
+
+
+def printed_positions() -> list[Position]:
+    """All positions that the thesis recovers, simulated and measured."""
+    table = pd.read_csv(PRINTED)
+    films = {d[0]: name for name, d in _FILMS.items()}
+    return [
+        Position(
+            f"{row['table']} row {row['row']}, {row['electrodes.layout']} electrodes",
+            str(row["electrodes.layout"]),
+            str(row["probe.shape"]),
+            films[row["film.d31_pC_N"]],
+            (row["x_mm"], row["y_mm"], row["rotation_deg"], row["force_N"]),
+            row["error_mm"],
+        )
+        for row in table.to_dict("records")
+    ]
+
+
+def sensor(probe: str, film: str = "biaxial") -> Scene:
     """The scene of a model: both layouts' electrodes, the thesis's follower pressure."""
     directions = np.radians(_ALL_DEG)
     electrodes = [
@@ -55,7 +93,7 @@ def sensor(thesis: Thesis, probe: str, film: str = "biaxial") -> Scene:
         }
         for direction, angle in zip(_ALL_DEG, directions, strict=True)
     ]
-    d = {f"film.{k}_pC_N": thesis.parameters["film"][film][k]["value"] for k in ("d31", "d32")}
+    d = dict(zip(("film.d31_pC_N", "film.d32_pC_N"), _FILMS[film], strict=True))
     return Scene().with_(
         **{
             "electrodes": electrodes,
@@ -69,7 +107,7 @@ def sensor(thesis: Thesis, probe: str, film: str = "biaxial") -> Scene:
 
 def electrodes_of(layout: str) -> dict[str, str]:
     """The models' name of each electrode of a layout, by the thesis's name."""
-    return {name: str(direction) for name, direction in DIRECTIONS_DEG[layout].items()}
+    return {name: str(direction) for name, direction in _DIRECTIONS_DEG[layout].items()}
 
 
 def rows_of(model: Model, electrodes: Mapping[str, str]) -> list[int]:
@@ -97,12 +135,12 @@ def response_of(
     return build_response(scene, reach_mm, forces_N, MODEL_TOLERANCE, processes, file=path)
 
 
-def scene_at(thesis: Thesis, probe: str, film: str, touch: Array) -> Scene:
+def scene_at(probe: str, film: str, touch: ArrayLike) -> Scene:
     """The scene of a touch (4,), whose charges a model is compared with."""
-    x, y, rotation, force = (round(float(value), 9) for value in touch)
+    x, y, rotation, force = (round(float(value), 9) for value in np.asarray(touch))
     place = {"probe.x_mm": x, "probe.y_mm": y, "probe.rotation_deg": rotation}
     accurate = {"load.force_N": force, "numerics.tolerance": TOLERANCE}
-    return sensor(thesis, probe, film).with_(**place, **accurate)
+    return sensor(probe, film).with_(**place, **accurate)
 
 
 def charges_of(results: Results, scene: Scene, electrodes: Mapping[str, str]) -> list[float]:
@@ -113,35 +151,32 @@ def charges_of(results: Results, scene: Scene, electrodes: Mapping[str, str]) ->
 
 
 @dataclass(frozen=True, eq=False)
-class Layered:
-    """The charge of one electrode by the probe's place, its rotation and force held.
-
-    What a triangulation needs of a model.
-    """
+class Held:
+    """The charges of a model over the probe's place, its rotation and force held: a map, in which
+    contours are sought."""
 
     model: Model
-    electrode: str
+    electrodes: Mapping[str, str]
     rotation_deg: float
     force_N: float
 
     @property
-    def reach_mm(self) -> float:
+    def names(self) -> tuple[str, ...]:
+        """The thesis's names of the electrodes."""
+        return tuple(self.electrodes)
+
+    @property
+    def domain(self) -> Domain:
         """The model's."""
-        return self.model.domain.reach_mm
+        return self.model.domain
 
-    def value_and_gradient(self, positions_mm: Array) -> tuple[Array, Array]:
-        """Charges in pC, (n,), and gradients in pC/mm, (n, 2), at positions (n, 2).
-
-        Beyond the reach linear continuations along the radius, which contours end before.
-        """
-        distance = np.linalg.norm(positions_mm, axis=1)
-        inner = positions_mm * np.minimum(1.0, self.reach_mm / np.maximum(distance, 1e-9))[:, None]
+    def charges(self, places_mm: Array) -> Array:
+        """Charges (n, electrodes) in pC at places (n, 2); beyond the reach those at its edge."""
+        distance = np.linalg.norm(places_mm, axis=1, keepdims=True)
+        inner = places_mm * np.minimum(1.0, self.domain.reach_mm / np.maximum(distance, 1e-9))
         held = np.broadcast_to([self.rotation_deg, self.force_N], inner.shape)
-        charges, slopes = self.model.evaluate(np.concatenate([inner, held], axis=1))
-        k = self.model.names.index(self.electrode)
-        slope = slopes[:, k, :2]
-        beyond = np.einsum("ni,ni->n", slope, positions_mm - inner)
-        return charges[:, k] + beyond, slope
+        charges, _ = self.model.evaluate(np.concatenate([inner, held], axis=1))
+        return charges[:, rows_of(self.model, self.electrodes)]
 
 
 def triangulated_mm(
@@ -152,8 +187,5 @@ def triangulated_mm(
     force_N: float,
 ) -> Array:
     """The thesis's place (2,) of charges, in the order of the electrodes; NaN if there is none."""
-    contours = [
-        contour(name, Layered(model, own, rotation_deg, force_N), charge, _STEP_MM)
-        for (name, own), charge in zip(electrodes.items(), charges_pC.tolist(), strict=True)
-    ]
-    return triangulate(contours).position_mm
+    charges = dict(zip(electrodes, charges_pC.tolist(), strict=True))
+    return Contours(Held(model, electrodes, rotation_deg, force_N)).place_mm(charges)

@@ -16,7 +16,6 @@ from pvdf_fem.touch.locate import locate
 from reports.common.figures import save
 from reports.common.page import Cell, Column, Picture, Section, Table
 from reports.common.results import Results
-from reports.common.thesis_data import Position, Thesis
 from reports.locating.errors import (
     FREE,
     LEAST_SIGMA,
@@ -44,26 +43,33 @@ from reports.locating.maps import (
     lattice,
     resolution_picture,
 )
-from reports.locating.models import DISC, charges_of, distance_mm, electrodes_of, scene_at
+from reports.locating.models import (
+    DISC,
+    Position,
+    charges_of,
+    distance_mm,
+    electrodes_of,
+    scene_at,
+)
 
 Array = NDArray[np.float64]
 #: Response models by probe and film.
 Models = dict[tuple[str, str], Response]
 
-SHAPES = {"tri7": "triangle", "rect14x7": "rectangle", DISC: "disc"}
+SHAPES = ("triangle", "rectangle", DISC)
 #: Ways that differ for a disc, whose rotation means nothing.
 DISC_WAYS = (TRIANGULATED, TOLD, LOCATED)
 #: Layout of the electrodes for random touches and maps.
-LAYOUT = "4"
+LAYOUT = "four"
 #: Relative standard deviation of the charges in the maps.
 MAP_NOISE = 0.01
 
 # --------------------------------------------------------------------------- the thesis's scenes
 
 
-def thesis_section(thesis: Thesis, models: Models, results: Results) -> Section:
+def thesis_section(positions: Sequence[Position], models: Models, results: Results) -> Section:
     """Section on all positions of the thesis, with exact charges."""
-    rows = [_thesis_row(thesis, p, models[p.probe, p.film], results) for p in thesis.positions]
+    rows = [_thesis_row(p, models[p.probe, p.film], results) for p in positions]
     columns = [
         Column("case", "case"),
         Column("place", "place"),
@@ -82,30 +88,31 @@ def thesis_section(thesis: Thesis, models: Models, results: Results) -> Section:
     texts = [
         f"Of {len(rows)} scenes locate finds {int(np.isfinite(errors).sum())} with an error of at "
         f"most {np.nanmax(errors):.4f} mm, the force being sought too; the thesis prints "
-        f"{sum(np.isnan(p.error_mm) for p in thesis.positions)} as not intersecting.",
+        f"{sum(np.isnan(p.error_mm) for p in positions)} as not intersecting.",
     ]
     return Section("thesis-scenes", "The thesis's scenes", texts, [table])
 
 
-def _thesis_row(thesis: Thesis, row: Position, model: Response, results: Results) -> list[Cell]:
-    names, touch = electrodes_of(row.layout), row.touch
-    charges = charges_of(results, scene_at(thesis, row.probe, row.film, touch), names)
+def _thesis_row(row: Position, model: Response, results: Results) -> list[Cell]:
+    names, touch = electrodes_of(row.layout), np.array(row.touch)
+    charges = charges_of(results, scene_at(row.probe, row.film, touch), names)
     trial = Trial(model, names, touch[None], np.array([charges]))
     measured = dict(zip(names.values(), charges, strict=True))
-    known_values = {"rotation_deg": row.rotation_deg}
+    x, y, rotation, force = row.touch
+    known_values = {"rotation_deg": rotation}
     # With three charges and three unknowns several touches may fit; the nearest one is shown.
     location = locate(model, measured, LEAST_SIGMA, known=known_values)
     nearest = min(location.touches, key=lambda candidate: distance_mm(candidate.values, touch))
-    quality = judged(model, names, touch[:2], row.rotation_deg, 0.01)[False]
+    quality = judged(model, names, touch[:2], rotation, 0.01)[False]
     any_rotation = locate(model, measured, LEAST_SIGMA, unknown=QUANTITIES)
     return [
         row.case,
-        f"{SHAPES[row.probe]}, {row.position}",
+        f"{row.probe}, {x:g}, {y:g} mm, {rotation:g}°",
         row.error_mm,
         float(triangulated(trial, 0.0, False).place_mm[0]),
         float(triangulated(trial, 0.0, True).place_mm[0]),
         distance_mm(nearest.values, touch),
-        100.0 * (nearest.force_N / row.force_N - 1.0),
+        100.0 * (nearest.force_N / force - 1.0),
         quality.deviation_mm,
         sum(candidate.weight > 0.01 for candidate in any_rotation.touches)
         if len(names) > 3
@@ -125,25 +132,24 @@ def random_section(
     jobs: list[tuple[float, str]] = [(noise, way) for noise in NOISES for way in ways]
     with_threads = Parallel(processes)
     errors: list[Errors] = with_threads(delayed(_by)(trial, noise, way) for noise, way in jobs)
-    shape = SHAPES[probe]
-    name = f"errors_{shape}"
+    name = f"errors_{probe}"
     _picture(errors, trial, out / f"{name}.svg")
     caption = (
-        f"{shape}: share of {len(trial.touches)} touches with an error below the abscissa; a curve "
+        f"{probe}: share of {len(trial.touches)} touches with an error below the abscissa; a curve "
         "that ends below 1 leaves failures. Dotted: Cramér-Rao bound, rotation known."
     )
     texts = [_sentence(errors, trial)]
     if probe == DISC:
         texts.append("A disc is the same however it is turned, so only the ways that differ stay.")
     if FREE in ways:
-        texts.append(_listed_sentence(shape, listed(trial)))
+        texts.append(_listed_sentence(probe, listed(trial)))
     if failed := touch_count - len(trial.touches):
         texts.append(f"Left out for want of a solution: {failed} of {touch_count} touches.")
     blocks: list[Table | Picture] = [
         Picture(f"{name}.svg", caption),
-        _table(name, shape, errors, trial),
+        _table(name, probe, errors, trial),
     ]
-    return Section(name, f"Random touches of the {shape}", texts, blocks)
+    return Section(name, f"Random touches of the {probe}", texts, blocks)
 
 
 def _by(trial: Trial, noise: float, way: str) -> Errors:
@@ -262,10 +268,10 @@ def map_section(models: Models, reach_mm: float, across: int, out: Path, process
     """Section with maps of resolution and ambiguity, `across` places wide."""
     places, names = lattice(reach_mm, across), electrodes_of(LAYOUT)
     qualities: dict[str, list[dict[bool, PlaceQuality]]] = {
-        shape: Parallel(processes)(
+        probe: Parallel(processes)(
             delayed(judged)(models[probe, "biaxial"], names, at, 0.0, MAP_NOISE) for at in places
         )
-        for probe, shape in SHAPES.items()
+        for probe in SHAPES
         if probe != DISC and (probe, "biaxial") in models
     }
     resolution_picture(places, qualities, out / "resolution.svg")

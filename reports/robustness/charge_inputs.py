@@ -1,13 +1,12 @@
-"""Measured charges: those that `pvdf-fem locate` is given, and files of `reports.compare`."""
+"""Measured charges that `pvdf-fem locate` is given."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 
 from reports.robustness.damage import damaged
-from reports.robustness.inputs import FILE, MEASUREMENTS, Input, Random
+from reports.robustness.inputs import FILE, Input, Random
 
 _CHARGES = "A=905.1,B=731.4,C=600.2,D=640.9"
 _SCENE = b"[probe]\n"
@@ -64,68 +63,3 @@ def wrong_charge_list(text: str) -> str:
         if not math.isfinite(float(number)) or not 0.0 < abs(float(number)) <= 1e12:
             return f"charge {item!r:.60}"
     return "" if set(names) <= set("ABCD") and len(set(names)) == len(names) else f"names {names}"
-
-
-# --------------------------------------------------------------------------- files of `compare`
-
-
-def wrong_table(rng: Random) -> Input:
-    """Measurements with rows, columns or an encoding that such a file cannot have."""
-    lines = MEASUREMENTS.read_text("utf-8").splitlines()
-    data = rng.choice(_WRONG_TABLES)(rng, lines)
-    arguments = (FILE, "--out", "{folder}/out")
-    return Input("compare", arguments, data, True, "input.dat: ")
-
-
-def _row_of(value: str) -> Callable[[Random, list[str]], bytes]:
-    def table(rng: Random, lines: list[str]) -> bytes:
-        cells = [value] * len(lines[0].split(","))
-        lines.insert(rng.randrange(1, len(lines) + 1), ",".join(cells))
-        return "\n".join(lines).encode("utf-8", "surrogatepass")
-
-    return table
-
-
-def _ragged(rng: Random, lines: list[str]) -> bytes:
-    row = rng.randrange(1, len(lines))
-    cells = lines[row].split(",")
-    number = rng.choice([n for n in (1, 3, len(cells) - 1, len(cells) + 1, 3000) if n])
-    lines[row] = ",".join((cells * (number // len(cells) + 1))[:number])
-    return "\n".join(lines).encode()
-
-
-def _other_electrode(rng: Random, lines: list[str]) -> bytes:
-    column, row = lines[0].split(",").index("electrode"), rng.randrange(1, len(lines))
-    cells = lines[row].split(",")
-    cells[column] = rng.choice(["E", "a", "AB", "Α", "A\u0301", "electrode A", "1", "\x1b[31m"])
-    lines[row] = ",".join(cells)
-    return "\n".join(lines).encode()
-
-
-def _many_rows(rng: Random, lines: list[str]) -> bytes:
-    return "\n".join([*lines, *(lines[1:] * rng.choice((3000, 30_000)))]).encode()[:3_000_000]
-
-
-def _many_columns(rng: Random, lines: list[str]) -> bytes:
-    names = ",".join(f"c{i}" for i in range(rng.choice((1, 100, 20_000))))
-    return "\n".join([f"{lines[0]},{names}", *lines[1:]]).encode()
-
-
-def _encoded(rng: Random, lines: list[str]) -> bytes:
-    text = "\n".join([*lines, lines[1].replace(lines[1].split(",")[0], "µ ä €")])
-    return text.encode(rng.choice(["utf-16", "utf-16-le", "utf-32", "cp1252", "utf-16-be"]))
-
-
-def _separated(rng: Random, lines: list[str]) -> bytes:
-    separator = rng.choice(";\t|: ")
-    return "\n".join(lines).replace(",", separator).encode()
-
-
-def _headless(_: Random, lines: list[str]) -> bytes:
-    return "\n".join(lines[1:]).encode()
-
-
-_WRONG_TABLES = (
-    *map(_row_of, ("nan", "NaN", "text", " x ", "1", "\ud800", "\x1b[31m", "1e999", '"')),
-    *(_ragged, _other_electrode, _many_rows, _many_columns, _encoded, _separated, _headless),
-)

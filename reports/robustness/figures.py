@@ -13,8 +13,7 @@ from pvdf_fem import Scene
 from pvdf_fem.arrays import Array
 from pvdf_fem.output.figures import new_figure, style
 from pvdf_fem.solvers.wrinkling import load_strain
-from reports.common.charge_figures import colours
-from reports.common.figures import save
+from reports.common.figures import colours, save
 from reports.robustness.runs import Ending
 
 MARKS = "osD^vP*X"

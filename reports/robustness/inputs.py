@@ -1,4 +1,4 @@
-"""Damaged inputs: scene and sweep files, changes, measurements, stores and command lines.
+"""Damaged inputs: scene and sweep files, changes, stores and command lines.
 
 A corpus is a function of a random generator. Its inputs are either certainly invalid, and then
 often the key and the value are known that a complaint must name, or damaged at random.
@@ -20,7 +20,6 @@ from reports.robustness.damage import damaged
 from reports.robustness.oracle import SIGNED, WORDS
 
 ROOT = Path(__file__).resolve().parents[2]
-MEASUREMENTS = ROOT / "reports" / "data" / "example_measurements.csv"
 #: Placeholder for the path of the input's file in its arguments.
 FILE = "{file}"
 
@@ -89,7 +88,8 @@ _NO_WORDS = {
 def scenes() -> tuple[str, ...]:
     """Valid scene files: those of ``geometry/``, and some with every kind of key."""
     texts = [path.read_text("utf-8") for path in sorted((ROOT / "geometry").glob("*.toml"))]
-    files = [text for text in texts if "[[axes]]" not in text]  # else a sweep
+    # else a sweep or a report
+    files = [text for text in texts if "[[axes]]" not in text and "[[section]]" not in text]
     star = [[0.0, 2.0], [0.5, 0.5], [2.0, 0.0], [0.5, -0.5], [0.0, -2.0], [-2.0, 0.0]]
     electrodes = [
         {"name": "A", "x_mm": 9.0, "y_mm": 0.0, "side_mm": 2.0, "rotation_deg": 30.0},
@@ -279,37 +279,7 @@ def _planned() -> tuple[str, ...]:
     return (FILE, "--plan", "--output", "{folder}/charges.nc")
 
 
-# -------------------------------------------------------------------- measurements, stores, options
-
-_NO_NUMBERS_CSV = ("nan", "inf", "-inf", "1e999", "", "1,5", "1_000", "٣", "0x10", "true", "1 2")
-
-
-def wrong_cell(rng: Random) -> Input:
-    """Measurements with a cell that its column cannot have."""
-    lines = MEASUREMENTS.read_text("utf-8").splitlines()
-    header, row = lines[0].split(","), rng.randrange(1, len(lines))
-    cells, column = lines[row].split(","), rng.randrange(len(header))
-    name = header[column]
-    wrong = {
-        "case": ["", " "],
-        "layout": ["5", "four", "3.0", "nan"],
-        "probe": ["tri", "TRI7", "0"],
-        "electrode": ["E", "a", "", "A B"],
-    }.get(name, [*_NO_NUMBERS_CSV, *(["-1", "1e7"] if name == "force_N" else [])])
-    value = rng.choice(wrong)
-    cells[column] = f'"{value}"' if "," in value else value
-    lines[row] = ",".join(cells)
-    data = "\n".join(lines).encode()
-    return Input("compare", _compared(), data, True, f": line {row + 1}: {name} = ")
-
-
-def damaged_measurements(rng: Random) -> Input:
-    """A file of measurements after accidents."""
-    return Input("compare", _compared(), damaged(rng, MEASUREMENTS.read_bytes()))
-
-
-def _compared() -> tuple[str, ...]:
-    return (FILE, "--out", "{folder}/out")
+# -------------------------------------------------------------------- stores, options
 
 
 def damaged_store(rng: Random) -> Input:
@@ -318,8 +288,6 @@ def damaged_store(rng: Random) -> Input:
 
 
 _OPTIONS = {
-    "thesis": ["--processes", "--only"],
-    "compare": ["--processes", "--contact"],
     "benchmark": ["--rounds", "--case", "--against"],
     "error_vs_time": ["--quick="],
     "modes": ["--count"],
@@ -339,11 +307,11 @@ def wrong_option(rng: Random) -> Input:
     arguments: tuple[str, ...] = (option, value)
     if rng.random() < 0.2:
         arguments = (f"--{value or 'x'}x",)
-    if program in ("compare", "modes", "sweep"):
+    if program in ("modes", "sweep"):
         arguments = (FILE, *arguments)
     if program == "locate":
         arguments = (FILE, "--charges", "A=905,B=731,C=600,D=641", *arguments)
-    data = {"compare": MEASUREMENTS.read_bytes(), "locate": b"[probe]"}.get(program, b"")
+    data = b"[probe]" if program == "locate" else b""
     return Input(program, arguments, data, True)
 
 

@@ -1,4 +1,4 @@
-"""Whether a scene or a row of measurements is valid, judged without the package's own checks.
+"""Whether a scene is valid, judged without the package's own checks.
 
 The keys are those that ``geometry/four_electrodes.toml`` explains; the values that a key may have
 follow from its unit. Shapes are compared as polygons. A program must not accept anything that is
@@ -311,17 +311,3 @@ def _varied(
 
 def _nested(keys: Sequence[str], value: Any) -> Any:
     return {keys[0]: _nested(keys[1:], value)} if keys else value
-
-
-def wrong_measurement(row: Any) -> str:
-    """An accepted row of measurements if it is certainly wrong, otherwise an empty text."""
-    numbers = (row.x_mm, row.y_mm, row.rotation_deg, row.force_N, row.charge_pC)
-    names = {"3": "ABC", "4": "ABCD"}.get(row.layout, "")
-    valid = (
-        all(isinstance(value, float) and math.isfinite(value) for value in numbers)
-        and row.electrode in set(names)
-        and row.probe in ("tri7", "rect14x7", "circle1")
-        and 0.0 <= row.force_N <= LARGEST
-        and math.hypot(row.x_mm, row.y_mm) <= 45.0
-    )
-    return "" if valid else f"{row!r:.200}"

@@ -1,6 +1,6 @@
 """CalculiX on the same scenes: shells and membranes with thermal pretension, NLGEOM, dead forces.
 
-Meshes have the sizes of the thesis (`linear_mesh`) times a factor. The probe's pressure is
+Meshes have the sizes of the thesis times a factor. The probe's pressure is
 a set of nodal forces, which do not turn with the film; a first step cools the film, a second one
 presses. Charges come from the computed displacements, since CalculiX's stresses are Cauchy's,
 averaged at the nodes, while the charge is an integral of the 2nd Piola-Kirchhoff stress.
@@ -26,10 +26,12 @@ from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.mesh.gmsh_mesh import mesh_scene, outlines
 from pvdf_fem.mesh.size_field import Sizes
-from reports.chapters.linear_mesh import FILM_SIZE, GROWTH, PATCH_SIZE
 from reports.speed.runs import CONVERGED, Outcome
 
 NAME = "CalculiX"
+#: Sizes of the thesis's elements in m: in the probe and the electrodes, elsewhere, and the growth
+#: between them.
+PATCH_SIZE, FILM_SIZE, GROWTH = 0.75e-3, 1.0e-3, 0.05
 PROGRAM = "ccx"
 #: Order of the displacement by element type: six-node shell, six- and three-node membrane.
 ELEMENTS = {"S6": 2, "M3D6": 2, "M3D3": 1}

@@ -13,24 +13,19 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 
 from pvdf_fem import Scene, Solution, solve
+from pvdf_fem.cli.main import main
 from pvdf_fem.cli.program import InputError, run_program
 from pvdf_fem.files import FileError, make_directory, replacing, require_writable
 from pvdf_fem.output.export import write_mesh, write_vtu
 from pvdf_fem.output.figures import new_figure, save
 from pvdf_fem.sweeps.records import record_of
 from pvdf_fem.sweeps.store import Store, StoreError
-from reports import benchmark, compare, error_vs_time, thesis
-from reports.common.page import Column, Page, Section, Table
-from reports.common.results import Results
-from reports.common.section_cache import cached_section
-from reports.common.thesis_data import Thesis
-from reports.maps import carried
+from reports import benchmark, error_vs_time
+from reports.common.page import Column, Page, Table
 
 ROOT = Path(__file__).parents[2]
 SCENE = '[probe]\nshape = "circle"\nradius_mm = 2.0\n[numerics]\ntolerance = 0.05\n'
@@ -84,13 +79,6 @@ def _mesh(path: Path, solution: Solution) -> None:
     write_mesh(solution.mesh, path)
 
 
-def _section(path: Path, solution: Solution) -> None:
-    results = Results(path.parent, 1)
-    results._records = {solution.scene: record_of(solution)}
-    thesis_ = Thesis.read().quick()
-    cached_section("a", [], thesis_, results, path.parent, lambda: Section("a", "x" * 1000))
-
-
 WRITERS: dict[str, Callable[[Path, Solution], None]] = {
     "a.vtu": lambda path, solution: write_vtu(solution, path),
     "b.vtu": _mesh,
@@ -116,18 +104,6 @@ def test_a_full_disk_leaves_the_old_file(solution: Solution, tmp_path: Path, nam
     assert str(caught.value).startswith(f"{path}: cannot be written")
     assert [file.name for file in tmp_path.iterdir()] == [name]
     assert path.read_text() == "old"
-
-
-def test_a_full_disk_leaves_no_half_section_or_field(
-    solution: Solution, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with small_disk(), pytest.raises(FileError, match=NO_SPACE):
-        _section(tmp_path / "any", solution)
-    field = carried.CarriedField(np.zeros(500), {"material": np.zeros((500, 500, 3))})
-    monkeypatch.setattr(carried, "_field", lambda *_: field)
-    with small_disk(), pytest.raises(FileError, match=NO_SPACE):
-        carried.carried_field(solution.scene, tmp_path)
-    assert not list(tmp_path.iterdir())
 
 
 def test_a_full_disk_loses_no_record(solution: Solution, tmp_path: Path) -> None:
@@ -209,28 +185,18 @@ def test_a_read_only_directory_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("program", "arguments"),
-    [
-        (thesis, ["--only", "3.5", "--quick"]),
-        (compare, [str(ROOT / "reports" / "data" / "example_measurements.csv")]),
-        (error_vs_time, ["--quick"]),
-    ],
-)
-@pytest.mark.parametrize(
     ("out", "told"),
     [("file", "File exists"), ("file/below", "Not a directory"), ("page", "regular")],
 )
 def test_reports_refuse_an_impossible_directory(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
-    program: Any,
-    arguments: list[str],
     out: str,
     told: str,
 ) -> None:
     (tmp_path / "file").touch()
     (tmp_path / "page" / "index.html").mkdir(parents=True)
-    assert program.main([*arguments, "--out", str(tmp_path / out)]) == 2
+    assert error_vs_time.main(["--quick", "--out", str(tmp_path / out)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert str(tmp_path / out) in line
     assert told in line
@@ -240,16 +206,11 @@ def test_reports_do_not_write_among_what_they_read(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     link = tmp_path / "link"
-    link.symlink_to(ROOT / "reports" / "data")
-    for program in (thesis, error_vs_time):
-        with pytest.raises(SystemExit) as end:
-            program.main(["--out", str(link)])
-        assert end.value.code == 2
-        assert "holds the thesis's data; name another" in capsys.readouterr().err
-    measured = tmp_path / "charges.csv"
-    measured.write_bytes((ROOT / "reports" / "data" / "example_measurements.csv").read_bytes())
-    assert compare.main([str(measured), "--out", str(tmp_path)]) == 2
-    assert f"{tmp_path}: holds charges.csv, which is read" in capsys.readouterr().err
+    link.symlink_to(ROOT / "reports" / "thesis")
+    with pytest.raises(SystemExit) as end:
+        error_vs_time.main(["--out", str(link)])
+    assert end.value.code == 2
+    assert "holds the thesis's data; name another" in capsys.readouterr().err
     saved = tmp_path / "saved.json"
     saved.write_text('{"medians": {"a": 1.0}}')
     assert benchmark.main(["--against", str(saved), "--save", str(saved)]) == 2
@@ -403,16 +364,21 @@ runpy.run_module("pvdf_fem", run_name="__main__")
     assert (run.returncode, run.stdout, run.stderr) == (130, "", "pvdf-fem: interrupted\n")
 
 
-def test_an_interrupted_report_keeps_what_is_solved(tmp_path: Path) -> None:
-    store = tmp_path / "results" / "results.db"
+def test_an_interrupted_report_keeps_what_is_solved(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    script, out = tmp_path / "report.toml", tmp_path / "out"
+    assert main(["example", "report"]) == 0
+    script.write_text(capsys.readouterr().out)
+    store = out / "solved.db"
 
     def solved() -> bool:
-        wal = store.with_name("results.db-wal")
+        wal = store.with_name("solved.db-wal")
         return wal.exists() and wal.stat().st_size > 8_000
 
-    csv = ROOT / "reports" / "data" / "example_measurements.csv"
-    command = ("-m", "reports.compare", csv, "--out", tmp_path, "--processes", 2)
-    assert _interrupted(solved, *command) == (130, "", "reports.compare: interrupted\n")
-    assert [path.name for path in tmp_path.iterdir()] == ["results"]
+    command = ("-m", "pvdf_fem", "report", script, "--out", out, "--processes", 2)
+    code, told, complaint = _interrupted(solved, *command)
+    assert (code, told, complaint.splitlines()[-1]) == (130, "", "pvdf-fem: interrupted")
+    assert (out / "index.html").is_file()
     with closing(sqlite3.connect(store)) as rows:
         assert rows.execute("SELECT count(*) FROM records").fetchone()[0] >= 1

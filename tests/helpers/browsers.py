@@ -13,11 +13,11 @@ from typing import Any
 
 import pytest
 
-from reports.front.boxes import browser, chromium
+from tests.helpers.page_boxes import browser, chromium
 
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE_S = 120.0  #: Time in which a browser starts on any machine.
-TRIAL = "from reports.front.boxes import browser\nwith browser(): pass"
+TRIAL = "from tests.helpers.page_boxes import browser\nwith browser(): pass"
 
 
 @contextmanager

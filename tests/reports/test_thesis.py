@@ -1,299 +1,183 @@
-"""The thesis report: its numbers, symmetries and mesh, and what it does on failure."""
+"""The report on the thesis: its data, the numbers in its texts, and where everything is."""
 
 from __future__ import annotations
 
 import csv
-from collections import Counter
-from collections.abc import Sequence
+import math
+import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from pvdf_fem import Scene
-from pvdf_fem.mesh.gmsh_mesh import electrode_patch, mesh_scene, outlines
-from pvdf_fem.mesh.size_field import Sizes
-from pvdf_fem.sweeps import sweep
-from pvdf_fem.sweeps.store import Record
-from reports import thesis
-from reports.chapters.linear_mesh import (
-    charges_on_thesis_mesh,
-    edge_forces,
-    edge_means,
-    solve_on_thesis_mesh,
+from pvdf_fem import Report, solve
+from pvdf_fem.reporting.registry import kinds_of
+from pvdf_fem.reporting.solved import Solved
+from pvdf_fem.sweeps.sweep import solve_all
+from reports import __main__ as reports
+
+THESIS = Path(reports.__file__).parent / "thesis"
+CHARGES, CONTOURS, POSITIONS = (
+    pd.read_csv(THESIS / f"{name}.csv") for name in ("charges", "contours", "positions")
 )
-from reports.common.chapter import Chapter, Content
-from reports.common.comparison import Comparison, compare, verdict
-from reports.common.page import Column, Link, Section, Table
-from reports.common.results import MATERIAL, THESIS_EDGE, Results
-from reports.common.section_cache import TABLE_OF_ERRORS, cached_section
-from reports.common.thesis_data import DEFECTS, Thesis
-from reports.common.thesis_scene import scene_of, thesis_scene
-from tests.reports.test_coverage import cost_nothing
-from tests.reports.test_page import assert_links_work
-
-DATA = Thesis.read()
+PARAMETERS, POLYNOMIALS = (
+    tomllib.loads((THESIS / "printed" / f"{name}.toml").read_text("utf-8"))
+    for name in ("parameters", "polynomials")
+)
+EQUATIONS = {of["id"]: of["coefficients"] for of in POLYNOMIALS["polynomial"]}
 
 
-def test_all_printed_charges_are_read() -> None:
-    sources = Counter(" ".join(charge.source.split()[:2]) for charge in DATA.charges)
-    assert len(DATA.charges) == 222
-    assert (sources["Table 4.1"], sources["Table 4.5"], sources["Table 3.4"]) == (84, 49, 12)
-    assert sum(n for name, n in sources.items() if name.startswith("Section 3.")) == 20
-    assert {c.electrode for c in DATA.from_("Table 4.1")} == {"A", "B", "C", "D"}
+def findings() -> list[str]:
+    """The texts of the findings, in their order."""
+    with (THESIS / "findings.csv").open(encoding="utf-8", newline="") as file:
+        return [f"{row['states']} {row['in truth']}" for row in csv.DictReader(file)]
 
 
-def test_every_flag_is_judged_and_the_defects_are_few() -> None:
-    harmless = {
-        "default_orientation_inferred",
-        "equal_to_0deg_value",
-        "disagrees_with_table_4.2",
-        "rad_value_in_text_is_38.450deg",
-    }
-    flags = {flag for charge in DATA.charges for flag in charge.flags}
-    assert flags == harmless | set(DEFECTS)
-    assert len(DATA.counted) == 222 - 19
+@pytest.fixture(scope="module")
+def report() -> Report:
+    return Report.load(THESIS / "report.toml", kinds_of(THESIS / "special.py"))
 
 
-@pytest.fixture
-def results(tmp_path: Path) -> Results:
-    return Results(tmp_path / "results", 1)
+def test_every_printed_charge_is_there_and_203_count(report):
+    assert CHARGES[[*"ABCD"]].notna().sum().sum() == 222
+    counted = report.plan.data["charges"].frame
+    assert counted[[*"ABCD"]].notna().sum().sum() == 203
+    rows = CHARGES[CHARGES.source.str.startswith("Table 4.1")]
+    assert rows[[*"ABCD"]].notna().sum().sum() == 84
+    assert len(CONTOURS) == 29
+    assert POSITIONS.error_mm.notna().sum() == 32 - 6
 
 
-def test_rotations_of_the_centred_rectangle_share_a_solve(results: Results) -> None:
-    scenes = [scene_of(charge) for charge in DATA.from_("Table 4.1")]
-    assert len({scene.probe.rotation_deg for scene in scenes if scene.probe}) == 21
-    assert results.missing(scenes) == 1
+def test_charges_of_each_kind_of_scene_are_within_2_percent(report):
+    readings = report.plan.data["charges"]
+    scenes = readings.scenes(report.plan.scene)
+    kinds = readings.frame.groupby(["probe.shape", "electrodes.layout"]).head(1).index
+    assert len(kinds) == 4
+    for row in kinds:
+        charges = solve(scenes[row]).charges_pC
+        printed = readings.frame.loc[row, list(charges)].to_numpy(float)
+        assert [*charges.values()] == pytest.approx(printed, rel=0.02, nan_ok=True)
 
 
-def test_results_stay_in_the_folder(results: Results, monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = thesis_scene("4", "circle1", force_N=0.1).with_(**{"numerics.tolerance": 1e-2})
-    results.solve([scene])
-    monkeypatch.setattr(sweep, "records_of", None)
-    other = Results(results.folder, 1)
-    assert other.missing([scene]) == 0
-    other.solve([scene])
-    assert other[scene] == results[scene]
+def test_numbers_of_the_findings_are_those_of_the_printed_tables():
+    told = findings()
+    assert len(told) == 12
+    rows = CHARGES[CHARGES.source == "Table 3.4"].sort_values("force_N")
+    slopes = np.diff(np.log(rows[["force_N", "A"]].to_numpy()), axis=0)
+    exponents = slopes[:, 1] / slopes[:, 0]
+    growth = np.mean([rows[name].iloc[1] / rows[name].iloc[0] for name in "ABC"])
+    assert f"grow {growth:.2f} times" in told[2]
+    assert f"{exponents.min():.2f} to {exponents.max():.2f}" in told[2]
+    at_1_N = [sum(EQUATIONS[f"3.4.3_{name}"]) for name in "ABC"]
+    assert "give {:.0f}, {:.0f}, {:.0f} pC".format(*at_1_N) in told[3]
+    turned = CHARGES[CHARGES.source == "Table 4.1"]
+    # quarter turns and reflections leave the sensor as it is: this tells which charges are equal
+    cosine = np.cos(2.0 * np.radians(turned.rotation_deg.to_numpy()))
+    place = np.outer(cosine, [1.0, -1.0, 1.0, -1.0]).round(9).ravel()
+    alike = pd.DataFrame({"place": place, "q": turned[[*"ABCD"]].to_numpy().ravel()})
+    groups = alike.groupby("place").q
+    apart = (groups.max() - groups.min()).max()
+    assert f"{apart:.2f} pC, {100.0 * apart / alike.q.mean():.1f} %" in told[4]
+    simulated = POSITIONS[~POSITIONS.table.str.startswith("Table 5")]
+    assert f"{simulated.error_mm.isna().sum()} of {len(simulated)} simulated" in told[7]
+    large = simulated.error_mm[simulated.error_mm > 1.0].tolist()
+    assert " and ".join(f"{error:g}" for error in large) in told[9]
 
 
-def test_the_solved_scene_is_compared_with_its_own_row(results: Results) -> None:
-    charges = [c for c in DATA.charges if c.case == "s312_1"]
-    results.solve(map(scene_of, charges))
-    comparisons = compare(charges, results)
-    # A and C differ by a factor of two, so a mixed-up electrode would show
-    assert all(abs(comparison.difference) < 2.0 for comparison in comparisons)
-    # the two observables differ, but by less than 3 %
-    ratios = [comparison.material_pC / comparison.ours_pC for comparison in comparisons]
-    assert all(0.97 < ratio < 1.03 and ratio != 1.0 for ratio in ratios)
-    record = results[scene_of(charges[0])]
-    halves = record.charge_pC("A", MATERIAL, 16.0, 0.0) + record.charge_pC("A", MATERIAL, 0.0, 16.0)
-    assert halves == pytest.approx(2.0 * record.charge_pC("A", MATERIAL))
+def test_numbers_of_the_products_and_of_the_layout():
+    told, percents = findings(), []
+    for product in POLYNOMIALS["product"]:
+        name = product["electrode"]
+        table = CHARGES[CHARGES.source == {"A": "Table 4.5", "B": "Table 4.6"}[name]]
+        rows = table[table.defect.isna() & (table.rotation_deg <= 75.0)]
+        angle = np.polyval(product["angle_coefficients"], np.radians(rows.rotation_deg))
+        force = np.polyval(product["force_coefficients"], rows.force_N)
+        percents += (100.0 * (angle * force / rows[name] - 1.0)).tolist()
+    span = f"{min(percents):+.1f} to {max(percents):+.1f} %".replace("-", "−")
+    assert span in told[8]
+    apart = 20.0 * math.sin(math.radians(75.0))
+    centres = {"A": (0.0, -10.0), "B": (10.0 * math.cos(math.pi / 6.0), 5.0)}
+    radii = []
+    for name, at in centres.items():
+        points = CONTOURS[CONTOURS[name].notna()][["x_mm", "y_mm"]].to_numpy()
+        radii.append(np.linalg.norm(points - at, axis=1).max())
+    assert sum(radii) < apart
+    assert f"{apart:.2f} mm apart" in told[11]
+    assert "{:.2f} and {:.2f} mm".format(*radii) in told[11]
 
 
-def test_verdict_counts_sound_rows_only() -> None:
-    sound = next(c for c in DATA.charges if not c.defect)
-    copied = next(c for c in DATA.charges if c.defect)
-    right = Comparison(sound, "converged", 0.995 * sound.charge_pC, 0.0, 0.0)
-    wrong = Comparison(copied, "converged", 1.5 * copied.charge_pC, 0.0, 0.0)
-    assert "1 printed charges count" in verdict([right, wrong])
-    assert "is met" in verdict([right, wrong])
-    far = Comparison(sound, "converged", 1.021 * sound.charge_pC, 0.0, 0.0)
-    assert "not met" in verdict([right, right, far])
-    failed = Comparison(sound, "unstable", np.nan, np.nan, np.nan)
-    assert "not met" in verdict([right, failed])
-    assert "1 charges have no computed value" in verdict([right, failed])
+def test_numbers_of_the_circuit():
+    film, circuit = PARAMETERS["film"]["biaxial"], PARAMETERS["circuit"]
+    area, h = (PARAMETERS["geometry"][k]["value"] for k in ("electrode_area", "film_thickness"))
+    permittivity = circuit["epsilon0"]["value"] * film["dielectric_constant"]["value"]
+    pF, load = 1e12 * permittivity * area / h, circuit["load_resistance"]["value"]
+    reactance = 1e6 / (2.0 * math.pi * 20.0 * pF)
+    deficit = 100.0 * (1.0 - circuit["capacitance_measured_two_electrodes"]["value"] / pF)
+    series, parallel = 1.0 / math.hypot(1.0, load / reactance), load / math.hypot(load, reactance)
+    with (THESIS / "numbers.csv").open(encoding="utf-8", newline="") as file:
+        here = [row["here"] for row in csv.DictReader(file)]
+    expected = [f"{pF:.3f}", f"{deficit:.1f}", f"{reactance:.2f}", f"{series:.3f}"]
+    assert here[:5] == [*expected, f"{parallel:.3f}"]
+    printed = circuit["reactance_printed"]["value"]
+    assert f"{reactance:.2f} MΩ" in findings()[10]
+    assert f"{20.0 * reactance / printed:.2f} Hz" in findings()[10]
 
 
-def test_edge_means_pick_the_right_edges() -> None:
-    scene = Scene()
-    mesh = mesh_scene(scene, Sizes(dict.fromkeys(outlines(scene), 1e-3), 0.3, 8e-3))
-    vertices = mesh.p[:, : mesh.t.max() + 1]
-    # |x - x0| is 1.5 mm on the left and right edges of B, and 0.75 mm on average on the others
-    nodal = np.abs(vertices - np.array([[0.0], [10e-3]])).T
-    means = edge_means(mesh, mesh.subdomains[electrode_patch("B")], nodal)
-    np.testing.assert_allclose(means, [1.5e-3, 1.5e-3], rtol=1e-12)
+def listed() -> set[str]:
+    """Figures and tables of the list, each by its name."""
+    found = set()
+    for text in pd.read_csv(THESIS / "contents.csv")["in the thesis"]:
+        word = "Fig."
+        for part in re.split(r", ", text):
+            word = "Table" if part.startswith("Table") else "Fig." if "Fig" in part else word
+            first, *last = re.findall(r"\d+\.\d+", part) or [part]
+            chapter, number = first.split(".") if "." in first else (first, "0")
+            end = int(last[0].split(".")[1]) if last else int(number or 0)
+            found |= {f"{word} {chapter}.{n}" for n in range(int(number or 0), end + 1)}
+    return found
 
 
-def test_uniform_stress_on_the_thesis_mesh() -> None:
-    scene = Scene()
-    solution = solve_on_thesis_mesh(scene)
-    assert solution.mesh.nelements > 12_000  # the thesis has 13000 to 14000
-    charges = edge_forces(solution) @ [8.0, 8.0]
-    np.testing.assert_allclose(charges, 48.0, rtol=1e-6)
+def test_every_figure_and_table_that_is_recomputed_is_in_the_list():
+    figures = {5, 7, 9, *range(16, 19), *range(20, 26)}
+    wanted = {f"Fig. 3.{n}" for n in figures} | {f"Table 3.{n}" for n in range(1, 6)}
+    wanted |= {f"Table 4.{n}" for n in range(1, 7)} | {"Table 5.1", "Table 5.2"}
+    assert wanted <= listed()
 
 
-def test_charges_on_the_thesis_mesh_are_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    scene = Scene().with_(**{"numerics.observable": THESIS_EDGE})
-    solved = charges_on_thesis_mesh([scene, scene], tmp_path / "mesh.db")
-    assert solved[scene] == pytest.approx(dict.fromkeys("ABCD", 48.0), rel=1e-6)
-    monkeypatch.setattr("reports.chapters.linear_mesh.solve_on_thesis_mesh", None)
-    assert charges_on_thesis_mesh([scene], tmp_path / "mesh.db") == solved
+def test_links_of_texts_lead_to_figures_and_files(report):
+    names = {item.name for item in report.plan.items}
+    for file in ("findings", "numbers", "contents"):
+        for link in re.findall(r"\]\(([^)]+)\)", (THESIS / f"{file}.csv").read_text("utf-8")):
+            name = re.sub(r"^#|^data/|\.csv$", "", link)
+            assert name in names, link
 
 
-def _chapter(name: str, scenes: list[Scene], **changes: object) -> Chapter:
-    def compose(data: object, results: object, out: Path) -> Content:
-        if "error" in changes:
-            raise RuntimeError("this chapter is <broken>")
-        return Content(["text"], [Table(name, "caption", [Column("a", "a")], [[1.0]])])
-
-    return Chapter(name, name.title(), (f"Fig. {name}",), lambda data: scenes, compose)
-
-
-def test_a_broken_chapter_leaves_the_others(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    chapters = (
-        _chapter("good", [Scene()] * 2),
-        _chapter("bad", [], error=True),
-        _chapter("new", []),
-    )
-    monkeypatch.setattr(thesis, "CHAPTERS", chapters)
-    monkeypatch.setattr(thesis.Report.make, "__defaults__", (0.0,))  # a page after each chapter
-    assert thesis.main(["--out", str(tmp_path), "--processes", "2"]) == 1
-    links = assert_links_work(tmp_path / "thesis.html")
-    assert "RuntimeError: this chapter is <broken>" in links.text
-    assert (tmp_path / "good.csv").is_file()
-    assert (tmp_path / "new.csv").is_file()
-    assert "incomplete: Bad" in capsys.readouterr().out
+def test_what_is_special_is_made_in_a_preview(report):
+    inputs, needed = report.plan.needs(quick=True)
+    own = [asked for asked in needed if type(asked[0].kind).__name__ in ("Told", "Effects")]
+    assert len(own) == 4
+    scenes = list(dict.fromkeys(scene for _, of in own for scene in of))
+    solved = Solved(dict(zip(scenes, solve_all(scenes, processes=1), strict=True)))
+    made = {item.name: item.kind.compose(inputs, solved) for item, _ in own}
+    for content in made.values():
+        assert not content.frame.astype(str).isin(["nan"]).any(axis=None)
+        assert "{" not in content.frame.to_csv()
+    assert "<a href=" in made["contents"].shown.to_csv()
+    effects = made["effects"].frame.set_index(["probe", "effect"])
+    # a tape over A takes more than half of its charge; d33 adds to the electrode under the probe
+    assert effects.A_percent["beside A", "tape over each electrode"] < -50.0
+    assert effects.B_percent["on a part of A", "d33 = −15 pC/N"] == pytest.approx(0.0, abs=1e-9)
+    assert effects.A_percent["on a part of A", "d33 = −15 pC/N"] > 0.0
 
 
-def test_a_section_is_made_again_only_when_it_has_to(results: Results, tmp_path: Path) -> None:
-    made = []
-
-    def make() -> Section:
-        made.append(1)
-        table = Table("t", "caption", [Column("a", "a")], [[1.0]])
-        table.write_csv(tmp_path)
-        return Section("s", "Title", blocks=[table])
-
-    def section(thesis: Thesis = DATA) -> Section:
-        return cached_section("s", [], thesis, results, tmp_path, make)
-
-    assert section() == section()
-    assert len(made) == 1
-    (tmp_path / "t.csv").unlink()
-    section()
-    assert len(made) == 2
-    section(DATA.quick())
-    assert len(made) == 3
-    assert len(list(results.folder.glob("section-s-*"))) == 1
-    (tmp_path / "experiment").mkdir()
-    for content in ("case,q5_mm\n", "case,q5_mm\nrow,1\n"):
-        (tmp_path / "experiment" / TABLE_OF_ERRORS).write_text(content)
-        section(DATA.quick())
-        section(DATA.quick())
-    assert len(made) == 5
+def test_other_names_of_reports_are_refused(capsys):
+    assert reports.main(["thesys"]) == 2
+    assert "thesys" in capsys.readouterr().err
+    assert reports.main(["--processes", "0"]) == 2
+    assert "--processes 0" in capsys.readouterr().err
 
 
-def test_a_new_section_leaves_those_whose_names_begin_alike(
-    results: Results, tmp_path: Path
-) -> None:
-    for name in ("s-and-t", "s"):
-        cached_section(name, [], DATA, results, tmp_path, lambda: Section("s", "Title"))
-    assert len(list(results.folder.glob("section-*"))) == 2
-
-
-def test_cells_of_a_section_survive_in_the_cache(results: Results, tmp_path: Path) -> None:
-    cells = ["text", 2, 0.1 + 0.2, np.float64(1.0) / 3.0, Link("s", "<T>"), float("nan")]
-    columns = [Column(f"c{i}", "c", None, "g", True, i < 5) for i in range(6)]
-    section = Section("s", "Title", ("a", "b"), (Table("t", "caption", columns, [cells]),))
-    cached = cached_section("s", [], DATA, results, tmp_path, lambda: section)
-    [table] = cached.blocks
-    assert isinstance(table, Table)
-    assert list(table.rows[0]) == [*cells[:5], None]
-    assert [type(cell) for cell in table.rows[0][:5]] == [str, int, float, float, Link]
-    assert table.columns == columns
-    assert table.shown_rows == section.blocks[0].shown_rows  # type: ignore[union-attr]
-
-
-def test_numbers_that_the_thesis_does_not_print_are_nan() -> None:
-    assert sum(np.isnan(position.error_mm) for position in DATA.positions) == 6
-    assert DATA.angle_estimates[1].error_stated_percent == 0.194
-    target = next(point for point in DATA.triangulation if point.item == "target")
-    assert np.isnan(target.error_mm)
-    assert all(charge.layout in "34" for charge in DATA.charges)
-
-
-def test_only_the_wanted_figure_is_made(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(thesis, "CHAPTERS", (_chapter("3.1", []), _chapter("3.16", [])))
-    assert thesis.main(["--out", str(tmp_path), "--only", "3.1", "--quiet"]) == 0
-    assert (tmp_path / "3.1.csv").is_file()
-    assert not (tmp_path / "3.16.csv").exists()
-    with pytest.raises(SystemExit) as exit_:
-        thesis.main(["--only", "3.2"])
-    assert exit_.value.code == 2
-    assert "'3.2' is not one of Fig. 3.1, Fig. 3.16" in capsys.readouterr().err
-
-
-def test_a_section_has_a_page_of_its_own(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(thesis, "CHAPTERS", (_chapter("3.1", []), _chapter("shear", [])))
-    assert thesis.main(["--out", str(tmp_path), "--section", "shear"]) == 0
-    assert capsys.readouterr().out.startswith(str(tmp_path / "shear.html"))
-    assert assert_links_work(tmp_path / "shear.html").ids == ["shear"]
-    assert "./run report" in assert_links_work(tmp_path / "index.html").text
-    assert not (tmp_path / "thesis.html").exists()
-    with pytest.raises(SystemExit):
-        thesis.main(["--section", "shaer"])
-    assert "'shaer' is not one of 3.1, shear" in capsys.readouterr().err
-
-
-def _failing(scenes: Sequence[Scene], frames: object) -> list[Record]:
-    raise RuntimeError("broken")
-
-
-def test_failed_solves_are_reported_and_tried_again(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr(sweep, "records_of", _failing)
-    monkeypatch.setattr(thesis, "CHAPTERS", (_chapter("good", [Scene()]),))
-    arguments = ["--out", str(tmp_path), "--processes", "1", "--quiet"]
-    assert thesis.main(arguments) == 1
-    text = assert_links_work(tmp_path / "thesis.html").text
-    assert "1 of 1 solves failed: crashed (RuntimeError: broken)" in text
-    monkeypatch.undo()
-    monkeypatch.setattr(thesis, "CHAPTERS", (_chapter("good", [Scene()]),))
-    assert thesis.main(arguments) == 0
-
-
-def test_all_chapters_survive_failed_solves(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    failed = Record("unstable", "no", tuple("ABCD"), {}, {}, 0.0, (), 0.0)
-    monkeypatch.setattr(sweep, "records_of", lambda scenes, frames: [failed] * len(scenes))
-    cost_nothing(monkeypatch)
-    arguments = ["--out", str(tmp_path), "--processes", "1", "--quiet", "--quick"]
-    assert thesis.main(arguments) == 1
-    text = assert_links_work(tmp_path / "thesis.html").text
-    assert "This section failed" not in text
-    assert "No charge could be compared" in text
-
-
-def test_the_quick_report_end_to_end(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(thesis.Report.make, "__defaults__", (np.inf,))  # one page, at the end
-    assert thesis.main(["--quick", "--processes", "1", "--out", str(tmp_path)]) == 0
-    told = capfd.readouterr()
-    assert told.out.startswith(f"{tmp_path / 'thesis.html'}: complete in")
-    assert not told.err  # no bar, since this is no terminal
-    text = assert_links_work(tmp_path / "thesis.html").text
-    assert "is met" in text
-    with (tmp_path / "charges.csv").open(newline="") as stream:
-        rows = list(csv.DictReader(stream))
-    assert {row["case_id"] for row in rows} == {c.case for c in DATA.quick().charges}
-    assert all(row["status"] == "converged" for row in rows)
-    counted = [row for row in rows if not row["defect_of_the_thesis"]]
-    assert max(abs(float(row["difference_percent"])) for row in counted) < 2.0
-
-
-def test_a_wrong_number_of_processes_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as exit_:
-        thesis.main(["--processes", "0"])
-    assert exit_.value.code == 2
-    assert "'0' is not a number of processes" in capsys.readouterr().err
+def test_the_special_part_stays_small():
+    assert len((THESIS / "special.py").read_text("utf-8").splitlines()) <= 250

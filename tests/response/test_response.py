@@ -19,7 +19,7 @@ from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces
 from pvdf_fem.response.uniform_spline import UniformAxis, UniformSpline
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.status import Status
-from reports.maps.area_rule import area_rule
+from tests.helpers.area_rule import area_rule
 
 DISC = Scene().with_(**{"probe.shape": "circle", "probe.radius_mm": 5.0})
 PROBES = {

@@ -122,14 +122,14 @@ def test_polygon_vertices_are_relative_to_its_place_and_turned_about_it():
 
 
 def test_files_of_the_geometry_folder():
-    sweeps = {"mapping_lines", "thickness_spacing"}
+    others = {"mapping_lines", "thickness_spacing", "report"}
     grid = Grid.load(GEOMETRY / "thickness_spacing.toml")
     ends = [
         replace(axis, values={key: (along[0], along[-1]) for key, along in axis.values.items()})
         for axis in grid.axes
     ]
     assert len(replace(grid, axes=tuple(ends)).scenes()) == 2**4
-    paths = [path for path in GEOMETRY.glob("*.toml") if path.stem not in sweeps]
+    paths = [path for path in GEOMETRY.glob("*.toml") if path.stem not in others]
     found = {path.stem: Scene.example(path.stem) for path in paths}
     assert found["triangle"] == Scene.load(GEOMETRY / "triangle.toml")
     assert found["four_electrodes"] == Scene()

@@ -1,0 +1,197 @@
+"""What figures of all kinds share: panels, names at the ends of curves, data as rings, labels."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import Any, TypeAlias
+
+import matplotlib
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+from scipy.interpolate import Akima1DInterpolator
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.output.figures import COLOURS, GREY, HALO, LABEL_SIZE, figure_of, new_figure
+
+#: Width of a figure in mm: as wide as a phone shows it with readable texts.
+WIDTH_MM = 120.0
+RING: dict[str, Any] = {"linestyle": "none", "marker": "o", "markerfacecolor": "white"}
+DOT_SIZE = 2.4  #: Size in points of the dots at solved scenes.
+#: Room for a letter of the names at the right end of curves, over the width of all panels.
+ROOM = 0.018
+LINE_HEIGHT = 1.15  #: Distance of the lines of labels over their size.
+MOST_PASSES = 60  #: Over the names, to move them apart.
+SAMPLES = 121  #: Of a curve.
+READING_LABELS = {"total": "charge (pC)", "change": "change by the touch (pC)"}
+_SIGNS = {"um": "µm", "deg": "°", "MOhm": "MΩ", "pC_N": "pC/N", "kg_m3": "kg/m³", "N_m": "N/m"}
+_SIGNS |= {"per_K": "1/K", "uC_m2K": "µC/m²K", "m2_s": "m²/s"}
+_UNITS = (*_SIGNS, "mm", "GPa", "pF", "pC", "K", "N", "V", "s", "Hz")
+
+
+def axis_label(key: str) -> str:
+    """A key of a scene in words, with its unit: ``film.thickness_um`` is film thickness (µm)."""
+    pattern = "|".join(sorted(_UNITS, key=len, reverse=True))
+    found = re.search(rf"_({pattern})$", key)
+    words = re.sub(r"[._]", " ", key[: found.start()] if found else key)
+    words = words.removeprefix("load ").removeprefix("numerics ")
+    return f"{words} ({_SIGNS.get(found[1], found[1])})" if found else words
+
+
+def value_label(key: str, value: float) -> str:
+    """A value of a key with its unit: ``25 µm``."""
+    found = re.search(r"\((.+)\)$", axis_label(key))
+    unit = found[1] if found else ""
+    return f"{value:g}{'' if unit == '°' else ' '}{unit}".rstrip() if unit else f"{key} = {value:g}"
+
+
+def colours_for(count: int) -> list[Any]:
+    """Colours of curves: those of all figures for a few, shades in their order for many."""
+    if count <= 5:
+        return list(COLOURS[:count])
+    shades = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, count))
+    return [tuple(shade) for shade in shades]
+
+
+#: A name at the end of a curve: the curve's last point, the name and its colour.
+End: TypeAlias = tuple[float, float, str, Any]
+
+
+def curves_figure(
+    panels: Sequence[Sequence[tuple[str, pd.DataFrame]]],
+    x_label: str,
+    y_label: str,
+    log: bool = False,
+) -> Figure:
+    """Panels in rows, each of a title and a table, with a curve through each group of its rows.
+
+    The tables have the columns ``curve``, ``x``, ``computed_pC`` and ``charge_pC``. Rows without a
+    ``charge_pC`` are points of a curve; the others are rings, and their differences stand below.
+    """
+    tables = pd.concat([frame for row in panels for _, frame in row])
+    strips, names = bool(tables.charge_pC.notna().any()), list(dict.fromkeys(tables.curve))
+    rows, columns, per_row = len(panels), len(panels[0]), 1 + strips
+    height = (64.0 if rows == 1 else 46.0) + 22.0 * strips
+    wide = WIDTH_MM if columns == 1 else 1.25 * WIDTH_MM
+    figure = new_figure(wide, 12.0 + rows * height)
+    heights = {"height_ratios": [3.0, 1.0][:per_row] * rows}
+    shared: dict[str, Any] = {"squeeze": False, "sharex": True, "sharey": "row"}
+    axes = figure.subplots(rows * per_row, columns, gridspec_kw=heights, **shared)
+    colours, ends = dict(zip(names, colours_for(len(names)), strict=True)), []
+    for i, row in enumerate(panels):
+        for j, (title, frame) in enumerate(row):
+            ax = axes[i * per_row, j]
+            if log:
+                _log_scales(ax)
+            ends.append((ax, _draw_curves(ax, frame, colours)))
+            ax.set_title(title)
+            if strips:
+                _draw_differences(axes[i * per_row + 1, j], frame, colours)
+        axes[i * per_row, 0].set_ylabel(y_label)
+        if strips:
+            axes[i * per_row + 1, 0].set_ylabel("diff. (%)")
+    figure.supxlabel(x_label)
+    low, high = axes[0, 0].get_xlim()
+    room = ROOM * columns * max(map(len, names))
+    wider = high * (high / low) ** room if log else high + room * (high - low)
+    axes[0, 0].set_xlim(low, wider)
+    for ax, of in ends:
+        _label_ends(ax, of)
+    return figure
+
+
+def _draw_curves(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any]) -> list[End]:
+    """Curves through computed charges with dots, and rings for those of others."""
+    own, ends = frame[frame.charge_pC.isna()], []
+    for name, rows in own.groupby("curve", sort=False):
+        x, q = rows.x.to_numpy(float), rows.computed_pC.to_numpy(float)
+        colour = colours[str(name)]
+        ax.plot(*_smooth(x, q), color=colour)
+        ax.plot(x, q, "o", color=colour, markersize=DOT_SIZE)
+        if q.size and np.isfinite(q[-1]):
+            ends.append((x[-1], q[-1], str(name), colour))
+    for name, rows in frame[frame.charge_pC.notna()].groupby("curve"):
+        ax.plot(rows.x, rows.charge_pC, **RING, markeredgecolor=colours[str(name)], zorder=4)
+    return ends
+
+
+def _draw_differences(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any]) -> None:
+    data = frame[frame.charge_pC.notna()]
+    for name, rows in data.groupby("curve"):
+        percent = 100.0 * (rows.computed_pC / rows.charge_pC - 1.0)
+        ax.plot(rows.x, percent, **RING, markeredgecolor=colours[str(name)], markersize=3.5)
+    ax.axhline(0.0, color=GREY, linewidth=0.8)
+    ax.margins(y=0.2)
+
+
+def _log_scales(ax: Axes) -> None:
+    """Logarithmic axes, whose ticks are plain numbers."""
+    ax.set(xscale="log", yscale="log")
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axis.set_minor_formatter(NullFormatter())
+
+
+def _smooth(x: Array, y: Array) -> tuple[Array, Array]:
+    """A curve through the points that have values, without waves between them."""
+    x, y = x[np.isfinite(y)], y[np.isfinite(y)]
+    if len(x) < 2:
+        return x, y
+    along = np.linspace(x[0], x[-1], SAMPLES)
+    return along, Akima1DInterpolator(x, y, method="makima")(along)
+
+
+def _label_ends(ax: Axes, ends: Sequence[End]) -> None:
+    """Write names right of the ends of curves, above each other where they would overlap."""
+    if not ends:
+        return
+    figure, size = figure_of(ax), LABEL_SIZE - 0.5
+    figure.draw_without_rendering()  # lays the figure out
+    point = figure.dpi / 72.0
+    at = ax.transData.transform([end[:2] for end in ends])
+    width = max(len(name) for _, _, name, _ in ends) * 0.65 * size * point
+    heights = spread(at, width, LINE_HEIGHT * size * point)
+    for (x, y, name, colour), moved in zip(ends, (heights - at[:, 1]) / point, strict=True):
+        look: dict[str, Any] = {"textcoords": "offset points", "va": "center", "fontsize": size}
+        if abs(moved) > 0.6 * size:
+            look["arrowprops"] = {"arrowstyle": "-", "color": colour, "lw": 0.5}
+        aside = 8.0 if "arrowprops" in look else 3.0
+        words = ax.annotate(name, (x, y), (aside, moved), color=colour, **look)
+        words.set(in_layout=False, path_effects=[HALO], zorder=5)
+
+
+def spread(at: Array, width: float, gap: float) -> Array:
+    """Heights (n,) of labels near places (n, 2), a gap apart where they are within a width."""
+    order, heights = np.argsort(at[:, 1], kind="stable").tolist(), at[:, 1].copy()
+    pairs = [(a, b) for a, b in combinations(order, 2) if abs(at[a, 0] - at[b, 0]) < width]
+    for _ in range(MOST_PASSES):
+        for a, b in pairs:
+            lack = max(gap - (heights[b] - heights[a]), 0.0)
+            heights[[a, b]] += [-0.5 * lack, 0.5 * lack]
+    return heights
+
+
+def sure(value: float, error: float = 0.0) -> str:
+    """A number with the digits that its error leaves, at most five; a dash for none."""
+    if not math.isfinite(value):
+        return "–"
+    digits = 5 if not error > 0.0 else math.floor(math.log10(max(abs(value), error) / error)) + 2
+    magnitude = math.floor(math.log10(abs(value))) if value else 0
+    decimals = max(min(digits, 5) - 1 - magnitude, 0)
+    return f"{value:.{decimals}f}".replace("-", "−")
+
+
+def signed(value: float, decimals: int = 1) -> str:
+    """A number with its sign."""
+    return f"{value:+.{decimals}f}".replace("-", "−") if math.isfinite(value) else "–"
+
+
+def listed(words: Sequence[str]) -> str:
+    """Words in a sentence: ``A, B and C``."""
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else list(words))

@@ -1,0 +1,100 @@
+"""The figure `curve`: charges against a key of the scene, a family of curves for another."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import AfterValidator, Discriminator, Field, Tag
+
+from pvdf_fem.reporting import drawing
+from pvdf_fem.reporting.data import SHORT, Name
+from pvdf_fem.reporting.kind import Content, Inputs, blamed, differ_in
+from pvdf_fem.reporting.kinds.along import Along, Series
+from pvdf_fem.reporting.solved import Solved
+from pvdf_fem.scene.change import number_at, spelled
+from pvdf_fem.scene.quantity import Finite, refusal
+from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.scene_file import SceneError, problem
+from pvdf_fem.sweeps.grid import Range
+
+MOST_VALUES = 200  #: Of a curve.
+
+
+def _list_or_range(value: Any) -> str:
+    return "<list>" if isinstance(value, list | tuple) else "<range>"
+
+
+def _drawable(values: Range) -> Range:
+    if values.count > MOST_VALUES:
+        raise refusal(f"has a count of {values.count}; give at most {MOST_VALUES}")
+    if values.spacing == "log" and not values.start * values.stop > 0.0:
+        raise refusal("has no equal ratios; give both ends one sign, and not 0, or no spacing")
+    return values
+
+
+#: Numbers, or from `start` to `stop`; the tags are no part of a key.
+Values = Annotated[
+    Annotated[tuple[Finite, ...], Field(min_length=2, max_length=MOST_VALUES), Tag("<list>")]
+    | Annotated[Range, AfterValidator(_drawable), Tag("<range>")],
+    Discriminator(_list_or_range),
+]
+
+
+class Curve(Along):
+    """Charges against the key `x` of the scene at its `values`, in a panel for each electrode.
+
+    `values` are a list, or a table of `start`, `stop`, `count` and `spacing` (``"linear"`` or
+    ``"log"``, which also scales the axes). `family` has a key with a list: a curve for each value.
+    Without it the electrodes are curves in one panel. Rows of the `data` that differ from a curve
+    in `x` only are rings on it.
+    """
+
+    kind: Literal["curve"]
+    x: Name
+    values: Values
+    family: Annotated[dict[str, tuple[Any, ...]], Field(max_length=1)] = Field(default_factory=dict)
+
+    stem: ClassVar[str] = "curve"
+    rank: ClassVar[int] = 4
+    lack: ClassVar[str] = "that differs from a curve in `x` only"
+
+    @property
+    def full_key(self) -> str:
+        """The key along the curves, in full."""
+        return SHORT.get(self.x, spelled(self.x))
+
+    def series(self, inputs: Inputs) -> list[Series]:
+        """A curve for each value of the family, or for each electrode."""
+        scene, numbers = self.scene(inputs), tuple(self.values)[:: 2 if inputs.quick else 1]
+        if list(numbers) != sorted(set(numbers)):
+            raise SceneError([problem("values", list(numbers), "do not grow; sort them")])
+        families: dict[str | None, dict[str, Any]] = {None: {}}
+        for key, values in self.family.items():
+            full = SHORT.get(key, spelled(key))
+            families = {_named(full, value): {full: value} for value in values}
+        found = []
+        for name, changes in families.items():
+            with blamed("values, family" if self.family else "values"):
+                scenes = [scene.with_(**{**changes, self.full_key: x}) for x in numbers]
+            names = self.names(scenes[0])
+            for group in [(n,) for n in names] if self.family else [names]:
+                found.append(Series(scenes[0], group, numbers, scenes, None, name))
+        return found
+
+    def where_on(self, series: Series, scene: Scene) -> float | None:
+        """The value of `x` of a scene that differs in it only."""
+        is_on = differ_in([self.full_key], series.scene, scene)
+        return number_at(scene, self.full_key) if is_on else None
+
+    def compose(self, inputs: Inputs, solved: Solved) -> Content:
+        """A panel for each electrode, or one for all."""
+        label = drawing.axis_label(self.full_key)
+        columns = 2 if self.family and len(self.names(self.scene(inputs))) % 2 == 0 else 1
+        log = getattr(self.values, "spacing", "") == "log"
+        text = f"Charges against {label}; dots are solved."
+        return self.drawn(inputs, solved, columns, label, text, log)
+
+
+def _named(key: str, value: Any) -> str:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return drawing.value_label(key, value) if is_number else str(value)

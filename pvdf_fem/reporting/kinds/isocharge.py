@@ -1,0 +1,189 @@
+"""The figure `isocharge`: charges over the probe's place, with lines of equal charge."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from pydantic import Discriminator, Field, Tag
+
+from pvdf_fem.arrays import Array, polar_grid
+from pvdf_fem.output import figures
+from pvdf_fem.output.figures import COLOURS, HALO, draw_electrode, draw_rim, new_figure
+from pvdf_fem.reporting.charge_map import ChargeMap
+from pvdf_fem.reporting.drawing import READING_LABELS, RING, WIDTH_MM, listed
+from pvdf_fem.reporting.kind import PLACE, Content, Inputs, differ_in, place_mm
+from pvdf_fem.reporting.kinds.mapped import Mapped
+from pvdf_fem.reporting.solved import Solved, rests
+from pvdf_fem.scene.quantity import Finite, Whole, within
+from pvdf_fem.scene.scene import Scene
+
+RADII, ANGLES = 41, 121  #: Raster of a panel.
+SHADES = 16  #: Number of bands of colour.
+POINTS = ["electrode", "x_mm", "y_mm", "charge_pC", "apart_mm"]
+
+
+def _count_or_list(value: Any) -> str:
+    return "<list>" if isinstance(value, list | tuple) else "<count>"
+
+
+#: Charges, or about how many; the tags are no part of a key.
+Levels = Annotated[
+    Annotated[tuple[Finite, ...], Field(min_length=1, max_length=20), Tag("<list>")]
+    | Annotated[Whole, within(1, 20), Tag("<count>")],
+    Discriminator(_count_or_list),
+]
+
+
+class Isocharge(Mapped):
+    """Charge of each electrode over the place of the probe's centroid, in a filled panel each.
+
+    The panels have one scale. Lines are at `levels_pC`, a list of charges or about how many. Places
+    are within `reach_mm` of the film's centre, by default as far as touches are located; they are
+    solved `pitch_mm` apart, by default as the sizes of probe and electrodes need it. Rows of the
+    `data` that have a charge of an electrode are rings in the electrode's panel.
+    """
+
+    kind: Literal["isocharge"]
+    levels_pC: Levels = 5
+
+    stem: ClassVar[str] = "isocharge"
+    rank: ClassVar[int] = 2
+
+    def scenes(self, inputs: Inputs) -> list[Scene]:
+        """The places of the map."""
+        scene = self.scene(inputs)
+        self.names(scene)
+        places = self.places(scene, inputs)
+        scenes, rows = places.scenes, self._rows(inputs, scene, places.reach_mm)[0]
+        self.require_rows(rows, "of the scene within the reach")
+        return scenes
+
+    def _rows(self, inputs: Inputs, scene: Scene, reach_mm: float) -> tuple[list[int], list[Scene]]:
+        """Rows of the data that differ from the scene in the probe's place only, and all scenes."""
+        readings = self.readings(inputs)
+        scenes = readings.scenes(scene) if readings else []
+        near = [np.linalg.norm(place_mm(other)) <= reach_mm for other in scenes]
+        rows = [i for i, is_near in enumerate(near) if is_near]
+        return [i for i in rows if differ_in(PLACE, scene, scenes[i])], scenes
+
+    def compose(self, inputs: Inputs, solved: Solved) -> Content:
+        """A panel for each electrode."""
+        scene, reading = self.scene(inputs), self.read_as(inputs)
+        names, asked = self.names(scene), self.places(scene, inputs)
+        made = self.charge_map(asked, solved)
+        raster = polar_grid(asked.reach_mm, RADII, ANGLES)
+        rest = rests([scene], made.names)[0] * (reading == "change")
+        charges = (made.charges(raster.reshape(-1, 2)) - rest).reshape(*raster.shape[:2], -1)
+        by_name = {name: charges[..., made.names.index(name)] for name in names}
+        points = self._points(inputs, made, reading)
+        figure = _figure(len(names))
+        _draw(figure, raster, by_name, self._levels(by_name, points), scene, points)
+        figure.axes[-1].set_ylabel(READING_LABELS[reading])
+        known = solved.charges(asked.scenes, names, reading)
+        frame = pd.DataFrame(asked.places_mm, columns=["x_mm", "y_mm"])
+        frame[[f"{name}_pC" for name in names]] = known
+        text = (
+            f"Charge of {listed(names)} by the place of the probe, within {asked.reach_mm:.3g} mm "
+            f"of the film's centre; {len(known)} places are solved, and between them charges are "
+            f"known to {100.0 * made.error_bound:.1g} %."
+        )
+        if len(points):
+            text += f"{self.rings(inputs)[:-1]} at their places, {points.apart_mm.median():.2g} mm"
+            text += " from our line of that charge in the median."
+        return Content(text, frame, figure)
+
+    def _levels(self, by_name: dict[str, Array], points: pd.DataFrame) -> dict[str, list[float]]:
+        """Charges of the lines by electrode: those given, of the data if they are few, or round."""
+        if isinstance(self.levels_pC, tuple):
+            return dict.fromkeys(by_name, sorted(self.levels_pC))
+        theirs = points.groupby("electrode").charge_pC.unique()
+        if len(points) and max(map(len, theirs)) <= self.levels_pC:
+            return {name: sorted(theirs.get(name, [])) for name in by_name}
+        low, high = _limits(by_name)
+        ticks = MaxNLocator(self.levels_pC + 1, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
+        round_ones = [float(tick) for tick in ticks if low < tick < high]
+        return {name: round_ones for name in by_name}
+
+    def _points(self, inputs: Inputs, made: ChargeMap, reading: str) -> pd.DataFrame:
+        """Charges of the data at their places, and their distances from the contours in mm."""
+        readings, scene = self.readings(inputs), self.scene(inputs)
+        if readings is None:
+            return pd.DataFrame(columns=POINTS, dtype=float)
+        rows, scenes = self._rows(inputs, scene, made.domain.reach_mm)
+        theirs = readings.charges(scenes, made.names, reading)[rows]
+        places = np.array([place_mm(scenes[i]) for i in rows])
+        ours, slopes = made.evaluate(np.pad(places, ((0, 0), (0, 2))))
+        apart = ours - rests([scene], made.names)[0] * (reading == "change") - theirs
+        apart = np.abs(apart) / np.linalg.norm(slopes, axis=-1)
+        table = [
+            (made.names[j], *places[i].tolist(), theirs[i, j], apart[i, j])
+            for i, j in zip(*np.nonzero(np.isfinite(theirs)), strict=True)
+        ]
+        return pd.DataFrame(table, columns=POINTS)
+
+
+def _figure(count: int) -> Figure:
+    columns = 1 if count == 1 else 2 if count <= 4 else 3
+    rows = math.ceil(count / columns)
+    wide = WIDTH_MM if columns < 3 else 1.25 * WIDTH_MM
+    figure = new_figure(wide, 14.0 + rows * (wide - 18.0) / columns)
+    axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    for ax in axes.flat[count:]:
+        ax.remove()
+    for ax in axes.flat[max(count - columns, 0) : count]:
+        ax.tick_params(labelbottom=True)
+    return figure
+
+
+def _limits(by_name: dict[str, Array]) -> tuple[float, float]:
+    """Least and largest charge."""
+    everything = np.array([*by_name.values()])
+    return float(everything.min()), float(everything.max())
+
+
+def _draw(
+    figure: Figure,
+    raster: Array,
+    by_name: dict[str, Array],
+    levels: dict[str, list[float]],
+    scene: Scene,
+    points: pd.DataFrame,
+) -> None:
+    """Panels of the charges (radii, angles) by electrode, and the bar of their colours."""
+    low, high = _limits(by_name)
+    # charges fall by a factor: equal ratios show their lines far from the electrode, too
+    shades = (np.geomspace if low > 0.0 else np.linspace)(low, high, SHADES + 1)
+    norm, colours = BoundaryNorm(shades, 256), figures.colours_of([low, high])[0]
+    (x, y), reach = np.moveaxis(raster, -1, 0), float(raster.max())
+    for ax, (name, values) in zip(figure.axes, by_name.items(), strict=True):
+        filled = ax.contourf(x, y, values, shades, norm=norm, cmap=colours)
+        _lines(ax, x, y, values, levels[name])
+        draw_rim(ax, scene.film.radius_mm, 1.04 * reach)
+        for electrode in scene.electrode_list:
+            draw_electrode(ax, electrode.outline, [electrode.name])
+        here = points[points.electrode == name]
+        ax.plot(here.x_mm, here.y_mm, **RING, markeredgecolor=COLOURS[1], markersize=4.0)
+        ax.set(title=f"electrode {name}", xlabel="", ylabel="")
+    figure.supxlabel("x of the probe (mm)")
+    figure.supylabel("y of the probe (mm)")
+    bar = figure.colorbar(filled, ax=list(figure.axes), aspect=30, fraction=0.04, pad=0.02)
+    named = sorted({level for of in levels.values() for level in of if low < level < high})
+    ticks = [low, *named, high]
+    bar.set_ticks(ticks, labels=[f"{tick:.4g}" for tick in ticks])
+
+
+def _lines(ax: Axes, x: Array, y: Array, values: Array, levels: Sequence[float]) -> None:
+    inside = [level for level in levels if values.min() < level < values.max()]
+    if inside:
+        lines = ax.contour(x, y, values, inside, colors="black", linewidths=0.9)
+        words = ax.clabel(lines, inside, fmt="%.4g", fontsize=7)
+        for drawn in (lines, *words):
+            drawn.set_path_effects([HALO])

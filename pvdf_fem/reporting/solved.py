@@ -1,0 +1,75 @@
+"""Charges of the scenes that are solved, in total or as changes by the touch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.scene.scene import Scene
+from pvdf_fem.solution.solve import rest_forces
+from pvdf_fem.sweeps.store import Record
+
+
+class Solved:
+    """Records by scene. Charges are in pC, NaN where a solve gave none."""
+
+    def __init__(self, records: Mapping[Scene, Record]) -> None:
+        self._records = records
+
+    def charges(self, scenes: Sequence[Scene], names: Sequence[str], reading: str) -> Array:
+        """Charges (scenes, names) of electrodes."""
+        rows = [self._row(scene, names, "charges_pC") for scene in scenes]
+        values = np.array(rows, dtype=float).reshape(len(scenes), len(names))
+        return values - rests(scenes, names) if reading == "change" else values
+
+    def errors(self, scenes: Sequence[Scene], names: Sequence[str]) -> Array:
+        """Estimated discretisation errors (scenes, names) of the charges."""
+        rows = [self._row(scene, names, "charge_errors_pC") for scene in scenes]
+        return np.array(rows, dtype=float).reshape(len(scenes), len(names))
+
+    def table(
+        self,
+        scenes: Sequence[Scene],
+        names: Sequence[str],
+        reading: str,
+        theirs: Array | None = None,
+    ) -> pd.DataFrame:
+        """A row for each scene and electrode, with the charges (scenes, names) of others."""
+        ours = self.charges(scenes, names, reading)
+        given = np.full(ours.shape, np.nan) if theirs is None else theirs
+        columns = {"charge_pC": given, "computed_pC": ours, "error_pC": self.errors(scenes, names)}
+        frame = pd.DataFrame({name: values.ravel() for name, values in columns.items()})
+        frame["difference_percent"] = 100.0 * (frame.computed_pC / frame.charge_pC - 1.0)
+        frame.insert(0, "electrode", list(names) * len(scenes))
+        return frame
+
+    def failures(self, scenes: Sequence[Scene]) -> dict[str, int]:
+        """How many scenes have no charges, by the reason."""
+        found: dict[str, int] = {}
+        for record in (self._records[scene] for scene in dict.fromkeys(scenes)):
+            if not record.converged:
+                reason = f"{record.status}: {record.reason}"
+                found[reason] = found.get(reason, 0) + 1
+        return found
+
+    def _row(self, scene: Scene, names: Sequence[str], what: str) -> list[float]:
+        record, film = self._records[scene], scene.film
+        if not record.converged:
+            return [np.nan] * len(names)
+        how = film.d31_pC_N, film.d32_pC_N, scene.numerics.observable
+        charges: dict[str, float] = getattr(record, what)(*how)
+        return [charges.get(name, np.nan) for name in names]
+
+
+def rests(scenes: Sequence[Scene], names: Sequence[str]) -> Array:
+    """Charges (scenes, names) of the films without a touch, in pC."""
+    values = np.full((len(scenes), len(names)), np.nan)
+    for row, scene in zip(values, scenes, strict=True):
+        film = scene.film
+        charges = rest_forces(scene, needed=False).charges((film.d31_pC_N, film.d32_pC_N))
+        known = dict(zip((e.name for e in scene.electrode_list), charges.tolist(), strict=True))
+        row[:] = [known.get(name, np.nan) for name in names]
+    return values

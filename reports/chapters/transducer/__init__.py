@@ -1,1 +1,0 @@
-"""The whole transducer: what each effect that the thesis left out does to its sensor."""

@@ -1,0 +1,56 @@
+"""Tables of others: rows that are scenes, readings in pC and V, in total and as changes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pvdf_fem import Scene
+from pvdf_fem.readout.channel import channels
+from pvdf_fem.reporting.data import DataSource, read_data
+from pvdf_fem.solution.solve import rest_charges
+
+SCENE = Scene().with_(
+    probe={"shape": "circle", "radius_mm": 2.0},
+    readout={"feedback_capacitance_pF": 500.0, "gain": {"A": 2.0}, "offset_V": 0.25},
+)
+
+
+def readings(tmp_path, table, **keys):
+    return read_data("touches", DataSource(table=table, **keys), SCENE, tmp_path)
+
+
+def test_a_row_is_a_scene(tmp_path):
+    table = "x_mm; load.force_N; film.thickness_um; A\n1,5; 2; 9; 100,25\n-3; ; 25; 80\n"
+    found = readings(tmp_path, table, set={"film": {"d31_pC_N": 18.0}})
+    one, two = found.scenes(SCENE)
+    assert (one.probe.x_mm, one.load.force_N, one.film.thickness_um) == (1.5, 2.0, 9.0)
+    assert (two.probe.x_mm, two.load.force_N, two.film.d31_pC_N) == (-3.0, 1.0, 18.0)
+    assert found.names == ("A",)
+    charges = found.charges([one, two], ["A", "B"], "total")
+    np.testing.assert_array_equal(charges, [[100.25, np.nan], [80.0, np.nan]])
+
+
+def test_voltages_are_charges_through_the_channels(tmp_path):
+    charges = np.array([[600.0, 500.0, 400.0, 300.0]])
+    rest = 1e12 * rest_charges(SCENE)
+    change = 1e-12 * (charges - rest)[0]
+    volts = [c.reading(q) for c, q in zip(channels(SCENE), change, strict=True)]
+    table = "x_mm,A,B,C,D\n1," + ",".join(f"{float(v)!r}" for v in volts)
+    found = readings(tmp_path, table, unit="V", reading="change")
+    scenes, names = found.scenes(SCENE), list("ABCD")
+    np.testing.assert_allclose(found.charges(scenes, names, "total"), charges)
+    np.testing.assert_allclose(found.charges(scenes, names, "change"), charges - rest)
+
+
+def test_where_keeps_rows_and_labels_name_them(tmp_path):
+    table = "case,x_mm,A\none,1,100\ntwo,2,90\nten,3,80\n"
+    found = readings(tmp_path, table, labels=["case"], where={"case": ["one", "ten"]})
+    assert found.row_names() == ["one", "ten"]
+    assert [scene.probe.x_mm for scene in found.scenes(SCENE)] == [1.0, 3.0]
+
+
+def test_a_file_is_read_beside_the_script(tmp_path):
+    tmp_path.joinpath("touches.csv").write_text("x_mm,A\n1,100\n", encoding="utf-8")
+    found = read_data("touches", DataSource(file="touches.csv"), SCENE, tmp_path)
+    assert found.charges(found.scenes(SCENE), ["A"], "total") == pytest.approx(100.0)

@@ -1,0 +1,244 @@
+"""Reports end to end: pages, files, exit codes, and what survives an interruption."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pvdf_fem import Report, Scene, solve
+from pvdf_fem.cli.main import main
+from pvdf_fem.reporting.drawing import spread
+from pvdf_fem.reporting.kind import Kind, NothingToShow
+from pvdf_fem.sweeps import sweep
+from tests.helpers.report_scripts import only, script, text_of
+
+NAMES = ("charge-vs-distance", "isocharge", "curve", "sensor", "charges", "positions")
+
+
+def write(folder: Path, table) -> Path:
+    path = folder / "report.toml"
+    path.write_text(text_of(table), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A report with figures and tables of every kind."""
+    folder = tmp_path_factory.mktemp("report")
+    report = Report.load(write(folder, script()))
+    found = report.make(folder / "out", processes=1)
+    assert found.complete
+    assert found.page == folder / "out" / "index.html"
+    return folder / "out"
+
+
+@pytest.fixture(scope="module")
+def scene(made):
+    return Scene.load(made / "scenes" / "scene.toml")
+
+
+def test_page_has_all_figures_and_needs_nothing_else(made):
+    page = made.joinpath("index.html").read_text(encoding="utf-8")
+    assert all(page.count(f'<svg id="svg-{name}"') == 1 for name in NAMES)
+    assert page.count('<use href="#svg-') == 3
+    identifiers = re.findall(r'\bid="([^"]+)"', page)
+    assert len(set(identifiers)) == len(identifiers)
+    assert set(re.findall(r'href="#([^"]+)"', page)) <= set(identifiers)
+    assert not re.search(r"<script|<link|src=|https?://(?!www\.w3\.org)", page)
+    linked = {link for link in re.findall(r'href="([^"#]+)"', page)}
+    assert linked == {f"data/{name}.csv" for name in NAMES}
+    assert all(made.joinpath(link).is_file() for link in linked)
+    assert {path.stem for path in made.glob("figures/*.svg")} == set(NAMES)
+
+
+def test_charges_of_the_figures_are_those_of_fresh_solves(made, scene):
+    lines = pd.read_csv(made / "data" / "charge-vs-distance.csv")
+    curve = pd.read_csv(made / "data" / "curve.csv")
+    charges = pd.read_csv(made / "data" / "charges.csv")
+    last = curve[curve.electrode == "B"].iloc[-1]
+    forced = {"film.thickness_um": 50.0, "load.force_N": last.x}
+    cases = [
+        (lines[lines.curve == "180°"].iloc[3], {"film.thickness_um": 25.0}),
+        (last, forced),
+        (charges[charges.case == "two"].iloc[2], {}),
+    ]
+    for row, changes in cases:
+        place = {"probe.x_mm": row.x_mm, "probe.y_mm": row.y_mm, "numerics.tolerance": 1e-3}
+        fresh = solve(scene.with_(**changes, **place)).charges_pC[row.electrode]
+        assert row.computed_pC == pytest.approx(fresh, abs=max(2.0 * row.error_pC, 2e-3 * fresh))
+    assert lines.distance_mm.max() == 14.0  # from A at 6 mm to 8 mm on the other side
+
+
+def test_membranes_under_one_force_over_thickness_have_one_stress(made):
+    """An independent check: charge is stress times area, so 0.25 N on 25 µm give what 0.5 N do on
+    50 µm."""
+    curve = pd.read_csv(made / "data" / "curve.csv").set_index(["curve", "electrode", "x"])
+    thin, thick = curve.computed_pC["25 µm"], curve.computed_pC["50 µm"]
+    for electrode in "AB":
+        np.testing.assert_allclose(thin[electrode, 0.25], thick[electrode, 0.5], rtol=1e-9)
+        np.testing.assert_allclose(thin[electrode, 0.5], thick[electrode, 1.0], rtol=1e-9)
+
+
+def test_comparison_is_computed_less_measured_in_percent(made):
+    charges = pd.read_csv(made / "data" / "charges.csv")
+    assert list(charges.electrode) == list("ABCD") * 3
+    assert list(charges.charge_pC[:4]) == [700.0, 610.0, 560.0, 570.0]
+    percent = 100.0 * (charges.computed_pC - charges.charge_pC) / charges.charge_pC
+    np.testing.assert_allclose(charges.difference_percent, percent)
+
+
+def test_what_is_solved_is_not_solved_again_and_the_page_stays(made, monkeypatch):
+    def refuse(*_):
+        pytest.fail("a scene was solved again")
+
+    page = made.joinpath("index.html").read_bytes()
+    monkeypatch.setattr(sweep, "records_of", refuse)
+    again = Report.load(made.parent / "report.toml").make(made, processes=1)
+    assert (again.solved, again.failures) == (0, ())
+    assert made.joinpath("index.html").read_bytes() == page
+
+
+def test_an_interrupted_report_goes_on(tmp_path, monkeypatch):
+    real, seen = sweep.records_of, []
+
+    def interrupted(scenes, frames):
+        if len(seen) == 4:
+            raise KeyboardInterrupt
+        seen.append(scenes)
+        return real(scenes, frames)
+
+    report = Report.load(write(tmp_path, only("charge-vs-distance", "sensor")))
+    monkeypatch.setattr(sweep, "records_of", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        report.make(tmp_path / "out", processes=1)
+    page = tmp_path.joinpath("out", "index.html").read_text(encoding="utf-8")
+    assert '<svg id="svg-sensor"' in page
+    assert '<svg id="svg-charge-vs-distance"' not in page
+    monkeypatch.setattr(sweep, "records_of", lambda *task: seen.append(task[0]) or real(*task))
+    assert report.make(tmp_path / "out", processes=1).complete
+    solved = [scene for scenes in seen for scene in scenes]
+    assert len(set(solved)) == len(solved)
+    whole = report.make(tmp_path / "whole", processes=1)
+    assert tmp_path.joinpath("out", "index.html").read_bytes() == whole.page.read_bytes()
+
+
+def test_data_on_a_line_are_beside_their_own_solves(tmp_path):
+    table = only("charge-vs-distance")
+    table["section"][0]["figure"][0] |= {"data": "touches", "variants": [], "step_mm": 4.0}
+    report = Report.load(write(tmp_path, table))
+    report.make(tmp_path / "out", processes=1)
+    lines = pd.read_csv(tmp_path / "out" / "data" / "charge-vs-distance.csv")
+    [row] = lines[lines.charge_pC.notna()].to_dict("records")  # the touch at (6, 2)
+    assert (row["curve"], row["distance_mm"], row["charge_pC"]) == ("90°", 2.0, 1000.0)
+    touch = {"probe.x_mm": 6.0, "probe.y_mm": 2.0, "numerics.tolerance": 1e-3}
+    fresh = solve(report.plan.scene.with_(**touch)).charges_pC["A"]
+    assert row["computed_pC"] == pytest.approx(fresh, rel=5e-3)
+    assert row["difference_percent"] == pytest.approx(row["computed_pC"] / 10.0 - 100.0)
+
+
+def test_first_screen_has_what_asks_for_it_then_one_of_each_kind(tmp_path):
+    table = script()
+    names = [item.name for item in Report.load(write(tmp_path, table)).plan.summary]
+    assert names == ["charge-vs-distance", "isocharge", "charges"]
+    table["section"][1]["table"][1]["summary"] = True
+    names = [item.name for item in Report.load(write(tmp_path, table)).plan.summary]
+    assert names == ["positions", "charge-vs-distance", "isocharge"]
+
+
+def test_names_at_the_ends_of_curves_do_not_overlap():
+    at = np.array([[0.0, 0.0], [1.0, 1.0], [0.0, 2.0], [50.0, 1.0]])
+    heights = spread(at, width=10.0, gap=5.0)
+    assert heights[3] == 1.0  # nothing is near
+    assert (np.diff(np.sort(heights[:3])) > 4.9).all()
+    assert list(np.argsort(heights[:3])) == [0, 1, 2]
+
+
+def test_failures_are_told_in_their_place_and_by_the_exit_code(tmp_path, capsys):
+    table = only("comparison", "curve")
+    changes = {"numerics.max_unknowns": 150, "numerics.tolerance": 1e-6}
+    table["section"][0]["figure"][0] |= {"set": changes, "values": [0.5, 1.0], "family": {}}
+    path = write(tmp_path, table)
+    assert main(["report", str(path), "--out", str(tmp_path / "out"), "--processes", "1"]) == 3
+    page = tmp_path.joinpath("out", "index.html").read_text(encoding="utf-8")
+    assert "section[0].figure[0] (curve)" in capsys.readouterr().err
+    assert '<svg id="svg-charges"' in page
+    assert '<svg id="svg-curve"' not in page
+    assert "tolerance" in page
+
+
+def test_command_refuses_by_key_and_makes_a_preview(tmp_path, capsys):
+    table = only("isocharge")
+    path = write(tmp_path, {**table, "titel": "x"})
+    assert main(["report", str(path), "--out", str(tmp_path / "out"), "--processes", "0"]) == 2
+    told = capsys.readouterr().err
+    assert "titel = " in told
+    assert "--processes 0" in told
+    assert not tmp_path.joinpath("out").exists()
+    path = write(tmp_path, table)
+    out = tmp_path / "out"
+    assert main(["report", str(path), "--out", str(out), "--quick", "--processes", "1"]) == 0
+    assert "Preview" in out.joinpath("index.html").read_text(encoding="utf-8")
+    assert main(["report", str(path), "--out", str(tmp_path)]) == 2  # would hold the script
+
+
+class Square(Kind):
+    """A kind of a script's own."""
+
+    kind: Literal["square"]
+    side_mm: float
+
+    def scenes(self, inputs):
+        return []
+
+    def compose(self, inputs, solved):
+        raise NothingToShow("is too small") if self.side_mm < 0.0 else ZeroDivisionError
+
+
+def test_a_kind_of_ones_own_is_registered_and_its_faults_do_not_stop_the_others(tmp_path, capfd):
+    table = only("sensor")
+    table["section"][0]["figure"] += [{"kind": "square", "side_mm": s} for s in (-1.0, 1.0)]
+    report = Report.load(write(tmp_path, table), kinds={"square": Square})
+    made = report.make(tmp_path / "out", processes=1)
+    places = [failure.partition(" ")[0] for failure in made.failures]
+    assert places == ["section[0].figure[1]", "section[0].figure[2]"]
+    assert "ZeroDivisionError" in capfd.readouterr().err
+    assert '<svg id="svg-sensor"' in made.page.read_text(encoding="utf-8")
+
+
+OWN = """
+from typing import Literal
+import pandas as pd
+from pvdf_fem.reporting.kind import Content, Kind
+
+class Told(Kind):
+    kind: Literal["told"]
+    words: str
+
+    def scenes(self, inputs):
+        return []
+
+    def compose(self, inputs, solved):
+        frame = pd.DataFrame({"words": [self.words]})
+        return Content("", frame, shown=frame)
+"""
+
+
+def test_kinds_come_from_a_python_file(tmp_path, capsys):
+    table = only("sensor")
+    table["section"][0]["figure"] += [{"kind": "told", "words": "hear, hear", "name": "heard"}]
+    path, kinds = write(tmp_path, table), tmp_path / "own.py"
+    command = ["report", str(path), "--out", str(tmp_path / "out"), "--processes", "1"]
+    assert main(command) == 2  # no such kind
+    for text in (None, "import", "x = 1"):
+        if text is not None:
+            kinds.write_text(text)
+        assert main([*command, "--kinds", str(kinds)]) == 2
+        assert "kinds = " in capsys.readouterr().err
+    kinds.write_text(OWN)
+    assert main([*command, "--kinds", str(kinds)]) == 0
+    assert "hear, hear" in (tmp_path / "out" / "index.html").read_text(encoding="utf-8")

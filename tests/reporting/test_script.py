@@ -1,0 +1,177 @@
+"""Report scripts: what is refused, by key, before anything is solved."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pvdf_fem import Report, SceneError
+from pvdf_fem.sweeps import sweep
+from tests.helpers.report_scripts import only, script, text_of
+
+
+@pytest.fixture(autouse=True)
+def no_solves(monkeypatch):
+    monkeypatch.setattr(sweep, "records_of", lambda *_: pytest.fail("a scene was solved"))
+
+
+def load(folder, table: dict[str, Any] | str) -> Report:
+    path = folder / "report.toml"
+    path.write_text(table if isinstance(table, str) else text_of(table), encoding="utf-8")
+    return Report.load(path)
+
+
+def problems(folder, table: dict[str, Any] | str) -> tuple[str, ...]:
+    with pytest.raises(SceneError) as refused:
+        load(folder, table)
+    return refused.value.problems
+
+
+def changed(path: str, value: Any) -> dict[str, Any]:
+    """The script with a value, by a path of names and numbers, or without it for None."""
+    table = script()
+    node, steps = table, [int(s) if s.isdigit() else s for s in path.split("/")]
+    for step in steps[:-1]:
+        node = node[step]
+    if value is None:
+        del node[steps[-1]]
+    else:
+        node[steps[-1]] = value
+    return table
+
+
+def test_a_sound_script_is_loaded(tmp_path):
+    kinds = [type(item.kind).__name__ for item in load(tmp_path, script()).plan.items]
+    curves = ["ChargeVsDistance", "Isocharge", "Curve", "Sensor"]
+    assert kinds == [*curves, "Comparison", "Positions"]
+
+
+FIGURE = "section/0/figure"
+TABLE = "section/1/table"
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "key"),
+    [
+        ("title", None, "title"),
+        ("titel", "x", "titel"),
+        ("section", [], "section"),
+        ("scene", None, "scene"),
+        ("scene", "no_such.toml", "scene"),
+        ("example", "triangle", "scene"),
+        ("scene/film/radius_mm", -1.0, "scene: film.radius_mm"),
+        ("section/0/text", "word " * 121, "section[0].text"),
+        ("section/0/titel", "x", "section[0].titel"),
+        (f"{FIGURE}/0/kind", "isocharg", "section[0].figure[0].kind"),
+        (f"{FIGURE}/0/kind", None, "section[0].figure[0].kind"),
+        (f"{FIGURE}/0/kind", "comparison", "section[0].figure[0].kind"),
+        (f"{FIGURE}/0/electrodes", ["A", "Z"], "section[0].figure[0].electrodes"),
+        (f"{FIGURE}/0/electrodes", ["A", "A"], "section[0].figure[0].electrodes"),
+        (f"{FIGURE}/0/step_mm", 0.0, "section[0].figure[0].step_mm"),
+        (f"{FIGURE}/0/step_mm", 1e-5, "section[0].figure[0].step_mm"),
+        (f"{FIGURE}/1/pitch_mm", 1e-5, "section[0].figure[1].pitch_mm"),
+        (f"{FIGURE}/2/values/start", 0.0, "section[0].figure[2].values"),
+        (f"{FIGURE}/2/values/count", 9000, "section[0].figure[2].values"),
+        (f"{FIGURE}/0/reach_mm", 19.0, "section[0].figure[0].reach_mm"),
+        (f"{FIGURE}/0/angles_deg", "90", "section[0].figure[0].angles_deg"),
+        (f"{FIGURE}/0/angles_deg", [90, "x"], "section[0].figure[0].angles_deg[1]"),
+        (f"{FIGURE}/0/data", "touchs", "section[0].figure[0].data"),
+        (f"{FIGURE}/2/data", "touches", "section[0].figure[2].data"),  # none is on a curve
+        (f"{FIGURE}/0/set", {"film.d31": 1.0}, "section[0].figure[0].set: film.d31"),
+        (f"{FIGURE}/0/variants/0/titel", "x", "section[0].figure[0].variants[0].titel"),
+        (f"{FIGURE}/1/levels_pC", [500, "x"], "section[0].figure[1].levels_pC[1]"),
+        (f"{FIGURE}/1/levels_pC", 0, "section[0].figure[1].levels_pC"),
+        (f"{FIGURE}/1/level_pC", 3, "section[0].figure[1].level_pC"),
+        (f"{FIGURE}/2/values", [2.0, 1.0], "section[0].figure[2].values"),
+        (f"{FIGURE}/2/values", {"start": 1.0, "stop": 2.0}, "section[0].figure[2].values.count"),
+        (f"{FIGURE}/2/x", "film.thickness", "section[0].figure[2].values, family: film.thickness"),
+        (f"{FIGURE}/3/set", {"probe": {"x_mm": 19.0}}, "section[0].figure[3].set: probe"),
+        (f"{FIGURE}/3/name", "charges", "section[1].table[0].name"),
+        (f"{TABLE}/0/data", None, "section[1].table[0].data"),
+        (f"{TABLE}/1/sigma", 0.0, "section[1].table[1].sigma"),
+        ("data/touches/table", None, "data.touches.file"),
+        ("data/touches/file", "touches.csv", "data.touches.file"),
+        ("data/touches/unit", "mV", "data.touches.unit"),
+        ("data/touches/labels", [], 'data.touches.columns = "case"'),
+        ("data/touches/labels", ["cases"], "data.touches.labels"),
+        ("data/touches/where", {"case": "ten"}, "data.touches"),
+        ("data/touches/table", "x_mm, A\n1, two\n", "data.touches.A"),
+        ("data/touches/table", "x_mm, A\n19, 5\n", "data.touches, row 1: probe"),
+        ("data/touches/table", "film.thick_um, A\n19, 5\n", "data.touches, row 1: film.thick_um"),
+    ],
+)
+def test_a_mistake_is_told_by_its_key(path, value, key, tmp_path):
+    table = changed(path, value)
+    if path == f"{FIGURE}/3/name":
+        table["section"][1]["table"][0]["name"] = value
+    if key == "data.touches.labels":
+        table["data"]["touches"]["labels"] += ["case"]
+    if path == "data/touches/table":
+        table["data"]["touches"]["labels"] = []
+    assert any(told.startswith(key) or f".{key}" in told for told in problems(tmp_path, table))
+
+
+def test_mistakes_of_all_tables_are_told_together(tmp_path):
+    table = changed("titel", "x")
+    table["scene"]["film"]["radius_mm"] = "wide"
+    table["section"][0]["figure"][1]["reach"] = 8.0
+    told = problems(tmp_path, table)
+    assert {line.partition(" = ")[0] for line in told} == {
+        "titel",
+        "scene: film.radius_mm",
+        "section[0].figure[1].reach",
+    }
+
+
+def test_what_is_no_script_is_refused(tmp_path):
+    for text in ("", "title = ", "[[section]]\n[section.figure]\nkind = 1", "section = 3"):
+        assert problems(tmp_path, text)
+    with pytest.raises(SceneError):
+        Report.load(tmp_path)
+
+
+JUNK = st.sampled_from(
+    ["", "x", "A", -1, 0, 1e9, 1e-6, 0.5, True, [], [[]], {}, [1, "a"], {"x": 1}, [{}], "touches"]
+)
+
+
+def _leaves(node: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """Paths of all tables, lists and values."""
+    items = node.items() if isinstance(node, dict) else enumerate(node)
+    inner = [
+        _leaves(v, (*path, k)) if isinstance(v, dict | list) else [(*path, k)] for k, v in items
+    ]
+    return ([path] if path else []) + [leaf for leaves in inner for leaf in leaves]
+
+
+SMALL = only("isocharge", "curve", "comparison")
+SMALL["section"][0]["figure"][0]["pitch_mm"] = 8.0
+
+
+@settings(max_examples=100, deadline=None)
+@given(data=st.data())
+def test_a_damaged_script_is_refused_by_key_or_is_sound(data, tmp_path_factory):
+    table = copy.deepcopy(SMALL)
+    path = data.draw(st.sampled_from(_leaves(table)))
+    node = table
+    for step in path[:-1]:
+        node = node[step]
+    how = data.draw(st.sampled_from(["replace", "remove", "add"]))
+    if how == "replace":
+        node[path[-1]] = data.draw(JUNK)
+    elif how == "remove":
+        del node[path[-1]]
+    elif isinstance(node, dict):
+        node[data.draw(st.sampled_from(["kind", "x", "data", "titel", "set"]))] = data.draw(JUNK)
+    folder = tmp_path_factory.mktemp("damaged", numbered=True)
+    told: tuple[str, ...] = ("sound = :",)
+    try:
+        load(folder, table)
+    except SceneError as refused:
+        told = refused.problems
+    assert told
+    assert all(" = " in line or ": " in line for line in told)
