@@ -167,7 +167,7 @@ def test_sweeps_have_the_charges_of_fresh_solves(changes, data):
 
 
 @given(changes=combinations(), data=st.data())
-@drawn(0.15)
+@drawn(0.18)
 def test_gradients_are_those_of_fresh_solves(changes, data):
     scene = scene_of(changes)
     try:
