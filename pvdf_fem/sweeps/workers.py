@@ -16,6 +16,8 @@ import joblib
 from joblib.executor import get_memmapping_executor
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
+from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
+
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
@@ -43,9 +45,9 @@ def on_processes(
 ) -> Iterator[tuple[int, Result | Died]]:
     """Numbers of tasks and their results as they come. When a process dies, all processes are
     replaced, and each task without a result is done again, with no other beside it. A task that
-    kills its process then, too, ends as `Died`. The function must not raise; tasks are read as far
-    as processes are free. There are as many processes as cores if their number is -1; with 1 this
-    one works. Each has one thread of linear algebra, and ends when this one does."""
+    kills its process then, too, ends as `Died`. Of errors `GmshMissingError` alone is raised. Tasks
+    are read as far as processes are free. There are as many processes as cores if their number is
+    -1; with 1 this one works. Each has one thread of linear algebra, and ends with this one."""
     count = joblib.effective_n_jobs(processes)
     if count == 1:
         for number, task in tasks:
@@ -138,7 +140,9 @@ def _results(
             number, _ = task = running.pop(future)
             if _lost(future) and not alone:
                 lost.append(task)
-            elif error := future.exception():
+            elif isinstance(error := future.exception(), GmshMissingError):
+                raise error  # no task can be done
+            elif error:
                 yield number, Died(f"{type(error).__name__}: {error}")
             else:
                 yield number, future.result()
