@@ -33,6 +33,8 @@ class Membrane(Term):
     """The membrane's energy, residual and tangent on a space, by default with the law of St. Venant
     and Kirchhoff."""
 
+    rests_flat = True
+
     def __init__(self, space: Space, film: Film, law: Law | None = None) -> None:
         self.space, self.film = space, film
         self.strain_at_rest: Array = film.strain_at_rest
@@ -213,6 +215,8 @@ class UnevenMembrane(Membrane):
     `stress` lacks what is `added`; states have the resultant of film and layers over the film's
     thickness. `frame` leads from the scene's axes to those of the space."""
 
+    rests_flat = False
+
     def __init__(
         self, space: Space, film: Film, added: AddedStrain | None, frame: Array = IDENTITY[:2]
     ) -> None:
@@ -279,6 +283,7 @@ class WrinklingMembrane(Membrane):
     LEAST_STRAIN = 1e-16
 
     law: TensionField
+    rests_flat = False
 
     def __init__(self, space: Space, film: Film) -> None:
         super().__init__(space, film, TensionField(film.stiffness))

@@ -47,6 +47,8 @@ class Term(ABC):
     space: Space
     #: Whether `residual` derives from `energy`.
     conservative: bool = True
+    #: Whether `residual` is no more than -`forces` while the film is flat, whatever the mesh.
+    rests_flat: bool = False
     #: Dofs that the term holds at zero, (n,).
     fixed_dofs: Indices = np.empty(0, dtype=np.int64)
     #: Groups of dofs that it lets move by one common value each.

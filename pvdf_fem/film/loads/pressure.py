@@ -38,6 +38,7 @@ class DeadPressure(Term):
     probe; tractions are then singular along its edge.
     """
 
+    rests_flat = True
     rigid = False
     #: About the part of the force that acts along the patch's edge.
     edge_share = 0.0
