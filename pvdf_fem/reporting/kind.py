@@ -7,6 +7,7 @@ solved.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -93,13 +94,13 @@ class Kind(Section):
     stem: ClassVar[str] = "figure"  #: Name of its files where none is given.
     rank: ClassVar[int] = 9  #: Its place among the candidates for the first screen.
 
+    @abstractmethod
     def scenes(self, inputs: Inputs) -> list[Scene]:
         """The scenes whose charges it draws. Raises `SceneError` with mistakes by its keys."""
-        raise NotImplementedError
 
+    @abstractmethod
     def compose(self, inputs: Inputs, solved: Solved) -> Content:
         """What it draws; raises `NothingToShow` where too many of its scenes have no charges."""
-        raise NotImplementedError
 
     def scene(self, inputs: Inputs) -> Scene:
         """The report's scene with the changes of `set`."""

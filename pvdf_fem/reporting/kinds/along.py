@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -38,13 +39,13 @@ class Along(OfElectrodes):
     lack: ClassVar[str] = "that is on a curve"  #: What data lack that are not drawn.
     key: ClassVar[str] = "x"  #: Column of the places along a curve.
 
+    @abstractmethod
     def series(self, inputs: Inputs) -> list[Series]:
         """The curves, panel by panel."""
-        raise NotImplementedError
 
+    @abstractmethod
     def where_on(self, series: Series, scene: Scene) -> float | None:
         """The place along a curve of a scene, or None if it is not on the curve."""
-        raise NotImplementedError
 
     def scenes(self, inputs: Inputs) -> list[Scene]:
         """The scenes of all curves, and of the data on them."""
