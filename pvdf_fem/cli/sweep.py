@@ -60,7 +60,8 @@ A page with figures and tables about a sensor, as a report script says: charges
 against distance, isocharge maps, curves, and data of others beside computed
 charges. DIR/index.html is written at once, and anew with each figure; beside it
 are data/ (CSV files), figures/ and scenes/. What is solved is kept in
-DIR/solved.db: after an interruption of any kind the same command goes on."""
+DIR/solved.db and DIR/tasks.db: after an interruption of any kind the same
+command goes on."""
 
 _REPORT_EPILOG = """\
 report scripts are TOML. `title` heads the page. `scene` is the path of a scene
@@ -76,6 +77,7 @@ The guide has all their keys; `pvdf-fem example report` is a script to begin wit
 examples:
   pvdf-fem example report > report.toml
   pvdf-fem report report.toml --out report --quick
+  pvdf-fem report report.toml --kinds own.py --full
 
 exit codes: 0 all figures and tables are made, 2 bad input, 3 some lack charges
 (the page says why in their places), 130 interrupted"""
@@ -114,7 +116,10 @@ def add_to(commands: Any) -> None:
     about = "Python file that is run for further kinds of figures: its classes of Kind"
     parser.add_argument("--kinds", metavar="FILE.py", type=Path, help=about)
     about = "few scenes to a coarse tolerance, to see what the page looks like"
-    parser.add_argument("--quick", action="store_true", help=about)
+    size = parser.add_mutually_exclusive_group()
+    size.add_argument("--quick", action="store_true", help=about)
+    about = "take the keys in `full` of each figure: more scenes and tasks"
+    size.add_argument("--full", action="store_true", help=about)
     _add_processes(parser)
 
 
@@ -211,9 +216,10 @@ def _report(options: argparse.Namespace) -> int:
     if mistakes:
         raise InputError(*mistakes)
     out, how = options.out or Path(options.script.stem), {"processes": options.processes}
-    with shown("scene") as progress:
-        made = report.make(out, quick=options.quick, progress=progress, **how)
-    print(f"{made.page}: {made.scenes} scenes, of which {made.solved} were solved now")
+    with shown("task") as progress:
+        made = report.make(out, quick=options.quick, full=options.full, progress=progress, **how)
+    tasks = f"; {made.tasks} tasks, of which {made.ran} ran now" * bool(made.tasks)
+    print(f"{made.page}: {made.scenes} scenes, of which {made.solved} were solved now{tasks}")
     for failure in made.failures:
         print(failure, file=sys.stderr)
     return ExitCode.CONVERGED if made.complete else ExitCode.NOT_CONVERGED
