@@ -60,8 +60,7 @@ A page with figures and tables about a sensor, as a report script says: charges
 against distance, isocharge maps, curves, and data of others beside computed
 charges. DIR/index.html is written at once, and anew with each figure; beside it
 are data/ (CSV files), figures/ and scenes/. What is solved is kept in
-DIR/solved.db and DIR/tasks.db: after an interruption of any kind the same
-command goes on."""
+DIR/solved.db: after an interruption of any kind the same command goes on."""
 
 _REPORT_EPILOG = """\
 report scripts are TOML. `title` heads the page. `scene` is the path of a scene

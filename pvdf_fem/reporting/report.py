@@ -16,7 +16,7 @@ from pvdf_fem.reporting.kind import Content, Inputs, Kind
 from pvdf_fem.reporting.page import VERDICT, Entry, others_of, page_of, verdict, with_others
 from pvdf_fem.reporting.script import Item, Need, Plan, load
 from pvdf_fem.reporting.solved import NothingToShow, Solved
-from pvdf_fem.reporting.task import Kept, Rows, done, key
+from pvdf_fem.reporting.task import Rows, done, key
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.sweeps.store import Record, Store
 from pvdf_fem.sweeps.sweep import Progress, planned, records, silent
@@ -24,7 +24,6 @@ from pvdf_fem.sweeps.workers import Died
 
 PAGE = "index.html"
 STORE = "solved.db"
-TASKS = "tasks.db"
 
 
 @dataclass(frozen=True)
@@ -68,11 +67,11 @@ class Report:
         """Solve the scenes, run the tasks and write ``index.html`` in a directory, anew with each
         figure. ``verdict.txt`` beside it has the verdict of the page.
 
-        What is computed is kept there in ``solved.db`` and ``tasks.db``: a report that was stopped
-        goes on. `quick` makes a preview, of few scenes to a coarse tolerance; `full` takes the keys
-        in the `full` of each figure. `processes` is their number, -1 for all cores; with 1 all is
-        computed in turn, for timings. `progress` is called with two numbers of scenes and tasks:
-        how many are done, and how many had to be.
+        What is computed is kept there in ``solved.db``: a report that was stopped goes on. `quick`
+        makes a preview, of few scenes to a coarse tolerance; `full` takes the keys in the `full` of
+        each figure. `processes` is their number, -1 for all cores; with 1 all is computed in turn,
+        for timings. `progress` is called with two numbers of scenes and tasks: how many are done,
+        and how many had to be.
         """
         out = Path(out)
         make_directory(out, PAGE, *self.plan.files)
@@ -81,20 +80,19 @@ class Report:
         work.begin()
         scenes = list(dict.fromkeys(scene for need in needed for scene in need.scenes))
         tasks = {key(task): task for need in needed for task in need.tasks}
-        kept = Kept(out / TASKS)
-        stored = {name: rows for name in tasks if (rows := kept.get(name)) is not None}
-        missing = {name: task for name, task in tasks.items() if name not in stored}
-        for name, rows in stored.items():
-            work.add(name, rows)
         with Store(out / STORE) as store:
+            stored = {name: rows for name in tasks if (rows := store.kept(name)) is not None}
+            missing = {name: task for name, task in tasks.items() if name not in stored}
             todo = planned(scenes, store)
             total = todo.missing + len(missing)
+            for name, rows in stored.items():
+                work.add(name, rows)
             how: Any = {"processes": processes, "progress": lambda n, _: progress(n, total)}
             for index, record in records(todo, store, **how):
                 work.add(scenes[index], record)
-        for count, (name, found) in enumerate(done(missing, kept, processes), start=1):
-            work.add(name, found)
-            progress(todo.missing + count, total)
+            for count, (name, found) in enumerate(done(missing, store, processes), start=1):
+                work.add(name, found)
+                progress(todo.missing + count, total)
         failures = tuple(work.failures)
         return Made(out / PAGE, len(scenes), todo.missing, len(tasks), len(missing), failures)
 

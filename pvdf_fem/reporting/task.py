@@ -11,27 +11,26 @@ from __future__ import annotations
 import hashlib
 import inspect
 import json
-import sqlite3
 import sys
 import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from contextlib import closing, contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import cache
+from importlib import import_module
 from importlib.machinery import SourceFileLoader
 from importlib.util import module_from_spec, spec_from_file_location
+from operator import attrgetter
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Self, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from pvdf_fem.files import FileError
 from pvdf_fem.film.loads.profiles import pinned
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.sweeps.store import LONGEST_WAIT, code_version
+from pvdf_fem.sweeps.store import Store, code_version
 from pvdf_fem.sweeps.workers import Died, on_processes
 
 #: Folders of modules on which the rows of no task depend.
@@ -52,34 +51,17 @@ class Task(ABC):
         the reason that stands in the place of the figure."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        values = [getattr(self, field.name) for field in fields(self)]
-        # read in this order: another process knows the class once it has run the file
-        return _made, (_File.of(type(self)), type(self), values)
+        kind = type(self)
+        # fields are read last: another process knows their classes once it has run the file
+        return _blank, (kind.__module__, kind.__qualname__, inspect.getfile(kind)), vars(self)
 
 
-def _made(file: _File, kind: type[Task], values: list[Any]) -> Task:
-    return kind(*values)
-
-
-@dataclass(frozen=True)
-class _File:
-    """The module of a task, which a process that reads the task runs first."""
-
-    name: str
-    path: str
-
-    @classmethod
-    def of(cls, kind: type[Task]) -> Self:
-        return cls(kind.__module__, inspect.getfile(kind))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _run_file, (self.name, self.path)
-
-
-def _run_file(name: str, path: str) -> _File:
-    if name.startswith(_OWN) and name not in sys.modules:
+def _blank(module: str, name: str, path: str) -> Any:
+    """A task without its fields, in a process that may not have run the task's file."""
+    if module.startswith(_OWN) and module not in sys.modules:
         module_of(Path(path))
-    return _File(name, path)
+    kind = attrgetter(name)(import_module(module))
+    return kind.__new__(kind)
 
 
 def module_of(path: Path) -> ModuleType:
@@ -117,52 +99,22 @@ def _code_of(name: str, path: str) -> str:
     return digest.hexdigest()
 
 
-class Kept:
-    """Rows of tasks by their keys, in an SQLite file, which is made if there is none."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        with self._opened() as file:
-            file.execute("CREATE TABLE IF NOT EXISTS results (key PRIMARY KEY, rows)")
-
-    def get(self, name: str) -> Rows | None:
-        """The rows by a key; None if there are none."""
-        with self._opened() as file:
-            found = file.execute("SELECT rows FROM results WHERE key = ?", (name,)).fetchone()
-        return None if found is None else json.loads(found[0])
-
-    def put(self, name: str, text: str) -> None:
-        """Keep rows, whose JSON is `text`."""
-        with self._opened() as file:
-            file.execute("INSERT OR REPLACE INTO results VALUES (?, ?)", (name, text))
-
-    @contextmanager
-    def _opened(self) -> Iterator[sqlite3.Connection]:
-        how: Any = {"timeout": LONGEST_WAIT, "isolation_level": None}
-        try:
-            with closing(sqlite3.connect(self._path, **how)) as file:
-                yield file
-        except sqlite3.Error as error:
-            advice = "remove the file, or name another folder"
-            raise FileError(f"{self._path}: {error}; {advice}") from error
-
-
 def done(
-    tasks: Mapping[str, Task], kept: Kept, processes: int
+    tasks: Mapping[str, Task], store: Store, processes: int
 ) -> Iterator[tuple[str, Rows | Died]]:
-    """Keys of tasks with their rows, as they come; the rows join `kept`. `Died` stands for the rows
-    of a task that raised, or killed its process."""
+    """Keys of tasks with their rows, as they come; the rows join the store. `Died` stands for the
+    rows of a task that raised, or killed its process."""
     names = list(tasks)
-    for number, found in on_processes(_text_of, enumerate(tasks.values()), processes):
-        if isinstance(found, str):
-            kept.put(names[number], found)
-        yield names[number], found if isinstance(found, Died) else json.loads(found)
+    for number, found in on_processes(_rows_of, enumerate(tasks.values()), processes):
+        if not isinstance(found, Died):
+            store.keep({names[number]: found})
+        yield names[number], found
 
 
-def _text_of(task: Task) -> str | Died:
-    """The rows of a task as JSON, which says what a fresh result and a kept one have alike."""
+def _rows_of(task: Task) -> Rows | Died:
     try:
-        return json.dumps(task.run(), default=lambda number: number.item())
+        # as the store gives them back: a fresh result makes the page that a kept one makes
+        return json.loads(json.dumps(task.run(), default=lambda number: number.item()))
     except GmshMissingError:  # no task can be done
         raise
     except Exception as error:  # must not end the other tasks
