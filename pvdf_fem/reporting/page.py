@@ -86,7 +86,7 @@ class OtherLine:
 def others_of(plan: Plan, out: Path) -> list[OtherLine]:
     """The lines about other reports, for a page in a directory."""
     lines = []
-    for other in plan.script.other:
+    for other in plan.others:
         page, told = out / other.page, None
         if page.is_file():
             told = ""
@@ -120,17 +120,16 @@ def page_of(
 ) -> str:
     """The HTML of a page, when some of all scenes and tasks are done."""
     by_name = {entry.item.name: entry for entry in entries}
-    anchors = [_anchor(section.title, i) for i, section in enumerate(plan.script.section)]
+    anchors = [_anchor(section.title, i) for i, section in enumerate(plan.sections)]
     blocks = [
         (section, anchors[i], [entry for entry in entries if entry.item.section == i])
-        for i, section in enumerate(plan.script.section)
+        for i, section in enumerate(plan.sections)
     ]
     return _template("page.html.j2").render(
         script=plan.script,
         verdict=verdict(entries),
         pictures=[
-            (by_name[i.name], i.kind.title or plan.script.section[i.section].title)
-            for i in plan.summary
+            (by_name[i.name], i.kind.title or plan.sections[i.section].title) for i in plan.summary
         ],
         parts=[(part, list(of)) for part, of in groupby(blocks, key=lambda block: block[0].part)],
         waiting=sum(entry.content is None and not entry.error for entry in entries),
