@@ -159,7 +159,7 @@ def test_what_is_special_is_made_in_a_preview(report):
     own = [need for need in needed if need.tasks or need.item.name == "contents"]
     assert len(own) == 4
     tasks = {key(task): task for need in own for task in need.tasks}
-    solved = Solved({}, {name: task.run() for name, task in tasks.items()})
+    solved = Solved({name: task.run() for name, task in tasks.items()})
     made = {need.item.name: need.item.kind.compose(inputs, solved) for need in own}
     for content in made.values():
         assert not content.frame.astype(str).isin(["nan"]).any(axis=None)
