@@ -82,8 +82,8 @@ def curves_figure(
     colours, ends = dict(zip(names, colours_for(len(names)), strict=True)), []
     with_data = [any(of.charge_pC.notna().any() for _, of in row) for row in panels]
     heights = [share for has in with_data for share in ([3.0, 1.0] if has else [3.0])]
-    large, columns = 64.0 if len(panels) == 1 else 46.0, len(panels[0])
-    wide = WIDTH_MM if columns == 1 else 1.25 * WIDTH_MM
+    large, columns = 64.0 if len(panels) == 1 else 40.0, len(panels[0])
+    wide = WIDTH_MM if columns < 3 else 1.25 * WIDTH_MM
     figure = new_figure(wide, 12.0 + len(panels) * large + sum(with_data) * 22.0)
     shared: dict[str, Any] = {"squeeze": False, "sharex": True, "sharey": "row"}
     shared["gridspec_kw"] = {"height_ratios": heights}

@@ -79,7 +79,7 @@ class Comparison(OfElectrodes):
 
 def _figure(frame: pd.DataFrame, names: tuple[str, ...], what: str) -> Figure:
     """Computed over measured charges, and below the differences, of which the largest are named."""
-    figure = new_figure(drawing.WIDTH_MM, 98.0)
+    figure = new_figure(drawing.WIDTH_MM, 106.0)
     ax, strip = figure.subplots(2, sharex=True, gridspec_kw={"height_ratios": [3.0, 2.0]})
     for number, name in enumerate(names):
         own = frame[frame.electrode == name]

@@ -195,12 +195,12 @@ def named_lines(
     if not inside:
         return
     lines = ax.contour(x, y, values, inside, colors="black", linewidths=0.9)
-    at = []
-    for path in lines.get_paths():
-        ways = np.linalg.norm(path.vertices[:, None] - [*taken, *at], axis=-1).min(axis=1)
-        ways[np.linalg.norm(path.vertices, axis=1) > INNER * x.max()] *= 1e-3
-        if np.ptp(path.vertices, axis=0).max() > LEAST_NAMED * np.ptp(x):
-            at.append(tuple(path.vertices[ways.argmax()]))
+    at = list[tuple[float, float]]()
+    for places in (np.asarray(path.vertices) for path in lines.get_paths()):
+        ways = np.linalg.norm(places[:, None] - [*taken, *at], axis=-1).min(axis=1)
+        ways[np.linalg.norm(places, axis=1) > INNER * x.max()] *= 1e-3
+        if np.ptp(places, axis=0).max() > LEAST_NAMED * np.ptp(x):
+            at.append((places[ways.argmax(), 0], places[ways.argmax(), 1]))
     words = ax.clabel(lines, inside, fmt="%.4g", fontsize=7, manual=at)
     for drawn in (lines, *words):
         drawn.set_path_effects([HALO])
