@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -104,16 +105,17 @@ class Along(OfElectrodes):
         self,
         inputs: Inputs,
         solved: Solved,
-        columns: int,
         label: str,
         caption: str,
         log: bool = False,
     ) -> Content:
-        """The figure of the curves, with some panels beside each other."""
+        """The figure of the curves, with electrodes beside each other, two or three to a row."""
         frame = self.frame(inputs, solved)
         if not frame.computed_pC.notna().any():
             raise NothingToShow("none of the scenes has charges")
         panels = [(str(title), rows) for title, rows in frame.groupby("panel", sort=False)]
+        alike = math.gcd(len(panels), frame.electrode.nunique())
+        columns = next(count for count in (2, 3, 1) if alike % count == 0)
         rows = [panels[i : i + columns] for i in range(0, len(panels), columns)]
         charge = drawing.READING_LABELS[self.read_as(inputs)]
         figure = drawing.curves_figure(rows, label, charge, log)

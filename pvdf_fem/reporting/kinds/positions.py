@@ -12,11 +12,11 @@ from matplotlib.patches import Circle
 from pydantic import Field
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.output.figures import COLOURS, HALO, draw_electrode, draw_rim, new_figure
+from pvdf_fem.output.figures import COLOURS, draw_electrode, draw_rim, new_figure
 from pvdf_fem.reporting.charge_map import ChargeMap, MapPlaces
 from pvdf_fem.reporting.crossings import Contours
 from pvdf_fem.reporting.data import ERROR_MM, Readings
-from pvdf_fem.reporting.drawing import WIDTH_MM, listed
+from pvdf_fem.reporting.drawing import WIDTH_MM, label_points, listed
 from pvdf_fem.reporting.kind import PLACE, Content, Inputs, differ_in, place_mm
 from pvdf_fem.reporting.kinds.mapped import Mapped
 from pvdf_fem.reporting.solved import NothingToShow, Solved
@@ -132,11 +132,8 @@ def _figure(scenes: list[Scene], true: Array, errors: dict[str, Array], names: l
         ring: dict[str, Any] = {"markerfacecolor": "none", "markeredgecolor": colour}
         ax.plot([], [], "o", **ring, label=f"error, {whose}")
     ax.plot(*true.T, "+", color="black", markersize=6.0, label="true place")
-    for place, name in zip(true, names, strict=True):
-        ax.annotate(
-            name, place, (5.0, 5.0), textcoords="offset points", fontsize=7.0, path_effects=[HALO]
-        )
     figure.legend(loc="outside upper left", ncols=2)
+    label_points(ax, [(*place, name, "black") for place, name in zip(true, names, strict=True)])
     return figure
 
 
