@@ -209,6 +209,13 @@ class Found(Kind):
 """
 
 
+def test_the_landing_page_names_every_other_report(report):
+    pages = [Path(other.page) for other in report.plan.others]
+    assert [(page.parent.name, page.name) for page in pages] == [
+        (name, "index.html") for name in reports.REPORTS if name != reports.DEFAULT
+    ]
+
+
 def test_other_names_of_reports_are_refused(capsys):
     assert reports.main(["thesys"]) == 2
     assert "thesys" in capsys.readouterr().err
