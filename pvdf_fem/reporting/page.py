@@ -21,7 +21,8 @@ VERDICT = "verdict.txt"  #: Has the verdict of the page in the same directory.
 LONG_TABLE = 12  #: Rows of a table above which it is folded.
 MOST_ROWS = 60  #: Rows of a table above which it is in its CSV file only.
 BESIDE_TABLE = 6  #: Columns of a table above which it stands below its figure.
-WIDE_TABLE = 5  #: Columns of a table above which a phone shows a row as a list.
+#: Columns of numbers, and of texts, above which a phone shows a row as a list.
+WIDE_TABLE, WIDE_TEXTS = 5, 3
 JUDGING = ("comparison", "positions")  #: Kinds whose findings are the verdict, if there are any.
 
 
@@ -72,7 +73,8 @@ class Entry:
     @property
     def is_wide(self) -> bool:
         """Whether a phone shows rows as lists."""
-        return bool(self.rows) and len(self.rows[0]) > WIDE_TABLE
+        most = WIDE_TABLE if self.svg else WIDE_TEXTS
+        return bool(self.rows) and len(self.rows[0]) > most
 
 
 @dataclass(frozen=True)
