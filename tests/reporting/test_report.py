@@ -17,6 +17,8 @@ from pvdf_fem.reporting.kind import Kind
 from pvdf_fem.reporting.registry import kinds_of
 from pvdf_fem.reporting.solved import NothingToShow
 from pvdf_fem.sweeps import sweep
+from tests.helpers.browsers import browser_or_skip
+from tests.helpers.page_boxes import look_at
 from tests.helpers.report_scripts import only, script, text_of
 
 NAMES = ("charge-vs-distance", "isocharge", "curve", "sensor", "charges", "positions")
@@ -56,6 +58,14 @@ def test_page_has_all_figures_and_needs_nothing_else(made):
     assert linked == {f"data/{name}.csv" for name in NAMES}
     assert all(made.joinpath(link).is_file() for link in linked)
     assert {path.stem for path in made.glob("figures/*.svg")} == set(NAMES)
+
+
+def test_no_text_of_the_page_or_its_figures_is_cut_or_hidden(made):
+    pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with browser_or_skip() as browser:
+        look = look_at(made / "index.html", browser)
+    assert not look.faults
+    assert look.count > 100
 
 
 def test_charges_of_the_figures_are_those_of_fresh_solves(made, scene):
