@@ -6,9 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pvdf_fem.output.figures import new_figure
+from pvdf_fem.output.figures import named_lines, new_figure
 from pvdf_fem.reporting.drawing import curves_figure, label_points
-from pvdf_fem.reporting.kinds.isocharge import named_lines
 
 
 def table(ends: dict[str, float], data: float | None = None) -> pd.DataFrame:

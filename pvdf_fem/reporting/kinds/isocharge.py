@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -16,7 +14,7 @@ from pydantic import Discriminator, Field, Tag
 
 from pvdf_fem.arrays import Array, polar_grid
 from pvdf_fem.output import figures
-from pvdf_fem.output.figures import COLOURS, HALO, draw_electrode, draw_rim, new_figure
+from pvdf_fem.output.figures import COLOURS, draw_film, named_lines, new_figure
 from pvdf_fem.reporting.charge_map import ChargeMap
 from pvdf_fem.reporting.drawing import READING_LABELS, RING, WIDTH_MM, listed
 from pvdf_fem.reporting.kind import PLACE, Content, Inputs, differ_in, place_mm
@@ -26,8 +24,6 @@ from pvdf_fem.scene.quantity import Finite, Whole, within
 from pvdf_fem.scene.scene import Scene
 
 RADII, ANGLES = 41, 121  #: Raster of a panel.
-LEAST_NAMED = 0.25  #: Size of the lines that have names, over the width of a map.
-INNER = 0.75  #: Part of the reach within which lines have their names.
 NEAR = 0.02  #: Distance, over the range of charges, from a level to an end that has no name.
 SHADES = 16  #: Number of bands of colour.
 POINTS = ["electrode", "x_mm", "y_mm", "charge_pC", "apart_mm"]
@@ -171,9 +167,7 @@ def _draw(
         here = points.loc[points.electrode == name, ["x_mm", "y_mm"]].to_numpy()
         centres = [1e3 * electrode.outline.centroid for electrode in scene.electrode_list]
         named_lines(ax, x, y, values, levels[name], np.array([*centres, *here]))
-        draw_rim(ax, scene.film.radius_mm, 1.04 * reach)
-        for electrode in scene.electrode_list:
-            draw_electrode(ax, electrode.outline, [electrode.name])
+        draw_film(ax, scene.film.radius_mm, scene.electrode_list, 1.04 * reach)
         ax.plot(*here.T, **RING, markeredgecolor=COLOURS[1], markersize=4.0)
         ax.set(title=f"electrode {name}", xlabel="", ylabel="")
     figure.supxlabel("x of the probe (mm)")
@@ -185,22 +179,3 @@ def _draw(
     ticks = {level: f"{level:.4g}" for level in named}
     ticks |= {end: f"{float(f'{end:.3g}'):g}" for end in ends}
     bar.set_ticks([*ticks], labels=[*ticks.values()])
-
-
-def named_lines(
-    ax: Axes, x: Array, y: Array, values: Array, levels: Sequence[float], taken: Array
-) -> None:
-    """Lines of equal charge, each named once, far from places (n, 2) that are taken."""
-    inside = [level for level in levels if values.min() < level < values.max()]
-    if not inside:
-        return
-    lines = ax.contour(x, y, values, inside, colors="black", linewidths=0.9)
-    at = list[tuple[float, float]]()
-    for places in (np.asarray(path.vertices) for path in lines.get_paths()):
-        ways = np.linalg.norm(places[:, None] - [*taken, *at], axis=-1).min(axis=1)
-        ways[np.linalg.norm(places, axis=1) > INNER * x.max()] *= 1e-3
-        if np.ptp(places, axis=0).max() > LEAST_NAMED * np.ptp(x):
-            at.append((places[ways.argmax(), 0], places[ways.argmax(), 1]))
-    words = ax.clabel(lines, inside, fmt="%.4g", fontsize=7, manual=at)
-    for drawn in (lines, *words):
-        drawn.set_path_effects([HALO])
