@@ -10,6 +10,7 @@ import math
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
@@ -91,10 +92,9 @@ def _integral(outline: Outline, total: Sum, edge: float) -> float:
     x, weight = 0.5 * (1.0 + x), 0.5 * weight
     if isinstance(outline, Circle) and not np.any(outline.centre):
         ends = sorted({0.0, min(edge, outline.radius), outline.radius})
-        radii = [a + (b - a) * x for a, b in zip(ends, ends[1:], strict=False)]
-        sizes = [(b - a) * weight for a, b in zip(ends, ends[1:], strict=False)]
-        r = np.concatenate(radii)
-        return float((2.0 * np.pi * r * total(r)) @ np.concatenate(sizes))
+        r = np.concatenate([a + (b - a) * x for a, b in pairwise(ends)])
+        sizes = np.concatenate([(b - a) * weight for a, b in pairwise(ends)])
+        return float((2.0 * np.pi * r * total(r)) @ sizes)
     left, low, right, high = outline.shape.bounds
     r = np.hypot((left + (right - left) * x)[:, None], low + (high - low) * x)
     values = total(r.ravel()).reshape(r.shape)

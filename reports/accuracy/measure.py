@@ -26,14 +26,14 @@ STAGES = ("mesh", "solve", "estimate")
 @dataclass(frozen=True)
 class Timed(Task):
     """A scene solved up to `rounds` times: a row for each electrode, with the medians of processor
-    seconds and of the wall seconds of each stage. A solve without charges is one row."""
+    seconds, in total and by stage. A solve without charges is one row."""
 
     scene: Scene
     rounds: int = 1
 
     def run(self) -> Rows:
-        """Solve until the rounds or `LONGEST` are over; times of the first solve of a process have
-        its imports in them, so a small scene is solved before."""
+        """Solve until the rounds or `LONGEST` are over. The first solve of a process would have
+        imports in its time, so another scene is solved before."""
         solve(WARM)
         seconds: list[float] = []
         stages: list[dict[str, float]] = []
@@ -41,7 +41,8 @@ class Timed(Task):
             start = time.process_time()
             solution = solve(self.scene)
             seconds.append(time.process_time() - start)
-            stages.append(solution.seconds)
+            busy = seconds[-1] / solution.seconds["total"]  # of the wall time, which has waits
+            stages.append({name: busy * of for name, of in solution.seconds.items()})
         about: dict[str, Any] = {
             "status": str(solution.status),
             "seconds": statistics.median(seconds),

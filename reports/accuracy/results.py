@@ -15,7 +15,7 @@ from pvdf_fem.reporting.kind import Inputs, Kind
 from pvdf_fem.reporting.solved import NothingToShow, Solved
 from pvdf_fem.reporting.task import Task
 from pvdf_fem.scene.scene import Scene
-from reports.accuracy.cases import Case, cases
+from reports.accuracy.cases import FINER, Case, cases
 from reports.accuracy.measure import ByNGSolve, Known, Timed
 
 OURS, PEER = "pvdf_fem", "NGSolve"
@@ -32,7 +32,7 @@ class OfCases(Kind):
     file: str = "cases.toml"
     only: tuple[Name, ...] = ()
     tolerances: tuple[float, ...] = (1e-2, 1e-3, 1e-4, 1e-5)
-    rounds: int = 5
+    rounds: int = 3
     orders: tuple[int, ...] = ()
     factors: tuple[float, ...] = (1.0,)
 
@@ -130,3 +130,18 @@ def worst(frame: pd.DataFrame) -> pd.DataFrame:
     by = [name for name in ("case", "code", "tolerance", "order", "mesh") if name in frame]
     converged = frame[frame.true.notna()]
     return converged.loc[converged.groupby(by, dropna=False, sort=False).true.idxmax()]
+
+
+def finer(scene: Scene) -> Scene:
+    """A drawn scene to a finer tolerance."""
+    return scene.with_(**{"numerics.tolerance": scene.numerics.tolerance / FINER})
+
+
+def of_drawn(scene: Scene, solved: Solved) -> pd.DataFrame:
+    """The errors of a drawn scene, a row for each electrode."""
+    names, pair = [electrode.name for electrode in scene.electrode_list], [scene, finer(scene)]
+    charges, known = solved.charges(pair, names, "total")
+    stated, doubt = solved.errors(pair, names)
+    table = {"electrode": names, "charge_pC": charges, "stated_pC": stated}
+    table |= {"known_pC": known, "doubt_pC": doubt}
+    return with_errors(pd.DataFrame(table)).assign(tolerance=scene.numerics.tolerance)
