@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -25,7 +25,7 @@ from pvdf_fem.reporting.data import Changes
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.quantity import Section
-from reports.reference.axisymmetric import axisymmetric_membrane
+from reports.reference.axisymmetric import Kind, axisymmetric_membrane
 from reports.reference.axisymmetric_wrinkled import wrinkled_membrane
 from reports.reference.circular_plate import von_karman_plate
 from reports.reference.closed_form import campbell
@@ -123,7 +123,7 @@ def one_dimensional(film: RoundFilm) -> Sum:
         poisson_ratio=film.scene.film.poisson_ratio,
         patch_radius=film.patch,
         pretension=film.pretension,
-        kind=load.kind,
+        kind=cast(Kind, load.kind),
         contact=load.contact or "sliding",
     )
     return lambda r: (

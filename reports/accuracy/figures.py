@@ -26,8 +26,9 @@ def errors_against_time(runs: pd.DataFrame) -> Figure:
     figure = new_figure(WIDTH_MM, 92.0)
     ax = figure.subplots()
     for _, rows in runs.groupby("case", sort=False):
-        look = {"color": COLOUR[rows.source.iloc[0]], "linewidth": 0.8, "alpha": 0.7}
-        ax.plot(rows.seconds, rows.true.clip(LEAST), "o-", markersize=2.2, **look)
+        colour = COLOUR[rows.source.iloc[0]]
+        ax.plot(rows.seconds, rows.true.clip(LEAST), "-", color=colour, linewidth=0.8, alpha=0.7)
+        ax.plot(rows.seconds, rows.true.clip(LEAST), "o", color=colour, markersize=2.2)
     for source, colour in COLOUR.items():
         ax.plot([], [], color=colour, label=f"known by {SOURCES[source]}")
     medians = runs.groupby("tolerance")[["seconds", "true"]].median()

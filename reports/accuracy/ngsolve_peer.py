@@ -41,8 +41,8 @@ def main() -> None:
             about = {"order": order, "mesh": number, "status": found[-1][0]}
             about |= {"seconds": statistics.median(seconds for *_, seconds in found)}
             about |= {"unknowns": found[-1][1]}
-            charges = found[-1][2] or {None: None}
-            rows += [{**about, "electrode": name, "charge_pC": q} for name, q in charges.items()]
+            charges = found[-1][2].items()
+            rows += [{**about, "electrode": name, "charge_pC": q} for name, q in charges] or [about]
     print(json.dumps(rows))
 
 

@@ -13,7 +13,7 @@ import pandas as pd
 from pvdf_fem.reporting.data import Name
 from pvdf_fem.reporting.kind import Inputs, Kind
 from pvdf_fem.reporting.solved import NothingToShow, Solved
-from pvdf_fem.reporting.task import Task
+from pvdf_fem.reporting.task import Rows, Task
 from pvdf_fem.scene.scene import Scene
 from reports.accuracy.cases import FINER, Case, cases
 from reports.accuracy.measure import ByNGSolve, Known, Timed
@@ -104,7 +104,7 @@ def truth_of(case: Case) -> Task | None:
 def known_of(case: Case, solved: Solved) -> dict[str, tuple[float, float]]:
     """Charges that are known and the doubt about them in pC, by electrode."""
     task = truth_of(case)
-    rows = [{"electrode": k, "charge_pC": q} for k, q in case.charges_pC.items()]
+    rows: Rows = [{"electrode": k, "charge_pC": q} for k, q in case.charges_pC.items()]
     if task is not None:
         rows = [row for row in solved.rows(task) if "electrode" in row]
     return {
