@@ -41,7 +41,6 @@ from pvdf_fem.cli.program import (
 )
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.sweeps.store import Record
-from reports import benchmark, error_vs_time
 from reports.common.options import number_of
 from reports.robustness import kept
 from reports.robustness.charge_inputs import wrong_charge_list
@@ -86,8 +85,6 @@ PROGRAMS = {
     "modes": Program(cli.main, ("modes",), ("pvdf_fem.dynamics.modes.modes",)),
     "sweep": Program(cli.main, ("sweep",), ("pvdf_fem.sweeps.sweep.planned",)),
     "locate": Program(cli.main, ("locate",), ("pvdf_fem.cli.locate.model_of",)),
-    "benchmark": Program(benchmark.main, (), ("reports.benchmark.yardstick",)),
-    "error_vs_time": Program(error_vs_time.main, (), ("reports.error_vs_time.Peers",)),
     "locate_model": Program(cli.main, ("locate",), ("pvdf_fem.touch.locate.weigh",)),
     "response": Program(kept.load_response, (), ()),
     "store": Program(kept.use_store, (), ()),

@@ -15,7 +15,6 @@ CORPORA: dict[Corpus, float] = {
     inputs.wrong_sweep: 2.0,
     inputs.damaged_sweep: 3.0,
     inputs.wrong_option: 0.5,
-    inputs.damaged_medians: 0.5,
     inputs.damaged_store: 0.5,
     charge_inputs.wrong_charges: 1.0,
     charge_inputs.damaged_charges: 1.0,

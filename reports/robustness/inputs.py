@@ -288,8 +288,6 @@ def damaged_store(rng: Random) -> Input:
 
 
 _OPTIONS = {
-    "benchmark": ["--rounds", "--case", "--against"],
-    "error_vs_time": ["--quick="],
     "modes": ["--count"],
     "locate": ["--charges", "--unknown", "--force-range"],
     "sweep": ["--processes", "--output"],
@@ -313,9 +311,3 @@ def wrong_option(rng: Random) -> Input:
         arguments = (FILE, "--charges", "A=905,B=731,C=600,D=641", *arguments)
     data = b"[probe]" if program == "locate" else b""
     return Input(program, arguments, data, True)
-
-
-def damaged_medians(rng: Random) -> Input:
-    """A saved file of run times after accidents."""
-    data = damaged(rng, b'{"unit_seconds": 0.5, "medians": {"triangle, 0.001": 3.5, "b": 2.0}}')
-    return Input("benchmark", ("--against", FILE), data)
