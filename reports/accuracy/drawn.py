@@ -1,10 +1,40 @@
-"""Random scenes of the sensor's proportions, for tests of error estimates."""
+"""Scenes of the sensor's proportions, drawn at random, for the errors that solves state."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from pvdf_fem import Scene, SceneError
+
+#: Changes that make a kind of scene of a drawn one: each kind with the choices that it has.
+KINDS: dict[str, tuple[dict[str, Any], ...]] = {
+    "pressure": ({"load.kind": "dead"}, {"load.kind": "follower"}),
+    "punch": ({"load.kind": "rigid"}, {"load.kind": "rigid", "load.contact": "stuck"}),
+    "sphere": ({"load.kind": "contact"},),
+    "plate": ({"load.kind": "dead", "film.bending": True},),
+    "wrinkling": (
+        {"load.kind": "dead", "film.compression": "tension-field", "film.temperature_change_K": 0},
+    ),
+}
+TOLERANCES = (1e-2, 3e-3, 1e-3)
+SEED = 11
+MOST_DRAWS = 100  #: Until a scene without overlaps is found.
+
+
+def drawn_scenes(kind: str, count: int, seed: int = SEED) -> Iterator[Scene]:
+    """Scenes of a kind of `KINDS`; the number of a scene decides what is drawn for it."""
+    choices = KINDS[kind]
+    for number in range(count):
+        random = np.random.default_rng([seed, list(KINDS).index(kind), number])
+        changes = dict(choices[number % len(choices)])
+        if kind == "sphere":
+            changes |= {"probe.shape": "sphere", "probe.radius_mm": random.uniform(2.0, 20.0)}
+        if kind != "pressure":
+            changes["numerics.observable"] = "material"
+        yield random_scene(random, **changes, **{"numerics.tolerance": _any(random, TOLERANCES)})
 
 
 def random_scene(rng: np.random.Generator, **changes: object) -> Scene:
@@ -12,11 +42,25 @@ def random_scene(rng: np.random.Generator, **changes: object) -> Scene:
 
     With `changes` by key.
     """
-    while True:
+    for attempt in range(MOST_DRAWS):
+        drawn = _random_changes(rng)
+        if "probe.shape" in changes:  # with the sizes of another shape
+            drawn = {key: value for key, value in drawn.items() if key not in SIZES}
         try:
-            return Scene().with_(**(_random_changes(rng) | changes))
+            return Scene().with_(**(drawn | changes))
         except SceneError:  # outlines that overlap, or leave the film
-            continue
+            if attempt == MOST_DRAWS - 1:
+                raise
+    raise AssertionError
+
+
+SIZES = {
+    f"probe.{key}_mm" for key in ("side", "width", "height", "radius", "semi_axes", "vertices")
+}
+
+
+def _any(rng: np.random.Generator, values: tuple[float, ...]) -> float:
+    return values[int(rng.integers(len(values)))]
 
 
 def _random_changes(rng: np.random.Generator) -> dict[str, object]:
