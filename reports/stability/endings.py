@@ -14,7 +14,8 @@ from pvdf_fem.film.models import film_model
 from pvdf_fem.reporting.task import Rows, Task
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.solvers.wrinkling import load_strain
-from reports.stability.references import one_dimension
+from reports.accuracy.cases import known_charges
+from reports.reference.laminated_disc import LaminatedDisc, Ply
 from reports.stability.scenes import enlarged, extreme_scene
 
 REFUSED = "refused"  #: By key, before any mesh is made.
@@ -22,6 +23,7 @@ CRASHED = "crashed"  #: By an exception: what must not happen.
 #: Where the parts of d31 and d32 cancel, a tolerance counts in this share of the parts.
 CANCELLED = 0.05
 FINER = 10.0  #: Factor between the tolerances of a scene and of its finer solve.
+ELEMENTS = 24  #: Of the plate in one dimension, between two of centre, edges and rim.
 LENGTH, MODULUS = 3.7, 0.21  #: Factors of the lengths and moduli of the enlarged scene.
 
 Row = dict[str, Any]
@@ -57,6 +59,33 @@ def compared(solution: Solution, known_pC: Array, name: str) -> Row:
     worst = int(np.argmax(differences))
     stated = [*solution.charge_errors_pC.values()][worst] / units[worst]
     return {name: float(differences[worst]), f"stated_{name}": float(stated)}
+
+
+def one_dimension(scene: Scene) -> Array:
+    """Charges in pC by a problem in one dimension; NaN where that has no solution. The probe is a
+    disc or a sphere at the centre; electrodes are as in `reports.accuracy.cases`, those of a plate
+    are centred discs."""
+    wrinkles = scene.film.strain_at_rest[0] < 0.0  # what carries no compression does
+    truth = "wrinkled" if wrinkles else "one_dimensional"
+    try:
+        if scene.film.bending is True:
+            return _plate(scene)
+        known = known_charges("sphere" if scene.load.kind == "contact" else truth, scene)
+    except (ValueError, RuntimeError):
+        return np.full(len(scene.electrode_list), np.nan)
+    return np.array([*known.values()])
+
+
+def _plate(scene: Scene) -> Array:
+    """Charges in pC of centred discs on a plate, at small slopes."""
+    film, (probe,) = scene.film, scene.loaded_probes
+    rest = float(film.strain_at_rest[0])
+    ply = Ply(film.stiffness[:2, :2], film.thickness, 0.0, rest, film.radius)
+    areas = [probe.outline.area, *(electrode.outline.area for electrode in scene.electrode_list)]
+    edge, *radii = np.sqrt(np.array(areas) / np.pi)
+    discs = np.array([[0.0, 0.0, radius] for radius in radii])
+    found = LaminatedDisc((ply,), edge, scene.load.force_N, discs, ELEMENTS)
+    return 1e12 * found.charges(film.d31, film.d32)
 
 
 @dataclass(frozen=True)

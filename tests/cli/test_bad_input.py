@@ -249,7 +249,11 @@ LOCATED = "id,A,B,C,D,rotation_deg\n" + "".join(f"{i},905,731,600,64{i},0\n" for
 KNOWN = "x_mm,y_mm,rotation_deg,force_N,A,B,C,D\n" + "1,-2,0,1,905,731,600,640\n" * 4
 SAMPLES = "t_s,A,B,C,D\n" + "".join(f"0.{i},0.905,0.731,0.6,0.64\n" for i in range(9))
 TABLES = {
-    "locate": (LOCATED, '[probe]\nshape = "rectangle"\n', ("{scene}", "--quick", "--csv", "{file}")),
+    "locate": (
+        LOCATED,
+        '[probe]\nshape = "rectangle"\n',
+        ("{scene}", "--quick", "--csv", "{file}"),
+    ),
     "calibrate": (KNOWN, "[probe]\n", ("{scene}", "{file}")),
     "track": (
         SAMPLES,

@@ -19,7 +19,7 @@ from pvdf_fem.files import FileError
 from pvdf_fem.response.model import Domain
 from pvdf_fem.response.response_file import FORMAT, ResponseError
 from pvdf_fem.response.uniform_spline import UniformSpline
-from tests.helpers import made_response as kept
+from tests.response import made_response as kept
 from tests.helpers.damage import damages, decayed, drawn
 
 ROOT = Path(__file__).parents[2]
@@ -127,7 +127,7 @@ SAVER = """
 import sys
 from dataclasses import replace
 from pvdf_fem import Response
-from tests.helpers import made_response as kept
+from tests.response import made_response as kept
 bound = float(sys.argv[2])
 response = replace(kept.response(), error_bound=bound)
 for _ in range(50):
