@@ -66,7 +66,7 @@ REPORTS = (
     "reports.thesis",
     "reports.locating",
     "reports.design_study",
-    "reports.robustness",
+    "reports.stability",
     "reports.sensors",
     "reports.gallery",
     "reports.guide",

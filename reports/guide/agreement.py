@@ -33,8 +33,6 @@ FEW_SOLVES = 8
 QUICK = ("pressure", "punch")
 #: Reports whose runs take long, by the folder of their results.
 LONG_RUNS = {
-    "extremes": "2,000 scenes from the ends of every range",
-    "fuzz": "20,000 damaged inputs",
     "locate": "1,500 random touches located from their charges",
     "calibrate_sensors": "100 made-up sensors calibrated",
 }

@@ -2,7 +2,28 @@
 
 from __future__ import annotations
 
+import os
 import random
+from collections.abc import Callable
+
+from hypothesis import Phase, settings
+from hypothesis import strategies as st
+
+Accident = Callable[[random.Random, bytes], bytes]
+EXAMPLES = int(os.environ.get("PVDF_FEM_EXAMPLES", "200"))
+
+
+def drawn(share: float) -> settings:
+    """Settings for a share of all examples, as many as the variable ``PVDF_FEM_EXAMPLES`` says; the
+    suite's own are the same at each run, and are not shrunk."""
+    by_hand = "PVDF_FEM_EXAMPLES" in os.environ
+    return settings(
+        max_examples=max(1, round(share * EXAMPLES)),
+        deadline=None,
+        derandomize=not by_hand,
+        phases=[Phase.explicit, Phase.generate],
+    )
+
 
 _NASTY = [
     *(b"\0", b"\xff", b"\xef\xbb\xbf", b"\r", b"\x1b[31m", b"\xc3", b"\xed\xa0\x80"),
@@ -81,3 +102,8 @@ def _digits(rng: random.Random, data: bytes) -> bytes:
 
 
 _ACCIDENTS = (_truncate, _delete, _repeat, _insert, _overwrite, _flip, _shuffle_lines, _digits)
+
+
+def damages(data: bytes, how: Accident = damaged) -> st.SearchStrategy[bytes]:
+    """Bytes after accidents, by `damaged` or `decayed`."""
+    return st.integers(0, 2**32 - 1).map(lambda seed: how(random.Random(seed), data))
