@@ -260,10 +260,12 @@ def _dataset(
     return data
 
 
-def best(data: xarray.Dataset) -> xarray.Dataset:
-    """The design with the least median deviation of the place."""
-    medians = data.place_deviation_median_mm
-    return data.isel(medians.argmin(...)) if medians.dims else data
+def best(data: xarray.Dataset, most_ambiguous: float = 0.05) -> xarray.Dataset:
+    """The design with the least median deviation of the place, of those with at most this share of
+    ambiguous places, or with the least share where that is more."""
+    shares, medians = data.ambiguous_share, data.place_deviation_median_mm
+    allowed = medians.where(shares <= max(most_ambiguous, float(shares.min())))
+    return data.isel(allowed.argmin(...)) if medians.dims else data
 
 
 def table(data: xarray.Dataset) -> pd.DataFrame:

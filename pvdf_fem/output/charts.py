@@ -243,9 +243,11 @@ def draw_design(ax: Axes, chosen: Dataset, most_mm: float | None = None) -> None
     look: Any = {"shading": "nearest", "vmin": 0.0, "vmax": most_mm}
     drawn = ax.pcolormesh(x, y, chosen.place_deviation_mm, **look)
     scene = Scene.parse(str(chosen.scene.values))
-    draw_rim(ax, scene.film.radius_mm, 1.05 * x[-1])
-    for electrode in scene.electrode_list:
-        draw_electrode(ax, electrode.outline, [])
+    outlines = [electrode.outline for electrode in scene.electrode_list]
+    reaches = [1e3 * np.abs(np.array(outline.shape.bounds)).max() for outline in outlines]
+    draw_rim(ax, scene.film.radius_mm, max(1.03 * x[-1], *reaches))
+    for outline in outlines:
+        draw_electrode(ax, outline, [])
     across, up = (places[chosen.ambiguous.values > 0.0] for places in np.meshgrid(x, y))
     ax.plot(across, up, ".", color="white", markersize=2.0)
     ax.set_title(f"median {median:.3g} mm; dots: {float(chosen.ambiguous_share):.0%} ambiguous")
