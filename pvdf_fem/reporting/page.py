@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby
+from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from pvdf_fem import __version__
 from pvdf_fem.reporting.kind import Content
-from pvdf_fem.reporting.script import Item, Plan
+from pvdf_fem.reporting.script import Item, Other, Plan
 
+VERDICT = "verdict.txt"  #: Has the verdict of the page in the same directory.
 LONG_TABLE = 12  #: Rows of a table above which it is folded.
 MOST_ROWS = 60  #: Rows of a table above which it is in its CSV file only.
 BESIDE_TABLE = 6  #: Columns of a table above which it stands below its figure.
@@ -72,18 +75,57 @@ class Entry:
         return bool(self.rows) and len(self.rows[0]) > WIDE_TABLE
 
 
-def page_of(plan: Plan, entries: Sequence[Entry], solved: int, total: int, is_preview: bool) -> str:
-    """The HTML of a page, when some of all scenes are solved."""
+@dataclass(frozen=True)
+class OtherLine:
+    """The line about another report: its verdict, or None where its page is not made."""
+
+    other: Other
+    verdict: str | None
+
+
+def others_of(plan: Plan, out: Path) -> list[OtherLine]:
+    """The lines about other reports, for a page in a directory."""
+    lines = []
+    for other in plan.script.other:
+        page, told = out / other.page, None
+        if page.is_file():
+            told = ""
+            with suppress(OSError, UnicodeDecodeError):
+                told = (page.parent / VERDICT).read_text("utf-8").strip()
+        lines.append(OtherLine(other, told))
+    return lines
+
+
+def with_others(page: str, others: Sequence[OtherLine]) -> str:
+    """The HTML of a page with other lines about other reports."""
+    written = _template("page.others.html.j2").render(others=others)
+    return re.sub(r'<ul class="others">.*?</ul>\n', lambda _: written, page, flags=re.DOTALL)
+
+
+def _template(name: str) -> Template:
+    loader = PackageLoader("pvdf_fem.reporting", ".")
+    how: dict[str, Any] = {"trim_blocks": True, "lstrip_blocks": True, "undefined": StrictUndefined}
+    how["keep_trailing_newline"] = True
+    return Environment(loader=loader, autoescape=True, **how).get_template(name)
+
+
+def page_of(
+    plan: Plan,
+    entries: Sequence[Entry],
+    others: Sequence[OtherLine],
+    is_preview: bool,
+    *,
+    done: int,
+    total: int,
+) -> str:
+    """The HTML of a page, when some of all scenes and tasks are done."""
     by_name = {entry.item.name: entry for entry in entries}
     anchors = [_anchor(section.title, i) for i, section in enumerate(plan.script.section)]
     blocks = [
         (section, anchors[i], [entry for entry in entries if entry.item.section == i])
         for i, section in enumerate(plan.script.section)
     ]
-    loader = PackageLoader("pvdf_fem.reporting", ".")
-    how: dict[str, Any] = {"trim_blocks": True, "lstrip_blocks": True, "undefined": StrictUndefined}
-    template = Environment(loader=loader, autoescape=True, **how).get_template("page.html.j2")
-    return template.render(
+    return _template("page.html.j2").render(
         script=plan.script,
         verdict=verdict(entries),
         pictures=[
@@ -92,8 +134,9 @@ def page_of(plan: Plan, entries: Sequence[Entry], solved: int, total: int, is_pr
         ],
         parts=[(part, list(of)) for part, of in groupby(blocks, key=lambda block: block[0].part)],
         waiting=sum(entry.content is None and not entry.error for entry in entries),
-        solved=solved,
+        done=done,
         total=total,
+        others=others,
         is_preview=is_preview,
         version=__version__,
     )

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Union
+from typing import Annotated, Any, NamedTuple, Union
 
 from pydantic import AfterValidator, Field, ValidationError, create_model
 from pydantic_core import ErrorDetails
@@ -14,6 +14,7 @@ from pvdf_fem.files import FileError, read_text
 from pvdf_fem.reporting.data import DataSource, Readings, read_data
 from pvdf_fem.reporting.kind import Inputs, Kind, blamed
 from pvdf_fem.reporting.registry import FIGURES, TABLES
+from pvdf_fem.reporting.task import Task
 from pvdf_fem.scene.mistakes import MOST_MISTAKES, REASONS
 from pvdf_fem.scene.quantity import Section, refusal
 from pvdf_fem.scene.scene import Scene
@@ -48,8 +49,19 @@ class ScriptSection(Section):
     table: tuple[Any, ...] = ()
 
 
+class Other(Section):
+    """A line about another report: `title`, its `page`, seen from this page, and `how` to make it.
+
+    The line has the verdict of the other page, or says how to make the page.
+    """
+
+    title: Title
+    page: Annotated[str, Field(min_length=1)]
+    how: Text
+
+
 class Script(Section):
-    """A report script: `title`, a `text` at its head, the scene, data and sections.
+    """A report script: `title`, a `text` at its head, the scene, data, sections, other reports.
 
     The scene is the path of a file, seen from the script, a table of its keys, or by `example` one
     that comes with the package.
@@ -61,6 +73,7 @@ class Script(Section):
     example: str | None = None
     data: dict[str, DataSource] = Field(default_factory=dict)
     section: tuple[ScriptSection, ...]
+    other: tuple[Other, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -73,6 +86,14 @@ class Item:
     kind: Kind
 
 
+class Need(NamedTuple):
+    """What is to be computed for an item."""
+
+    item: Item
+    scenes: list[Scene]
+    tasks: Sequence[Task]
+
+
 @dataclass(frozen=True)
 class Plan:
     """A script that is valid: what it shows, of which scene and data."""
@@ -83,17 +104,19 @@ class Plan:
     items: tuple[Item, ...]
     files: tuple[Path, ...]  #: What was read.
 
-    def needs(self, quick: bool = False) -> tuple[Inputs, list[tuple[Item, list[Scene]]]]:
-        """The items of the report, or of its preview, with their scenes; the first screen's first.
-        Raises `SceneError` with all mistakes."""
+    def needs(self, quick: bool = False, full: bool = False) -> tuple[Inputs, list[Need]]:
+        """What the items of the report need, in its preview or its full form; the items of the
+        first screen are first. Raises `SceneError` with all mistakes."""
         inputs, needed, problems = Inputs(self.scene, self.data, quick), [], list[str]()
         for item in sorted(self.items, key=lambda item: item not in self.summary):
+            asked = replace(item, kind=item.kind.at_full()) if full else item
             try:
-                needed.append((item, item.kind.scenes(inputs)))
+                scenes, tasks = asked.kind.scenes(inputs), asked.kind.tasks(inputs)
+                needed.append(Need(asked, scenes, tasks))
             except SceneError as error:
                 problems += [f"{item.where}.{told}" for told in error.problems]
         if not problems:
-            planned([scene for _, scenes in needed for scene in scenes])
+            planned([scene for need in needed for scene in need.scenes])
             return inputs, needed
         raise SceneError(problems[:MOST_MISTAKES], str(self.files[0]))
 
@@ -115,17 +138,17 @@ def load(path: Path, kinds: Kinds) -> Plan:
     except FileError as error:
         raise SceneError([str(error)], source) from None
     table, script, scene = parse_toml(text, source), None, None
+    known = {**FIGURES, **TABLES, **kinds}
     try:
         script = _model(kinds).model_validate(table)
     except ValidationError as error:
-        known = {**FIGURES, **TABLES, **kinds}
         problems += [_told(details, known) for details in error.errors(include_url=False)]
     try:
         scene = _scene(table, path, files)
     except SceneError as error:
         problems += error.problems
     data = {} if scene is None else _data(table, scene, path, files, problems)
-    items = [] if script is None else _items(script, problems)
+    items = [] if script is None else _items(script, known, problems)
     if problems or script is None or scene is None:
         raise SceneError(list(dict.fromkeys(problems))[:MOST_MISTAKES], source)
     plan = Plan(script, scene, data, tuple(items), tuple(files))
@@ -178,8 +201,9 @@ def _data(
     return found
 
 
-def _items(script: Script, problems: list[str]) -> list[Item]:
-    """The figures and tables of all sections; names that two of them have join the problems."""
+def _items(script: Script, kinds: Kinds, problems: list[str]) -> list[Item]:
+    """The figures and tables of all sections; names that two of them have, and mistakes in `full`,
+    join the problems."""
     items, names = list[Item](), dict[str, str]()
     for number, section in enumerate(script.section):
         for form in ("figure", "table"):
@@ -193,6 +217,12 @@ def _items(script: Script, problems: list[str]) -> list[Item]:
                     problems.append(problem(f"{where}.name", name, reason))
                 names[name] = where
                 items.append(Item(number, where, name, kind))
+                try:
+                    kind.at_full()
+                except ValidationError as error:
+                    for details in error.errors():
+                        details["loc"] = ("section", number, form, index, "full", *details["loc"])
+                        problems.append(_told(details, kinds))
     return items
 
 
@@ -222,7 +252,8 @@ def _told(details: ErrorDetails, kinds: Kinds) -> str:
 
 def _owner(loc: Sequence[Any], kinds: Kinds) -> type[Section] | None:
     """The model of the table that has the key at `loc`, of which the last step is the key."""
-    by_depth: dict[int, Any] = {1: Script, 3: DataSource if loc[0] == "data" else ScriptSection}
+    tables = {"data": DataSource, "section": ScriptSection, "other": Other}
+    by_depth: dict[int, Any] = {1: Script, 3: tables.get(loc[0])}
     if len(loc) == 6 and loc[4] in kinds:
         return kinds[loc[4]]
     return by_depth.get(len(loc))

@@ -168,7 +168,7 @@ def with_the_thesis() -> tuple[str, pd.DataFrame]:
     """Printed charges beside ours: all, where the report's solves are stored, or a few."""
     report = Report.load(THESIS / "report.toml", kinds_of(THESIS / "special.py"))
     inputs, needed = report.plan.needs()
-    item, scenes = next(asked for asked in needed if asked[0].name == "charges")
+    item, scenes, _ = next(asked for asked in needed if asked.item.name == "charges")
     where = "all printed charges, from the solves of `./run report`"
     store = OUT / STORE
     with Store(store) if store.is_file() else nullcontext() as kept:

@@ -13,7 +13,9 @@ import pytest
 from pvdf_fem import Report, Scene, solve
 from pvdf_fem.cli.main import main
 from pvdf_fem.reporting.drawing import spread
-from pvdf_fem.reporting.kind import Kind, NothingToShow
+from pvdf_fem.reporting.kind import Kind
+from pvdf_fem.reporting.registry import kinds_of
+from pvdf_fem.reporting.solved import NothingToShow
 from pvdf_fem.sweeps import sweep
 from tests.helpers.report_scripts import only, script, text_of
 
@@ -211,26 +213,152 @@ def test_a_kind_of_ones_own_is_registered_and_its_faults_do_not_stop_the_others(
 
 
 OWN = """
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
+import os
 import pandas as pd
+from pvdf_fem import Scene
 from pvdf_fem.reporting.kind import Content, Kind
+from pvdf_fem.reporting.task import Task
+
+@dataclass(frozen=True)
+class Word:
+    text: str
+
+@dataclass(frozen=True)
+class Count(Task):
+    scene: Scene
+    word: Word
+    log: str
+
+    def run(self):
+        with open(self.log, "a") as file:
+            file.write(self.word.text + "\\n")
+        if self.word.text == "raise":
+            raise ValueError("is no word")
+        if self.word.text == "stop":
+            raise KeyboardInterrupt
+        if self.word.text == "die":
+            os._exit(1)
+        radius = self.scene.film.radius_mm
+        return [{"word": self.word.text, "letters": len(self.word.text), "radius": radius}]
 
 class Told(Kind):
     kind: Literal["told"]
-    words: str
+    words: tuple[str, ...]
+    log: str
+    claim: str = ""
 
     def scenes(self, inputs):
         return []
 
+    def tasks(self, inputs):
+        return [Count(inputs.scene, Word(word), self.log) for word in self.words]
+
     def compose(self, inputs, solved):
-        frame = pd.DataFrame({"words": [self.words]})
-        return Content("", frame, shown=frame)
+        rows = [row for task in self.tasks(inputs) for row in solved.rows(task)]
+        return Content("", pd.DataFrame(rows), shown=pd.DataFrame(rows), claim=self.claim)
 """
+
+
+@pytest.fixture
+def counted(tmp_path):
+    """Makes a report whose tables are of tasks, by the command; returns its exit code."""
+
+    def make(*tables, processes=1, more=(), **keys):
+        table = {**only("sensor"), **keys}
+        log = str(tmp_path / "log")
+        table["section"][0]["figure"] += [{"kind": "told", "log": log, **of} for of in tables]
+        path, kinds = write(tmp_path, table), tmp_path / "own.py"
+        if not kinds.exists():
+            kinds.write_text(OWN)
+        how = ["--kinds", str(kinds), "--processes", str(processes)]
+        return main(["report", str(path), "--out", str(tmp_path / "out"), *how, *more])
+
+    return make
+
+
+def ran(folder):
+    """What tasks have run, in their order."""
+    log = folder / "log"
+    return log.read_text().split() if log.exists() else []
+
+
+def test_tasks_of_a_file_run_once_in_processes_and_in_this_one(tmp_path, counted):
+    table = {"name": "told", "words": ["hear", "see"], "full": {"words": ["hear", "smell"]}}
+    assert counted(table, processes=2) == 0
+    assert sorted(ran(tmp_path)) == ["hear", "see"]
+    page = tmp_path.joinpath("out", "index.html").read_bytes()
+    told = pd.read_csv(tmp_path / "out" / "data" / "told.csv")
+    assert told.values.tolist() == [["hear", 4, 20.0], ["see", 3, 20.0]]
+    assert counted(table) == 0
+    assert tmp_path.joinpath("out", "index.html").read_bytes() == page
+    assert len(ran(tmp_path)) == 2
+    assert counted(table, more=["--full"]) == 0  # one is known
+    assert ran(tmp_path)[2:] == ["smell"]
+    kinds = tmp_path / "own.py"
+    kinds.write_text(kinds.read_text().replace('"letters": len', '"letters": 2 * len'))
+    assert counted(table) == 0  # an edited file computes anew
+    assert ran(tmp_path)[3:] == ["hear", "see"]
+    assert pd.read_csv(tmp_path / "out" / "data" / "told.csv").letters.tolist() == [8, 6]
+
+
+@pytest.mark.parametrize(("word", "processes"), [("raise", 1), ("raise", 2), ("die", 2)])
+def test_a_task_that_fails_is_told_in_its_place_and_tried_again(
+    tmp_path, counted, capfd, word, processes
+):
+    tables = [{"name": "bad", "words": [word]}, {"name": "good", "words": ["see"]}]
+    assert counted(*tables, processes=processes) == 3
+    assert "section[0].figure[1] (bad)" in capfd.readouterr().err
+    page = tmp_path.joinpath("out", "index.html").read_text("utf-8")
+    assert re.search(r'<figure id="bad">\s*<p class="pending">', page)
+    assert (tmp_path / "out" / "data" / "good.csv").is_file()
+    assert not (tmp_path / "out" / "data" / "bad.csv").exists()
+    before = len(ran(tmp_path))
+    assert counted(*tables, processes=processes) == 3
+    assert set(ran(tmp_path)[before:]) == {word}
+
+
+def test_an_interrupted_task_leaves_what_is_done(tmp_path, counted):
+    words = ["a", "b", "stop", "c"]
+    assert counted({"words": words}) == 130
+    assert ran(tmp_path) == ["a", "b", "stop"]
+    assert counted({"words": ["a", "b", "c"]}) == 0
+    assert ran(tmp_path)[3:] == ["c"]
+
+
+def test_mistakes_in_full_are_told_by_their_keys(tmp_path, counted, capsys):
+    assert counted({"words": ["a"], "full": {"words": 3, "wrods": ["b"]}}) == 2
+    told = capsys.readouterr().err
+    assert "section[0].figure[1].full.words = 3" in told
+    assert "section[0].figure[1].full.wrods" in told
+    assert not ran(tmp_path)
+
+
+def test_a_page_has_the_verdicts_of_others_and_of_itself(tmp_path, counted):
+    other = {"title": "Another <one>", "page": "../other/index.html", "how": "make other"}
+    assert counted({"words": ["a"], "claim": "words have 1 letter"}, other=[other]) == 0
+    assert tmp_path.joinpath("out", "verdict.txt").read_text() == "Words have 1 letter.\n"
+    page = tmp_path / "out" / "index.html"
+    assert "make other" in page.read_text()
+    assert 'href="../other' not in page.read_text()
+    folder = tmp_path / "other"
+    folder.mkdir()
+    folder.joinpath("index.html").touch()
+    folder.joinpath("verdict.txt").write_text(r"It is \1 & good.")
+    before = page.read_text()
+    Report.load(tmp_path / "report.toml", kinds_of(tmp_path / "own.py")).refresh(tmp_path / "out")
+    line = r'<li><a href="../other/index.html">Another &lt;one&gt;</a>: It is \1 &amp; good.</li>'
+    assert line in page.read_text()
+    assert counted({"words": ["a"], "claim": "words have 1 letter"}, other=[other]) == 0
+    assert page.read_text() == re.sub("<li>Another.*</li>", lambda _: line, before)
 
 
 def test_kinds_come_from_a_python_file(tmp_path, capsys):
     table = only("sensor")
-    table["section"][0]["figure"] += [{"kind": "told", "words": "hear, hear", "name": "heard"}]
+    told = {"kind": "told", "words": ["hear"], "log": str(tmp_path / "log")}
+    table["section"][0]["figure"] += [told]
     path, kinds = write(tmp_path, table), tmp_path / "own.py"
     command = ["report", str(path), "--out", str(tmp_path / "out"), "--processes", "1"]
     assert main(command) == 2  # no such kind
@@ -241,4 +369,4 @@ def test_kinds_come_from_a_python_file(tmp_path, capsys):
         assert "kinds = " in capsys.readouterr().err
     kinds.write_text(OWN)
     assert main([*command, "--kinds", str(kinds)]) == 0
-    assert "hear, hear" in (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    assert '<td data-label="word">hear</td>' in (tmp_path / "out" / "index.html").read_text("utf-8")

@@ -15,7 +15,7 @@ import pytest
 from pvdf_fem import Report, solve
 from pvdf_fem.reporting.registry import kinds_of
 from pvdf_fem.reporting.solved import Solved
-from pvdf_fem.sweeps.sweep import solve_all
+from pvdf_fem.reporting.task import key
 from reports import __main__ as reports
 
 THESIS = Path(reports.__file__).parent / "thesis"
@@ -156,11 +156,11 @@ def test_links_of_texts_lead_to_figures_and_files(report):
 
 def test_what_is_special_is_made_in_a_preview(report):
     inputs, needed = report.plan.needs(quick=True)
-    own = [asked for asked in needed if type(asked[0].kind).__name__ in ("Told", "Effects")]
+    own = [need for need in needed if need.tasks or need.item.name == "contents"]
     assert len(own) == 4
-    scenes = list(dict.fromkeys(scene for _, of in own for scene in of))
-    solved = Solved(dict(zip(scenes, solve_all(scenes, processes=1), strict=True)))
-    made = {item.name: item.kind.compose(inputs, solved) for item, _ in own}
+    tasks = {key(task): task for need in own for task in need.tasks}
+    solved = Solved({}, {name: task.run() for name, task in tasks.items()})
+    made = {need.item.name: need.item.kind.compose(inputs, solved) for need in own}
     for content in made.values():
         assert not content.frame.astype(str).isin(["nan"]).any(axis=None)
         assert "{" not in content.frame.to_csv()
@@ -170,6 +170,43 @@ def test_what_is_special_is_made_in_a_preview(report):
     assert effects.A_percent["beside A", "tape over each electrode"] < -50.0
     assert effects.B_percent["on a part of A", "d33 = −15 pC/N"] == pytest.approx(0.0, abs=1e-9)
     assert effects.A_percent["on a part of A", "d33 = −15 pC/N"] > 0.0
+
+
+def test_reports_are_made_by_their_names(tmp_path, monkeypatch, capsys):
+    """Each in its folder, with its own arguments, and the landing page has its verdict."""
+    title = 'title = "A sensor"\nexample = "triangle"\n'
+    other = '[[other]]\ntitle = "How good"\npage = "accuracy/index.html"\nhow = "by hand"\n'
+    section = '[[section]]\ntitle = "Found"\n[[section.figure]]\nkind = "found"\n'
+    for name, text in {"thesis": title + other + section, "accuracy": title + section}.items():
+        folder = tmp_path / name
+        folder.mkdir()
+        folder.joinpath("report.toml").write_text(text)
+        folder.joinpath("special.py").write_text(FOUND.format(claim=name))
+    monkeypatch.setattr(reports, "HERE", tmp_path)
+    monkeypatch.setattr(reports, "OUT", tmp_path / "out")
+    assert reports.main([]) == 0
+    page = tmp_path / "out" / "index.html"
+    assert "by hand" in page.read_text()
+    assert reports.main(["accuracy"]) == 0
+    assert "</a>: Accuracy.</li>" in page.read_text()
+    assert '<p class="verdict">Thesis.</p>' in page.read_text()
+    assert reports.main(["accuracy", "--out", str(tmp_path / "elsewhere")]) == 0
+    assert (tmp_path / "elsewhere" / "index.html").is_file()
+    assert reports.main(["stability"]) == 2  # has no script there
+    assert "accuracy" in capsys.readouterr().err
+
+
+FOUND = """
+from typing import Literal
+import pandas as pd
+from pvdf_fem.reporting.kind import Content, Kind
+
+class Found(Kind):
+    kind: Literal["found"]
+
+    def compose(self, inputs, solved):
+        return Content("", pd.DataFrame(dict(a=[1])), claim="{claim}")
+"""
 
 
 def test_other_names_of_reports_are_refused(capsys):

@@ -12,8 +12,8 @@ import pandas as pd
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.reporting import drawing
-from pvdf_fem.reporting.kind import Content, Inputs, NothingToShow, OfElectrodes, place_mm
-from pvdf_fem.reporting.solved import Solved
+from pvdf_fem.reporting.kind import Content, Inputs, OfElectrodes, place_mm
+from pvdf_fem.reporting.solved import NothingToShow, Solved
 from pvdf_fem.scene.scene import Scene
 
 

@@ -13,8 +13,8 @@ from pydantic import Field
 from pvdf_fem.output.figures import GREY, HALO, look_of, new_figure
 from pvdf_fem.reporting import drawing
 from pvdf_fem.reporting.data import SHORT, Readings, cell_text
-from pvdf_fem.reporting.kind import Content, Inputs, NothingToShow, OfElectrodes
-from pvdf_fem.reporting.solved import Solved
+from pvdf_fem.reporting.kind import Content, Inputs, OfElectrodes
+from pvdf_fem.reporting.solved import NothingToShow, Solved
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem
 

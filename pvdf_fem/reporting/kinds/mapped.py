@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from pvdf_fem.reporting.charge_map import ChargeMap, MapPlaces, pitch_of
-from pvdf_fem.reporting.kind import Inputs, NothingToShow, OfElectrodes
-from pvdf_fem.reporting.solved import Solved
+from pvdf_fem.reporting.kind import Inputs, OfElectrodes
+from pvdf_fem.reporting.solved import NothingToShow, Solved
 from pvdf_fem.response.model import default_reach_mm
 from pvdf_fem.scene.quantity import Length
 from pvdf_fem.scene.scene import Scene

@@ -17,9 +17,9 @@ from pvdf_fem.reporting.charge_map import ChargeMap, MapPlaces
 from pvdf_fem.reporting.crossings import Contours
 from pvdf_fem.reporting.data import ERROR_MM, Readings
 from pvdf_fem.reporting.drawing import WIDTH_MM, listed
-from pvdf_fem.reporting.kind import PLACE, Content, Inputs, NothingToShow, differ_in, place_mm
+from pvdf_fem.reporting.kind import PLACE, Content, Inputs, differ_in, place_mm
 from pvdf_fem.reporting.kinds.mapped import Mapped
-from pvdf_fem.reporting.solved import Solved
+from pvdf_fem.reporting.solved import NothingToShow, Solved
 from pvdf_fem.scene.quantity import Finite, within
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem

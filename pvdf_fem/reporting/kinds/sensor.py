@@ -14,8 +14,8 @@ from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
 from pvdf_fem.output.figures import COLOURS, GREY, draw_electrode, draw_rim, new_figure
 from pvdf_fem.reporting.drawing import WIDTH_MM
-from pvdf_fem.reporting.kind import Content, Inputs, Kind, NothingToShow
-from pvdf_fem.reporting.solved import Solved
+from pvdf_fem.reporting.kind import Content, Inputs, Kind
+from pvdf_fem.reporting.solved import NothingToShow, Solved
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.first_sizes import ORDER, first_sizes
 
