@@ -31,7 +31,7 @@ REPORTS: dict[str, tuple[str, ...]] = {
     "design": (),
 }
 #: Reports with commands of their own, each a module here.
-OTHERS = ("locate", "design", "extremes", "error_vs_time")
+OTHERS = ("design", "extremes", "error_vs_time")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

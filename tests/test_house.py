@@ -67,7 +67,6 @@ REPORTS = (
     "reports.design_study",
     "reports.speed",
     "reports.robustness",
-    "reports.sensors",
     "reports.gallery",
     "reports.guide",
     "reports",

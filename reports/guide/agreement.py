@@ -36,8 +36,7 @@ LONG_RUNS = {
     "stated_errors": "stated errors against true ones, in some 500 random scenes",
     "extremes": "2,000 scenes from the ends of every range",
     "fuzz": "20,000 damaged inputs",
-    "locate": "1,500 random touches located from their charges",
-    "calibrate_sensors": "100 made-up sensors calibrated",
+    "locating": "random touches located, sensors calibrated and taps tracked",
     "error_vs_time": "error against run time, beside other codes",
 }
 

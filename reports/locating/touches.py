@@ -1,27 +1,26 @@
 """Touches whose charges come from full solves, located with noise: single ones by a response of
-their probe, pairs by solves. The full solves are much finer than what they are located with."""
+their probe, pairs by solves. The full solves are finer than what the touches are located with."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from pvdf_fem import Response, Scene, build_response, locate, locate_many, solve
+from pvdf_fem import Replaced, Response, Scene, build_response, locate, locate_many, solve
 from pvdf_fem.arrays import Array
 from pvdf_fem.reporting.charge_map import places_on_rings
 from pvdf_fem.reporting.solved import Solved
 from pvdf_fem.reporting.task import Rows, Task
 from pvdf_fem.response.build import ResponseOptions
 from pvdf_fem.response.held_out import random_touches
-from pvdf_fem.response.model import QUANTITIES, scene_of_touch
+from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Domain, X, Y, scene_of_touch
 from pvdf_fem.response.probe_stress import ProbeMesh
-from pvdf_fem.scene.scene import Replaced
 from pvdf_fem.sweeps.sweep import silent, solve_all
-from pvdf_fem.touch.by_solves import SolveOptions
 
 SEED = 20261124
 #: Electrodes that the touches of a probe are located with.
@@ -30,26 +29,23 @@ LAYOUTS: dict[str, dict[str, Any]] = {
     "four": {"layout": "four"},
     "eight": {"layout": "ring", "count": 8, "shape": "square"},
 }
-NOISES = (0.0, 0.003, 0.01, 0.03)  #: Relative standard deviations of a charge.
-NOISE = 0.01  #: Of the map.
+NOISE = 0.01  #: Relative standard deviation of a charge.
 PLACE_AND_FORCE = ("x_mm", "y_mm", "force_N")
 TRUTH = 0.02  #: Tolerance of the full solves over the tolerance of the response.
-FORCE_N = 1.0  #: Of the touches of the map, which are not turned.
-DRAWS = 200  #: Of the noise at a place of the map.
-BATCH = 20_000  #: Touches that are located at once to time them.
-LIKELY = 0.01  #: Least share of the likelihood of a rival.
 PAIR_TRUTH = 1e-5  #: Tolerance of the full solves of pairs.
-COARSE_PAIRS = SolveOptions(
-    pitch_mm=7.5, fine_mm=2.5, starts=3, followed=1, rounds=0, tolerance=1e-3
-)
+DRAWS = 200  #: Of the noise at a place of the map.
+ONCE, BATCH = 40, 20_000  #: Touches that are located one by one and at once, to time them.
+PAIR_N = (0.3, 1.5)  #: Least and largest force of a touch of a pair.
+LIKELY = 0.01  #: Least share of the likelihood of a rival.
+COARSE = ResponseOptions(radii=2, held_out=6, cell=1 / 6, elements=ProbeMesh().scaled(2.0))
 
 
 @dataclass(frozen=True)
 class Located(Task):
     """Touches of the scene's probe, located with three, four and eight electrodes.
 
-    There are three sorts of rows: of a random touch at a noise, of a place on the film under
-    `FORCE_N`, and one of the response.
+    There are rows of three sorts: of a random touch at a noise, of a place on the film under 1 N,
+    and of the response.
     """
 
     scene: Scene
@@ -58,112 +54,87 @@ class Located(Task):
     reach_mm: float
     forces_N: tuple[float, float]
     pitch_mm: float  #: Of the map.
-    is_coarse: bool = False  #: Whether the response is a coarse one, for a preview.
+    is_coarse: bool = False  #: Whether the response is that of a preview.
 
     def run(self) -> Rows:
         """Build one response, and locate with each layout of the electrodes."""
-        begun, rows = time.process_time(), Rows()
-        options = ResponseOptions(radii=2, held_out=6, cell=1 / 6, elements=ProbeMesh().scaled(2.0))
-        built = build_response(
-            self._with("three"),
-            self.reach_mm,
-            self.forces_N,
-            self.tolerance,
-            1,
-            progress=silent,
-            options=options if self.is_coarse else None,
-        )
-        seconds = time.process_time() - begun
+        begun, scene = time.process_time(), self.with_electrodes("three")
+        how: dict[str, Any] = {"options": COARSE if self.is_coarse else None, "progress": silent}
+        built = build_response(scene, self.reach_mm, self.forces_N, self.tolerance, 1, **how)
+        built_s, rows = time.process_time() - begun, Rows()
         for layout in LAYOUTS:
-            model = built.for_scene(self._with(layout), 1)
-            found = [*self._random(model), *self._places(model), self._speed(model)]
-            rows += [{"electrodes": layout, "build_s": seconds, **row} for row in found]
+            model = built.for_scene(self.with_electrodes(layout), 1)
+            told = {"sort": "model", "built_s": built_s, "error_bound": model.error_bound}
+            found = [told | _speed(model), *self._random(model), *self._places(model)]
+            rows += [{"electrodes": layout, **row} for row in found]
         return rows
 
-    def _with(self, layout: str) -> Scene:
+    def with_electrodes(self, layout: str) -> Scene:
+        """The scene with the electrodes of a layout."""
         return self.scene.with_(electrodes=Replaced(LAYOUTS[layout]))
 
-    def _charges(self, model: Response, touches: Array) -> Array:
-        """Charges (n, electrodes) of full solves, NaN where one fails."""
+    def _solved(self, model: Response, touches: Array) -> tuple[Array, Array]:
+        """The touches whose full solves converge, and their charges (n, electrodes)."""
         scenes = [scene_of_touch(model.scene, row, TRUTH * self.tolerance) for row in touches]
-        records = solve_all(scenes, processes=1)
-        return Solved(dict(zip(scenes, records, strict=True))).charges(scenes, model.names, "total")
+        solved = Solved(dict(zip(scenes, solve_all(scenes, processes=1), strict=True)))
+        charges = solved.charges(scenes, model.names, "total")
+        known = np.isfinite(charges).all(axis=1)
+        return touches[known], charges[known]
 
-    def _random(self, model: Response) -> Iterator[dict[str, Any]]:
-        """Touches everywhere, of any rotation and force: located with the rotation known, and at
-        `NOISE` with the rotation sought."""
+    def _random(self, model: Response) -> Rows:
+        """Touches of any place, rotation and force, whose rotation is known; and at `NOISE` those
+        whose rotation is sought too, where there are charges enough."""
         touches = random_touches(model.domain, self.touches, SEED)
-        charges, draw = self._charges(model, touches), np.random.default_rng(SEED)
-        ways = [(noise, PLACE_AND_FORCE) for noise in NOISES]
-        if self.scene.single_probe and self.scene.single_probe.period_deg:
-            ways += [(NOISE, QUANTITIES)] * (len(model.names) >= len(QUANTITIES))
-        for noise, unknown in ways:
-            noisy = charges * (1.0 + noise * draw.standard_normal(charges.shape))
-            for touch, row in zip(touches, noisy, strict=True):
-                if np.isfinite(row).all():
-                    yield {"sort": "touch", "noise": noise, **located(model, touch, row, noise, unknown)}
+        touches, charges = self._solved(model, touches)
+        draw, frames = np.random.default_rng(SEED).standard_normal(charges.shape), []
+        ways = [(0.0, touches[:, ROTATION]), (NOISE, touches[:, ROTATION]), (NOISE, None)]
+        for noise, known in ways[: 2 if len(model.names) < len(QUANTITIES) else 3]:
+            noisy, sigma = charges * (1.0 + noise * draw), max(noise, TRUTH * self.tolerance)
+            found = locate_many(model, noisy, sigma, rotations_deg=known, calibrated=True)
+            frame = pd.DataFrame(touches, columns=QUANTITIES)
+            for name in PLACE_AND_FORCE:
+                column, scale = QUANTITIES.index(name), frame.force_N if name == "force_N" else 1.0
+                frame[f"{name}_error"] = (found.values[:, column] - frame[name]) / scale
+                stated = found.deviations[:, found.unknown.index(name)]
+                frame[f"{name}_deviation"] = stated / scale
+            told = {"rivals": found.alternatives, "p_value": found.p_value, "noise": noise}
+            frames.append(frame.assign(sort="touch", turned=known is None, **told))
+        return pd.concat(frames).to_dict("records")
 
     def _places(self, model: Response) -> Iterator[dict[str, Any]]:
-        """Places all over the film: the error within which 68 % of the draws are, and the distance
-        of the farthest rival."""
+        """Places all over the film: the error that 68 % of the draws of the noise do not exceed,
+        and the distance of the farthest rival."""
         places = places_on_rings(self.reach_mm * (1.0 - 1e-6), self.pitch_mm, 90.0)
-        touches = np.pad(places, ((0, 0), (0, 2)), constant_values=(0.0, 0.0))
-        touches[:, 3] = FORCE_N
-        charges = self._charges(model, touches)
-        draw = np.random.default_rng(SEED).standard_normal((len(charges), DRAWS, charges.shape[1]))
-        rows = (charges[:, None] * (1.0 + NOISE * draw)).reshape(-1, charges.shape[1])
-        found = locate_many(model, rows, NOISE, rotations_deg=np.zeros(len(rows))).values
-        apart = np.linalg.norm(found.reshape(len(places), DRAWS, 4)[:, :, :2] - places[:, None], axis=2)
-        errors = np.quantile(np.nan_to_num(apart, nan=np.inf), 0.683, axis=1, method="higher")
-        for place, row, error in zip(places, charges, errors.tolist(), strict=True):
-            known, rival = dict(zip(model.names, row.tolist(), strict=True)), 0.0
-            for touch in locate(model, known, NOISE, known={"rotation_deg": 0.0}).touches:
-                if touch.weight >= LIKELY:
-                    rival = max(rival, float(np.linalg.norm(touch.values[:2] - place)))
-            yield {
-                "sort": "place",
-                **dict(zip(("x_mm", "y_mm"), place.tolist(), strict=True)),
-                "error_mm": error,
-                "rival_mm": rival,
-            }
+        still = np.tile([0.0, 1.0], (len(places), 1))  # 0°, 1 N
+        touches, charges = self._solved(model, np.hstack([places, still]))
+        draw = np.random.default_rng(SEED).standard_normal((DRAWS, *charges.shape))
+        rows = (charges * (1.0 + NOISE * draw)).reshape(-1, len(model.names))
+        values = locate_many(model, rows, NOISE, rotations_deg=np.zeros(len(rows))).values
+        errors = np.hypot(*(values.reshape(DRAWS, -1, 4) - touches)[..., :ROTATION].T).T
+        sizes = np.quantile(np.nan_to_num(errors, nan=np.inf), 0.683, axis=0, method="higher")
+        for (x, y, *_), row, size in zip(touches.tolist(), charges, sizes.tolist(), strict=True):
+            listed = locate(model, _given(model, row), NOISE, known={"rotation_deg": 0.0}).touches
+            likely = [np.hypot(of.x_mm - x, of.y_mm - y) for of in listed if of.weight >= LIKELY]
+            rival = float(max(likely, default=0.0))
+            yield {"sort": "place", "x_mm": x, "y_mm": y, "error_mm": size, "rival_mm": rival}
 
-    def _speed(self, model: Response) -> dict[str, Any]:
-        """The response's error bound, and touches located in a second when many are given."""
-        touches = random_touches(model.domain, BATCH, SEED)
-        charges = model.evaluate(touches)[0]
-        charges *= 1.0 + NOISE * np.random.default_rng(SEED).standard_normal(charges.shape)
+
+def _given(model: Response, charges: Array) -> dict[str, float]:
+    return dict(zip(model.names, charges.tolist(), strict=True))
+
+
+def _speed(model: Response) -> dict[str, Any]:
+    """Milliseconds of `locate` in the median, and touches in a second by `locate_many`."""
+    touches = random_touches(model.domain, BATCH, SEED)
+    charges, took = model.evaluate(touches)[0], []
+    for row in charges[:ONCE]:
         begun = time.perf_counter()
-        locate_many(model, charges, NOISE, rotations_deg=touches[:, 2])
-        rate = BATCH / (time.perf_counter() - begun)
-        return {"sort": "model", "error_bound": model.error_bound, "rate_per_s": rate}
-
-
-def located(
-    model: Response, touch: Array, charges: Array, noise: float, unknown: Sequence[str]
-) -> dict[str, Any]:
-    """What `locate` finds of a touch (4,) from charges (electrodes,): errors, and deviations that
-    are stated; of the force relative ones. NaN where no touch is found."""
-    true = dict(zip(QUANTITIES, touch.tolist(), strict=True))
-    given = dict(zip(model.names, charges.tolist(), strict=True))
-    known = {name: value for name, value in true.items() if name not in unknown}
-    sigma, begun = max(noise, TRUTH * model.tolerance), time.perf_counter()
-    location = locate(model, given, sigma, unknown=unknown, known=known)
-    row = {**true, "sought": len(unknown), "seconds": time.perf_counter() - begun}
-    best = location.best.values if location.touches else np.full(4, np.nan)
-    stated = location.deviations if location.touches else {}
-    listed = [np.linalg.norm(of.values[:2] - touch[:2]) for of in location.touches]
-    errors = dict(zip(QUANTITIES, (best - touch).tolist(), strict=True))
-    for name in PLACE_AND_FORCE:
-        scale = touch[3] if name == "force_N" else 1.0
-        row[f"{name}_error"] = errors[name] / scale
-        row[f"{name}_deviation"] = stated.get(name, np.nan) / scale
-    return {
-        **row,
-        "error_mm": float(np.hypot(errors["x_mm"], errors["y_mm"])),
-        "nearest_mm": float(min(listed, default=np.nan)),
-        "rivals": location.alternatives,
-        "p_value": location.best.p_value if location.touches else np.nan,
-    }
+        locate(model, _given(model, row), NOISE)
+        took.append(1e3 * (time.perf_counter() - begun))
+    begun = time.perf_counter()
+    locate_many(model, charges, NOISE, rotations_deg=touches[:, ROTATION])
+    rate = BATCH / (time.perf_counter() - begun)
+    return {"locate_ms": float(np.median(took)), "per_second": rate}
 
 
 @dataclass(frozen=True)
@@ -174,53 +145,28 @@ class Pair(Task):
     number: int
     noise: float  #: Relative standard deviation of the charges.
     reach_mm: float
-    apart_mm: float  #: Least distance of the two touches.
-    is_coarse: bool = False
+    apart_mm: float  #: Least distance of the touches.
 
     def run(self) -> Rows:
-        """A row for each touch, beside the touch of the listed pair that is nearest to the truth."""
-        draw, true = np.random.default_rng([SEED, self.number]), np.zeros((2, 3))
-        while np.linalg.norm(true[0, :2] - true[1, :2]) < self.apart_mm:
-            r, angle = self.reach_mm * np.sqrt(draw.random(2)), 2.0 * np.pi * draw.random(2)
-            true = np.stack([r * np.cos(angle), r * np.sin(angle), 0.3 * 5.0 ** draw.random(2)], 1)
-        charges = solve(self._pressed(true)).charges_pC
-        noise = 1.0 + self.noise * draw.standard_normal(len(charges))
-        given = {name: q * f for (name, q), f in zip(charges.items(), noise.tolist(), strict=True)}
-        begun, options = time.process_time(), COARSE_PAIRS if self.is_coarse else SolveOptions()
-        found = locate(self.scene, given, self.noise, touches=2, options=options)
-        told = {"pair": self.number, "seconds": time.process_time() - begun, "listed": len(found)}
-        orders = [(of, turn) for of in found for turn in (0, 1)]
-        if not orders:
-            raise ValueError(f"no pair is found from the charges of {true.tolist()}")
-
-        def errors(order: tuple[Any, int]) -> Array:
-            """Distances in mm of both places."""
-            values = np.roll(np.reshape([*order[0].values.values()], (2, 3)), order[1], axis=0)
-            return np.linalg.norm((values - true)[:, :2], axis=1)
-
-        best = min(orders, key=lambda order: errors(order).max())
-        values, stated = (
-            np.roll(np.reshape([*of.values()], (2, 3)), best[1], axis=0)
-            for of in (best[0].values, best[0].deviations)
-        )
-        told |= {"place": found.index(best[0]), "weight": best[0].weight}
+        """A row for each touch, beside the nearest of the pairs that are listed."""
+        draw, probe = np.random.default_rng(self.number), self.scene.single_probe
+        several = random_touches(Domain(self.reach_mm, PAIR_N), 20, self.number)[:, [X, Y, FORCE]]
+        apart = np.hypot(*(several - several[0])[:, :2].T)
+        true = several[[0, int(np.argmax(apart >= self.apart_mm))]]
+        pressing = probe.model_dump(exclude_none=True) if probe else {}
+        both = [pressing | dict(zip(PLACE_AND_FORCE, of, strict=True)) for of in true.tolist()]
+        solved = solve(self.scene.with_(probe=both, **{"numerics.tolerance": PAIR_TRUTH}))
+        noise = 1.0 + self.noise * draw.standard_normal(len(solved.charges_pC))
+        given = np.array([*solved.charges_pC.values()]) * noise
+        begun = time.process_time()
+        charges = dict(zip(solved.charges_pC, given.tolist(), strict=True))
+        listed = locate(self.scene, charges, self.noise, touches=2)
+        told = {"pair": self.number, "seconds": time.process_time() - begun, "listed": len(listed)}
+        # values and deviations (2, 3), in both orders of the touches
+        found = [[[*of.values.values()], [*of.deviations.values()]] for of in listed]
+        orders = [np.reshape(of, (2, 2, 3))[:, ::step] for of in found for step in (1, -1)]
+        nearest = min(orders, key=lambda of: np.linalg.norm((of[0] - true)[:, :2], axis=1).max())
         return [
-            {
-                **told,
-                **dict(zip(PLACE_AND_FORCE, row, strict=True)),
-                **dict(zip((f"{name}_found" for name in PLACE_AND_FORCE), is_at, strict=True)),
-                "error_mm": error,
-                "deviation_mm": float(np.hypot(*wide[:2])),
-            }
-            for row, is_at, error, wide in zip(
-                true.tolist(), values.tolist(), errors(best).tolist(), stated, strict=True
-            )
+            {**told, "true": of, "found": at, "deviations": wide}
+            for of, at, wide in zip(true.tolist(), *nearest.tolist(), strict=True)
         ]
-
-    def _pressed(self, touches: Array) -> Scene:
-        """The scene with touches (2, 3), to be solved finely."""
-        probe = self.scene.single_probe
-        assert probe is not None
-        given = [dict(zip(PLACE_AND_FORCE, row, strict=True)) for row in touches.tolist()]
-        both = [{**probe.model_dump(exclude_none=True), **of} for of in given]
-        return self.scene.with_(probe=both, **{"numerics.tolerance": PAIR_TRUTH})
