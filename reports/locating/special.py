@@ -23,7 +23,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.output.figures import COLOURS, GREY, draw_electrode, draw_rim, new_figure
 from pvdf_fem.reporting.drawing import RING, WIDTH_MM
 from pvdf_fem.reporting.kind import Content, Inputs, Kind
-from pvdf_fem.reporting.solved import Solved
+from pvdf_fem.reporting.solved import NothingToShow, Solved
 from reports.locating.signals import Sensor, Taps
 from reports.locating.touches import LAYOUTS, NOISE, PLACE_AND_FORCE, Located, Pair
 
@@ -38,8 +38,6 @@ INNER_MM = 7.0  #: Places as near to the centre are inside of the ring of electr
 FAR_MM = 0.5  #: Rivals that are nearer do not count as another place.
 NEAR = 3.0  #: Stated deviations within which all errors are of a pair that is found.
 EXACT_MM, EXACT_PERCENT = 0.01, 0.2  #: Errors of place and force with which a touch is found.
-
-
 #: What is drawn, the figure, and numbers by name.
 Drawn = tuple[pd.DataFrame, Figure, dict[str, Any]]
 
@@ -212,8 +210,8 @@ class Pairs(OfTasks):
             "listed": frame.listed.mean(),
             "seconds": frame.seconds.median(),
         }
-        places = true[:, :2], found[:, :2]
-        return frame, found_figure(self.scene(inputs), 16.0, *places, {"pairs": pulls}), numbers
+        how = 16.0, true[:, :2], found[:, :2], {"pairs": pulls}
+        return frame, found_figure(self.scene(inputs), *how), numbers
 
 
 class Calibrated(OfTasks):
@@ -231,6 +229,8 @@ class Calibrated(OfTasks):
         """The touches of the first sensor, and the errors of the parameters of all."""
         frame = pd.concat(rows)
         found = frame[frame.status == "calibrated"]
+        if found.empty:
+            raise NothingToShow(f"no sensor is calibrated: {frame.reason.iloc[0]}")
         pulls, first = np.vstack(found.pulls), found.iloc[0]
         apart = {of: np.subtract(first[of], first.true) for of in ("given", "found")}
         numbers = {
@@ -240,12 +240,8 @@ class Calibrated(OfTasks):
             "place_mm": {of: np.median(np.linalg.norm(by, axis=1)) for of, by in apart.items()},
             "seconds": frame.seconds.median(),
         }
-        places = first.true, first.found
-        return (
-            frame,
-            found_figure(self.scene(inputs), 15.0, *places, {"parameters": pulls}),
-            numbers,
-        )
+        how = 15.0, first.true, first.found, {"parameters": pulls}
+        return frame, found_figure(self.scene(inputs), *how), numbers
 
 
 class TapCourse(OfTasks):
@@ -255,12 +251,8 @@ class TapCourse(OfTasks):
 
     def tasks(self, inputs: Inputs) -> Sequence[Taps]:
         """One task."""
-        how = (
-            (1, 8.0, (0.2, 2.0), 1e-4)
-            if inputs.quick
-            else (self.count, 8.0, (0.2, 2.0), self.tolerance)
-        )
-        return [Taps(self.scene(inputs), *how)]
+        count, tolerance = (1, 1e-4) if inputs.quick else (self.count, self.tolerance)
+        return [Taps(self.scene(inputs), count, 8.0, (0.2, 2.0), tolerance)]
 
     def drawn(self, inputs: Inputs, rows: list[pd.DataFrame]) -> Drawn:
         """The course of the first tap."""
@@ -282,6 +274,7 @@ class TapCourse(OfTasks):
         apart = np.hypot(taps.x_mm - taps.true_x_mm, taps.y_mm - taps.true_y_mm)
         numbers = {
             "taps": len(taps),
+            "tracked": int((taps.touches == 1).sum()),
             "place_mm": apart.median(),
             "force_percent": 100.0 * (taps.force_N / taps.true_N - 1.0).abs().median(),
             "delay_ms": 1e3 * taps.delay_s.median(),

@@ -165,7 +165,8 @@ class Pair(Task):
         # values and deviations (2, 3), in both orders of the touches
         found = [[[*of.values.values()], [*of.deviations.values()]] for of in listed]
         orders = [np.reshape(of, (2, 2, 3))[:, ::step] for of in found for step in (1, -1)]
-        nearest = min(orders, key=lambda of: np.linalg.norm((of[0] - true)[:, :2], axis=1).max())
+        sizes = [np.linalg.norm((of[0] - true)[:, :2], axis=1).max() for of in orders]
+        nearest = orders[int(np.argmin(sizes))] if orders else np.full((2, 2, 3), np.nan)
         return [
             {**told, "true": of, "found": at, "deviations": wide}
             for of, at, wide in zip(true.tolist(), *nearest.tolist(), strict=True)
