@@ -20,7 +20,7 @@ from scipy.stats import norm
 
 from pvdf_fem import Replaced, Scene
 from pvdf_fem.arrays import Array
-from pvdf_fem.output.figures import COLOURS, GREY, draw_electrode, draw_rim, new_figure
+from pvdf_fem.output.figures import COLOURS, GREY, draw_film, new_figure
 from pvdf_fem.reporting.drawing import RING, WIDTH_MM
 from pvdf_fem.reporting.kind import Content, Inputs, Kind
 from pvdf_fem.reporting.solved import NothingToShow, Solved
@@ -85,20 +85,13 @@ def sort_of(rows: pd.DataFrame, sort: str) -> pd.DataFrame:
     return rows[rows["sort"] == sort].dropna(axis=1, how="all")
 
 
-def film_axes(ax: Any, scene: Scene, reach_mm: float) -> None:
-    """Draw the film with its electrodes."""
-    draw_rim(ax, scene.film.radius_mm, reach_mm)
-    for electrode in scene.electrode_list:
-        draw_electrode(ax, electrode.outline, [electrode.name])
-
-
 def found_figure(
     scene: Scene, reach_mm: float, true: Any, found: Any, pulls: Mapping[str, Any]
 ) -> Figure:
     """True places (n, 2) in mm and those found; shares of errors over their deviations, by name."""
     figure = new_figure(WIDE_MM, 84.0)
     film, shares = figure.subplots(1, 2, width_ratios=[1.2, 1.0])
-    film_axes(film, scene, reach_mm)
+    draw_film(film, scene.film.radius_mm, scene.electrode_list, reach_mm)
     both = np.array([np.vstack(true), np.vstack(found)], dtype=float)
     film.plot(*both.transpose(2, 0, 1), color=COLOURS[1], linewidth=0.9)
     film.plot(*both[0].T, "k+", label="true place")
@@ -138,8 +131,12 @@ class ErrorMap(OfTouches):
             shades = upper.tricontourf(at.x_mm, at.y_mm, error, levels=LEVELS_MM, norm=bands)
             lower.plot(at.x_mm, at.y_mm, ".", color="0.8", markersize=2.0, zorder=0)
             dots = lower.scatter(far.x_mm, far.y_mm, 14.0, far.rival_mm, **look)
+            electrodes, radius = (
+                task.with_electrodes(layout).electrode_list,
+                task.scene.film.radius_mm,
+            )
             for ax in (upper, lower):
-                film_axes(ax, task.with_electrodes(layout), 1.2 * task.reach_mm)
+                draw_film(ax, radius, electrodes, 1.2 * task.reach_mm)
                 ax.label_outer()
             upper.set_title(f"{layout} electrodes")
         figure.colorbar(shades, ax=axes[0], label="error (mm)", format="%g")

@@ -150,7 +150,7 @@ def test_figures_have_the_numbers_of_their_captions(report, made_up):
     (task,) = {key(need.tasks[0]): need.tasks[0] for need in drawn[:2]}.values()
     rows = replace(task, reach_mm=12.0).run()
     for need in drawn[:2]:
-        content = need.item.kind.compose(inputs, Solved({}, {key(task): rows}))
+        content = need.item.kind.compose(inputs, Solved({key(task): rows}))
         assert "{" not in content.caption + content.claim
         assert "nan" not in content.caption + content.claim
         assert content.claim

@@ -159,7 +159,7 @@ def test_what_is_special_is_made_in_a_preview(report):
     own = [need for need in needed if need.tasks or need.item.name == "contents"]
     assert len(own) == 4
     tasks = {key(task): task for need in own for task in need.tasks}
-    solved = Solved({}, {name: task.run() for name, task in tasks.items()})
+    solved = Solved({name: task.run() for name, task in tasks.items()})
     made = {need.item.name: need.item.kind.compose(inputs, solved) for need in own}
     for content in made.values():
         assert not content.frame.astype(str).isin(["nan"]).any(axis=None)
@@ -207,6 +207,13 @@ class Found(Kind):
     def compose(self, inputs, solved):
         return Content("", pd.DataFrame(dict(a=[1])), claim="{claim}")
 """
+
+
+def test_the_landing_page_names_every_other_report(report):
+    pages = [Path(other.page) for other in report.plan.others]
+    assert [(page.parent.name, page.name) for page in pages] == [
+        (name, "index.html") for name in reports.REPORTS if name != reports.DEFAULT
+    ]
 
 
 def test_other_names_of_reports_are_refused(capsys):
