@@ -63,13 +63,11 @@ LIBRARY = (
 REPORTS = (
     *LIBRARY,
     "reports.reference",
-    "reports.common",
     "reports.accuracy",
     "reports.thesis",
     "reports.locating",
     "reports.design",
     "reports.stability",
-    "reports.sensors",
     "reports.gallery",
     "reports.guide",
     "reports",
