@@ -74,7 +74,12 @@ def page_of(plan: Plan, entries: Sequence[Entry], out: Path, **state: Any) -> st
         verdict=verdict(entries),
         pictures=pictures,
         others=_others(plan, out),
-        limits={"long": LONG_TABLE, "beside": BESIDE_TABLE, "wide": (WIDE_TEXTS, WIDE_TABLE)},
+        limits={
+            "long": LONG_TABLE,
+            "beside": BESIDE_TABLE,
+            "wide": WIDE_TABLE,
+            "texts": WIDE_TEXTS,
+        },
         version=__version__,
         **state,
     )
