@@ -159,7 +159,8 @@ class FoundPlaces(OfTouches):
         touches["error_mm"] = np.hypot(touches.x_mm_error, touches.y_mm_error)
         touches["force_percent"] = 100.0 * touches.force_N_error.abs()
         is_exact = (touches.error_mm < EXACT_MM) & (touches.force_percent < EXACT_PERCENT)
-        is_noisy, is_four = (touches.noise == NOISE) & ~touches.turned, touches.electrodes == "four"
+        turned, is_four = touches.turned.astype(bool), touches.electrodes == "four"
+        is_noisy = (touches.noise == NOISE) & ~turned
         noisy, four = touches[is_noisy], touches[is_noisy & is_four]
         pulls = {layout: pulls_of(of) for layout, of in noisy.groupby("electrodes", sort=False)}
         true = four[["x_mm", "y_mm"]].to_numpy()
@@ -169,7 +170,7 @@ class FoundPlaces(OfTouches):
             **noisy.groupby("electrodes")[["error_mm", "force_percent"]].median(),
             "within": {layout: within(of) for layout, of in pulls.items()},
             "exact": 100.0 * is_exact[is_four & (touches.noise == 0.0)].mean(),
-            "turned": 100.0 * (touches[touches.turned & is_four].rivals > 0).mean(),
+            "turned": 100.0 * (touches[turned & is_four].rivals > 0).mean(),
             "fits": 100.0 * (four.p_value > 0.05).mean(),
             **model[["built_s", "locate_ms", "per_second", "error_bound"]],
         }
