@@ -6,15 +6,15 @@ import sys
 import traceback
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
 from pvdf_fem.files import make_directory, replacing
 from pvdf_fem.output.figures import content_of, style
-from pvdf_fem.reporting.kind import Content, Inputs, Kind
-from pvdf_fem.reporting.page import VERDICT, Entry, others_of, page_of, verdict, with_others
-from pvdf_fem.reporting.script import Item, Need, Plan, load
+from pvdf_fem.reporting.kind import Inputs, Kind
+from pvdf_fem.reporting.page import VERDICT, Entry, page_of, verdict, with_others
+from pvdf_fem.reporting.script import Need, Plan, load
 from pvdf_fem.reporting.solved import NothingToShow, Solved
 from pvdf_fem.reporting.task import Rows, done, key
 from pvdf_fem.scene.scene import Scene
@@ -100,94 +100,84 @@ class Report:
         """Write the lines about other reports anew on the page in a directory, if there is one."""
         page = Path(out) / PAGE
         with suppress(FileNotFoundError):
-            write(page, with_others(page.read_text("utf-8"), others_of(self.plan, Path(out))))
+            write(page, with_others(page.read_text("utf-8"), self.plan, Path(out)))
 
 
 @dataclass
-class _Work:
-    """A report on the way: what is solved, and what is on the page."""
+class _Part:
+    """A figure or table on the way."""
 
-    out: Path
-    plan: Plan
-    inputs: Inputs
-    needed: Sequence[Need]
-    known: dict[Scene, Record] = field(default_factory=dict)
-    results: dict[str, Rows | Died] = field(default_factory=dict)
-    entries: dict[str, Entry] = field(default_factory=dict)
-    failures: list[str] = field(default_factory=list)
+    need: Need
+    missing: set[Scene | str]  #: Scenes, and keys of tasks.
+    entry: Entry
+
+
+class _Work:
+    """A report on the way: what is computed, and what is on the page."""
+
+    def __init__(self, out: Path, plan: Plan, inputs: Inputs, needed: Sequence[Need]) -> None:
+        self.out, self.plan, self.inputs = out, plan, inputs
+        self.found: dict[Scene | str, Record | Rows | Died] = {}
+        self.failures: list[str] = []
+        self.parts = {
+            need.item.name: _Part(need, {*need.scenes, *map(key, need.tasks)}, Entry(need.item))
+            for need in needed
+        }
+        self.total = len(set[Scene | str]().union(*(of.missing for of in self.parts.values())))
 
     def begin(self) -> None:
         """Write the page without any figure, then with the figures that need no computation."""
         for folder in ("data", "figures", "scenes"):
             (self.out / folder).mkdir(exist_ok=True)
         write(self.out / "scenes" / "scene.toml", self.plan.scene.to_toml())
-        self.missing: dict[str, set[Scene | str]] = {}
-        self.waiting: dict[Scene | str, list[Need]] = {}
-        for need in self.needed:
-            item = need.item
-            changed = self.inputs.scene_of(item.kind.set)
+        for name, part in self.parts.items():
+            changed = self.inputs.scene_of(part.need.item.kind.set)
             if changed != self.plan.scene:
-                write(self.out / "scenes" / f"{item.name}.toml", changed.to_toml())
-            self.entries[item.name] = Entry(item)
-            self.missing[item.name] = {*need.scenes, *map(key, need.tasks)}
-            for wanted in self.missing[item.name]:
-                self.waiting.setdefault(wanted, []).append(need)
+                write(self.out / "scenes" / f"{name}.toml", changed.to_toml())
         self._show()
-        for need in self.needed:
-            if not self.missing[need.item.name]:
-                self._compose(need)
+        for part in self.parts.values():
+            if not part.missing:
+                self._compose(part)
 
     def add(self, wanted: Scene | str, found: Record | Rows | Died) -> None:
         """Take the record of a scene, or the rows of a task by its key, and compose what waited
         for them alone."""
-        if isinstance(wanted, Scene):
-            assert isinstance(found, Record)
-            self.known[wanted] = found
-        else:
-            assert not isinstance(found, Record)
-            self.results[wanted] = found
-        for need in self.waiting[wanted]:
-            self.missing[need.item.name].discard(wanted)
-            if not self.missing[need.item.name]:
-                self._compose(need)
+        self.found[wanted] = found
+        for part in self.parts.values():
+            if wanted in part.missing:
+                part.missing.remove(wanted)
+                if not part.missing:
+                    self._compose(part)
 
-    def _compose(self, need: Need) -> None:
-        item, solved = need.item, Solved(self.known, self.results)
-        remarks = solved.failures(need.scenes, need.tasks)
-        entry = self.entries[item.name]
+    def _compose(self, part: _Part) -> None:
+        item, solved = part.need.item, Solved(self.found)
+        remarks = solved.failures(part.need.scenes, part.need.tasks)
         try:
             with style():
                 content = item.kind.compose(self.inputs, solved)
-            entry = self._drawn(item, content, remarks)
+                svg = content_of(content.figure, ".svg").decode() if content.figure else ""
+            part.entry = Entry(item, content, svg, remarks=tuple(remarks))
+            table = content.frame.to_csv(index=False, lineterminator="\n")
+            write(self.out / "data" / f"{item.name}.csv", table)
+            if svg:
+                write(self.out / "figures" / f"{item.name}.svg", svg)
         except NothingToShow as error:
-            remarks = [remark for remark in remarks if remark != str(error)]
-            entry = replace(entry, error=str(error), remarks=tuple(remarks))
-            remarks = [str(error), *remarks]
+            others = [remark for remark in remarks if remark != str(error)]
+            part.entry = Entry(item, error=str(error), remarks=tuple(others))
+            remarks = [str(error), *others]
         except Exception as error:  # of one figure must not take the others with it
             traceback.print_exc(file=sys.stderr)
-            entry = replace(entry, error=f"{type(error).__name__}: {error}")
-            remarks = [entry.error]
-        self.entries[item.name] = entry
+            part.entry = Entry(item, error=f"{type(error).__name__}: {error}")
+            remarks = [part.entry.error]
         self.failures += [f"{item.where} ({item.name}): {remark}" for remark in remarks]
         self._show()
 
-    def _drawn(self, item: Item, content: Content, remarks: Sequence[str]) -> Entry:
-        """Write a figure and its CSV file."""
-        table = content.frame.to_csv(index=False, lineterminator="\n")
-        write(self.out / "data" / f"{item.name}.csv", table)
-        svg = ""
-        if content.figure is not None:
-            svg = content_of(content.figure, ".svg").decode()
-            write(self.out / "figures" / f"{item.name}.svg", svg)
-        return Entry(item, content, svg, remarks=tuple(remarks))
-
     def _show(self) -> None:
         """Write the page as far as it is."""
-        entries = [self.entries[item.name] for item in self.plan.items]
-        state = {"done": len(self.known) + len(self.results), "total": len(self.waiting)}
-        others, is_preview = others_of(self.plan, self.out), self.inputs.quick
-        write(self.out / PAGE, page_of(self.plan, entries, others, is_preview, **state))
-        preview = "Preview: " * is_preview
+        entries = [self.parts[item.name].entry for item in self.plan.items]
+        state = {"done": len(self.found), "total": self.total, "is_preview": self.inputs.quick}
+        write(self.out / PAGE, page_of(self.plan, entries, self.out, **state))
+        preview = "Preview: " * self.inputs.quick
         write(self.out / VERDICT, f"{preview}{text}\n" if (text := verdict(entries)) else "")
 
 

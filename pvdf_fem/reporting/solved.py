@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,14 +24,12 @@ class Solved:
     """Records by scene, and rows of tasks by their keys. Charges are in pC, NaN where a solve gave
     none."""
 
-    def __init__(
-        self, records: Mapping[Scene, Record], results: Mapping[str, Rows | Died] | None = None
-    ) -> None:
-        self._records, self._results = records, results or {}
+    def __init__(self, found: Mapping[Any, Record | Rows | Died]) -> None:
+        self._found: Mapping[Any, Any] = found
 
     def rows(self, task: Task) -> Rows:
         """The rows of a task; raises `NothingToShow` where the task raised."""
-        found = self._results[key(task)]
+        found: Rows | Died = self._found[key(task)]
         if isinstance(found, Died):
             raise NothingToShow(_told(task, found))
         return found
@@ -65,16 +64,16 @@ class Solved:
     def failures(self, scenes: Sequence[Scene], tasks: Sequence[Task]) -> list[str]:
         """Reasons why scenes have no charges, with the number of scenes, and tasks no rows."""
         found: dict[str, int] = {}
-        for record in (self._records[scene] for scene in dict.fromkeys(scenes)):
+        for record in (self._found[scene] for scene in dict.fromkeys(scenes)):
             if not record.converged:
                 reason = f"{record.status}: {record.reason}"
                 found[reason] = found.get(reason, 0) + 1
         told = [f"{count} without charges: {reason}" for reason, count in found.items()]
-        results = ((task, self._results[key(task)]) for task in tasks)
+        results = ((task, self._found[key(task)]) for task in tasks)
         return told + [_told(task, of) for task, of in results if isinstance(of, Died)]
 
     def _row(self, scene: Scene, names: Sequence[str], what: str) -> list[float]:
-        record, film = self._records[scene], scene.film
+        record, film = self._found[scene], scene.film
         if not record.converged:
             return [np.nan] * len(names)
         how = film.d31_pC_N, film.d32_pC_N, scene.numerics.observable

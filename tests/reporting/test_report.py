@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import re
+import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import Literal
 
@@ -14,9 +17,12 @@ from pvdf_fem import Report, Scene, solve
 from pvdf_fem.cli.main import main
 from pvdf_fem.reporting.drawing import spread
 from pvdf_fem.reporting.kind import Kind
+from pvdf_fem.reporting.page import LONG_TABLE
 from pvdf_fem.reporting.registry import kinds_of
 from pvdf_fem.reporting.solved import NothingToShow
 from pvdf_fem.sweeps import sweep
+from tests.helpers.browsers import browser_or_skip
+from tests.helpers.page_boxes import look_at
 from tests.helpers.report_scripts import only, script, text_of
 
 NAMES = ("charge-vs-distance", "isocharge", "curve", "sensor", "charges", "positions")
@@ -103,30 +109,6 @@ def test_what_is_solved_is_not_solved_again_and_the_page_stays(made, monkeypatch
     again = Report.load(made.parent / "report.toml").make(made, processes=1)
     assert (again.solved, again.failures) == (0, ())
     assert made.joinpath("index.html").read_bytes() == page
-
-
-def test_an_interrupted_report_goes_on(tmp_path, monkeypatch):
-    real, seen = sweep.records_of, []
-
-    def interrupted(scenes, frames):
-        if len(seen) == 4:
-            raise KeyboardInterrupt
-        seen.append(scenes)
-        return real(scenes, frames)
-
-    report = Report.load(write(tmp_path, only("charge-vs-distance", "sensor")))
-    monkeypatch.setattr(sweep, "records_of", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        report.make(tmp_path / "out", processes=1)
-    page = tmp_path.joinpath("out", "index.html").read_text(encoding="utf-8")
-    assert '<svg id="svg-sensor"' in page
-    assert '<svg id="svg-charge-vs-distance"' not in page
-    monkeypatch.setattr(sweep, "records_of", lambda *task: seen.append(task[0]) or real(*task))
-    assert report.make(tmp_path / "out", processes=1).complete
-    solved = [scene for scenes in seen for scene in scenes]
-    assert len(set(solved)) == len(solved)
-    whole = report.make(tmp_path / "whole", processes=1)
-    assert tmp_path.joinpath("out", "index.html").read_bytes() == whole.page.read_bytes()
 
 
 def test_data_on_a_line_are_beside_their_own_solves(tmp_path):
@@ -237,10 +219,9 @@ class Count(Task):
             file.write(self.word.text + "\\n")
         if self.word.text == "raise":
             raise ValueError("is no word")
-        if self.word.text == "stop":
-            raise KeyboardInterrupt
-        if self.word.text == "die":
-            os._exit(1)
+        words = Path(self.log).read_text().split()
+        if self.word.text == "crash" or self.word.text == "die" and words.count("die") == 1:
+            os.kill(os.getpid(), 9)
         radius = self.scene.film.radius_mm
         return [{"word": self.word.text, "letters": len(self.word.text), "radius": radius}]
 
@@ -304,7 +285,7 @@ def test_tasks_of_a_file_run_once_in_processes_and_in_this_one(tmp_path, counted
     assert pd.read_csv(tmp_path / "out" / "data" / "told.csv").letters.tolist() == [8, 6]
 
 
-@pytest.mark.parametrize(("word", "processes"), [("raise", 1), ("raise", 2), ("die", 2)])
+@pytest.mark.parametrize(("word", "processes"), [("raise", 1), ("raise", 2), ("crash", 2)])
 def test_a_task_that_fails_is_told_in_its_place_and_tried_again(
     tmp_path, counted, capfd, word, processes
 ):
@@ -320,12 +301,68 @@ def test_a_task_that_fails_is_told_in_its_place_and_tried_again(
     assert set(ran(tmp_path)[before:]) == {word}
 
 
-def test_an_interrupted_task_leaves_what_is_done(tmp_path, counted):
-    words = ["a", "b", "stop", "c"]
-    assert counted({"words": words}) == 130
-    assert ran(tmp_path) == ["a", "b", "stop"]
-    assert counted({"words": ["a", "b", "c"]}) == 0
-    assert ran(tmp_path)[3:] == ["c"]
+#: The command, which logs each solve, and kills itself in the solve of a number.
+LOGGED = """
+import os, signal, sys
+from pvdf_fem.cli.main import main
+from pvdf_fem.sweeps import store, sweep
+log, last = sys.argv[1], int(sys.argv[2])
+real, solves = sweep.records_of, []
+def solve(scenes, frames):
+    solves.append(scenes)
+    with open(log, "a") as file:
+        print(*map(store.key, scenes), sep=",", file=file)
+    if len(solves) == last:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return real(scenes, frames)
+sweep.records_of = solve
+sys.exit(main(sys.argv[3:]))
+"""
+
+
+def test_killed_in_a_solve_and_in_a_task_it_goes_on_to_the_same_page(tmp_path):
+    """Neither a scene nor a task is computed twice, but those during which the kills came."""
+    table, logs = only("charge-vs-distance", "sensor"), (tmp_path / "solves", tmp_path / "log")
+    told = {"kind": "told", "words": ["a", "b", "die", "c"], "log": str(logs[1])}
+    table["section"][0]["figure"] += [told]
+    path, kinds = write(tmp_path, table), tmp_path / "own.py"
+    kinds.write_text(OWN)
+
+    def run(out, last=0):
+        program = [sys.executable, "-c", LOGGED, str(logs[0]), str(last), "report", str(path)]
+        how = ["--kinds", str(kinds), "--processes", "1", "--out", str(tmp_path / out)]
+        return subprocess.run([*program, *how], capture_output=True).returncode
+
+    assert run("out", last=4) == -signal.SIGKILL
+    [*before, during] = logs[0].read_text().split()
+    page = tmp_path.joinpath("out", "index.html").read_text(encoding="utf-8")
+    assert '<svg id="svg-sensor"' in page
+    assert '<svg id="svg-charge-vs-distance"' not in page
+    assert run("out") == -signal.SIGKILL  # in the task
+    assert run("out") == 0
+    solved = logs[0].read_text().split()
+    assert sorted(solved) == sorted([*dict.fromkeys(solved), during])
+    assert set(before) < set(solved)
+    assert ran(tmp_path) == ["a", "b", "die", "die", "c"]
+    whole = Report.load(path, kinds_of(kinds)).make(tmp_path / "whole", processes=1)
+    assert tmp_path.joinpath("out", "index.html").read_bytes() == whole.page.read_bytes()
+
+
+def test_a_page_is_readable_on_screens_and_in_print(tmp_path, counted):
+    """No text is cut or hidden, and print shows what is folded, and no links to places."""
+    words = ["a" * (i + 1) for i in range(LONG_TABLE + 1)]
+    assert counted({"words": words, "title": "A folded table"}) == 0
+    page = tmp_path / "out" / "index.html"
+    with browser_or_skip() as browser:
+        assert not look_at(page, browser).faults
+        shown = browser.new_page()
+        shown.goto(page.as_uri())
+        for medium in ("screen", "print"):
+            shown.emulate_media(media=medium)
+            in_print = medium == "print"
+            assert shown.get_by_text(words[-1], exact=True).is_visible() == in_print
+            assert shown.locator("nav").is_visible() != in_print
+        shown.close()
 
 
 def test_mistakes_in_full_are_told_by_their_keys(tmp_path, counted, capsys):

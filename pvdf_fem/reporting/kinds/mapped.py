@@ -35,6 +35,6 @@ class Mapped(OfElectrodes):
         """The map of total charges; raises `NothingToShow` without enough of them."""
         names = [electrode.name for electrode in places.scene.electrode_list]
         try:
-            return places.map(solved.charges(places.scenes, names, "total"))
+            return ChargeMap.of(places, solved.charges(places.scenes, names, "total"))
         except (ValueError, np.linalg.LinAlgError) as error:
             raise NothingToShow(str(error)) from None
