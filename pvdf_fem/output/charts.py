@@ -230,7 +230,7 @@ def _draw_deviations(ax: Axes, medians: DataArray, axes: list[str]) -> None:
         label = None if value is None else _texts(value.expand_dims("value"))[0]
         ax.plot(x, curve, label=label, **look_of(number))
     ax.set(xlabel=_label([medians[along]]), ylabel="median deviation of the place (mm)")
-    ax.set_ylim(0.0)
+    ax.set_ylim(0.0, 1.05 * float(medians.max()))
     if family:
         ax.legend(title=_label([medians[family[0]]]))
 
