@@ -17,7 +17,7 @@ from pvdf_fem.output.figures import COLOURS
 from pvdf_fem.response.model import ROTATION, X, Y, period_deg
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.touch.descent import SearchOptions, descend
+from pvdf_fem.touch.least_squares import SearchOptions, descend
 from pvdf_fem.touch.location import Location
 from pvdf_fem.touch.posterior import deviation_ellipse
 from pvdf_fem.touch.problem import Problem
@@ -35,8 +35,7 @@ LEVELS: Array = np.array([0.0, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 1000.0])
 WIDE = 6.0  #: Half the width of the enlarged picture, over the largest standard deviation.
 RASTER = 41  #: Places across the enlarged picture.
 ROTATIONS = 6  #: Number of rotations from which the likeliest at a place is sought.
-#: Few steps, as most places are far from any touch that fits, and long ones by the rotation.
-SEARCH = SearchOptions(max_steps=8, longest=(0.25, 0.25, 20.0, 1.0))
+SEARCH = SearchOptions(max_steps=8)  #: Few steps, as most places are far from any touch that fits.
 
 
 def charge_map(

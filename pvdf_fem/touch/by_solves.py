@@ -29,7 +29,7 @@ from pvdf_fem.scene.shapes import Pressing
 from pvdf_fem.solution.solution import NotConvergedError
 from pvdf_fem.solution.solve import solve_goals
 from pvdf_fem.sweeps.sweep import solve_all
-from pvdf_fem.touch.descent import Descent, SearchOptions, descend, joined
+from pvdf_fem.touch.least_squares import Descent, SearchOptions, descend, joined
 from pvdf_fem.touch.measurement import Deviations, Measurement, rest_of
 from pvdf_fem.touch.mistakes import charge_mistakes
 from pvdf_fem.touch.touch import Fit, explains, p_values
@@ -234,9 +234,9 @@ class Search:
         return np.array([LONGEST[_name(key)] for key in self.keys])
 
     @property
-    def scale(self) -> Array:
-        """Units of steps."""
-        return np.ones(len(self.keys))
+    def close(self) -> Array:
+        """Distances up to which searches go on as one."""
+        return CLOSE * self.longest
 
     @cached_property
     def _is_force(self) -> Mask:
@@ -245,8 +245,7 @@ class Search:
     def how(self, options: SolveOptions) -> SearchOptions:
         """How searches go."""
         ends: dict[str, float] = {"arrived": options.arrived, "short": 0.04, "relief": 0.3}
-        lengths = tuple(self.longest), tuple(CLOSE * self.longest)
-        return SearchOptions(options.max_steps, longest=lengths[0], close=lengths[1], **ends)
+        return SearchOptions(options.max_steps, **ends)
 
     def of_cold_touches(self) -> Iterator[Search]:
         """The searches that give starts: itself, or those by the charges of cold touches, all of
@@ -301,7 +300,7 @@ class Search:
         """Distance of the farthest place from the centre."""
         return max((float(np.hypot(at[x], at[x + 1])) for x in self._places), default=0.0)
 
-    def linearised(self, at: Array, touch: Indices | None = None) -> Array:
+    def linearised(self, at: Array, rows: Indices | None = None) -> Array:
         """Differences of charges, then slopes, over deviations, (n, electrodes, 1 + keys)."""
         charges, slopes = self.evaluate(at)
         system = np.concatenate([charges[:, :, None], slopes], axis=2)[:, self.electrodes]

@@ -21,7 +21,7 @@ from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.readout.channel import READINGS, channels, units_pC
 from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model, X, Y, period_deg, touch_of
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.touch.descent import Descent, SearchOptions, descend, joined
+from pvdf_fem.touch.least_squares import Descent, SearchOptions, descend, joined
 from pvdf_fem.touch.location import Location
 from pvdf_fem.touch.measurement import Deviations, Measurement, centre_mm
 from pvdf_fem.touch.mistakes import charge_mistakes, known_mistakes
@@ -204,7 +204,7 @@ def _starts_about_fold(problem: Problem, ends: Descent, options: LocateOptions) 
     if not resolved or not ends.arrived.any():
         return none
     best = ends.ranking.argmin()
-    longest = (np.array(options.search.longest) * problem.scale)[moving]
+    longest = problem.longest[moving]
     _, values, vectors = np.linalg.svd(ends.slopes[best][:, moving] * longest)
     if values[-1] > options.fold * size:
         return none

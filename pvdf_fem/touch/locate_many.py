@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.readout.channel import READINGS
 from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model, X, Y
-from pvdf_fem.touch.descent import Descent, descend, joined
+from pvdf_fem.touch.least_squares import Descent, descend, joined
 from pvdf_fem.touch.locate import DEFAULTS, edges, extents, location, search
 from pvdf_fem.touch.measurement import Deviations, Measurement
 from pvdf_fem.touch.mistakes import LARGEST_PC, LEAST_PC, charge_mistakes

@@ -18,7 +18,7 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import solve
 from pvdf_fem.solvers.status import Status
-from pvdf_fem.touch.descent import Descent, descend, joined
+from pvdf_fem.touch.least_squares import Descent, descend, joined
 from pvdf_fem.touch.locate import location
 from pvdf_fem.touch.location import Location
 from pvdf_fem.touch.measurement import Deviations, Measurement

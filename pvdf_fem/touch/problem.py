@@ -36,6 +36,10 @@ from pvdf_fem.scene.scene import Scene
 
 ROOM_REACH = 1.05  #: Searches may go this far beyond the model's domain: a factor of its reach.
 ROOM_FORCE = 1.1  #: The same of its largest force and, inversely, its least.
+LONGEST_REACH = 0.25  #: Longest step of a place in a search, over the reach.
+LONGEST_DEG = 5.0  #: Longest step of the rotation.
+#: Searches for one touch that are this close, in mm, mm, degrees and 1, go on as one.
+CLOSE: Array = np.array([0.1, 0.1, 0.5, 0.03])
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,22 +111,22 @@ class Problem:
         at[:, FORCE] = np.log(touches[:, FORCE])
         return at
 
-    def linearised(self, at: Array, touch: Indices | None = None) -> Array:
+    def linearised(self, at: Array, rows: Indices | None = None) -> Array:
         """Differences of charges, then their slopes, over deviations, (n, electrodes, 1 + 4). The
-        coordinates `at` (n, 4) are to explain the rows `touch` (n,) of the charges, by default the
+        coordinates `at` (n, 4) are to explain the `rows` (n,) of the charges, by default the
         first. Slopes by coordinates that are not sought are zero."""
         edge = self.inside(at)
         touches = edge.copy()
         touches[:, FORCE] = force = np.exp(edge[:, FORCE])
         charges, slopes = self.model.evaluate(touches)
-        rows = slice(1) if touch is None else touch
+        which = slice(1) if rows is None else rows
         system = np.empty((len(at), len(self.electrodes), 1 + len(QUANTITIES)))
-        system[:, :, 0] = charges.take(self.electrodes, axis=1) - self.charges_pC[rows]
+        system[:, :, 0] = charges.take(self.electrodes, axis=1) - self.charges_pC[which]
         system[:, :, 1:] = slopes.take(self.electrodes, axis=1)
         system[:, :, 1 + FORCE] *= force[:, None]
         if edge is not at:
             system[:, :, 0] += np.matmul(system[:, :, 1:], (at - edge)[:, :, None])[:, :, 0]
-        system *= self._weights[rows]
+        system *= self._weights[which]
         return system
 
     def inside(self, at: Array) -> Array:
@@ -155,10 +159,16 @@ class Problem:
         """Reach in mm, least and largest logarithm of the force."""
         return self.model.domain.reach_mm, *self.model.domain.log_force
 
+    @cached_property
+    def longest(self) -> Array:
+        """Longest steps (4,) in mm, mm, degrees and of the logarithm of the force."""
+        step_mm = LONGEST_REACH * self.model.domain.reach_mm
+        return np.array([step_mm, step_mm, LONGEST_DEG, 1.0])
+
     @property
-    def scale(self) -> Array:
-        """Units of steps in each coordinate, (4,): the reach, a degree, a factor e of the force."""
-        return np.array([self.model.domain.reach_mm, self.model.domain.reach_mm, 1.0, 1.0])
+    def close(self) -> Array:
+        """Distances (4,) in mm, degrees and 1 up to which searches go on as one."""
+        return CLOSE
 
     @property
     def moving(self) -> Indices:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.special import gammaincc
+from scipy.special import gammaincc, gammainccinv
 
 from pvdf_fem.arrays import Array, Mask, finite
 from pvdf_fem.response.model import QUANTITIES
@@ -23,6 +23,12 @@ def p_values(chi_square: Array, freedom: int) -> Array:
     if freedom <= 0:
         return np.full(len(chi_square), np.nan)
     return gammaincc(0.5 * freedom, 0.5 * chi_square)
+
+
+@lru_cache(maxsize=64)
+def common_limit(freedom: int) -> float:
+    """Chi-square that a right model exceeds with the probability `SIGNIFICANCE`."""
+    return float(2.0 * gammainccinv(0.5 * max(freedom, 1), SIGNIFICANCE))
 
 
 def explains(chi_square: Array, freedom: int, significance: float = SIGNIFICANCE) -> Mask:

@@ -48,7 +48,7 @@ def missed_charge(
     law = np.tile(at, (2 * POINTS, 1))
     bounds = model.least - LIGHTEST, model.problem.model.domain.log_force[1]
     law[:, FORCE] = np.linspace(*bounds, len(law))
-    charges_by_force = model.evaluate(law)[:, :, 0].T
+    charges_by_force = model.changes(law)[:, :, 0].T
 
     def course(values: Array) -> tuple[Array, Array]:
         """Charges at the last time, and voltages."""

@@ -10,7 +10,7 @@ import pytest
 from pvdf_fem import NotConvergedError, Scene, locate, solve
 from pvdf_fem.response.model import Domain
 from pvdf_fem.touch.by_solves import Search, SolveOptions, reach_by_electrodes_mm
-from pvdf_fem.touch.descent import descend
+from pvdf_fem.touch.least_squares import descend
 
 DISC = {"shape": "circle", "radius_mm": 2.0}
 EIGHT = Scene().with_(

@@ -10,7 +10,7 @@ from pvdf_fem import Scene
 from pvdf_fem.response.model import QUANTITIES
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.touch.by_solves import SolveOptions
-from pvdf_fem.touch.descent import SearchOptions
+from pvdf_fem.touch.least_squares import SearchOptions
 from pvdf_fem.touch.locate import LocateOptions, locate, weigh
 from pvdf_fem.touch.locate_many import locate_many
 from pvdf_fem.touch.polish import PolishError, polish

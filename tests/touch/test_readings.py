@@ -9,7 +9,7 @@ import pytest
 from pvdf_fem.response.model import QUANTITIES
 from pvdf_fem.solution.solve import rest_charges
 from pvdf_fem.solvers.status import Status
-from pvdf_fem.touch.descent import SearchOptions
+from pvdf_fem.touch.least_squares import SearchOptions
 from pvdf_fem.touch.locate import LocateOptions, locate, weigh
 from pvdf_fem.touch.locate_many import RowStatus, locate_many
 from pvdf_fem.touch.polish import polish
