@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from itertools import combinations, permutations
 
 import numpy as np
 from scipy.constants import g
@@ -20,7 +19,7 @@ from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.calibration.fit import FALSE_OUTLIERS, Fit, Noise, fitted
 from pvdf_fem.calibration.model import TouchModel
 from pvdf_fem.calibration.touches import Touches
-from pvdf_fem.readout.channel import units_pC
+from pvdf_fem.readout.misread import misreadings
 from pvdf_fem.touch.least_squares import SearchOptions, descend
 
 FEW_TOUCHES = 8  #: Number of touches by which changes of places and forces are ranked.
@@ -34,8 +33,6 @@ FAR_OFF = 10.0
 CLOSE_SCORE = 5.0  #: Changes are fitted if their score is no farther than this from the best one.
 CLOSE = 20.0  #: They are told if their chi-square is no farther than this from the best one ...
 CLEARLY = 2.0  #: ... and that of the touches as they are is larger by this factor.
-#: All orders of this number of channels are tried; of more, only two are exchanged.
-MOST_PERMUTED = 4
 MOST_SCATTER = 4.0  #: Scatter over the noise beyond which parameters are of no use.
 LONGEST_MM = 3.0  #: Longest step in the search for the place of a touch that does not fit.
 UNSOLVED = 1e6  #: Residuals over their deviations of a place without a solution.
@@ -126,23 +123,10 @@ def _of_readings(model: TouchModel) -> Iterator[Change]:
     """Changes that need no solve."""
     touches, names = model.touches, [channel.name for channel in model.channels]
     read = touches.readings
-
-    def change(status: CalibrationStatus, text: str, readings: Array) -> Change:
-        return Change(status, text, replace(touches, readings=readings), model.reading)
-
-    for order in _orders(len(names)):
-        moved = [(names[i], names[j]) for i, j in enumerate(order) if i != j]
-        text = f"channels {' and '.join(name for name, _ in moved)} are swapped"
-        if len(moved) > 2:
-            text += f": they are in columns {', '.join(column for _, column in moved)}"
-        yield change(CalibrationStatus.SWAPPED, text, read[:, order])
-    units = units_pC(model.channels)
-    for unit in units:
-        ratio = units[unit] / units[model.unit]
-        if not np.allclose(ratio, 1.0):
-            text = f"readings are in {unit}, not in {model.unit}"
-            yield change(CalibrationStatus.UNIT, text, read * ratio)
-    yield change(CalibrationStatus.SIGN, "readings have the wrong sign", -read)
+    for mistake in misreadings(model.channels, model.unit):
+        status = CalibrationStatus(mistake.kind)
+        changed = replace(touches, readings=mistake.undone(read))
+        yield Change(status, mistake.text, changed, model.reading)
     other = "total" if model.reading == "change" else "change"
     text = f"readings are of the {other} of the charge, not of the {model.reading};"
     if np.isfinite(model.rest[1]).all():
@@ -151,7 +135,8 @@ def _of_readings(model: TouchModel) -> Iterator[Change]:
         without = read.copy()
         without[:, j] = np.nan
         text = f"channel {name} does not fit, and the others do; it is dead or not connected"
-        yield change(CalibrationStatus.CHANNEL, text, without)
+        changed = replace(touches, readings=without)
+        yield Change(CalibrationStatus.CHANNEL, text, changed, model.reading)
 
 
 def _of_touches(fit: Fit) -> Iterator[Change]:
@@ -173,16 +158,6 @@ def _of_touches(fit: Fit) -> Iterator[Change]:
         if (newton < 1.0) == (size < 1.0):
             changed = replace(touches, touches=touches.touches * [1.0, 1.0, 1.0, newton])
             yield Change(CalibrationStatus.FORCE, f"force_N is in {unit}", changed, reading)
-
-
-def _orders(count: int) -> Iterator[list[int]]:
-    if count <= MOST_PERMUTED:
-        yield from map(list, list(permutations(range(count)))[1:])
-        return
-    for a, b in combinations(range(count), 2):
-        order = list(range(count))
-        order[a], order[b] = b, a
-        yield order
 
 
 def _frames(touches: Array, turns: bool) -> Iterator[tuple[str, Array]]:

@@ -21,6 +21,8 @@ from pvdf_fem.files import printable
 if TYPE_CHECKING:
     from pvdf_fem.tracking.rows import Row
 
+#: Of touches with these the unit is in doubt.
+DOUBTED = ("too_strong", "unexplained")
 DESCRIPTION = """\
 Follow touches in sampled readings of the scene's channels ([readout]): when they
 begin and end, where they are (on the [stage]) and their force, with standard
@@ -73,7 +75,7 @@ def run(options: argparse.Namespace) -> int:
     """Run the command; returns its exit code."""
     scene = scene_of(options)
     from pvdf_fem.solution.solve import rest_charges
-    from pvdf_fem.touch.locate_many import RowStatus
+    from pvdf_fem.touch.touch import TouchStatus
     from pvdf_fem.tracking.rows import Row
     from pvdf_fem.tracking.tracker import Tracker
 
@@ -113,13 +115,13 @@ def run(options: argparse.Namespace) -> int:
             if wrong and not malformed:
                 print(f"{name}: row {count} has {wrong}; {wanted}", file=sys.stderr, flush=True)
             malformed += bool(wrong)
-            row = Row(t_s, RowStatus.MALFORMED) if wrong else tracker.update(t_s, values)
+            row = Row(t_s, TouchStatus.MALFORMED) if wrong else tracker.update(t_s, values)
             write([_plain(row)])
             for summary in tracker.touches[told:]:
                 if options.json:
                     write([{"summary": _plain(summary)}])
                 else:
-                    doubt = unit if math.isnan(summary.force_N) else ""
+                    doubt = unit if summary.status in DOUBTED else ""
                     print(f"{summary}{doubt}", file=sys.stderr, flush=True)
             told = len(tracker.touches)
     if malformed:

@@ -24,7 +24,6 @@ from pvdf_fem.response.response import Response
 from pvdf_fem.response.response_file import response_key
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.summary import Grid
-from pvdf_fem.touch.by_solves import locate_by_solves
 from pvdf_fem.touch.locate import locate
 from pvdf_fem.touch.posterior import deviation_ellipse
 
@@ -96,8 +95,8 @@ def find(scene: Scene, result: Mapping[str, Any], noise: float, file: Path | Non
     how: dict[str, Any] = {"sigma": noise, "noise_pC": noise_pC, "reading": reading}
     scene = scene.with_(stage=None, readout=None)  # places are those of the film
     if file is None:
-        touches = locate_by_solves(scene, charges, touches=len(scene.loaded_probes), **how)
-        return _found([touch.to_json() for touch in touches], {}, "by full solves")
+        found = locate(scene, charges, touches=len(scene.loaded_probes), **how)
+        return _found(found.to_json()["touches"], {}, "by full solves", *found.remarks)
     turned = centred(scene).with_(**{"probe.rotation_deg": touch_of(scene)["rotation_deg"]})
     model = _response(file, turned)
     location = locate(model, charges, **how)

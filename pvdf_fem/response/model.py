@@ -1,6 +1,7 @@
 """What a model of the charges is: a function of touches, and the domain of touches it holds for.
 
-A touch is a row (4,) of x and y in mm, rotation in degrees and force in N.
+A touch is a row (k,) of x and y in mm, rotation in degrees and force in N of each probe, and of
+what else its model knows. Most models know one probe and nothing else, (4,).
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -16,7 +17,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.scene import Scene
 
-#: Quantities of a touch, in the order of its row.
+#: Quantities of one probe's touch, in the order of its row.
 QUANTITIES = ("x_mm", "y_mm", "rotation_deg", "force_N")
 X = 0
 Y = 1
@@ -52,6 +53,15 @@ class Model(Hashable, Protocol):
     """Charges of the electrodes as a smooth function of a touch."""
 
     @property
+    def quantities(self) -> tuple[str, ...]:
+        """Names of a touch's quantities (k,): `QUANTITIES` for one probe, or these by key for each
+        of a list (``probe[1].x_mm``), and then what else there is."""
+
+    @property
+    def cheap(self) -> bool:
+        """Whether thousands of evaluations take less than a second."""
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the electrodes."""
 
@@ -68,19 +78,32 @@ class Model(Hashable, Protocol):
         """Largest error of a charge relative to it."""
 
     def evaluate(self, touches: Array) -> tuple[Array, Array]:
-        """Charges (n, electrodes) in pC of touches (n, 4), and their slopes (n, electrodes, 4)."""
+        """Charges (n, electrodes) in pC of touches (n, k), and their slopes (n, electrodes, k)."""
+
+
+@lru_cache(maxsize=8)
+def probes_of(model: Model) -> int:
+    """Number of probes that touch at once."""
+    return sum(name.endswith("force_N") for name in model.quantities)
 
 
 def period_deg(model: Model) -> float:
-    """Period in degrees of a model's charges by the rotation; 360 for a disc."""
-    probe = model.scene.single_probe
-    return (probe.period_deg if probe else 0.0) or 360.0
+    """Period in degrees of a model's charges by the first probe's rotation; 360 for a disc."""
+    return float(periods_deg(model)[0])
 
 
+@lru_cache(maxsize=8)
+def periods_deg(model: Model) -> Array:
+    """The same of each probe, (probes,)."""
+    periods = [touch.probe.period_deg for touch in model.scene.loaded_probes] or [0.0]
+    return np.array([period or 360.0 for period in periods])
+
+
+@lru_cache(maxsize=8)
 def rotation_counts(model: Model) -> bool:
-    """Whether charges depend on the rotation of the probe, which those of a disc do not."""
-    probe = model.scene.single_probe
-    return probe is None or probe.period_deg > 0.0
+    """Whether charges depend on the rotation of a probe, which those of discs do not."""
+    touches = model.scene.loaded_probes
+    return not touches or any(touch.probe.period_deg > 0.0 for touch in touches)
 
 
 def all_within(touches: Array, reach_mm: float, lowest: float, highest: float) -> bool:

@@ -19,10 +19,10 @@ from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import solve
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.touch.least_squares import Descent, descend, joined
-from pvdf_fem.touch.locate import location
 from pvdf_fem.touch.location import Location
 from pvdf_fem.touch.measurement import Deviations, Measurement
 from pvdf_fem.touch.problem import Adapted, Problem, along_stage
+from pvdf_fem.touch.search import location
 
 #: Rounds of polishing end when a touch moves by less than this share of a standard deviation.
 SETTLED = 1e-2
@@ -58,8 +58,7 @@ def polish(
     ends = [_polished(problem, better, touch.values, solver) for touch in found.touches]
     problems, descents = zip(*ends, strict=True)
     polished = location(problems[0], joined(descents))
-    alike = {key: getattr(found, key) for key in ("reading", "other_reading", "other_words")}
-    return replace(polished, **alike)
+    return replace(polished, reading=found.reading, explanations=found.explanations)
 
 
 def _polished(

@@ -10,8 +10,8 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.response.model import FORCE
-from pvdf_fem.touch.locate import DEFAULTS, location, search
 from pvdf_fem.touch.problem import Problem
+from pvdf_fem.touch.search import DEFAULTS, location, search
 from pvdf_fem.touch.touch import common_limit
 from pvdf_fem.tracking.circuit import ChargeSum
 from pvdf_fem.tracking.course import ChangeModel, Places, Sample, fitted

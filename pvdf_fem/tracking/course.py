@@ -11,9 +11,8 @@ import numpy as np
 from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model
 from pvdf_fem.touch.least_squares import SearchOptions, descend, repeated, with_priors
-from pvdf_fem.touch.locate import extents
 from pvdf_fem.touch.location import SHARE
-from pvdf_fem.touch.problem import ROOM_REACH, Problem
+from pvdf_fem.touch.problem import ROOM_REACH, Problem, extents
 from pvdf_fem.tracking.circuit import Circuit
 
 SEARCH = SearchOptions(max_steps=8, arrived=np.inf, short=0.05)

@@ -18,7 +18,7 @@ from pvdf_fem.response.model import QUANTITIES, Model, period_deg, touch_of
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.solution.solve import rest_charges
 from pvdf_fem.touch.locate import PLACE_AND_FORCE
-from pvdf_fem.touch.mistakes import known_mistakes
+from pvdf_fem.touch.measurement import known_mistakes
 from pvdf_fem.tracking.baseline import WINDOWS, Baseline, Watch
 from pvdf_fem.tracking.circuit import PICO, Circuit
 from pvdf_fem.tracking.contact import BAD, STILL, Contact

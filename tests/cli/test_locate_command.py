@@ -2,6 +2,7 @@
 
 import json
 import pickle
+import re
 import sys
 from types import SimpleNamespace
 
@@ -133,13 +134,12 @@ def test_a_model_that_cannot_be_built_has_its_exit_code(built, file, monkeypatch
 def test_the_text_tells_values_and_remarks(built, file, capsys):
     assert main(["locate", str(file), "--charges", given(), "--unknown", "x,y,force,rotation"]) == 0
     text = capsys.readouterr().out
+    assert text.startswith("ambiguous: ")
     assert "±" in text
-    assert "remark      ambiguous" in text
-    assert " of touch 1: each with a probability of 68 %" in text
     assert main(["locate", str(file), "--charges", given()]) == 0
     text = capsys.readouterr().out
-    assert "rotation            25 (known) °" in text
-    assert "with 1 degrees of freedom" in text
+    assert re.search(r"rotation_deg +25 +known", text)
+    assert re.search(r"degrees of freedom +1", text)
 
 
 def test_probes_are_weighed(built, file, capsys):
