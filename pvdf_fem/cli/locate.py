@@ -143,7 +143,7 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(*mistakes)
     from pvdf_fem.cli.locate_rows import locate_rows
     from pvdf_fem.solution.solution import NotConvergedError
-    from pvdf_fem.touch.polish import PolishError
+    from pvdf_fem.touch.locate import PolishError
 
     try:
         if options.csv is not None:
@@ -170,8 +170,7 @@ def located(
     What is not sought is known from the first. Raises `ValueError` with all mistakes.
     """
     from pvdf_fem.sweeps.sweep import shown
-    from pvdf_fem.touch.locate import locate, match, staged_touch, weigh
-    from pvdf_fem.touch.polish import polish
+    from pvdf_fem.touch.locate import locate, match, polish, staged_touch, weigh
 
     file, sensor = next(iter(scenes.items()))
     readings = request.readings_pC(sensor)

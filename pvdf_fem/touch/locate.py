@@ -20,6 +20,7 @@ from pvdf_fem.readout.channel import READINGS, channels, units_pC
 from pvdf_fem.readout.misread import Misreading, misreadings
 from pvdf_fem.response.model import QUANTITIES, Model, touch_of
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.touch.least_squares import descend
 from pvdf_fem.touch.location import Explanation, Location
 from pvdf_fem.touch.measurement import (
     Deviations,
@@ -28,6 +29,7 @@ from pvdf_fem.touch.measurement import (
     charge_mistakes,
     known_mistakes,
 )
+from pvdf_fem.touch.problem import Adapted, along_stage
 from pvdf_fem.touch.search import LocateOptions, location, search
 
 if TYPE_CHECKING:
@@ -155,6 +157,54 @@ def staged_touch(scene: Scene) -> dict[str, float]:
     x, y, rotation, force = touch.values()
     place, turned = scene.stage.to_stage([x, y], rotation)
     return dict(zip(QUANTITIES, (*place.tolist(), float(turned), force), strict=True))
+
+
+class PolishError(RuntimeError):
+    """A touch could not be polished; the text says why."""
+
+
+def polish(
+    model: Model,
+    found: Location,
+    charges_pC: Mapping[str, float],
+    sigma: Deviations = 0.01,
+    *,
+    tolerance: float = 1e-4,
+    noise_pC: Deviations | None = None,
+    better: Model | None = None,
+) -> Location:
+    """The touches of a location with charges of full solves.
+
+    `found` is from the model, of the same readings with the same `sigma` and `noise_pC`. The
+    `tolerance` is the relative error of the solves; `better` is a model that takes their place. The
+    model with the difference at the best touch added tells the deviations. Raises `PolishError`
+    when a search by the solves does not end.
+    """
+    if not found.touches:
+        return found
+    if better is None:
+        from pvdf_fem.touch.solves import SolveOptions, Solves  # with gmsh
+
+        options = SolveOptions(model.domain.reach_mm, tolerance=tolerance)
+        better = Solves.of(model.scene, 1, found.unknown, options)
+    measurement = Measurement.of(better, tuple(charges_pC), sigma, noise_pC, found.reading)
+    readings = np.array([list(charges_pC.values())], dtype=float)
+    problem = measurement.problem(readings, found.problem.unknown)
+    at = problem.coordinates(np.array([touch.values for touch in found.touches]))
+    ends = descend(problem, at, np.zeros(len(at), dtype=int))
+    solved = ends.arrived & ends.slopes.any(axis=(1, 2))
+    for touch, arrived in zip(found.touches, solved, strict=True):
+        if not arrived:
+            place = f"({touch.x_mm:.4g}, {touch.y_mm:.4g}) mm, {touch.force_N:.4g} N"
+            raise PolishError(f"polish: no solve near {place}, or the search there did not end")
+    best = ends.at[[ends.chi_square.argmin()]]
+    near = along_stage(model)
+    exact, known = (of.linearised(best)[0, :, 0] for of in (problem, replace(problem, model=near)))
+    added = np.zeros(len(model.names))
+    added[problem.electrodes] = (exact - known) * problem.deviations_pC[0]
+    right = Adapted.of(near, error_bound=better.error_bound, added_pC=added)
+    polished = location(replace(problem, model=right), ends)
+    return replace(polished, reading=found.reading, explanations=found.explanations)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,37 +9,31 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
-from itertools import combinations, product
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from scipy.interpolate import RBFInterpolator
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.derivatives.parameters import parameters_of
 from pvdf_fem.derivatives.rates import charge_rates
-from pvdf_fem.film.loads.profiles import pinned
-from pvdf_fem.response.model import FORCE, QUANTITIES, Domain, probes_of, room_mm
+from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Domain, probes_of, room_mm
 from pvdf_fem.scene.change import number_at, plain, steps_of
-from pvdf_fem.scene.outlines.shape import HEAT
-from pvdf_fem.scene.scene import Numerics, Scene, SceneError
-from pvdf_fem.scene.shapes import Pressing
+from pvdf_fem.scene.scene import Scene, SceneError
+from pvdf_fem.scene.stage import Stage
 from pvdf_fem.solution.solution import NotConvergedError
 from pvdf_fem.solution.solve import solve_goals
-from pvdf_fem.sweeps.sweep import Progress, silent, solve_all
+from pvdf_fem.sweeps.sweep import Progress, silent
 from pvdf_fem.touch.least_squares import Descent, SearchOptions, descend, joined
 from pvdf_fem.touch.location import Location
-from pvdf_fem.touch.measurement import Deviations, Measurement, charge_mistakes, rest_of
-from pvdf_fem.touch.problem import LONGEST_MORE, Problem
+from pvdf_fem.touch.measurement import Deviations, Measurement, charge_mistakes
+from pvdf_fem.touch.problem import LONGEST_MORE, Problem, along_stage
 from pvdf_fem.touch.search import DEFAULTS, distinct, location, weakest
+from pvdf_fem.touch.superposed import SuperposedOptions, pressed_alone, superposed
 from pvdf_fem.touch.touch import explains
 
 SOUGHT = (*QUANTITIES, *LONGEST_MORE)  #: What may be sought.
-#: Charges of touches are those of single ones, added up, with each force times this power of the
-#: sum of all shares: their common tension makes the film stiffer.
-STIFFENING = 0.35
 REACH = 1.5  #: How far out touches are sought, over the distance of the farthest electrode.
 FORCES_N = (1e-3, 1e3)  #: Forces that are sought.
 UNSOLVED_PC = 1e15  #: Charges of a scene that cannot be solved.
@@ -56,13 +50,9 @@ class SolveOptions:
     #: at 1e-4, to 6 % at 1e-3, measured where the probe's rim crosses an electrode.
     first_tolerance: float = 1e-2
     tolerance: float = 1e-4
-    #: Distance in mm of the places of single touches that are solved, and that are compared.
-    pitch_mm: float = 2.5
-    fine_mm: float = 1.0
-    #: Number of starts, their least distance, and how many go on after some first steps; the others
-    #: go on where these lead to no touch that explains the charges.
-    starts: int = 25
-    apart_mm: float = 3.0
+    #: Where searches start. How many go on after some first steps; the others go on where these
+    #: lead to no touch that explains the charges.
+    begin: SuperposedOptions = field(default_factory=SuperposedOptions)
     first_steps: int = 3
     followed: int = 5
     #: Charges of which a larger chi-square is less probable than this are not explained.
@@ -120,7 +110,7 @@ class Solves:
                 sought.append(name)
         model_names = tuple(names), tuple(sought)
         reach_mm = reach_by_electrodes_mm(scene) if options.reach_mm is None else options.reach_mm
-        expected = options.starts * (1 + options.first_steps) + 10 * options.followed
+        expected = options.begin.starts * (1 + options.first_steps) + 10 * options.followed
         made = cls(listed, *model_names, Domain(reach_mm, FORCES_N), options.tolerance)
         if wrong := {made.key(name) for name in sought} - set(parameters_of(listed)):
             raise ValueError(f"unknown: charges have no derivative by {', '.join(sorted(wrong))}")
@@ -138,8 +128,13 @@ class Solves:
 
     @property
     def touch(self) -> Array:
-        """The scene's touch, (k,)."""
-        return np.array([number_at(self.scene, self.key(name)) for name in self.quantities])
+        """The scene's touch (k,) in the frame of its stage."""
+        touch = np.array([number_at(self.scene, self.key(name)) for name in self.quantities])
+        stage = self.scene.stage or Stage()
+        for x in range(0, len(QUANTITIES) * probes_of(self), len(QUANTITIES)):
+            place, turned = stage.to_stage(touch[x : x + ROTATION], touch[x + ROTATION])
+            touch[x : x + FORCE] = [*place, turned]
+        return touch
 
     def scene_of(self, touch: Array) -> Scene:
         """The scene with a touch (k,)."""
@@ -204,7 +199,7 @@ def search_by_solves(problem: Problem, model: Solves, options: SolveOptions) -> 
     likely starts, then about the best end, then the final ones."""
     rough = replace(model, error_bound=options.first_tolerance)
     spread = np.hypot(problem.deviations_pC, options.first_tolerance / 3**0.5 * problem.charges_pC)
-    coarse = replace(problem, model=rough, deviations_pC=spread)
+    coarse = replace(problem, model=along_stage(rough), deviations_pC=spread)
     begun = [_begun(cold, rough, options) for cold in _cold(coarse)]
     freedom, found = len(problem.electrodes) - len(problem.unknown), []
     for part in (slice(options.followed), slice(options.followed, None)):
@@ -242,14 +237,14 @@ def _cold(problem: Problem) -> Iterator[Problem]:
 def _begun(cold: Problem, model: Solves, options: SolveOptions) -> Array:
     """Where first steps lead from the starts, (n, k), the likeliest first."""
     first = replace(options.search, max_steps=options.first_steps)
-    ends = descend(cold, superposed(cold, model, options), options=first)
+    ends = descend(cold, superposed(cold, model.touch, options.begin), options=first)
     return ends.at[np.argsort(ends.chi_square)]
 
 
 def ordered(problem: Problem, ends: Descent) -> Descent:
     """The distinct ends; equal probes are in the order of their first coordinates."""
     touches = problem.model.scene.loaded_probes
-    if len(touches) == 2 and len({_alone(problem.model.scene, i) for i in (0, 1)}) == 1:
+    if len(touches) == 2 and len({pressed_alone(problem.model.scene, i) for i in (0, 1)}) == 1:
         order = [i for name in problem.model.quantities for i in [_swapped(problem, name)]]
         swap = ends.at[:, 0] > ends.at[:, len(QUANTITIES)]
         ends.at[swap] = ends.at[swap][:, order]
@@ -263,80 +258,6 @@ def _swapped(problem: Problem, name: str) -> int:
     """Where a quantity of the other one of two probes is."""
     other = f"probe[{1 - _probe(name)}]"
     return problem.model.quantities.index(other + name[len(other) :])
-
-
-def superposed(problem: Problem, model: Solves, options: SolveOptions) -> Array:
-    """Starts (n, k) where charges of single touches, added up, are most like those measured."""
-    reach_mm = model.domain.reach_mm
-    electrodes, spread = problem.electrodes, problem.deviations_pC[0]
-    rest = np.nan_to_num(rest_of(model.scene)[0, electrodes])
-    alone = pinned(_alone(model.scene, i) for i in range(probes_of(model)))
-    tables = [_single(one, reach_mm, options.pitch_mm, options.fine_mm) for one in alone]
-    changes = np.concatenate([(c[:, electrodes] - rest) for _, c in tables]) / spread
-    places = np.concatenate([p for p, _ in tables])
-    count, alike = len(tables[0][0]), tables[0] is tables[-1]
-    sets = [range(count), range(count, len(places))][: len(tables)]
-    chosen = np.array([*(combinations(sets[0], len(sets)) if alike else product(*sets))])
-    gram, right = changes @ changes.T, changes @ ((problem.charges_pC[0] - rest) / spread)
-    normal = gram[chosen[:, :, None], chosen[:, None, :]]
-    normal = normal + 1e-9 * gram.diagonal().mean() * np.eye(len(sets))
-    shares = np.linalg.solve(normal, right[chosen][:, :, None])[:, :, 0]
-    explained = (right[chosen] * shares).sum(axis=1)
-    pressing = (shares > 0.03 * np.abs(shares).sum(axis=1, keepdims=True)).all(axis=1)
-    order = np.argsort(-np.where(pressing, explained, -np.inf))[: pressing.sum()]
-    kept: list[int] = []
-    for row in order.tolist():
-        apart = np.abs(places[chosen[kept]] - places[chosen[row]]).max(axis=(1, 2), initial=0.0)
-        if (apart >= options.apart_mm).all():
-            kept.append(row)
-        if len(kept) == options.starts:
-            break
-    at = np.tile(problem.coordinates(model.touch[None]), (len(kept), 1))
-    of_probes, share = problem.of_probes(at), shares[kept]
-    starts = of_probes.copy()
-    starts[..., :2] = places[chosen[kept]]
-    starts[..., FORCE] = np.log(share) + STIFFENING * np.log(share.sum(axis=1))[:, None]
-    sought = np.isin(np.arange(at.shape[1]), problem.unknown)
-    of_probes[...] = np.where(problem.of_probes(np.tile(sought, (len(at), 1))), starts, of_probes)
-    return at
-
-
-@lru_cache(maxsize=8)
-def _single(scene: Scene, reach_mm: float, pitch_mm: float, fine_mm: float) -> tuple[Array, Array]:
-    """Places (n, 2) within reach, and charges (n, electrodes) of a touch there.
-
-    Those of a probe turned with its place, which a round film gives by few solves, interpolated.
-    """
-    places = []
-    for radius in np.linspace(0.0, reach_mm, round(reach_mm / pitch_mm) + 1):
-        count = max(1, round(2.0 * np.pi * radius / pitch_mm))
-        places += [(radius, 360.0 * i / count) for i in range(count)]
-    radii, turns = np.array(places).T
-    solved = radii[:, None] * np.stack([np.cos(np.radians(turns)), np.sin(np.radians(turns))], -1)
-    keys = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg")
-    rows = np.column_stack([solved, turns]).tolist()
-    scenes = [scene.with_(**dict(zip(keys, row, strict=True))) for row in rows]
-    records = solve_all(scenes, processes=1)
-    good = [i for i, record in enumerate(records) if record.converged]
-    if len(good) < 3:
-        raise NotConvergedError(f"{records[0].status}: one touch alone: {records[0].reason}")
-    reads = scene.film.d31_pC_N, scene.film.d32_pC_N, scene.numerics.observable
-    charges = np.array([[*records[i].charges_pC(*reads).values()] for i in good])
-    ticks = np.arange(-reach_mm, reach_mm + 0.5 * fine_mm, fine_mm)
-    grid = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
-    grid = grid[np.hypot(*grid.T) <= reach_mm]
-    return grid, RBFInterpolator(solved[good], charges)(grid)
-
-
-def _alone(scene: Scene, number: int) -> Scene:
-    """One of a scene's probes on the centre, under 1 N and cold."""
-    touch = scene.loaded_probes[number]
-    place = dict.fromkeys(("x_mm", "y_mm", "rotation_deg"), 0.0)
-    unsaid = dict.fromkeys((*Pressing.model_fields, *HEAT))
-    probe = touch.probe.model_copy(update=place | unsaid)
-    load = touch.load.model_copy(update={"force_N": 1.0, "tangential_N": None})
-    numerics = Numerics(tolerance=1e-2, observable=scene.numerics.observable)
-    return scene.with_(probe=probe, load=load, numerics=numerics, readout=None)
 
 
 def _listed(scene: Scene, touches: int, unknown: Sequence[str]) -> Scene:
@@ -364,8 +285,6 @@ def _mistakes(scene: Scene, touches: int, unknown: Sequence[str]) -> Iterator[st
         yield f"probe: the scene has {len(scene.loaded_probes)}; give {touches}, or one for both"
     elif touches > len(scene.loaded_probes) and not {"x_mm", "y_mm"} <= set(unknown):
         yield "unknown: both touches of one probe need x_mm and y_mm; add them, or give [[probe]]"
-    if scene.stage is not None:
-        yield "stage: places by full solves are those of the film; remove the table"
     if any(touch.load.depth_mm is not None for touch in scene.loaded_probes):
         yield "load.depth_mm: forces are sought here; give load.force_N"
     if "temperature_K" in unknown:

@@ -12,6 +12,7 @@ from pvdf_fem.touch.least_squares import descend
 from pvdf_fem.touch.problem import Problem, extents
 from pvdf_fem.touch.search import location
 from pvdf_fem.touch.solves import SolveOptions, Solves, ordered, reach_by_electrodes_mm
+from pvdf_fem.touch.superposed import SuperposedOptions
 
 DISC = {"shape": "circle", "radius_mm": 2.0}
 EIGHT = Scene().with_(
@@ -25,7 +26,8 @@ PAIR = EIGHT.with_(
 )
 WARM = {**DISC, "x_mm": 8.0, "contact_time_s": 0.1}
 FINGER = Scene().with_(probe=WARM, **{"film.pyroelectric_uC_m2K": -25.0})
-FEW = SolveOptions(pitch_mm=7.5, fine_mm=2.5, starts=3, followed=1, rounds=0, tolerance=1e-3)
+BEGIN = SuperposedOptions(pitch_mm=7.5, fine_mm=2.5, starts=3)
+FEW = SolveOptions(begin=BEGIN, followed=1, rounds=0, tolerance=1e-3)
 
 
 def test_shear_of_a_touch_is_found_with_its_place():
@@ -43,9 +45,17 @@ def test_shear_of_a_touch_is_found_with_its_place():
     assert all(done <= total for done, total in asked)
 
 
+def test_places_are_on_the_stage():
+    """One start beside the touch: what is not sought is the scene's there."""
+    staged = EIGHT.with_(stage={"x_mm": 20.0, "y_mm": -5.0, "rotation_deg": 90.0})
+    charges = solve(EIGHT.with_(**{"probe.y_mm": 3.0})).charges_pC
+    found = locate(staged, charges, 1e-3, options=FEW)
+    assert [found.best.x_mm, found.best.y_mm] == pytest.approx([17.0, -1.0], abs=0.03)
+
+
 def test_a_touch_beyond_reach_is_told():
     charges = solve(EIGHT.with_(**{"probe.x_mm": 7.0})).charges_pC
-    near = replace(FEW, reach_mm=4.0, pitch_mm=4.0)
+    near = replace(FEW, reach_mm=4.0, begin=replace(BEGIN, pitch_mm=4.0))
     found = locate(EIGHT, charges, 1e-3, touches=1, options=near)
     assert found.best.at_edge == ("reach_mm",)
     assert found.status == "unexplained"
@@ -62,7 +72,13 @@ def test_a_film_that_bears_no_touch_is_told():
     slack = PAIR.with_(**{"film.temperature_change_K": 20.0, "film.bending": False})
     charges = dict.fromkeys("ABCDEFGH", 500.0)
     with pytest.raises(NotConvergedError, match="one touch alone"):
-        locate(slack, charges, 1e-3, touches=2, options=replace(FEW, pitch_mm=15.0))
+        locate(
+            slack,
+            charges,
+            1e-3,
+            touches=2,
+            options=replace(FEW, begin=replace(BEGIN, pitch_mm=15.0)),
+        )
 
 
 def problem_of(model, charges, sigma):
