@@ -145,7 +145,7 @@ class Contact:
         if not len(heard):
             return np.empty((0, 4))
         total = (sample.charges + model.rest_pC)[heard]
-        response, unknown = model.problem.model, model.problem.unknown
+        response, unknown = model.model, model.unknown
         error = response.error_bound * total
         spread = np.sqrt((sample.walked + sample.noise)[heard] + np.square(error))
         problem = Problem(response, heard, total[None], spread[None], unknown)

@@ -34,14 +34,30 @@ class Sample:
 
 
 @dataclass(frozen=True, eq=False)
-class AnyForce(Problem):
-    """A problem of touches with any force. Below the model's least force the changes of the charges
-    are continued to zero as the tension T of a membrane with the pretension T0 is, for which
-    T² (T - T0) grows as the square of the force. T0 over T at the least force is the share of the
-    charges at rest. Full solves of the thesis's film from 0.1 N down to 5 mN differ from this by at
-    most a tenth of the charge."""
+class ChangeModel(Problem):
+    """The least-squares problem of touches with any force; its own charges are those at rest, so
+    that residuals are changes in pC. Below the model's least force changes are continued to zero as
+    the tension T of a membrane with the pretension T0 is, for which T² (T - T0) grows as the square
+    of the force. T0 over T at the least force is the share of the charges at rest. Full solves of
+    the thesis's film from 0.1 N down to 5 mN differ from this by at most a tenth of the charge."""
 
     rest_pC: Array = field(kw_only=True)  #: Charges (electrodes,) of the film at rest.
+    circuit: Circuit = field(kw_only=True)
+    known: Mapping[int, float] = field(kw_only=True)  #: By index, of what is not sought.
+
+    @classmethod
+    def of(
+        cls, model: Model, circuit: Circuit, rest_pC: Array, known: Mapping[int, float]
+    ) -> ChangeModel:
+        """The changes of a model's charges."""
+        unknown = np.array([i for i in range(len(QUANTITIES)) if i not in known])
+        charges = np.arange(len(rest_pC)), rest_pC[None], np.ones((1, len(rest_pC)))
+        return cls(model, *charges, unknown, rest_pC=rest_pC, circuit=circuit, known=known)
+
+    @property
+    def least(self) -> float:
+        """Logarithm of the model's least force in N."""
+        return self.model.domain.log_force[0]
 
     @property
     def log_forces(self) -> tuple[float, float]:
@@ -55,9 +71,8 @@ class AnyForce(Problem):
 
     def linearised(self, at: Array, rows: Indices | None = None) -> Array:
         """As of a `Problem`."""
-        least = self.model.domain.log_force[0]
-        light: Mask = at[:, FORCE] < least
-        system = super().linearised(np.maximum(at, [-np.inf, -np.inf, -np.inf, least]), rows)
+        light: Mask = at[:, FORCE] < self.least
+        system = super().linearised(np.maximum(at, [-np.inf, -np.inf, -np.inf, self.least]), rows)
         if not light.any():
             return system
         which = np.zeros(int(light.sum()), dtype=int) if rows is None else rows[light]
@@ -65,7 +80,7 @@ class AnyForce(Problem):
         change = system[light, :, 0] * spread + charges - self.rest_pC
         total = np.linalg.norm(change + self.rest_pC, axis=1)
         share = np.clip(np.linalg.norm(self.rest_pC) / total, 0.0, 0.95)
-        square = (1.0 - share) * np.exp(2.0 * (at[light, FORCE] - least))
+        square = (1.0 - share) * np.exp(2.0 * (at[light, FORCE] - self.least))
         tension = share + np.cbrt(square)
         for _ in range(SEARCH.max_steps):  # from above, where Newton's method comes ever closer
             slope = 3.0 * np.square(tension) - 2.0 * share * tension
@@ -77,31 +92,11 @@ class AnyForce(Problem):
         system[light, :, 1 + FORCE] = rate * change / spread
         return system
 
-
-class ChangeModel:
-    """Changes of the charges, since the film was untouched, by touches of any force."""
-
-    def __init__(
-        self, model: Model, circuit: Circuit, rest_pC: Array, known: Mapping[int, float]
-    ) -> None:
-        """`known` are values by index of what is not sought."""
-        unknown = np.array([i for i in range(len(QUANTITIES)) if i not in known])
-        self.circuit, self.known = circuit, known
-        self.rest_pC, self.least = rest_pC, model.domain.log_force[0]
-        every, ones = np.arange(len(rest_pC)), np.ones((1, len(rest_pC)))
-        #: Its charges are the rest charges, so that differences from them are changes.
-        self.problem = AnyForce(model, every, rest_pC[None], ones, unknown, rest_pC=rest_pC)
-
-    def changes(self, at: Array) -> Array:
-        """Changes in pC and their slopes, (n, electrodes, 1 + 4), at coordinates `at` (n, 4)."""
-        return self.problem.linearised(at)
-
     def pressed(self, at: Array, sample: Sample) -> tuple[Array, float]:
         """Coordinates (4,) with the force of a sample at a place, and chi-square of its charges."""
-        spread = np.sqrt(sample.walked + sample.noise)[None]
         charges = (self.rest_pC + sample.charges)[None]
-        force = np.array([FORCE])
-        of_sample = replace(self.problem, charges_pC=charges, deviations_pC=spread, unknown=force)
+        spread, force = np.sqrt(sample.walked + sample.noise)[None], np.array([FORCE])
+        of_sample = replace(self, charges_pC=charges, deviations_pC=spread, unknown=force)
         end = descend(of_sample, at[None], options=SEARCH)
         return end.at[0], float(end.chi_square[0])
 
@@ -136,14 +131,14 @@ class Course:
 
     def held_back(self, at: Array) -> Array:
         """Coordinates with places within reach, and forces that are followed."""
-        touches = self.model.problem.held_back(self.touches(at)).reshape(len(at), -1, 4)
+        touches = self.model.held_back(self.touches(at)).reshape(len(at), -1, 4)
         parts = touches[:, 0, :FORCE], touches[:, :, FORCE], at[:, -1:]
         return np.concatenate(parts, axis=1)
 
     @cached_property
     def _priors(self) -> Array:
         """What is known without any charge: the model's domain, and the common error, (k,)."""
-        domain = 1.0 / extents(self.model.problem.model)
+        domain = 1.0 / extents(self.model.model)
         places = np.zeros(FORCE)
         moving = self.moving
         places[moving] = domain[moving]
@@ -152,13 +147,13 @@ class Course:
     @property
     def moving(self) -> Indices:
         """Coordinates of the place that are sought, of x, y and rotation."""
-        moving = self.model.problem.moving
+        moving = self.model.moving
         return moving[moving < FORCE]
 
     def linearised(self, at: Array, rows: Indices | None = None) -> Array:
         """Whitened differences of changes, then their slopes, (n, residuals, 1 + k)."""
         (count, channels), size = self.charges.shape, len(at)
-        changes = self.model.changes(self.touches(at)).reshape(size, count, channels, 5)
+        changes = self.model.linearised(self.touches(at)).reshape(size, count, channels, 5)
         changes = changes.swapaxes(1, 2)
         system = np.zeros((size, channels, count, 1 + at.shape[1]))
         shared, of_sample = at[:, -1, None, None] * self.common[:, None], np.arange(count)
@@ -211,7 +206,7 @@ def fitted(
     covariance = np.zeros((len(starts), 4, 4))
     covariance[:, kept[:, None], kept] = inverse[:, part[:, None], part]
     at = np.concatenate([ends.at[:, :FORCE], ends.at[:, -2:-1]], axis=1)
-    beyond = np.hypot(*at[:, :ROTATION].T) > model.problem.model.domain.reach_mm
+    beyond = np.hypot(*at[:, :ROTATION].T) > model.model.domain.reach_mm
     return _likely(at, covariance, -0.5 * ends.chi_square - BEYOND * beyond, volume)
 
 

@@ -69,7 +69,7 @@ class Tracker:
         circuit = Circuit.of(channels(scene))
         self.touches: list[TouchSummary] = []
         self._names, self._unit, self._stage = response.names, unit, scene.stage or Stage()
-        self._model = ChangeModel(response, circuit, PICO * rest_charges(scene), fixed)
+        self._model = ChangeModel.of(response, circuit, PICO * rest_charges(scene), fixed)
         self._response, self._time = response, -math.inf
         self._restart()
 
@@ -181,7 +181,7 @@ class Tracker:
         status = "unexplained" if contact.strain > BAD else status
         place, turned = self._stage.to_stage((x, y), rotation)
         x, y = place.tolist()
-        force = math.exp(log_force) if log_force < self._model.problem.log_forces[1] else math.nan
+        force = math.exp(log_force) if log_force < self._model.log_forces[1] else math.nan
         rotation = float(turned) % period_deg(self._response)
         dx, dy, turn, relative = contact.places.deviations(self._stage.turn).tolist()
         numbers = x, y, force, rotation, dx, dy, relative * force, turn
