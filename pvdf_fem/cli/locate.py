@@ -169,7 +169,6 @@ def located(
 
     What is not sought is known from the first. Raises `ValueError` with all mistakes.
     """
-    from pvdf_fem.sweeps.sweep import shown
     from pvdf_fem.touch.locate import locate, match, polish, staged_touch, weigh
 
     file, sensor = next(iter(scenes.items()))
@@ -177,9 +176,8 @@ def located(
     errors: dict[str, Any] = {"sigma": request.sigma, "noise_pC": request.noise_pC(sensor)}
     asked: dict[str, Any] = {"unknown": request.unknown, "reading": request.reading}
     if request.by_solves:
-        with shown("solve") as progress:
-            asked |= {"touches": request.touches, "progress": progress}
-            return match({file: locate(sensor, readings, **asked, **errors)})
+        asked["touches"] = request.touches
+        return match({file: locate(sensor, readings, **asked, **errors)})
     touch = staged_touch(sensor)
     known = {name: value for name, value in touch.items() if name not in request.unknown}
     require(scenes, request, readings, known)

@@ -7,7 +7,8 @@ ones.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar
@@ -24,7 +25,7 @@ from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.solution.solution import NotConvergedError
 from pvdf_fem.solution.solve import solve_goals
-from pvdf_fem.sweeps.sweep import Progress, silent
+from pvdf_fem.sweeps.sweep import Counted, Progress, shown, silent
 from pvdf_fem.touch.least_squares import Descent, SearchOptions, descend, joined
 from pvdf_fem.touch.location import Location
 from pvdf_fem.touch.measurement import Deviations, Measurement, charge_mistakes
@@ -76,9 +77,8 @@ class Solves:
     sought: tuple[str, ...]  #: Of the quantities: only by these there are slopes.
     domain: Domain
     error_bound: float  #: Tolerance of the solves.
-    progress: Progress = silent  #: Called with the numbers of finished and of expected solves.
-    expected: int = 1  #: Number of solves that a search takes, about.
-    done: list[int] = field(default_factory=list)  #: An entry for each solve.
+    #: Called before each solve.
+    count: Callable[[], None] = field(default_factory=lambda: Counted(silent, 0))
     cheap: ClassVar[bool] = False
 
     @classmethod
@@ -114,7 +114,7 @@ class Solves:
         made = cls(listed, *model_names, Domain(reach_mm, FORCES_N), options.tolerance)
         if wrong := {made.key(name) for name in sought} - set(parameters_of(listed)):
             raise ValueError(f"unknown: charges have no derivative by {', '.join(sorted(wrong))}")
-        return replace(made, progress=progress, expected=expected)
+        return replace(made, count=Counted(progress, expected))
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -148,8 +148,7 @@ class Solves:
         slopes = np.zeros((*charges.shape, touches.shape[1]))
         columns = [self.quantities.index(name) for name in self.sought]
         for i, touch in enumerate(touches):
-            self.done.append(1)
-            self.progress(len(self.done), max(self.expected, len(self.done)))
+            self.count()
             try:
                 solution = solve_goals(scene := self.scene_of(touch), goals_of(scene))
                 rates = 1e12 * charge_rates(solution, [*map(self.key, self.sought)])
@@ -174,7 +173,20 @@ def locate_by_solves(
     """The touches that may have given some charges; see `pvdf_fem.touch.locate.locate`."""
     if mistakes := [*charge_mistakes(scene, charges_pC, sigma, noise_pC, reading)]:
         raise ValueError("\n".join(mistakes))
-    model = Solves.of(scene, touches, unknown, options, progress or silent)
+    with nullcontext(progress) if progress else shown("solve", lines=False) as show:
+        model = Solves.of(scene, touches, unknown, options, show)
+        return _located(model, charges_pC, sigma, noise_pC, reading, options)
+
+
+def _located(
+    model: Solves,
+    charges_pC: Mapping[str, float],
+    sigma: Deviations,
+    noise_pC: Deviations | None,
+    reading: str | None,
+    options: SolveOptions,
+) -> Location:
+    """The touches of a model."""
     if len(charges_pC) < len(model.sought):
         raise ValueError(
             f"charges: {len(charges_pC)} channels do not tell {len(model.sought)} unknown"
