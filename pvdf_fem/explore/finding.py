@@ -18,7 +18,7 @@ import numpy as np
 from pvdf_fem.arrays import Array, polar_grid
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.response.build import ResponseOptions, build_response
-from pvdf_fem.response.model import Domain, Model, centred, default_reach_mm, touch_of
+from pvdf_fem.response.model import Domain, Model, centred, touch_of, wanted_model
 from pvdf_fem.response.probe_stress import ProbeMesh
 from pvdf_fem.response.response import Response
 from pvdf_fem.response.response_file import response_key
@@ -27,8 +27,7 @@ from pvdf_fem.solution.summary import Grid
 from pvdf_fem.touch.locate import locate
 from pvdf_fem.touch.posterior import deviation_ellipse
 
-FORCES_N = 0.1, 5.0  #: Forces of the response that is built for the page.
-TOLERANCE = 1e-2  #: Its error bound.
+TOLERANCE = 1e-2  #: Error bound of the response that is built for the page.
 LINE_STEP_MM = 0.5  #: Distance of the places between which isocharge lines are interpolated.
 #: Coarser than those of `pvdf-fem locate`, which take four times as long.
 OPTIONS = ResponseOptions(
@@ -61,7 +60,7 @@ def _found(touches: Sequence[dict[str, Any]], lines: dict[str, Any], *remarks: s
 
 def domain_of(scene: Scene) -> Domain:
     """Touches of the response that is built for a scene."""
-    return Domain(default_reach_mm(scene), FORCES_N)
+    return wanted_model(scene)[0]
 
 
 def response_file(scene: Scene, folder: Path) -> Path | None:

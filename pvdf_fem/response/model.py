@@ -16,6 +16,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.stage import WantedModel
 
 #: Quantities of one probe's touch, in the order of its row.
 QUANTITIES = ("x_mm", "y_mm", "rotation_deg", "force_N")
@@ -30,6 +31,10 @@ SCENE_KEYS = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg", "load.force_N")
 REACH_MM = 12.0
 MOST_REACH = 0.6
 LEAST_REACH = 0.2
+#: Tolerance of a model over the relative noise of readings, and its limits.
+NOISE_SHARE = 0.1
+FINEST = 1e-4
+COARSEST = 1e-2
 FEW_TOUCHES = 32  #: Number of touches up to which plain floats are compared faster than arrays.
 
 
@@ -47,6 +52,15 @@ class Domain:
         """Logarithms of the least and the largest force in N."""
         lowest, highest = self.force_N
         return math.log(lowest), math.log(highest)
+
+    def covers(self, other: Domain) -> bool:
+        """Whether all touches of another domain are in this one."""
+        (low, high), (lowest, highest) = self.force_N, other.force_N
+        return other.reach_mm <= self.reach_mm and low <= lowest and highest <= high
+
+    def __str__(self) -> str:
+        low, high = self.force_N
+        return f"{self.reach_mm:g} mm about the centre, {low:g} to {high:g} N"
 
 
 class Model(Hashable, Protocol):
@@ -134,6 +148,16 @@ def default_reach_mm(scene: Scene) -> float:
     """Largest distance of touches from the centre where none is asked for, to the last digit the
     same wherever the probe is: it is in the names of responses."""
     return min(REACH_MM, MOST_REACH * scene.film.radius_mm, room_mm(centred(scene)))
+
+
+def wanted_model(scene: Scene, sigma: float = 0.01) -> tuple[Domain, float]:
+    """Domain and tolerance of the model that a scene wants, for readings with the relative noise
+    `sigma`."""
+    wanted = scene.model or WantedModel()
+    reach_mm = default_reach_mm(scene) if wanted.reach_mm is None else wanted.reach_mm
+    tolerance = min(max(NOISE_SHARE * sigma, FINEST), COARSEST)
+    domain = Domain(reach_mm, wanted.force_range_N)
+    return domain, tolerance if wanted.tolerance is None else wanted.tolerance
 
 
 def touch_of(scene: Scene) -> dict[str, float]:

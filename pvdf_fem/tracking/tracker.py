@@ -105,6 +105,15 @@ class Tracker:
         self._time = t
         return replace(row, missing=" ".join(silent)) if silent else row
 
+    @property
+    def settled_s(self) -> float:
+        """When touches are looked for, if the samples go on as they do; NaN while that is unknown.
+
+        Until then the baseline and its noise are learned, from `SETTLE` samples.
+        """
+        left = SETTLE + int(WINDOWS[-1]) - self._baseline.count - len(self._watch.samples)
+        return self._time + left * self._step if math.isfinite(self._step) else math.nan
+
     def _begin_anew(self, t: float) -> Row:
         """After the first sample, a pause, or a time that did not grow."""
         status = "lost" if t > self._time else "clock"
