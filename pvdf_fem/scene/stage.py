@@ -20,7 +20,6 @@ from pvdf_fem.scene.quantity import (
     within,
 )
 
-
 Force = Annotated[Finite, within(1e-9, 1e9, "N")]
 
 
