@@ -97,8 +97,8 @@ def run(options: argparse.Namespace) -> int:
     return ExitCode.CONVERGED if within else ExitCode.NOT_CONVERGED
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """The options that say which model a command uses."""
+def add_options(parser: argparse.ArgumentParser, tolerance: str | None = None) -> None:
+    """The options that say which model a command uses, a new one to a tolerance."""
     parser.add_argument(
         "--model",
         metavar="FILE",
@@ -114,11 +114,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "model.reach_mm, or 12, at most 0.6 of the film's radius and the probe's width away from "
         "the rim)",
     )
-    forces, error = "model.force_range_N, or 0.1,5", "model.tolerance, or 0.1 of the noise"
+    forces = "model.force_range_N, or 0.1,5"
+    error = "" if tolerance else " (default: model.tolerance, or 0.1 of the noise)"
     add_texts(
         parser,
         ("--force-range", "LEAST,LARGEST", None, f"the model's forces in N (default: {forces})"),
-        ("--tolerance", "SHARE", None, f"its largest error bound (default: {error})"),
+        ("--tolerance", "SHARE", tolerance, f"its largest error bound{error}"),
     )
 
 
