@@ -101,9 +101,9 @@ def test_a_pair_is_found_in_either_order(monkeypatch):
             for n in ("x_mm", "y_mm", "force_N")
         }
         far = dict.fromkeys(values, 0.0)
-        ends = [SimpleNamespace(values=of, deviations=far, weight=0.5) for of in (far, values)]
+        how = {"unknown": tuple(values), "deviations": dict.fromkeys(values, 0.1)}
         assert given != charges
-        return tuple(ends)
+        return SimpleNamespace(touches=[SimpleNamespace(by_name=of, **how) for of in (far, values)])
 
     monkeypatch.setattr(touches, "solve", solved)
     monkeypatch.setattr(touches, "locate", located)
