@@ -101,9 +101,11 @@ def test_a_pair_is_found_in_either_order(monkeypatch):
             for n in ("x_mm", "y_mm", "force_N")
         }
         far = dict.fromkeys(values, 0.0)
-        ends = [SimpleNamespace(values=of, deviations=far, weight=0.5) for of in (far, values)]
+        ends = [
+            SimpleNamespace(by_name=of, unknown=tuple(of), deviations=far) for of in (far, values)
+        ]
         assert given != charges
-        return tuple(ends)
+        return SimpleNamespace(touches=ends)
 
     monkeypatch.setattr(touches, "solve", solved)
     monkeypatch.setattr(touches, "locate", located)
