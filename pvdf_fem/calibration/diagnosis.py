@@ -20,7 +20,7 @@ from pvdf_fem.calibration.fit import FALSE_OUTLIERS, Fit, Noise, fitted
 from pvdf_fem.calibration.model import TouchModel
 from pvdf_fem.calibration.touches import Touches
 from pvdf_fem.readout.misread import misreadings
-from pvdf_fem.touch.least_squares import SearchOptions, descend
+from pvdf_fem.touch.least_squares import LeastSquares, SearchOptions, descend
 
 FEW_TOUCHES = 8  #: Number of touches by which changes of places and forces are ranked.
 COARSE = 2e-3  #: Tolerance of their solves.
@@ -191,7 +191,7 @@ def what_is_wrong(fit: Fit, i: int) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class _Elsewhere:
+class _Elsewhere(LeastSquares):
     """The least-squares problem of a touch's place by its readings: moves x, y in mm."""
 
     fit: Fit
@@ -201,15 +201,6 @@ class _Elsewhere:
     def longest(self) -> Array:
         """Longest steps, (2,)."""
         return np.array([LONGEST_MM, LONGEST_MM])
-
-    @property
-    def close(self) -> Array:
-        """Without a meaning for one search, (2,)."""
-        return self.longest
-
-    def held_back(self, at: Array) -> Array:
-        """Moves (1, 2) have no bounds: a place over the rim has no solution."""
-        return at
 
     def linearised(self, at: Array, rows: Indices | None = None) -> Array:
         """Whitened differences of readings, then slopes, (1, electrodes, 1 + 2)."""

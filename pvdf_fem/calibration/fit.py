@@ -16,7 +16,7 @@ from scipy.stats import chi2
 
 from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.calibration.model import Prediction, TouchModel
-from pvdf_fem.touch.least_squares import SearchOptions, descend, robust, with_priors
+from pvdf_fem.touch.least_squares import LeastSquares, SearchOptions, descend, robust, with_priors
 
 #: Probability with which a good touch is taken for a bad one, over all touches.
 FALSE_OUTLIERS = 1e-3
@@ -182,7 +182,7 @@ class Fit:
 
 
 @dataclass(frozen=True, eq=False)
-class _Between:
+class _Between(LeastSquares):
     """The least-squares problem of parameters, over their priors' deviations, between solves."""
 
     fit: Fit
@@ -192,11 +192,6 @@ class _Between:
     def longest(self) -> Array:
         """Longest steps, (parameters,)."""
         return np.full(len(self.fit.values), LONGEST_STEP)
-
-    @property
-    def close(self) -> Array:
-        """Without a meaning for one search, (parameters,)."""
-        return self.longest
 
     def held_back(self, at: Array) -> Array:
         """Parameters not far from those of the solves; moduli and tension keep their signs."""

@@ -156,7 +156,8 @@ def build_response(
     wanted, known = wanted_model(scene)
     reach_mm = wanted.reach_mm if reach_mm is None else reach_mm
     domain = Domain(reach_mm, wanted.force_N if force_N is None else force_N)
-    tolerance, file = tolerance or known, None if file is None else Path(file)
+    tolerance = known if tolerance is None else tolerance
+    file = None if file is None else Path(file)
     options = ResponseOptions.of(tolerance) if options is None else options
     refuse(scene, domain, tolerance, options)
     bar = shown("solve", lines=False) if progress is None else nullcontext(progress)

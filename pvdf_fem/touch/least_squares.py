@@ -54,9 +54,11 @@ class LeastSquares(Protocol):
     @property
     def close(self) -> Array:
         """Searches for one minimum with coordinates this close, (k,), go on as one."""
+        return np.zeros(len(self.longest))
 
     def held_back(self, at: Array) -> Array:
-        """Coordinates (n, k) brought to where searches may go."""
+        """Coordinates (n, k) brought to where searches may go: by default there are no bounds."""
+        return at
 
     def linearised(self, at: Array, rows: Indices | None = None) -> Array:
         """Whitened residuals, then their slopes, (n, residuals, 1 + k). Searches may be for

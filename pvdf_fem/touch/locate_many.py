@@ -20,19 +20,12 @@ from pvdf_fem.touch.measurement import (
     Deviations,
     Measurement,
     charge_mistakes,
+    number,
 )
 from pvdf_fem.touch.problem import Problem, extents
 from pvdf_fem.touch.search import DEFAULTS, location, search
 from pvdf_fem.touch.starts import nearest_starts
-from pvdf_fem.touch.touch import (
-    DETERMINED,
-    EXPLAINED,
-    SIGNIFICANCE,
-    TouchStatus,
-    curvature,
-    explains,
-    p_values,
-)
+from pvdf_fem.touch.touch import SIGNIFICANCE, TouchStatus, explains, p_values, roots_of
 
 #: Rows that are located together: they take some 3 kB each while searches are under way.
 CHUNK = 32768
@@ -78,7 +71,7 @@ class Touches:
     @property
     def explained(self) -> Mask:
         """Whether a touch explains the charges, (n,)."""
-        return np.isin(self.status.astype(str), EXPLAINED)
+        return np.isfinite(self.chi_square) & (self.status != TouchStatus.UNEXPLAINED)
 
     def put(self, rows: Indices, problem: Problem, ends: Descent, significance: float) -> None:
         """Write down the ends of searches for some rows."""
@@ -86,11 +79,9 @@ class Touches:
         self.status[rows[~ends.arrived]] = TouchStatus.NOT_FOUND
         rows, ends = rows[ends.arrived], ends.take(np.flatnonzero(ends.arrived))
         values = problem.touches(ends.at)
-        scale = np.where(sought == FORCE, values[:, FORCE:], 1.0)
-        extent = extents(problem.model)[sought]
-        squares, vectors = curvature(ends.slopes[:, :, sought] * extent)
-        free = squares < DETERMINED**2
-        root = vectors / np.sqrt(squares + free)[:, None] * (extent * scale)[:, :, None]
+        scale = problem.per_coordinate(values)[:, sought]
+        extent = extents(problem.model)[sought] * scale
+        root, free = roots_of(ends.slopes[:, :, sought] / scale[:, None], extent)
         self.values[rows], self.determined[rows] = values, ~free.any(axis=1)
         self.covariances[rows] = root @ root.swapaxes(1, 2)
         if np.isnan(self.alternatives[rows]).all():  # not calibrated
@@ -199,7 +190,7 @@ def locate_many(
         for text, meant, undone in meant_otherwise(measurement) if len(strange) else ():
             problem = meant.problem(undone(charges[rows[strange]]), sought)
             other = {i: values[strange] for i, values in held.items()}
-            ends = _nearest_end(problem, np.arange(len(strange)), other, RETRIES)
+            ends = _nearest_end(problem, np.arange(len(strange)), other, 1)
             explained = rows[strange[_explained(problem, ends, significance)]]
             found.explanations[explained] += f"; explained if {text}"
     return found
@@ -245,19 +236,12 @@ def _numbers(values: Any, width: int = 0) -> Array:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError, OverflowError):
         if not width:
-            return np.array([_number(value) for value in values])
+            return np.array([number(value) for value in values])
     rows = np.full((len(values), width), np.nan)
     for row, given in zip(rows, values, strict=True):
         if not isinstance(given, str) and np.size(given) == width:
             row[:] = _numbers(given)
     return rows
-
-
-def _number(value: Any) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError, OverflowError):
-        return math.nan
 
 
 def _status(

@@ -186,10 +186,10 @@ class Problem:
         return self._moved(at, ROOM_REACH * reach_mm, lowest - more, highest + more)
 
     def _moved(self, at: Array, reach_mm: float, lowest: float, highest: float) -> Array:
-        given = self.of_probes(at)
-        if all_within(given.reshape(-1, len(QUANTITIES)), reach_mm, lowest, highest):
+        each = at[:, : self.forces.stop].reshape(-1, len(QUANTITIES))
+        if all_within(each, reach_mm, lowest, highest):
             return at
-        of_probes = self.of_probes(moved := at.copy())
+        given, of_probes = self.of_probes(at), self.of_probes(moved := at.copy())
         of_probes[..., FORCE] = np.clip(given[..., FORCE], lowest, highest)
         x_sought, y_sought = self._sought[X], self._sought[Y]
         if x_sought == y_sought:

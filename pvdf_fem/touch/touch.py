@@ -45,6 +45,15 @@ def curvature(slopes: Array) -> tuple[Array, Array]:
     return np.maximum(squares, 0.0), vectors
 
 
+def roots_of(slopes: Array, extent: Array) -> tuple[Array, Mask]:
+    """Square roots (..., k, k) of covariances, their columns along the principal directions, and
+    which of these (..., k) the charges do not determine: there the domain's `extent` (..., k) is a
+    standard deviation. `slopes` (..., electrodes, k) are those of the charges over theirs."""
+    squares, vectors = curvature(slopes * extent[..., None, :])
+    free = squares < DETERMINED**2
+    return vectors / np.sqrt(squares + free)[..., None, :] * extent[..., None], free
+
+
 class TouchStatus(StrEnum):
     """What became of some charges."""
 
@@ -110,8 +119,7 @@ class Touch:
     @cached_property
     def root(self) -> Array:
         """A square root of the covariance, its columns along the principal directions."""
-        squares, vectors = self._curvature
-        return vectors / np.sqrt(squares + (squares < DETERMINED**2)) * self.extent[:, None]
+        return roots_of(self.jacobian, self.extent)[0]
 
     @property
     def covariance(self) -> Array:
