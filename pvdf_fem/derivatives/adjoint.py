@@ -19,7 +19,6 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.charges.forces import charges_of, goal_forces, goal_gradients
 from pvdf_fem.charges.goals import Goal, goals_of
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.term import State
 from pvdf_fem.solution.attempt import error_indicators
 from pvdf_fem.solution.estimate import Correction, corrected
@@ -55,11 +54,11 @@ class Adjoint:
         dofs = np.stack([equilibrium.step(state, column) for column in unknowns.T], axis=-1)
         return cls(equilibrium, goals, state, forces, rates, dofs)
 
-    def of_stress(self, membrane: Membrane) -> Array:
-        """∂Q/∂θ - λ · ∂R/∂θ, (electrodes,), where the stress becomes that of `membrane`."""
-        x = self.state.dofs
+    def at_displacement(self, other: Equilibrium) -> Array:
+        """Q - λ · R of other equations on the mesh, (electrodes,), at this displacement."""
+        x, membrane = self.state.dofs, other.membrane
         explicit = charges_of(self.goals, goal_forces(self.goals, membrane, x))
-        return explicit - membrane.internal_forces(membrane.state(x)) @ self.dofs
+        return explicit - other.film_forces(membrane.state(x)) @ self.dofs
 
 
 def adjoints(solution: Solution) -> tuple[Adjoint, Adjoint]:

@@ -13,7 +13,8 @@ A film on a tip moves with it: the displacement is x(q, θ) of the unknowns q, a
 film's forces f and P = ∂x/∂q. Then ∂Q/∂θ and ∂R/∂θ have ∂x/∂θ in them, and ∂R/∂θ what turns P, the
 slope of the tip at its nodes. That the contact's edge moves too counts only in the second order.
 
-The heat of a warm probe moves with it; what that does to Q and R on the same mesh is differenced.
+What the heat of a warm probe, which moves with it, and keys of the film do to Q and R on the same
+mesh is differenced.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pvdf_fem.arrays import COMPLEX_STEP, Array
+from pvdf_fem.arrays import Array
 from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.charges.rest import heat_charges
 from pvdf_fem.derivatives.adjoint import Adjoint, factorised
@@ -34,17 +35,19 @@ from pvdf_fem.derivatives.parameters import (
     PLACE_NAMES,
     touched,
 )
-from pvdf_fem.film.laws import StVenantKirchhoff
 from pvdf_fem.film.loads.contact import Contact
-from pvdf_fem.film.loads.heat import AddedStrain
 from pvdf_fem.film.loads.pressure import DeadPressure
-from pvdf_fem.film.membrane import IDENTITY, Membrane, UnevenMembrane
+from pvdf_fem.film.membrane import IDENTITY
 from pvdf_fem.film.space import shape_values
 from pvdf_fem.mesh.points import facet_quadrature
 from pvdf_fem.scene.change import number_at
-from pvdf_fem.scene.film import Film, plane_stress
-from pvdf_fem.scene.scene import Probe
+from pvdf_fem.scene.scene import Probe, Scene
 from pvdf_fem.solution.solution import Solution
+
+#: Step of a differenced key of the film over its value.
+FILM_STEP = 1e-4
+#: Step of a differenced key of a warm probe in mm, degrees or K.
+HEAT_STEP = 0.01
 
 
 def charge_rates(solution: Solution, keys: Sequence[str]) -> Array:
@@ -80,47 +83,15 @@ def force_rates(solution: Solution, keys: Sequence[str]) -> Array:
 def rate_of(adjoint: Adjoint, key: str) -> Array:
     """dQ/dθ in C per unit of the key, (electrodes,)."""
     equilibrium, state = adjoint.equilibrium, adjoint.state
-    film, membrane = equilibrium.film, equilibrium.membrane
     if touches := touched(equilibrium.scene).get(key):
         rate = sum((_touch_rate(adjoint, i, n) for _, i, n in touches if n != HEAT), np.zeros(1))
         moves_heat = any(
             n == HEAT or (n in PLACE_NAMES and t.probe.temperature_K) for t, _, n in touches
         )
-        return rate + _heat_rate(adjoint, key) if moves_heat else rate
+        return rate + _film_rate(adjoint, key, HEAT_STEP) if moves_heat else rate
     if key in COEFFICIENTS:
         return 1e-12 * adjoint.forces[:, COEFFICIENTS.index(key)]
-    rate = adjoint.of_stress(Membrane(membrane.space, film, _stress_rate(film, key)))
-    if key == "film.thickness_um":
-        rate -= membrane.internal_forces(state) @ adjoint.dofs / film.thickness_um
-    return rate
-
-
-def _stress_rate(film: Film, key: str) -> StVenantKirchhoff:
-    """Derivative of the law by a key, in Pa per unit of it; a pretension that is given stays."""
-    name, _, index = key.removeprefix("film.").partition(".")
-    given, added, zeroed = film.pretension_N_m is not None, np.zeros(3), film.zeroed
-    if name == "temperature_change_K":
-        added[:] = -film.stiffness[:, :2].sum(axis=1) * film.thermal_expansion_per_K
-    elif name == "pretension_N_m":
-        added[int(index or 0) : int(index or 1) + 1] = 1.0 / film.thickness
-    elif name == "thickness_um":
-        added[:] = -given * zeroed.stress_at_rest / film.thickness_um
-    else:
-        stiffness = _stiffness_rate(film, key)
-        return StVenantKirchhoff(stiffness, -given * stiffness @ zeroed.strain_at_rest)
-    return StVenantKirchhoff(np.zeros((3, 3)), added)
-
-
-def _stiffness_rate(film: Film, key: str) -> Array:
-    """Derivative of the film's stiffness in Pa per unit of the key, (3, 3)."""
-    modulus = film.youngs_modulus_GPa
-    E = np.array(modulus if isinstance(modulus, tuple) else (modulus, modulus), dtype=complex)
-    nu12 = complex(film.poisson_ratio)
-    if key == "film.poisson_ratio":
-        nu12 += 1j * COMPLEX_STEP
-    else:
-        E[{"0": [0], "1": [1]}.get(key[-1], [0, 1])] += 1j * COMPLEX_STEP
-    return 1e9 * plane_stress(E[0], E[1], nu12, film.shear_modulus_GPa).imag / COMPLEX_STEP
+    return _film_rate(adjoint, key, FILM_STEP * (abs(number_at(equilibrium.scene, key)) or 1.0))
 
 
 def _touch_rate(adjoint: Adjoint, i: int, name: str) -> Array:
@@ -148,21 +119,33 @@ def _touch_rate(adjoint: Adjoint, i: int, name: str) -> Array:
             slope_rate += np.radians(1.0) * height.slope @ np.array([[0.0, 1.0], [-1.0, 0.0]])
         forces = equilibrium.film_forces(state)[load.raised]
         turned = np.einsum("n,na,nae->e", forces, slope_rate, rows[:, :2])
-    actions = (term.action(state, moved) for term in equilibrium.terms)
-    stiff = sum((a for a in actions if a is not None), np.zeros(len(moved)))
+    stiff = equilibrium.film_action(state, moved)
     return moved @ adjoint.goal_rates - stiff @ adjoint.dofs + turned
 
 
-def _heat_rate(adjoint: Adjoint, key: str, step: float = 0.01) -> Array:
-    """The part of dQ/dθ by how the heat of warm probes changes with a key, (electrodes,), from
-    central differences over twice the `step` in mm, degrees or K."""
-    equilibrium = adjoint.equilibrium
-    scene, space, by_heat = equilibrium.scene, equilibrium.space, []
+def _film_rate(adjoint: Adjoint, key: str, step: float) -> Array:
+    """The part of dQ/dθ by what the membrane and the loads on the whole film are at a displacement
+    that stays, (electrodes,), from central differences."""
+    equilibrium, charges = adjoint.equilibrium, []
     for change in (step, -step):
-        moved = scene.with_(**{key: number_at(scene, key) + change})
-        membrane = UnevenMembrane(space, scene.film, AddedStrain.of(moved))
-        by_heat.append(adjoint.of_stress(membrane) + heat_charges(moved, equilibrium))
-    return (by_heat[0] - by_heat[1]) / (2.0 * step)
+        moved = equilibrium.with_(scene=_changed(equilibrium.scene, key, change))
+        charges.append(adjoint.at_displacement(moved) + heat_charges(moved.scene, equilibrium))
+    return (charges[0] - charges[1]) / (2.0 * step)
+
+
+def _changed(scene: Scene, key: str, change: float) -> Scene:
+    """The scene with a number changed, beyond the range of its key if need be."""
+    table, _, rest = key.partition(".")
+    if table != "film":
+        return scene.with_(**{key: number_at(scene, key) + change})
+    name, _, index = rest.partition(".")
+    value = getattr(scene.film, name)
+    if index:
+        value = tuple(v + change * (i == int(index)) for i, v in enumerate(value))
+    else:
+        value = value + change
+    film = scene.film.model_copy(update={name: value})
+    return scene.model_copy(update={"film": film})
 
 
 def _swept(adjoint: Adjoint, load: DeadPressure, name: str, gauss_points: int = 5) -> Array:

@@ -20,13 +20,15 @@ from pvdf_fem.charges.forces import (
     goal_gradients,
 )
 from pvdf_fem.charges.goals import Goal, coefficients_of
-from pvdf_fem.film.equilibrium import Equilibrium, prolonged
+from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.layers import Layers, remaining_part
 from pvdf_fem.film.loads.contact_edge import LARGEST, PENETRATION, Edge
 from pvdf_fem.film.loads.contact_guess import faces, first_contacts
 from pvdf_fem.film.loads.kinds import rigid_elements
 from pvdf_fem.film.loads.posed import NOTHING, Posed
+from pvdf_fem.film.loads.touchdown import edges_of, overlap_at, tips_of
 from pvdf_fem.film.space import transferred
+from pvdf_fem.film.unknowns import prolonged
 from pvdf_fem.mesh.size_field import SizeField, element_sizes, refined_sizes
 from pvdf_fem.mesh.symmetry import MirroredPart
 from pvdf_fem.scene.outlines.outline import Outline
@@ -101,8 +103,8 @@ class Attempt:
 
     @cached_property
     def overlap(self) -> float:
-        """That of `Equilibrium`."""
-        return self.equilibrium.overlap(self.fields.solved_dofs, self.edges)
+        """Largest overlap of film and a tip, over the tip's depth."""
+        return overlap_at(self.equilibrium, self.fields.solved_dofs, self.edges)
 
     def misplaced(self, coarser: Attempt | None) -> bool:
         """Whether the edges of contacts have to move: at first, then while that still takes away a
@@ -176,8 +178,8 @@ def solve_on(
     )
     if not result.converged or result.factors is None:
         return attempt
-    if equilibrium.contacts:
-        attempt = replace(attempt, edges=equilibrium.edges(attempt.fields.solved_state))
+    if equilibrium.unknowns.seats:
+        attempt = replace(attempt, edges=edges_of(equilibrium, attempt.fields.solved_state))
         if any(edge.fitted.reach > NEAR_RIM * problem.scene.film.radius for edge in attempt.edges):
             return replace(attempt, result=replace(result, status=Status.RIM))
         if attempt.misplaced(coarser):
@@ -244,10 +246,10 @@ def contact_outlines(scene: Scene, attempt: Attempt | None = None) -> dict[str, 
     """Where the film leaves the tips, by patch name: as guessed, or as an attempt found."""
     edges = first_contacts(scene)
     if attempt is not None:
-        pairs = zip(attempt.equilibrium.contacts, attempt.edges, strict=True)
+        tips, x = tips_of(attempt.equilibrium), attempt.fields.solved_dofs
+        pairs = zip(tips, attempt.edges, strict=True)
         edges = {contact.touch.patch: edge.fitted for contact, edge in pairs}
-        x = attempt.fields.solved_dofs
-        return edges | {k: v for c in attempt.equilibrium.contacts for k, v in c.face(x).items()}
+        return edges | {k: v for contact in tips for k, v in contact.face(x).items()}
     return edges | faces(scene)
 
 
@@ -323,7 +325,7 @@ def _from_below(equilibrium: Equilibrium, budget: Budget) -> Array | Status | No
         return start
     result = equilibrate(lower, start, LOWER_TOLERANCE, budget=budget)
     budget.spend(lower, result.fresh_count)
-    if result.status is Status.UNSTABLE and lower.plate is not None:
+    if result.status is Status.UNSTABLE and lower.model.bends:
         return result.status
     return prolonged(lower, equilibrium, result.q) if result.converged else None
 

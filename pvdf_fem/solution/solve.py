@@ -24,6 +24,7 @@ from pvdf_fem.charges.goals import Goal, goals_of
 from pvdf_fem.charges.rest import known_at_rest, untouched
 from pvdf_fem.charges.thickness import thickness_remarks
 from pvdf_fem.film.electric.coupling import coupling_remarks
+from pvdf_fem.film.loads.everywhere.weight import weight_remarks
 from pvdf_fem.film.loads.heat import heat_remarks
 from pvdf_fem.film.loads.posed import NOTHING, Held, Posed, Pressure
 from pvdf_fem.film.loads.profiles import pinned, profile_of
@@ -66,7 +67,7 @@ class RestError(SceneError):
         """The error of a scene, by how the solve of its untouched film ended."""
         film = scene.film
         moved = ["rim_displacement_um", "patches"] if film.moves_at_rest else []
-        keys = [*moved, "pretension_N_m", "temperature_change_K"]
+        keys = [*moved, "gravity_m_s2", "pretension_N_m", "temperature_change_K"]
         key = next(key for key in keys if getattr(film, key) is not None)
         if status == Status.UNSTABLE:
             reason = "it is in compression; stretch it more"
@@ -266,7 +267,7 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
     charges_pC = dict(zip(names, by_stress, strict=True)) if len(names) == len(by_stress) else None
     remarks = [model.remark, *coupling_remarks(scene)]
     remarks += thickness_remarks(scene, charges_pC, problem.posed)
-    remarks += heat_remarks(scene, charges_pC)
+    remarks += [*heat_remarks(scene, charges_pC), *weight_remarks(scene)]
     reason = status.advice
     if status is Status.TOLERANCE:
         # a coarser mesh leaves more beside what the steps do

@@ -112,7 +112,7 @@ def _deck(equilibrium: Equilibrium, element: str, first_part: float = 0.1) -> It
     yield f"*{section} SECTION, ELSET=FILM, MATERIAL=PVDF\n{1e3 * film.thickness:.12g}"
     yield "*INITIAL CONDITIONS, TYPE=TEMPERATURE\nALL, 0."
     yield "*BOUNDARY"
-    for node in np.unique(equilibrium.rim_dofs // 3) + 1:
+    for node in np.unique(equilibrium.clamped // 3) + 1:
         yield f"{node}, 1, 3"
     yield f"*STEP, NLGEOM, INC=200\n*STATIC\n{first_part}, 1."
     yield f"*TEMPERATURE\nALL, {film.temperature_change_K:.12g}\n*END STEP"

@@ -1,4 +1,5 @@
-"""A load of a class of its own: what keeps the contract of `Term` is never dropped."""
+"""Loads on the whole film, with and without a probe: solvers, balance and flatness ask every term.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +9,7 @@ import pytest
 from pvdf_fem import Scene
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.space import Space
-from pvdf_fem.film.term import State, Term
-from pvdf_fem.scene.film import Film
+from pvdf_fem.film.term import State
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.status import Status
 from tests.helpers.discs import graded_mesh
@@ -20,38 +19,10 @@ DISC = {"shape": "circle", "radius_mm": 4.0, "x_mm": 12.0, "y_mm": 3.0}
 LIGHT = {"load.force_N": 1e-3}
 
 
-class Weight(Term):
-    """The film's weight along z; `gravity` is in m/s²."""
-
-    def __init__(self, space: Space, film: Film, gravity: float) -> None:
-        self.space = space
-        self.per_area = film.density * film.thickness * gravity
-        self._force = abs(self.per_area) * np.pi * film.radius**2
-        shares = np.einsum("epf,ep->ef", space.values, space.weights)
-        self._forces = space.sum(shares[..., None] * self.per_area * np.array([0.0, 0.0, 1.0]))
-
-    @property
-    def force(self) -> float:
-        return self._force
-
-    def forces(self, state: State) -> Array:
-        return self._forces
-
-    def energy(self, state: State) -> float:
-        return -float(self._forces @ state.dofs)
-
-    def residual(self, state: State) -> Array:
-        return -self._forces
-
-    def along(self, state: State, x: Array) -> Array:
-        return np.array([self.energy(state), -self._forces @ x, 0.0, 0.0, 0.0])
-
-
 def weighed(scene: Scene, gravity: float = -9.81) -> Equilibrium:
     """The equations of a scene whose film has a weight."""
-    equilibrium = Equilibrium(scene, graded_mesh(scene, 3.0, 8.0), 2)
-    equilibrium.terms.append(Weight(equilibrium.space, equilibrium.film, gravity))
-    return equilibrium
+    heavy = scene.with_(**{"film.gravity_m_s2": gravity})
+    return Equilibrium(heavy, graded_mesh(heavy, 3.0, 8.0), 2)
 
 
 def found(equilibrium: Equilibrium) -> tuple[Array, State]:
@@ -78,8 +49,9 @@ def test_a_taut_film_sags_under_its_weight_as_a_linear_membrane(gravity):
 def test_a_probe_beside_it_adds_its_own_deflection(kind):
     scene = TIGHT.with_(probe=DISC, **LIGHT, **{"load.kind": kind})
     both = weighed(scene, 9.81e2)
-    alone = both.with_terms(both.terms[:-1])
-    unloaded = both.with_terms([both.terms[0], both.terms[-1]])
+    membrane, press, weight = both.terms
+    alone = both.with_terms([membrane, press])
+    unloaded = both.with_terms([membrane, press.with_force(0.0), weight])
     deflections = [found(equations)[0] for equations in (both, alone, unloaded)]
     assert np.ptp(deflections[2]) > 0.05 * np.ptp(deflections[0])
     largest = np.abs(deflections[0]).max()
