@@ -50,7 +50,9 @@ scene files are TOML. Their keys, each with a default:
                 compression (refuse, tension-field: the film wrinkles),
                 warming_K (since it was zeroed), pyroelectric_uC_m2K,
                 thermal_diffusivity_m2_s,
-                rim_displacement_um ([mean, cos, sin, cos 2, sin 2, ...])
+                rim_displacement_um ([mean, cos, sin, cos 2, sin 2, ...]),
+                law (hooke, neo-hookean), pressure_Pa on the whole film (along
+                z; with pressure_follows normal to it), gravity_m_s2 (along z)
   [[film.patches]]  layers on the film: shape as of electrodes, thickness_um,
                 both_sides, youngs_modulus_GPa, poisson_ratio, density_kg_m3,
                 bonded ("at rest", "before stretching"), thermal_expansion_per_K

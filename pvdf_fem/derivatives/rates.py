@@ -45,7 +45,7 @@ from pvdf_fem.scene.scene import Probe, Scene
 from pvdf_fem.solution.solution import Solution
 
 #: Step of a differenced key of the film over its value.
-FILM_STEP = 1e-4
+FILM_STEP = 1e-3
 #: Step of a differenced key of a warm probe in mm, degrees or K.
 HEAT_STEP = 0.01
 
@@ -82,7 +82,7 @@ def force_rates(solution: Solution, keys: Sequence[str]) -> Array:
 
 def rate_of(adjoint: Adjoint, key: str) -> Array:
     """dQ/dθ in C per unit of the key, (electrodes,)."""
-    equilibrium, state = adjoint.equilibrium, adjoint.state
+    equilibrium = adjoint.equilibrium
     if touches := touched(equilibrium.scene).get(key):
         rate = sum((_touch_rate(adjoint, i, n) for _, i, n in touches if n != HEAT), np.zeros(1))
         moves_heat = any(
@@ -125,12 +125,13 @@ def _touch_rate(adjoint: Adjoint, i: int, name: str) -> Array:
 
 def _film_rate(adjoint: Adjoint, key: str, step: float) -> Array:
     """The part of dQ/dθ by what the membrane and the loads on the whole film are at a displacement
-    that stays, (electrodes,), from central differences."""
-    equilibrium, charges = adjoint.equilibrium, []
-    for change in (step, -step):
+    that stays, (electrodes,), from central differences of the fourth order."""
+    equilibrium, rate = adjoint.equilibrium, np.zeros(len(adjoint.goals))
+    for weight, change in ((8.0, step), (-8.0, -step), (-1.0, 2.0 * step), (1.0, -2.0 * step)):
         moved = equilibrium.with_(scene=_changed(equilibrium.scene, key, change))
-        charges.append(adjoint.at_displacement(moved) + heat_charges(moved.scene, equilibrium))
-    return (charges[0] - charges[1]) / (2.0 * step)
+        charges = adjoint.at_displacement(moved) + heat_charges(moved.scene, equilibrium)
+        rate += weight / (12.0 * step) * charges
+    return rate
 
 
 def _changed(scene: Scene, key: str, change: float) -> Scene:

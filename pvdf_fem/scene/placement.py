@@ -1,5 +1,4 @@
-"""What of a scene is valid one by one and not together: places of shapes, and effects on the film.
-"""
+"""What is valid one by one and not together: places of shapes, and effects on the film."""
 
 from __future__ import annotations
 

@@ -32,12 +32,15 @@ SIGNED = {
 }
 SIGNED |= {"temperature_change_K", "pretension_N_m", "d31_pC_N", "d32_pC_N", "first_angle_deg"}
 SIGNED |= {"gain", "offset_V", "tangential_N", "d33_pC_N", "pyroelectric_uC_m2K", "warming_K"}
+SIGNED |= {"pressure_Pa", "gravity_m_s2"}
 #: Keys of numbers that may be zero.
 ZERO = {"force_N", "depth_mm", "cable_capacitance_pF", "noise_V"}
 WORDS: dict[str, set[bool | float | str]] = {
     "bending": {False, True, "auto"},
     "coupling": {False, True, "auto"},
     "compression": {"refuse", "tension-field"},
+    "law": {"hooke", "neo-hookean"},
+    "pressure_follows": {False, True},
     "layout": {"four", "three", "ring"},
     "centre": {False, True},
     "kind": {"dead", "follower", "rigid", "contact"},

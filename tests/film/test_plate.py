@@ -13,8 +13,8 @@ from pvdf_fem.dynamics.modes import modes
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.layers import uncertain_part
 from pvdf_fem.film.plate import Plate, plate_stiffness
-from pvdf_fem.film.unknowns import prolongation
 from pvdf_fem.film.space import Space
+from pvdf_fem.film.unknowns import prolongation
 from pvdf_fem.mesh.gmsh_mesh import FILM, PROBE, RIM
 from pvdf_fem.mesh.six_node import compression
 from pvdf_fem.mesh.size_field import Sizes

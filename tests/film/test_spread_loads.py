@@ -47,7 +47,7 @@ def test_a_strong_pressure_is_fichters(follows):
     scene = scene.with_(**{"film.pressure_follows": follows})
     kind = "follower" if follows else "dead"
     exact = axisymmetric_membrane(math.pi * 1e-2, poisson_ratio=0.3, kind=kind)
-    assert solve(scene).deflection_max_mm / a == pytest.approx(exact.centre_deflection, rel=2e-5)
+    assert solve(scene).deflection_max_mm / a == pytest.approx(exact.centre_deflection, rel=1e-4)
 
 
 @pytest.mark.parametrize("kind", ["dead", "follower"])
@@ -81,7 +81,7 @@ def test_weight_is_there_at_rest_and_a_pressure_is_not():
     flat = solve(SENSOR)
     assert heavy.charges_pC["A"] > 1.01 * flat.charges_pC["A"]
     assert heavy.rest_charges_pC == pytest.approx(heavy.charges_pC, rel=1e-9)
-    assert solve(BULGED).rest_charges_pC == flat.charges_pC
+    assert solve(BULGED).rest_charges_pC == pytest.approx(flat.charges_pC, rel=1e-12)
 
 
 def test_weight_that_is_left_out_is_told_where_it_matters():

@@ -216,7 +216,7 @@ def test_energy_along_a_step(sample):
     if not sample.term.conservative:
         forces = sample.term.forces(sample.state)
         energies = np.array([-forces @ sample.at(s).dofs for s in lengths])
-    if sample.equilibrium.model.wrinkles and isinstance(sample.term, Membrane):  # which is no polynomial, and says so
+    if sample.equilibrium.model.wrinkles and isinstance(sample.term, Membrane):  # no polynomial
         assert values != pytest.approx(energies, rel=1e-3)
     else:
         assert values == pytest.approx(energies, rel=1e-11)
