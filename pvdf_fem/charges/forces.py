@@ -129,6 +129,21 @@ def charges_of(goals: Sequence[Goal], forces: Array) -> Array:
     return _charges(forces, coefficients_of(goals))
 
 
+def larger(errors: Array, others: Array, goals: Sequence[Goal]) -> Array:
+    """The estimate of the force errors (goals, 2) that makes the larger charge error, by goal."""
+    first, second = (np.abs(charges_of(goals, estimate)) for estimate in (errors, others))
+    return np.where((first >= second)[:, None], errors, others)
+
+
+def force_errors(errors: Array, forces: Array, goals: Sequence[Goal]) -> Array:
+    """Errors of forces (goals, 2) that add up to those of the charges, in C, (goals,)."""
+    d = coefficients_of(goals)
+    parts = np.abs(d * forces)
+    total = parts.sum(axis=1, keepdims=True)
+    relative = errors[:, None] / np.where(total > 0.0, total, np.inf)
+    return np.asarray(relative * np.abs(forces) * np.sign(d))
+
+
 def charge_sizes(
     goals: Sequence[Goal], state: State, forces: Array, space: Space, negligible: float = 1e-6
 ) -> Array:

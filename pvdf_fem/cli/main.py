@@ -247,12 +247,12 @@ def _mesh(options: argparse.Namespace) -> int:
     scene = scene_of(options, *output_mistakes(options.file, list(FORMATS), options.scene))
     from pvdf_fem.film.models import film_model
     from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
-    from pvdf_fem.solution.attempt import contact_outlines
     from pvdf_fem.solution.first_sizes import ORDER, first_sizes
+    from pvdf_fem.solution.tips.edges import outlines_of
 
     try:
         sizes, jacobian = first_sizes(scene, ORDER), film_model(scene).least_jacobian
-        contacts = contact_outlines(scene)
+        contacts = outlines_of(scene)
         mesh = mesh_scene(scene, sizes, least_jacobian=jacobian, contacts=contacts)
         write_mesh(mesh, options.file)
     except MeshError as error:

@@ -19,7 +19,7 @@ import numpy as np
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.charges.forces import Forces, charges_of
+from pvdf_fem.charges.forces import Forces, charges_of, larger
 from pvdf_fem.charges.goals import Goal, goals_of
 from pvdf_fem.charges.rest import known_at_rest, untouched
 from pvdf_fem.charges.thickness import thickness_remarks
@@ -39,8 +39,6 @@ from pvdf_fem.solution.attempt import (
     UNKNOWNS_PER_ELEMENT,
     Attempt,
     Problem,
-    contact_outlines,
-    larger,
     refined,
     solve_on,
 )
@@ -49,6 +47,7 @@ from pvdf_fem.solution.history import Clock, MeshRecord, Stop
 from pvdf_fem.solution.refinement import MeshLoop, TooManyUnknownsError
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.tips import steps
+from pvdf_fem.solution.tips.edges import outlines_of
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.solvers.wrinkling import barely_loaded
@@ -218,6 +217,7 @@ def _solved(problem: Problem, mesh: MeshTri2 | None) -> Solution:
 
 
 def _mesh_loop(problem: Problem, part: MirroredPart) -> MeshLoop[Attempt]:
+    scene = problem.scene
     return MeshLoop(
         problem.scene,
         partial(first_sizes, problem.scene, problem.order),
@@ -227,7 +227,7 @@ def _mesh_loop(problem: Problem, part: MirroredPart) -> MeshLoop[Attempt]:
         problem.clock,
         UNKNOWNS_PER_ELEMENT[problem.order],
         part,
-        partial(contact_outlines, problem.scene),
+        lambda attempt: outlines_of(scene, attempt.fields if attempt else None),
     )
 
 
