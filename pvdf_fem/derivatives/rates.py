@@ -9,18 +9,17 @@ of the load on λ changes by what the outline sweeps (Reynolds' transport theore
 with the outline's velocity V, its outward normal n, and the direction t of the pressure per
 reference area: e_z for a dead load, F1 x F2 for a follower load.
 
-A film on a tip moves with it: the displacement is x(q, θ) of the unknowns q, and R = P^T f with the
-film's forces f and P = ∂x/∂q. Then ∂Q/∂θ and ∂R/∂θ have ∂x/∂θ in them, and ∂R/∂θ what turns P, the
-slope of the tip at its nodes. That the contact's edge moves too counts only in the second order.
-
-What the heat of a warm probe, which moves with it, and keys of the film do to Q and R on the same
-mesh is differenced.
+All other keys do not move the mesh. The displacement is x(q, θ) of the unknowns q, and what a key
+does to Q and R at the same unknowns is differenced: the film's keys, forces, the heat of a warm
+probe, and the place of a tip, on which the film rests. The edge of a tip's contact moves, too, but
+counts only in the second order.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -31,23 +30,22 @@ from pvdf_fem.derivatives.adjoint import Adjoint, factorised
 from pvdf_fem.derivatives.parameters import (
     COEFFICIENTS,
     HEAT,
-    IN_PLANE,
     PLACE_NAMES,
     touched,
 )
-from pvdf_fem.film.loads.contact import Contact
 from pvdf_fem.film.loads.pressure import DeadPressure
 from pvdf_fem.film.membrane import IDENTITY
 from pvdf_fem.film.space import shape_values
 from pvdf_fem.mesh.points import facet_quadrature
 from pvdf_fem.scene.change import number_at
+from pvdf_fem.scene.quantity import Section
 from pvdf_fem.scene.scene import Probe, Scene
 from pvdf_fem.solution.solution import Solution
 
-#: Step of a differenced key of the film over its value.
-FILM_STEP = 1e-3
-#: Step of a differenced key of a warm probe in mm, degrees or K.
-HEAT_STEP = 0.01
+Table = TypeVar("Table", bound=Section)
+
+#: Step of a differenced key over its value; of a place in mm or degrees, and of a temperature in K.
+STEP = 1e-3
 
 
 def charge_rates(solution: Solution, keys: Sequence[str]) -> Array:
@@ -82,71 +80,57 @@ def force_rates(solution: Solution, keys: Sequence[str]) -> Array:
 
 def rate_of(adjoint: Adjoint, key: str) -> Array:
     """dQ/dθ in C per unit of the key, (electrodes,)."""
-    equilibrium = adjoint.equilibrium
-    if touches := touched(equilibrium.scene).get(key):
-        rate = sum((_touch_rate(adjoint, i, n) for _, i, n in touches if n != HEAT), np.zeros(1))
-        moves_heat = any(
-            n == HEAT or (n in PLACE_NAMES and t.probe.temperature_K) for t, _, n in touches
-        )
-        return rate + _film_rate(adjoint, key, HEAT_STEP) if moves_heat else rate
+    scene = adjoint.equilibrium.scene
     if key in COEFFICIENTS:
         return 1e-12 * adjoint.forces[:, COEFFICIENTS.index(key)]
-    return _film_rate(adjoint, key, FILM_STEP * (abs(number_at(equilibrium.scene, key)) or 1.0))
+    swept, touches = np.zeros(len(adjoint.goals)), touched(scene).get(key, [])
+    for touch, i, name in touches:
+        load = adjoint.equilibrium.loads[i]
+        if name in PLACE_NAMES and load.seat is None:
+            swept = swept + _swept(adjoint, load, name)
+            if not touch.probe.temperature_K:  # nothing else of it has a place
+                return swept
+    placed = any(name in (*PLACE_NAMES, HEAT) for _, _, name in touches)
+    value = 1.0 if placed else abs(number_at(scene, key)) or 1.0
+    return swept + _differenced(adjoint, key, STEP * value)
 
 
-def _touch_rate(adjoint: Adjoint, i: int, name: str) -> Array:
-    """dQ/dθ by a key of the probe i, or of its load, (electrodes,)."""
-    equilibrium, state, load = adjoint.equilibrium, adjoint.state, adjoint.equilibrium.loads[i]
-    if not isinstance(load, Contact):
-        if name in PLACE_NAMES:
-            return _swept(adjoint, load, name)
-        axis = IN_PLANE.index(name) if name in IN_PLANE else 2
-        return load.with_components(np.eye(3)[axis]).forces(state) @ adjoint.dofs
-    rows = adjoint.dofs.reshape(-1, 3, adjoint.dofs.shape[1])[load.nodes]
-    space, moves = equilibrium.space, state.dofs.reshape(-1, 3)[load.nodes, :2]
-    places = space.basis.doflocs.T[load.nodes] + moves
-    height = load.tip.height(places)
-    if name == "force_N":  # it is on the depth
-        return rows[0, 2] + height.slope[0] @ rows[0, :2]
-    moved, turned = np.zeros(space.dof_count), np.zeros(1)
-    if name == "depth_mm":
-        moved[load.raised] = 1e-3
-    else:
-        velocity = _velocity(load.touch.probe, name, places)
-        moved[load.raised] = (height.slope * velocity).sum(axis=1)
-        slope_rate = -(height.hessian @ velocity[:, :, None])[:, :, 0]
-        if name == "rotation_deg" and load.touch.probe.period_deg:
-            slope_rate += np.radians(1.0) * height.slope @ np.array([[0.0, 1.0], [-1.0, 0.0]])
-        forces = equilibrium.film_forces(state)[load.raised]
-        turned = np.einsum("n,na,nae->e", forces, slope_rate, rows[:, :2])
-    stiff = equilibrium.film_action(state, moved)
-    return moved @ adjoint.goal_rates - stiff @ adjoint.dofs + turned
-
-
-def _film_rate(adjoint: Adjoint, key: str, step: float) -> Array:
-    """The part of dQ/dθ by what the membrane and the loads on the whole film are at a displacement
-    that stays, (electrodes,), from central differences of the fourth order."""
+def _differenced(adjoint: Adjoint, key: str, step: float) -> Array:
+    """dQ/dθ on a mesh that stays, (electrodes,), from central differences of the fourth order of Q
+    and R at the unknowns that stay."""
     equilibrium, rate = adjoint.equilibrium, np.zeros(len(adjoint.goals))
     for weight, change in ((8.0, step), (-8.0, -step), (-1.0, 2.0 * step), (1.0, -2.0 * step)):
         moved = equilibrium.with_(scene=_changed(equilibrium.scene, key, change))
-        charges = adjoint.at_displacement(moved) + heat_charges(moved.scene, equilibrium)
+        charges = adjoint.in_other(moved) + heat_charges(moved.scene, equilibrium)
         rate += weight / (12.0 * step) * charges
     return rate
 
 
 def _changed(scene: Scene, key: str, change: float) -> Scene:
     """The scene with a number changed, beyond the range of its key if need be."""
-    table, _, rest = key.partition(".")
-    if table != "film":
-        return scene.with_(**{key: number_at(scene, key) + change})
-    name, _, index = rest.partition(".")
-    value = getattr(scene.film, name)
+    if touches := touched(scene).get(key):
+        probes = list(scene.loaded_probes)
+        for _, i, name in touches:
+            probe, load = probes[i].probe, probes[i].load
+            if name in (*PLACE_NAMES, HEAT):
+                probe = _with_number(probe, name, change)
+            else:
+                load = _with_number(load, name, change)
+            probes[i] = replace(probes[i], probe=probe, load=load)
+        return scene.loaded(probes)
+    film = _with_number(scene.film, key.removeprefix("film."), change)
+    return scene.model_copy(update={"film": film})
+
+
+def _with_number(table: Table, name: str, change: float) -> Table:
+    """A table with a number changed, or one of a pair: ``key.0`` or ``key[0]``."""
+    name, _, index = name.replace("[", ".").rstrip("]").partition(".")
+    value = getattr(table, name)
     if index:
         value = tuple(v + change * (i == int(index)) for i, v in enumerate(value))
     else:
         value = value + change
-    film = scene.film.model_copy(update={name: value})
-    return scene.model_copy(update={"film": film})
+    return table.model_copy(update={name: value})
 
 
 def _swept(adjoint: Adjoint, load: DeadPressure, name: str, gauss_points: int = 5) -> Array:
