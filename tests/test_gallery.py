@@ -16,7 +16,7 @@ REPEATED = {"deflection": (0,), "rotation": (0,)}
 def expected_scenes(name):
     if name == "deflection":
         return [Scene.example("triangle")]
-    _, (_, scenes) = pictures.turned()
+    _, (_, scenes, _) = pictures.turned()
     return scenes[:1]
 
 

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from pvdf_fem.scene.scene import Scene
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """The options that say which model a command uses."""
+def add_options(parser: argparse.ArgumentParser, tolerance: str = "1e-3") -> None:
+    """The options that say which model a command uses, a new one to a tolerance."""
     parser.add_argument(
         "--model",
         metavar="FILE",
@@ -39,7 +39,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_texts(
         parser,
         ("--force-range", "LEAST,LARGEST", "0.1,5", "a new model's forces in N"),
-        ("--tolerance", "SHARE", "1e-3", "its largest error bound, relative to a charge"),
+        ("--tolerance", "SHARE", tolerance, "its largest error bound, relative to a charge"),
     )
 
 

@@ -76,6 +76,7 @@ The guide has all their keys; `pvdf-fem example report` is a script to begin wit
 examples:
   pvdf-fem example report > report.toml
   pvdf-fem report report.toml --out report --quick
+  pvdf-fem report report.toml --kinds own.py --full
 
 exit codes: 0 all figures and tables are made, 2 bad input, 3 some lack charges
 (the page says why in their places), 130 interrupted"""
@@ -114,7 +115,10 @@ def add_to(commands: Any) -> None:
     about = "Python file that is run for further kinds of figures: its classes of Kind"
     parser.add_argument("--kinds", metavar="FILE.py", type=Path, help=about)
     about = "few scenes to a coarse tolerance, to see what the page looks like"
-    parser.add_argument("--quick", action="store_true", help=about)
+    size = parser.add_mutually_exclusive_group()
+    size.add_argument("--quick", action="store_true", help=about)
+    about = "take the keys in `full` of each figure: more scenes and tasks"
+    size.add_argument("--full", action="store_true", help=about)
     _add_processes(parser)
 
 
@@ -211,9 +215,10 @@ def _report(options: argparse.Namespace) -> int:
     if mistakes:
         raise InputError(*mistakes)
     out, how = options.out or Path(options.script.stem), {"processes": options.processes}
-    with shown("scene") as progress:
-        made = report.make(out, quick=options.quick, progress=progress, **how)
-    print(f"{made.page}: {made.scenes} scenes, of which {made.solved} were solved now")
+    with shown("task") as progress:
+        made = report.make(out, quick=options.quick, full=options.full, progress=progress, **how)
+    tasks = f"; {made.tasks} tasks, of which {made.ran} ran now" * bool(made.tasks)
+    print(f"{made.page}: {made.scenes} scenes, of which {made.solved} were solved now{tasks}")
     for failure in made.failures:
         print(failure, file=sys.stderr)
     return ExitCode.CONVERGED if made.complete else ExitCode.NOT_CONVERGED

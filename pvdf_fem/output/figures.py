@@ -7,7 +7,7 @@ draw on its axes, and write it with `save`.
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import takewhile
 from pathlib import Path
@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike
 from pvdf_fem.arrays import Array
 from pvdf_fem.files import replacing
 from pvdf_fem.scene.outlines.outline import Outline
+from pvdf_fem.scene.shapes import Electrode
 
 # The look of all figures; matplotlib's stubs ask for literal keys.
 _STYLE: dict[Any, Any] = matplotlib.rc_params_from_file(
@@ -41,6 +42,8 @@ BOTH_SIGNS = 0.05  #: Share of the largest magnitude that the other sign needs t
 MARKERS = "os^Dv<>pP*"  #: A marker for each electrode, besides its colour.
 LABEL_SIZE = 8.0  #: Size of labels in points.
 HALO = withStroke(linewidth=1.8, foreground="white")  #: Shows lines and texts on any colour.
+LEAST_NAMED = 0.25  #: Size of the lines that have names, over the width of a map.
+INNER = 0.75  #: Part of the reach within which lines have their names.
 DPI = 200.0  #: Pixels per inch of pictures without lines.
 
 # Settings without which SVG files have random identifiers.
@@ -147,6 +150,34 @@ def draw_electrode(ax: Axes, outline: Outline, words: Sequence[str], veil: float
     ax.add_patch(Patch(corners, facecolor="white", edgecolor="none", alpha=veil))
     ax.add_patch(Patch(corners, fill=False, linewidth=0.9, path_effects=[HALO]))
     ax.add_artist(_Label(Bbox([corners.min(axis=0), corners.max(axis=0)]), "\n".join(words)))
+
+
+def draw_film(
+    ax: Axes, radius_mm: float, electrodes: Iterable[Electrode], reach_mm: float | None = None
+) -> None:
+    """Draw the film's rim and electrodes with their names, as far as some mm from the centre."""
+    draw_rim(ax, radius_mm, radius_mm if reach_mm is None else reach_mm)
+    for electrode in electrodes:
+        draw_electrode(ax, electrode.outline, [electrode.name])
+
+
+def named_lines(
+    ax: Axes, x: Array, y: Array, values: Array, levels: Iterable[float], taken: Array
+) -> None:
+    """Lines of equal charge, each named once, far from places (n, 2) that are taken."""
+    inside = [level for level in levels if values.min() < level < values.max()]
+    if not inside:
+        return
+    lines = ax.contour(x, y, values, inside, colors="black", linewidths=0.9)
+    at = list[tuple[float, float]]()
+    for places in (np.asarray(path.vertices) for path in lines.get_paths()):
+        ways = np.linalg.norm(places[:, None] - [*taken, *at], axis=-1).min(axis=1)
+        ways[np.linalg.norm(places, axis=1) > INNER * x.max()] *= 1e-3
+        if np.ptp(places, axis=0).max() > LEAST_NAMED * np.ptp(x):
+            at.append((places[ways.argmax(), 0], places[ways.argmax(), 1]))
+    words = ax.clabel(lines, inside, fmt="%.4g", fontsize=7, manual=at)
+    for drawn in (lines, *words):
+        drawn.set_path_effects([HALO])
 
 
 class _Label(Text):

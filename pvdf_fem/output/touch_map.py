@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from pvdf_fem.arrays import Array, polar_grid
 from pvdf_fem.output import figures
@@ -57,11 +58,9 @@ def charge_map(
     colours, low, high = figures.colours_of(charges)
     shades = np.linspace(low, high, SHADES)
     filled = ax.contourf(x, y, charges, levels=shades, cmap=colours)
-    lines = ax.contour(x, y, charges, levels=LINES, colors="black", linewidths=0.6)
-    levels = list(lines.levels)
-    words = ax.clabel(lines, levels[::2], fmt="%g pC", fontsize=7)
-    for drawn in (lines, *words):
-        drawn.set_path_effects([figures.HALO])
+    levels = [at for at in MaxNLocator(LINES).tick_values(low, high) if low < at < high]
+    centres = [1e3 * known.outline.centroid for known in response.scene.electrode_list]
+    figures.named_lines(ax, x, y, charges, levels, np.array(centres))
     _electrodes(ax, response.scene, 1.15 * response.domain.reach_mm, Stage())
     ax.set_title(f"Charge of {electrode} by the probe's place, {force_N:g} N, {rotation_deg:g}°")
     figures.colour_bar(ax, filled, f"charge of {electrode} (pC), with that at rest", ticks=levels)

@@ -75,14 +75,6 @@ class MapPlaces:
         """The scenes to solve; SceneError without a probe, or where it does not fit."""
         return placed(self.scene, self.places_mm)
 
-    def map(self, charges_pC: Array) -> ChargeMap:
-        """The map of charges (n, electrodes); rows of NaN are left out. Raises ValueError where too
-        many are missing."""
-        known = np.isfinite(charges_pC).all(axis=1)
-        if known.mean() < 1.0 - MOST_MISSING:
-            raise ValueError(f"{(~known).sum()} of the {known.size} places have no charges")
-        return ChargeMap.of(self, self.places_mm[known], charges_pC[known])
-
 
 @dataclass(frozen=True, eq=False)
 class ChargeMap:
@@ -95,9 +87,13 @@ class ChargeMap:
     error_bound: float  #: Root mean square of the relative errors at places left out.
 
     @classmethod
-    def of(cls, asked: MapPlaces, places_mm: Array, charges_pC: Array) -> Self:
-        """The map of charges (n, electrodes) at places (n, 2); those of both signs are interpolated
-        themselves."""
+    def of(cls, asked: MapPlaces, charges_pC: Array) -> Self:
+        """The map of charges (n, electrodes) at its places; charges of both signs are interpolated
+        themselves. Rows of NaN are left out. Raises ValueError where too many are missing."""
+        known = np.isfinite(charges_pC).all(axis=1)
+        if known.mean() < 1.0 - MOST_MISSING:
+            raise ValueError(f"{(~known).sum()} of the {known.size} places have no charges")
+        places_mm, charges_pC = asked.places_mm[known], charges_pC[known]
         logarithmic = np.asarray((charges_pC > 0.0).all(axis=0))
         values = np.where(logarithmic, np.log(np.where(logarithmic, charges_pC, 1.0)), charges_pC)
         size = np.where(logarithmic, 1.0, np.abs(charges_pC).max(axis=0))

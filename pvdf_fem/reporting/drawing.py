@@ -13,7 +13,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 from scipy.interpolate import Akima1DInterpolator
 
 from pvdf_fem.arrays import Array
@@ -25,6 +26,9 @@ RING: dict[str, Any] = {"linestyle": "none", "marker": "o", "markerfacecolor": "
 DOT_SIZE = 2.4  #: Size in points of the dots at solved scenes.
 #: Room for a letter of the names at the right end of curves, over the width of all panels.
 ROOM = 0.018
+#: Part of the width that ends of curves may be apart and yet have names beside them.
+EARLY = 0.2
+LEGEND_COLUMNS = 7
 LINE_HEIGHT = 1.15  #: Distance of the lines of labels over their size.
 MOST_PASSES = 60  #: Over the names, to move them apart.
 SAMPLES = 121  #: Of a curve.
@@ -52,13 +56,13 @@ def value_label(key: str, value: float) -> str:
 
 def colours_for(count: int) -> list[Any]:
     """Colours of curves: those of all figures for a few, shades in their order for many."""
-    if count <= 5:
+    if count <= len(COLOURS):
         return list(COLOURS[:count])
     shades = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, count))
     return [tuple(shade) for shade in shades]
 
 
-#: A name at the end of a curve: the curve's last point, the name and its colour.
+#: A name at a point, such as the end of a curve, and its colour.
 End: TypeAlias = tuple[float, float, str, Any]
 
 
@@ -71,38 +75,67 @@ def curves_figure(
     """Panels in rows, each of a title and a table, with a curve through each group of its rows.
 
     The tables have the columns ``curve``, ``x``, ``computed_pC`` and ``charge_pC``. Rows without a
-    ``charge_pC`` are points of a curve; the others are rings, and their differences stand below.
+    ``charge_pC`` are points of a curve; the others are rings, and their differences stand below
+    the panels that have any.
     """
-    tables = pd.concat([frame for row in panels for _, frame in row])
-    strips, names = bool(tables.charge_pC.notna().any()), list(dict.fromkeys(tables.curve))
-    rows, columns, per_row = len(panels), len(panels[0]), 1 + strips
-    height = (64.0 if rows == 1 else 46.0) + 22.0 * strips
-    wide = WIDTH_MM if columns == 1 else 1.25 * WIDTH_MM
-    figure = new_figure(wide, 12.0 + rows * height)
-    heights = {"height_ratios": [3.0, 1.0][:per_row] * rows}
-    shared: dict[str, Any] = {"squeeze": False, "sharex": True, "sharey": "row"}
-    axes = figure.subplots(rows * per_row, columns, gridspec_kw=heights, **shared)
+    names = list(dict.fromkeys(name for row in panels for _, of in row for name in of.curve))
     colours, ends = dict(zip(names, colours_for(len(names)), strict=True)), []
-    for i, row in enumerate(panels):
-        for j, (title, frame) in enumerate(row):
-            ax = axes[i * per_row, j]
+    with_data = [any(of.charge_pC.notna().any() for _, of in row) for row in panels]
+    heights = [share for has in with_data for share in ([3.0, 1.0] if has else [3.0])]
+    large, columns = 64.0 if len(panels) == 1 else 40.0, len(panels[0])
+    wide = WIDTH_MM if columns < 3 else 1.25 * WIDTH_MM
+    figure = new_figure(wide, 12.0 + len(panels) * large + sum(with_data) * 22.0)
+    shared: dict[str, Any] = {"squeeze": False, "sharex": True, "sharey": "row"}
+    shared["gridspec_kw"] = {"height_ratios": heights}
+    axes = iter(figure.subplots(len(heights), columns, **shared))
+    for row, has in zip(panels, with_data, strict=True):
+        mains = next(axes)
+        mains[0].set_ylabel(y_label)
+        for ax, (title, frame) in zip(mains, row, strict=True):
             if log:
                 _log_scales(ax)
             ends.append((ax, _draw_curves(ax, frame, colours)))
             ax.set_title(title)
-            if strips:
-                _draw_differences(axes[i * per_row + 1, j], frame, colours)
-        axes[i * per_row, 0].set_ylabel(y_label)
-        if strips:
-            axes[i * per_row + 1, 0].set_ylabel("diff. (%)")
+        if has:
+            _draw_strips(mains, next(axes), [frame for _, frame in row], colours)
+        for ax in mains if x_label.endswith("(°)") else ():
+            ax.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 1.5, 3, 4.5, 9, 10]))
     figure.supxlabel(x_label)
-    low, high = axes[0, 0].get_xlim()
-    room = ROOM * columns * max(map(len, names))
-    wider = high * (high / low) ** room if log else high + room * (high - low)
-    axes[0, 0].set_xlim(low, wider)
-    for ax, of in ends:
-        _label_ends(ax, of)
+    _name_curves(colours, ends, ROOM * columns * max(map(len, names)), log)
     return figure
+
+
+def _name_curves(
+    colours: Mapping[str, Any], ends: Sequence[tuple[Axes, Sequence[End]]], room: float, log: bool
+) -> None:
+    """Write the names of curves at their ends, or above all panels where some end early."""
+    first, last = ends[0][0], [x for _, of in ends for x, *_ in of]
+    low, high = first.get_xlim()
+    if last and max(last) - min(last) > EARLY * (high - low):
+        lines = [Line2D([], [], color=colour) for colour in colours.values()]
+        where: dict[str, Any] = {"loc": "outside upper left", "ncols": LEGEND_COLUMNS}
+        figure_of(first).legend(lines, list(colours), **where)
+        return
+    first.set_xlim(low, high * (high / low) ** room if log else high + room * (high - low))
+    for ax, of in ends:
+        label_points(ax, of)
+
+
+def _draw_strips(
+    mains: Sequence[Axes],
+    strips: Sequence[Axes],
+    frames: Sequence[pd.DataFrame],
+    colours: Mapping[str, Any],
+) -> None:
+    """Differences of the data below each panel that has any."""
+    drawn = [bool(frame.charge_pC.notna().any()) for frame in frames]
+    strips[drawn.index(True)].set_ylabel("diff. (%)")
+    for main, strip, frame, is_drawn in zip(mains, strips, frames, drawn, strict=True):
+        if is_drawn:
+            _draw_differences(strip, frame, colours)
+        else:
+            strip.remove()
+            main.tick_params(labelbottom=True)
 
 
 def _draw_curves(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any]) -> list[End]:
@@ -147,8 +180,8 @@ def _smooth(x: Array, y: Array) -> tuple[Array, Array]:
     return along, Akima1DInterpolator(x, y, method="makima")(along)
 
 
-def _label_ends(ax: Axes, ends: Sequence[End]) -> None:
-    """Write names right of the ends of curves, above each other where they would overlap."""
+def label_points(ax: Axes, ends: Sequence[End]) -> None:
+    """Write names right of points, above each other where they would overlap."""
     if not ends:
         return
     figure, size = figure_of(ax), LABEL_SIZE - 0.5

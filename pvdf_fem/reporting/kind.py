@@ -1,8 +1,8 @@
 """What a kind of figure or table is: which scenes it needs, and what it makes of their charges.
 
 A kind is a class in a file of `kinds/` and a line of `registry.py`. Its fields are the keys that a
-report script may give it. `scenes` is asked before any solve, `compose` when all its scenes are
-solved.
+report script may give it. `scenes` and `tasks` are asked before any solve, `compose` when all
+scenes are solved and all tasks are done.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 import pandas as pd
@@ -21,6 +21,7 @@ from pydantic import Field
 from pvdf_fem.arrays import Array
 from pvdf_fem.reporting.data import Changes, Name, Readings
 from pvdf_fem.reporting.solved import Solved
+from pvdf_fem.reporting.task import Task
 from pvdf_fem.scene.change import number_at
 from pvdf_fem.scene.quantity import Section
 from pvdf_fem.scene.scene import Scene
@@ -28,10 +29,6 @@ from pvdf_fem.scene.scene_file import SceneError, choose, problem
 
 QUICK_TOLERANCE = 1e-2  #: Least tolerance of the scenes of a preview.
 PLACE = ("probe.x_mm", "probe.y_mm")  #: Keys of the place of the probe.
-
-
-class NothingToShow(Exception):  # noqa: N818
-    """Too few scenes have charges; the text says why."""
 
 
 @contextmanager
@@ -81,7 +78,8 @@ class Kind(Section):
     `title` heads it, `name` is the name of its files. `set` has changes of the report's scene for
     it, such as ``{ "film.d31_pC_N" = 18.0 }``. `data` names a table ``[data.NAME]``. `reading` says
     whether charges are drawn in ``total``, or the ``change`` by the touch; by default as in the
-    data. `summary` puts it among the pictures of the first screen.
+    data. `summary` puts it among the pictures of the first screen. `full` has other values of its
+    keys for a report that is made with ``--full``, such as ``{ touches = 2000 }``.
     """
 
     title: str = ""
@@ -90,17 +88,27 @@ class Kind(Section):
     data: Name | None = None
     reading: Literal["total", "change"] | None = None
     summary: bool = False
+    full: dict[str, Any] = Field(default_factory=dict)
 
     stem: ClassVar[str] = "figure"  #: Name of its files where none is given.
     rank: ClassVar[int] = 9  #: Its place among the candidates for the first screen.
 
-    @abstractmethod
     def scenes(self, inputs: Inputs) -> list[Scene]:
         """The scenes whose charges it draws. Raises `SceneError` with mistakes by its keys."""
+        return []
+
+    def tasks(self, inputs: Inputs) -> Sequence[Task]:
+        """What else is to be computed for it. Raises `SceneError` with mistakes by its keys."""
+        return ()
 
     @abstractmethod
     def compose(self, inputs: Inputs, solved: Solved) -> Content:
-        """What it draws; raises `NothingToShow` where too many of its scenes have no charges."""
+        """What it draws of ``solved.charges(...)`` and ``solved.rows(task)``; raises
+        `NothingToShow` where too many of its scenes have no charges, or a task has no rows."""
+
+    def at_full(self) -> Self:
+        """The kind with the values of `full`."""
+        return self.model_validate({**self.model_dump(exclude_unset=True), **self.full})
 
     def scene(self, inputs: Inputs) -> Scene:
         """The report's scene with the changes of `set`."""

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from itertools import groupby
+from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from pvdf_fem import __version__
 from pvdf_fem.reporting.kind import Content
-from pvdf_fem.reporting.script import Item, Plan
+from pvdf_fem.reporting.script import Item, Other, Plan
 
+VERDICT = "verdict.txt"  #: Has the verdict of the page in the same directory.
 LONG_TABLE = 12  #: Rows of a table above which it is folded.
 MOST_ROWS = 60  #: Rows of a table above which it is in its CSV file only.
 BESIDE_TABLE = 6  #: Columns of a table above which it stands below its figure.
-WIDE_TABLE = 5  #: Columns of a table above which a phone shows a row as a list.
+#: Columns of numbers, and of texts, above which a phone shows a row as a list.
+WIDE_TABLE, WIDE_TEXTS = 5, 3
 JUDGING = ("comparison", "positions")  #: Kinds whose findings are the verdict, if there are any.
 
 
@@ -50,53 +53,59 @@ class Entry:
 
     @property
     def rows(self) -> list[dict[str, str]]:
-        """Cells of the table by their heads."""
+        """Cells of the table by their heads; none of a table that is in its CSV file only."""
         shown = None if self.content is None else self.content.shown
         if shown is None or len(shown) > MOST_ROWS:
             return []
         return [dict(row) for row in shown.to_dict("records")]
 
-    @property
-    def is_long(self) -> bool:
-        """Whether the table is folded."""
-        return len(self.rows) > LONG_TABLE
 
-    @property
-    def is_below(self) -> bool:
-        """Whether the table has the page's whole width."""
-        return bool(self.rows) and (not self.svg or len(self.rows[0]) > BESIDE_TABLE)
-
-    @property
-    def is_wide(self) -> bool:
-        """Whether a phone shows rows as lists."""
-        return bool(self.rows) and len(self.rows[0]) > WIDE_TABLE
-
-
-def page_of(plan: Plan, entries: Sequence[Entry], solved: int, total: int, is_preview: bool) -> str:
-    """The HTML of a page, when some of all scenes are solved."""
+def page_of(plan: Plan, entries: Sequence[Entry], out: Path, **state: Any) -> str:
+    """The HTML of a page in a directory, with its `state`: the numbers of solves and tasks that are
+    ``done`` and in ``total``, and whether it ``is_preview``."""
     by_name = {entry.item.name: entry for entry in entries}
-    anchors = [_anchor(section.title, i) for i, section in enumerate(plan.script.section)]
-    blocks = [
-        (section, anchors[i], [entry for entry in entries if entry.item.section == i])
-        for i, section in enumerate(plan.script.section)
+    pictures = [
+        (by_name[i.name], i.kind.title or plan.sections[i.section].title) for i in plan.summary
     ]
-    loader = PackageLoader("pvdf_fem.reporting", ".")
-    how: dict[str, Any] = {"trim_blocks": True, "lstrip_blocks": True, "undefined": StrictUndefined}
-    template = Environment(loader=loader, autoescape=True, **how).get_template("page.html.j2")
-    return template.render(
+    return _template("page.html.j2").render(
         script=plan.script,
+        sections=plan.sections,
+        entries=entries,
         verdict=verdict(entries),
-        pictures=[
-            (by_name[i.name], i.kind.title or plan.script.section[i.section].title)
-            for i in plan.summary
-        ],
-        parts=[(part, list(of)) for part, of in groupby(blocks, key=lambda block: block[0].part)],
-        waiting=sum(entry.content is None and not entry.error for entry in entries),
-        solved=solved,
-        total=total,
-        is_preview=is_preview,
+        pictures=pictures,
+        others=_others(plan, out),
+        limits={
+            "long": LONG_TABLE,
+            "beside": BESIDE_TABLE,
+            "wide": WIDE_TABLE,
+            "texts": WIDE_TEXTS,
+        },
         version=__version__,
+        **state,
     )
+
+
+def with_others(page: str, plan: Plan, out: Path) -> str:
+    """The HTML of a page in a directory with the verdicts that other reports have now."""
+    written = _template("page.others.html.j2").render(others=_others(plan, out))
+    return re.sub(r'<ul class="others">.*?</ul>\n', lambda _: written, page, flags=re.DOTALL)
+
+
+def _others(plan: Plan, out: Path) -> list[tuple[Other, str | None]]:
+    """Other reports with their verdicts, None where a page is not made."""
+    verdicts = list[str | None]()
+    for page in (out / other.page for other in plan.others):
+        verdicts.append("" if page.is_file() else None)
+        with suppress(OSError, UnicodeDecodeError):
+            verdicts[-1] = page.with_name(VERDICT).read_text("utf-8").strip()
+    return list(zip(plan.others, verdicts, strict=True))
+
+
+def _template(name: str) -> Template:
+    how: dict[str, Any] = {"trim_blocks": True, "lstrip_blocks": True, "undefined": StrictUndefined}
+    how |= {"keep_trailing_newline": True, "autoescape": True}
+    loader = PackageLoader("pvdf_fem.reporting", ".")
+    return Environment(loader=loader, **how).get_template(name)
 
 
 def verdict(entries: Sequence[Entry]) -> str:
@@ -105,8 +114,3 @@ def verdict(entries: Sequence[Entry]) -> str:
     judging = [claim for kind, claim in told if getattr(kind, "kind", "") in JUDGING]
     text = "; ".join((judging or [claim for _, claim in told])[:2])
     return f"{text[:1].upper()}{text[1:]}." if text else ""
-
-
-def _anchor(title: str, number: int) -> str:
-    words = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
-    return f"{words}-{number + 1}".strip("-")

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 import traceback
 from collections.abc import Mapping
-from importlib.machinery import SourceFileLoader
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import get_args
 
@@ -17,6 +14,7 @@ from pvdf_fem.reporting.kinds.curve import Curve
 from pvdf_fem.reporting.kinds.isocharge import Isocharge
 from pvdf_fem.reporting.kinds.positions import Positions
 from pvdf_fem.reporting.kinds.sensor import Sensor
+from pvdf_fem.reporting.task import module_of
 from pvdf_fem.scene.scene_file import SceneError, problem
 
 #: Kinds of ``[[section.figure]]``.
@@ -36,21 +34,16 @@ TABLES: Mapping[str, type[Kind]] = {
 def kinds_of(path: Path) -> dict[str, type[Kind]]:
     """The kinds that a Python file defines, by the words of their `kind`. The file is run.
     Raises `SceneError` where the file cannot be run, or defines none."""
-    name = f"{__name__}.{path.stem}"
-    spec = spec_from_file_location(name, path, loader=SourceFileLoader(name, str(path)))
-    assert spec is not None
-    assert spec.loader is not None
-    module = module_from_spec(spec)
-    sys.modules[name] = module  # where pydantic looks for names in annotations
     try:
-        spec.loader.exec_module(module)
+        module = module_of(path)
     except Exception as error:
         told = traceback.format_exception_only(error)[-1].strip()[:200]
         reason = f"cannot be run ({told}); mend the file"
         raise SceneError([problem("kinds", str(path), reason)]) from error
     found: dict[str, type[Kind]] = {}
     for value in vars(module).values():
-        if isinstance(value, type) and issubclass(value, Kind) and value.__module__ == name:
+        is_kind = isinstance(value, type) and issubclass(value, Kind)
+        if is_kind and value.__module__ == module.__name__:
             word = value.model_fields.get("kind")
             found |= dict.fromkeys(get_args(word.annotation) if word else (), value)
     if not found:

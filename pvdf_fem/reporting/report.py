@@ -6,19 +6,21 @@ import sys
 import traceback
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from pvdf_fem.files import make_directory, replacing
 from pvdf_fem.output.figures import content_of, style
-from pvdf_fem.reporting.kind import Content, Inputs, Kind, NothingToShow
-from pvdf_fem.reporting.page import Entry, page_of
-from pvdf_fem.reporting.script import Item, Plan, load
-from pvdf_fem.reporting.solved import Solved
+from pvdf_fem.reporting.kind import Inputs, Kind
+from pvdf_fem.reporting.page import VERDICT, Entry, page_of, verdict, with_others
+from pvdf_fem.reporting.script import Need, Plan, load
+from pvdf_fem.reporting.solved import NothingToShow, Solved
+from pvdf_fem.reporting.task import Rows, done, key
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.sweeps.store import Record, Store
 from pvdf_fem.sweeps.sweep import Progress, planned, records, silent
+from pvdf_fem.sweeps.workers import Died
 
 PAGE = "index.html"
 STORE = "solved.db"
@@ -31,11 +33,13 @@ class Made:
     page: Path
     scenes: int  #: Distinct scenes of the report.
     solved: int  #: Scenes that were not in the store.
-    failures: tuple[str, ...]  #: Figures and tables that lack charges, with the reasons.
+    tasks: int  #: Distinct tasks of the report.
+    ran: int  #: Tasks whose rows were not kept.
+    failures: tuple[str, ...]  #: Figures and tables that lack charges or rows, with the reasons.
 
     @property
     def complete(self) -> bool:
-        """Whether every figure and table has all its charges."""
+        """Whether every figure and table has all its charges and rows."""
         return not self.failures
 
 
@@ -56,108 +60,131 @@ class Report:
         out: Path | str,
         *,
         quick: bool = False,
+        full: bool = False,
         processes: int = -1,
         progress: Progress = silent,
     ) -> Made:
-        """Solve the scenes and write ``index.html`` in a directory, anew with each figure.
+        """Solve the scenes, run the tasks and write ``index.html`` in a directory, anew with each
+        figure. ``verdict.txt`` beside it has the verdict of the page.
 
-        What is solved is kept there in ``solved.db``: a report that was stopped goes on. `quick`
-        makes a preview, of few scenes to a coarse tolerance; `processes` is their number, -1 for
-        all cores. `progress` is called with two numbers of scenes: how many are solved, and how
-        many had to be.
+        What is computed is kept there in ``solved.db``: a report that was stopped goes on. `quick`
+        makes a preview, of few scenes to a coarse tolerance; `full` takes the keys in the `full` of
+        each figure. `processes` is their number, -1 for all cores; with 1 all is computed in turn,
+        for timings. `progress` is called with two numbers of scenes and tasks: how many are done,
+        and how many had to be.
         """
         out = Path(out)
         make_directory(out, PAGE, *self.plan.files)
-        inputs, needed = self.plan.needs(quick)
+        inputs, needed = self.plan.needs(quick, full)
         work = _Work(out, self.plan, inputs, needed)
         work.begin()
-        scenes = list(dict.fromkeys(scene for _, scenes in needed for scene in scenes))
+        scenes = list(dict.fromkeys(scene for need in needed for scene in need.scenes))
+        tasks = {key(task): task for need in needed for task in need.tasks}
         with Store(out / STORE) as store:
+            stored = {name: rows for name in tasks if (rows := store.kept(name)) is not None}
+            missing = {name: task for name, task in tasks.items() if name not in stored}
             todo = planned(scenes, store)
-            for index, record in records(todo, store, processes=processes, progress=progress):
+            total = todo.missing + len(missing)
+            for name, rows in stored.items():
+                work.add(name, rows)
+            how: Any = {"processes": processes, "progress": lambda n, _: progress(n, total)}
+            for index, record in records(todo, store, **how):
                 work.add(scenes[index], record)
-        return Made(out / PAGE, len(scenes), todo.missing, tuple(work.failures))
+            for count, (name, found) in enumerate(done(missing, store, processes), start=1):
+                work.add(name, found)
+                progress(todo.missing + count, total)
+        failures = tuple(work.failures)
+        return Made(out / PAGE, len(scenes), todo.missing, len(tasks), len(missing), failures)
+
+    def refresh(self, out: Path | str) -> None:
+        """Write the lines about other reports anew on the page in a directory, if there is one."""
+        page = Path(out) / PAGE
+        with suppress(FileNotFoundError):
+            write(page, with_others(page.read_text("utf-8"), self.plan, Path(out)))
 
 
 @dataclass
-class _Work:
-    """A report on the way: what is solved, and what is on the page."""
+class _Part:
+    """A figure or table on the way."""
 
-    out: Path
-    plan: Plan
-    inputs: Inputs
-    needed: Sequence[tuple[Item, list[Scene]]]
-    known: dict[Scene, Record] = field(default_factory=dict)
-    entries: dict[str, Entry] = field(default_factory=dict)
-    failures: list[str] = field(default_factory=list)
+    need: Need
+    missing: set[Scene | str]  #: Scenes, and keys of tasks.
+    entry: Entry
+
+
+class _Work:
+    """A report on the way: what is computed, and what is on the page."""
+
+    def __init__(self, out: Path, plan: Plan, inputs: Inputs, needed: Sequence[Need]) -> None:
+        self.out, self.plan, self.inputs = out, plan, inputs
+        self.found: dict[Scene | str, Record | Rows | Died] = {}
+        self.failures: list[str] = []
+        self.parts = {
+            need.item.name: _Part(need, {*need.scenes, *map(key, need.tasks)}, Entry(need.item))
+            for need in needed
+        }
+        self.total = len(set[Scene | str]().union(*(of.missing for of in self.parts.values())))
 
     def begin(self) -> None:
-        """Write the page without any figure, then with those that need no solve."""
+        """Write the page without any figure, then with the figures that need no computation."""
         for folder in ("data", "figures", "scenes"):
             (self.out / folder).mkdir(exist_ok=True)
-        self._write(self.out / "scenes" / "scene.toml", self.plan.scene.to_toml())
-        self.missing: dict[str, set[Scene]] = {}
-        self.waiting: dict[Scene, list[tuple[Item, list[Scene]]]] = {}
-        for item, scenes in self.needed:
-            changed = self.inputs.scene_of(item.kind.set)
+        write(self.out / "scenes" / "scene.toml", self.plan.scene.to_toml())
+        for name, part in self.parts.items():
+            changed = self.inputs.scene_of(part.need.item.kind.set)
             if changed != self.plan.scene:
-                self._write(self.out / "scenes" / f"{item.name}.toml", changed.to_toml())
-            self.entries[item.name] = Entry(item)
-            self.missing[item.name] = set(scenes)
-            for scene in self.missing[item.name]:
-                self.waiting.setdefault(scene, []).append((item, scenes))
+                write(self.out / "scenes" / f"{name}.toml", changed.to_toml())
         self._show()
-        for item, scenes in self.needed:
-            if not scenes:
-                self._compose(item, scenes)
+        for part in self.parts.values():
+            if not part.missing:
+                self._compose(part)
 
-    def add(self, scene: Scene, record: Record) -> None:
-        """Take the record of a scene, and compose what waited for it alone."""
-        self.known[scene] = record
-        for item, scenes in self.waiting[scene]:
-            self.missing[item.name].discard(scene)
-            if not self.missing[item.name]:
-                self._compose(item, scenes)
+    def add(self, wanted: Scene | str, found: Record | Rows | Died) -> None:
+        """Take the record of a scene, or the rows of a task by its key, and compose what waited
+        for them alone."""
+        self.found[wanted] = found
+        for part in self.parts.values():
+            if wanted in part.missing:
+                part.missing.remove(wanted)
+                if not part.missing:
+                    self._compose(part)
 
-    def _compose(self, item: Item, scenes: list[Scene]) -> None:
-        solved = Solved(self.known)
-        remarks = [f"{n} without charges: {why}" for why, n in solved.failures(scenes).items()]
-        entry = self.entries[item.name]
+    def _compose(self, part: _Part) -> None:
+        item, solved = part.need.item, Solved(self.found)
+        remarks = solved.failures(part.need.scenes, part.need.tasks)
         try:
             with style():
                 content = item.kind.compose(self.inputs, solved)
-            entry = self._drawn(item, content, remarks)
+                svg = content_of(content.figure, ".svg").decode() if content.figure else ""
+            part.entry = Entry(item, content, svg, remarks=tuple(remarks))
+            table = content.frame.to_csv(index=False, lineterminator="\n")
+            write(self.out / "data" / f"{item.name}.csv", table)
+            if svg:
+                write(self.out / "figures" / f"{item.name}.svg", svg)
         except NothingToShow as error:
-            entry = replace(entry, error=str(error), remarks=tuple(remarks))
-            remarks = [str(error), *remarks]
+            others = [remark for remark in remarks if remark != str(error)]
+            part.entry = Entry(item, error=str(error), remarks=tuple(others))
+            remarks = [str(error), *others]
         except Exception as error:  # of one figure must not take the others with it
             traceback.print_exc(file=sys.stderr)
-            entry = replace(entry, error=f"{type(error).__name__}: {error}")
-            remarks = [entry.error]
-        self.entries[item.name] = entry
+            part.entry = Entry(item, error=f"{type(error).__name__}: {error}")
+            remarks = [part.entry.error]
         self.failures += [f"{item.where} ({item.name}): {remark}" for remark in remarks]
         self._show()
 
-    def _drawn(self, item: Item, content: Content, remarks: Sequence[str]) -> Entry:
-        """Write a figure and its CSV file."""
-        table = content.frame.to_csv(index=False, lineterminator="\n")
-        self._write(self.out / "data" / f"{item.name}.csv", table)
-        svg = ""
-        if content.figure is not None:
-            svg = content_of(content.figure, ".svg").decode()
-            self._write(self.out / "figures" / f"{item.name}.svg", svg)
-        return Entry(item, content, svg, remarks=tuple(remarks))
-
     def _show(self) -> None:
         """Write the page as far as it is."""
-        entries = [self.entries[item.name] for item in self.plan.items]
-        total = len(self.waiting)
-        page = page_of(self.plan, entries, len(self.known), total, self.inputs.quick)
-        self._write(self.out / PAGE, page)
+        entries = [self.parts[item.name].entry for item in self.plan.items]
+        state = {"done": len(self.found), "total": self.total, "is_preview": self.inputs.quick}
+        write(self.out / PAGE, page_of(self.plan, entries, self.out, **state))
+        preview = "Preview: " * self.inputs.quick
+        write(self.out / VERDICT, f"{preview}{text}\n" if (text := verdict(entries)) else "")
 
-    def _write(self, path: Path, text: str) -> None:
-        with suppress(FileNotFoundError):
-            if path.read_text("utf-8") == text:
-                return
-        with replacing(path) as unfinished:
-            unfinished.write_text(text, "utf-8")
+
+def write(path: Path, text: str) -> None:
+    """Write a text, unless the file has it already."""
+    with suppress(FileNotFoundError):
+        if path.read_text("utf-8") == text:
+            return
+    with replacing(path) as unfinished:
+        unfinished.write_text(text, "utf-8")

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Union
+from typing import Annotated, Any, NamedTuple, TypeVar
 
-from pydantic import AfterValidator, Field, ValidationError, create_model
-from pydantic_core import ErrorDetails
+from pydantic import AfterValidator, Field, ValidationError
 
 from pvdf_fem.files import FileError, read_text
 from pvdf_fem.reporting.data import DataSource, Readings, read_data
 from pvdf_fem.reporting.kind import Inputs, Kind, blamed
 from pvdf_fem.reporting.registry import FIGURES, TABLES
-from pvdf_fem.scene.mistakes import MOST_MISTAKES, REASONS
+from pvdf_fem.reporting.task import Task
+from pvdf_fem.scene.mistakes import MOST_MISTAKES, spelled_key, told
 from pvdf_fem.scene.quantity import Section, refusal
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import MOST_BYTES, SceneError, choose, parse_toml, problem
@@ -23,6 +23,7 @@ from pvdf_fem.sweeps.sweep import planned
 MOST_WORDS = 120  #: Of a section.
 PICTURES = 3  #: Of the first screen.
 Kinds = Mapping[str, type[Kind]]
+Model = TypeVar("Model", bound=Section)
 
 
 def _is_short(text: str) -> str:
@@ -33,6 +34,7 @@ def _is_short(text: str) -> str:
 
 Title = Annotated[str, Field(min_length=1, max_length=100)]
 Text = Annotated[str, AfterValidator(_is_short)]
+Table = dict[str, Any]
 
 
 class ScriptSection(Section):
@@ -44,12 +46,23 @@ class ScriptSection(Section):
     title: Title
     text: Text = ""
     part: str = ""
-    figure: tuple[Any, ...] = ()
-    table: tuple[Any, ...] = ()
+    figure: tuple[Table, ...] = ()
+    table: tuple[Table, ...] = ()
+
+
+class Other(Section):
+    """A line about another report: `title`, its `page`, seen from this page, and `how` to make it.
+
+    The line has the verdict of the other page, or says how to make the page.
+    """
+
+    title: Title
+    page: Annotated[str, Field(min_length=1)]
+    how: Text
 
 
 class Script(Section):
-    """A report script: `title`, a `text` at its head, the scene, data and sections.
+    """A report script: `title`, a `text` at its head, the scene, data, sections, other reports.
 
     The scene is the path of a file, seen from the script, a table of its keys, or by `example` one
     that comes with the package.
@@ -57,10 +70,11 @@ class Script(Section):
 
     title: Title
     text: Text = ""
-    scene: str | dict[str, Any] | None = Field(None, union_mode="left_to_right")
+    scene: str | Table | None = Field(None, union_mode="left_to_right")
     example: str | None = None
-    data: dict[str, DataSource] = Field(default_factory=dict)
-    section: tuple[ScriptSection, ...]
+    data: dict[str, Table] = Field(default_factory=dict)
+    section: Annotated[tuple[Table, ...], Field(min_length=1)]
+    other: tuple[Table, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -71,6 +85,15 @@ class Item:
     where: str  #: Its key in the script: ``section[0].figure[1]``.
     name: str  #: Of its files.
     kind: Kind
+    full: Kind  #: With the values of its `full`.
+
+
+class Need(NamedTuple):
+    """What is to be computed for an item."""
+
+    item: Item
+    scenes: list[Scene]
+    tasks: Sequence[Task]
 
 
 @dataclass(frozen=True)
@@ -80,20 +103,24 @@ class Plan:
     script: Script
     scene: Scene
     data: Mapping[str, Readings]
+    sections: tuple[ScriptSection, ...]
     items: tuple[Item, ...]
+    others: tuple[Other, ...]
     files: tuple[Path, ...]  #: What was read.
 
-    def needs(self, quick: bool = False) -> tuple[Inputs, list[tuple[Item, list[Scene]]]]:
-        """The items of the report, or of its preview, with their scenes; the first screen's first.
-        Raises `SceneError` with all mistakes."""
+    def needs(self, quick: bool = False, full: bool = False) -> tuple[Inputs, list[Need]]:
+        """What the items of the report need, in its preview or its full form; the items of the
+        first screen are first. Raises `SceneError` with all mistakes."""
         inputs, needed, problems = Inputs(self.scene, self.data, quick), [], list[str]()
         for item in sorted(self.items, key=lambda item: item not in self.summary):
+            asked = replace(item, kind=item.full) if full else item
             try:
-                needed.append((item, item.kind.scenes(inputs)))
+                scenes, tasks = asked.kind.scenes(inputs), asked.kind.tasks(inputs)
+                needed.append(Need(asked, scenes, tasks))
             except SceneError as error:
                 problems += [f"{item.where}.{told}" for told in error.problems]
         if not problems:
-            planned([scene for _, scenes in needed for scene in scenes])
+            planned([scene for need in needed for scene in need.scenes])
             return inputs, needed
         raise SceneError(problems[:MOST_MISTAKES], str(self.files[0]))
 
@@ -109,120 +136,112 @@ class Plan:
 
 def load(path: Path, kinds: Kinds) -> Plan:
     """The plan of a script; `SceneError` with all its mistakes. `kinds` are further ones."""
-    source, files, problems = str(path), [path], list[str]()
     try:
-        text = read_text(path, MOST_BYTES, "a report script")
+        table = parse_toml(read_text(path, MOST_BYTES, "a report script"), str(path))
     except FileError as error:
-        raise SceneError([str(error)], source) from None
-    table, script, scene = parse_toml(text, source), None, None
-    try:
-        script = _model(kinds).model_validate(table)
-    except ValidationError as error:
-        known = {**FIGURES, **TABLES, **kinds}
-        problems += [_told(details, known) for details in error.errors(include_url=False)]
-    try:
-        scene = _scene(table, path, files)
-    except SceneError as error:
-        problems += error.problems
-    data = {} if scene is None else _data(table, scene, path, files, problems)
-    items = [] if script is None else _items(script, problems)
-    if problems or script is None or scene is None:
-        raise SceneError(list(dict.fromkeys(problems))[:MOST_MISTAKES], source)
-    plan = Plan(script, scene, data, tuple(items), tuple(files))
+        raise SceneError([str(error)], str(path)) from None
+    reader = _Reader({"figure": {**FIGURES, **kinds}, "table": TABLES}, [path])
+    script, scene = reader.valid(Script, table, ""), reader.scene(table)
+    sections = reader.all_valid(ScriptSection, table, "section")
+    data = {} if scene is None else reader.data(table, scene)
+    items, others = reader.items(table), reader.all_valid(Other, table, "other")
+    if reader.problems or script is None or scene is None:
+        raise SceneError(list(dict.fromkeys(reader.problems))[:MOST_MISTAKES], str(path))
+    plan = Plan(script, scene, data, sections, items, others, tuple(reader.files))
     plan.needs()
     return plan
 
 
-def _model(kinds: Kinds) -> type[Script]:
-    """The model of scripts whose figures and tables are of known kinds."""
+@dataclass
+class _Reader:
+    """Reads the tables of a script as far as they are valid; mistakes join `problems`."""
 
-    def any_of(known: Kinds) -> Any:
-        one: Any = Annotated[Union.__getitem__(tuple(known.values())), Field(discriminator="kind")]
-        return tuple.__class_getitem__((one, ...)), ()
+    known: Mapping[str, Kinds]  #: Kinds by form, figure or table.
+    files: list[Path]  #: What was read, the script first.
+    problems: list[str] = field(default_factory=list)
 
-    forms: dict[str, Any] = {"figure": any_of({**FIGURES, **kinds}), "table": any_of(TABLES)}
-    section = create_model("ReportSection", __base__=ScriptSection, **forms)
-    sections: Any = Annotated[tuple.__class_getitem__((section, ...)), Field(min_length=1)]
-    return create_model("ReportScript", __base__=Script, section=(sections, ...))
-
-
-def _scene(table: Mapping[str, Any], path: Path, files: list[Path]) -> Scene:
-    """The scene of a script; its file joins the files that are read."""
-    given, example = table.get("scene"), table.get("example")
-    if (given is None) == (example is None):
-        reason = "give one of `scene`, a path or a table [scene], and `example`"
-        raise SceneError([problem("scene", "(nothing)" if given is None else given, reason)])
-    with blamed("scene" if example is None else "example"):
-        if isinstance(example, str):
-            return Scene.example(example)
-        if isinstance(given, str):
-            files.append(path.parent / given)
-            return Scene.load(files[-1])
-        return Scene().with_(**given) if isinstance(given, Mapping) else Scene()
-
-
-def _data(
-    table: Mapping[str, Any], scene: Scene, path: Path, files: list[Path], problems: list[str]
-) -> dict[str, Readings]:
-    """The data that can be read; what is wrong with the others joins the problems."""
-    tables, found = table.get("data"), {}
-    for name, source in tables.items() if isinstance(tables, Mapping) else ():
+    def valid(self, model: type[Model], table: Any, where: str) -> Model | None:
+        """The model of the table at a key, or None."""
         try:
-            model = DataSource.model_validate(source)
-            found[name] = read_data(name, model, scene, path.parent)
-            files += [path.parent / model.file] if model.file else []
-        except ValidationError:
-            continue  # told already
+            return model.model_validate(table)
+        except ValidationError as error:
+            self.problems += told(error, where, model)
+            return None
+
+    def all_valid(self, model: type[Model], table: Table, name: str) -> tuple[Model, ...]:
+        """The models of a list of tables."""
+        found = (self.valid(model, of, f"{name}[{i}]") for i, of in _tables(table, name))
+        return tuple(one for one in found if one is not None)
+
+    def scene(self, table: Table) -> Scene | None:
+        """The scene of a script; its file joins the files that are read."""
+        given, example = table.get("scene"), table.get("example")
+        try:
+            if (given is None) == (example is None):
+                reason = "give one of `scene`, a path or a table [scene], and `example`"
+                raise SceneError([problem("scene", given or "(nothing)", reason)])
+            with blamed("scene" if example is None else "example"):
+                if isinstance(example, str):
+                    return Scene.example(example)
+                if isinstance(given, str):
+                    self.files.append(self.files[0].parent / given)
+                    return Scene.load(self.files[-1])
+                return Scene().with_(**given) if isinstance(given, dict) else None
         except SceneError as error:
-            problems += error.problems
-    return found
+            self.problems += error.problems
+            return None
+
+    def data(self, table: Table, scene: Scene) -> dict[str, Readings]:
+        """The data that can be read."""
+        found, tables = dict[str, Readings](), table.get("data")
+        folder = self.files[0].parent
+        for name, of in tables.items() if isinstance(tables, dict) else ():
+            source = self.valid(DataSource, of, spelled_key("data", [name]))
+            try:
+                if source is not None:
+                    found[name] = read_data(name, source, scene, folder)
+                    self.files += [folder / source.file] if source.file else []
+            except SceneError as error:
+                self.problems += error.problems
+        return found
+
+    def items(self, table: Table) -> tuple[Item, ...]:
+        """The figures and tables of all sections, each with a name of its own."""
+        items, names = list[Item](), dict[str, str]()
+        for number, section in _tables(table, "section"):
+            for form, known in self.known.items():
+                for index, of in _tables(section, form):
+                    where = f"section[{number}].{form}[{index}]"
+                    if (kind := self._kind(known, of, where)) is None:
+                        continue
+                    full = self.valid(type(kind), {**of, **kind.full}, f"{where}.full")
+                    name = self._name(kind, where, names)
+                    items.append(Item(number, where, name, kind, full or kind))
+        return tuple(items)
+
+    def _kind(self, known: Kinds, table: Table, where: str) -> Kind | None:
+        word = table.get("kind", "(nothing)")
+        if isinstance(word, str) and word in known:
+            return self.valid(known[word], table, where)
+        reason = f"is no kind there; {choose(word, list(known))}"
+        self.problems.append(problem(f"{where}.kind", word, reason))
+        return None
+
+    def _name(self, kind: Kind, where: str, names: dict[str, str]) -> str:
+        """The name of an item's files, which joins `names`."""
+        numbered = (f"{kind.stem}-{n}" for n in range(2, len(names) + 3))
+        unused = (name for name in (kind.stem, *numbered) if name not in names)
+        name = kind.name or next(unused)
+        if name in names:
+            reason = f"is the name of {names[name]}; choose another"
+            self.problems.append(problem(f"{where}.name", name, reason))
+        names[name] = where
+        return name
 
 
-def _items(script: Script, problems: list[str]) -> list[Item]:
-    """The figures and tables of all sections; names that two of them have join the problems."""
-    items, names = list[Item](), dict[str, str]()
-    for number, section in enumerate(script.section):
-        for form in ("figure", "table"):
-            for index, kind in enumerate(getattr(section, form)):
-                where = f"section[{number}].{form}[{index}]"
-                numbered = (f"{kind.stem}-{n}" for n in range(2, len(names) + 3))
-                unused = (name for name in (kind.stem, *numbered) if name not in names)
-                name = kind.name or next(unused)
-                if name in names:
-                    reason = f"is the name of {names[name]}; choose another"
-                    problems.append(problem(f"{where}.name", name, reason))
-                names[name] = where
-                items.append(Item(number, where, name, kind))
-    return items
-
-
-def _told(details: ErrorDetails, kinds: Kinds) -> str:
-    """A mistake of a script by its key, in the words of scenes."""
-    steps, owner = list[Any](), _owner(details["loc"], kinds)
-    for step in details["loc"]:
-        is_tag = step in kinds and len(steps) == 4  # section, number, figure, number
-        if not is_tag and not str(step).startswith("<"):
-            steps.append(step)
-    key = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in steps)[1:]
-    kind, context = details["type"], details.get("ctx", {})
-    reason = REASONS.get(kind, f"{details['msg'][:120]}; change it")
-    if kind in ("missing", "union_tag_not_found"):
-        key += ".kind" if kind == "union_tag_not_found" else ""
-        return f"{key} = (nothing): is required; add it"
-    if kind == "scene":
-        reason = context["reason"]
-    elif kind == "union_tag_invalid":
-        word, known = context["tag"], context["expected_tags"].replace("'", "").split(", ")
-        return problem(f"{key}.kind", word, f"is no kind there; {choose(word, known)}")
-    elif kind == "extra_forbidden":
-        known = list(owner.model_fields) if owner else []
-        reason = f"is no key there; {choose(steps[-1], known) if known else 'remove it'}"
-    return problem(key[:160], details["input"], reason)
-
-
-def _owner(loc: Sequence[Any], kinds: Kinds) -> type[Section] | None:
-    """The model of the table that has the key at `loc`, of which the last step is the key."""
-    by_depth: dict[int, Any] = {1: Script, 3: DataSource if loc[0] == "data" else ScriptSection}
-    if len(loc) == 6 and loc[4] in kinds:
-        return kinds[loc[4]]
-    return by_depth.get(len(loc))
+def _tables(table: Table, name: str) -> Iterator[tuple[int, Table]]:
+    """The tables of a list with their numbers; whatever is no table is told by its owner."""
+    given = table.get(name)
+    for number, of in enumerate(given if isinstance(given, list) else ()):
+        if isinstance(of, dict):
+            yield number, of

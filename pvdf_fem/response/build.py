@@ -155,7 +155,7 @@ def build_response(
     """
     domain, file = Domain(reach_mm, force_N), None if file is None else Path(file)
     options = ResponseOptions.of(tolerance) if options is None else options
-    _refuse(scene, domain, options, tolerance)
+    refuse(scene, domain, tolerance, options)
     bar = shown("solve", lines=False) if progress is None else nullcontext(progress)
     with bar as show, _unfinished(file) as folder:
         made = _best(scene, domain, tolerance, processes or -1, options, folder, show)
@@ -219,9 +219,12 @@ def _best(
     return best
 
 
-def _refuse(scene: Scene, domain: Domain, options: ResponseOptions, tolerance: float) -> None:
+def refuse(
+    scene: Scene, domain: Domain, tolerance: float, options: ResponseOptions | None = None
+) -> None:
     """Raise `ValueError` for a scene, a domain or a tolerance without a response."""
     low, high = domain.force_N
+    options = options or ResponseOptions()
     mechanics_of(scene)  # refuses what no response is of
     if not LEAST_TOLERANCE <= tolerance < np.inf:
         raise ValueError(

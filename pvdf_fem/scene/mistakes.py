@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain, islice
 from typing import Any, cast, get_args
 
@@ -55,6 +55,34 @@ def mistakes(error: ValidationError, data: Mapping[str, Any], model: type[BaseMo
     if len(shown) > MOST_MISTAKES:
         shown[MOST_MISTAKES:] = ["there are more mistakes; correct these first"]
     return shown
+
+
+def told(error: ValidationError, where: str, model: type[BaseModel]) -> list[str]:
+    """One line for each mistake in the table at a key, of which pydantic told `error`. Tags of
+    unions, which are no keys, begin with ``<``."""
+    lines = []
+    for details in error.errors(include_url=False):
+        loc, kind, value = details["loc"], details["type"], details["input"]
+        key = spelled_key(where, [step for step in loc if not str(step).startswith("<")])
+        reason = REASONS.get(kind, f"{details['msg'][:120]}; change it")
+        if kind == "missing":
+            lines.append(f"{key} = (nothing): {reason}")
+            continue
+        if kind == "scene":
+            reason = details["ctx"]["reason"]
+        elif kind == "literal_error":
+            reason = f"is not known; {choose(value, _quoted(details['ctx']['expected']))}"
+        elif kind == "extra_forbidden":
+            known = list(model.model_fields) if len(loc) == 1 else []
+            reason = f"is no key there; {choose(loc[0], known) if known else 'remove it'}"
+        lines.append(problem(key, value, reason))
+    return lines
+
+
+def spelled_key(where: str, steps: Sequence[int | str]) -> str:
+    """The key of what is some steps below a key: ``data.touches``, ``section[0].title``."""
+    further = (f"[{step}]" if isinstance(step, int) else f".{_bare(step)}" for step in steps)
+    return (where + "".join(further)).removeprefix(".")
 
 
 def _is_shortened(details: ErrorDetails) -> bool:
@@ -116,8 +144,7 @@ def _key(loc: tuple[int | str, ...]) -> str:
     elif parts[0] in ("film", "readout"):
         place = 3 if parts[1:2] == ["patches"] else 2
         del parts[place : place + 1]
-    steps = (f"[{part}]" if isinstance(part, int) else f".{_bare(part)}" for part in parts)
-    return "".join(steps).removeprefix(".")
+    return spelled_key("", parts)
 
 
 def _bare(key: str) -> str:

@@ -19,7 +19,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from pvdf_fem.scene.change import named, plain, spelled, steps_of
-from pvdf_fem.scene.mistakes import MOST_MISTAKES
+from pvdf_fem.scene.mistakes import MOST_MISTAKES, told
 from pvdf_fem.scene.quantity import Finite, Length, Number, Section
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, choose, parse_toml, problem, read_scene_text
@@ -248,7 +248,7 @@ def _values(where: str, value: Any, problems: list[str]) -> tuple[Any, ...] | Ra
         try:
             numbers = Range.model_validate(value)
         except ValidationError as error:
-            problems += _mistakes(where, error, Range)
+            problems += told(error, where, Range)
             return ()
         if numbers.spacing == "log" and not numbers.start * numbers.stop > 0.0:
             reason = "both ends of equal ratios need one sign, and not 0; change them or spacing"
@@ -271,7 +271,7 @@ def _mapping_axis(
             raise ValueError(f"angles_deg: make {count} places; {_TOO_MANY}")
         scheme = MappingScheme(scene, **lines.model_dump())
     except ValidationError as error:
-        problems += _mistakes(where, error, Lines)
+        problems += told(error, where, Lines)
         return None
     except ValueError as error:
         problems.append(f"{where}.{error}")
@@ -285,20 +285,6 @@ def _mapping_axis(
         "distance_mm": tuple(distances.tolist()),
     }
     return SweepAxis(name, keys, beside)
-
-
-def _mistakes(where: str, error: ValidationError, model: type[Section]) -> Iterator[str]:
-    """What a range or lines have wrong, in the words of a scene's mistakes."""
-    for details in error.errors(include_url=False):
-        key = ".".join([where, *map(str, details["loc"])])
-        if details["type"] == "missing":
-            yield f"{key} = (nothing): is required; add it"
-        elif details["type"] == "extra_forbidden":
-            known = list(model.model_fields)
-            reason = f"is no key there; {choose(details['loc'][-1], known)}"
-            yield problem(key, details["input"], reason)
-        else:
-            yield problem(key, details["input"], f"{details['msg']}; change it")
 
 
 def _clashes(axes: Sequence[SweepAxis]) -> Iterator[str]:

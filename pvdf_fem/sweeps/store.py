@@ -17,7 +17,7 @@ import os
 import sqlite3
 import sys
 import zlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache
@@ -162,25 +162,32 @@ class Store:
 
     def get(self, scene: Scene) -> Record | None:
         """The record of a scene; None if there is none, or if its row is damaged."""
-        name = self._code + key(scene)
-        row = self._execute("SELECT record FROM records WHERE key = ?", name)
-        try:
-            whose, fields = json.loads(zlib.decompress(row[0])) if row else (None, {})
-        except (zlib.error, TypeError):  # the checksum of zlib, or a number in place of bytes
-            return None
-        if whose != name:
+        fields = self.kept(self._code + key(scene))
+        if fields is None:
             return None
         return Record(**fields | {name: tuple(fields[name]) for name in ("electrodes", "warnings")})
+
+    def kept(self, name: str) -> Any:
+        """What `keep` has put under a key; None if there is nothing, or its row is damaged."""
+        row = self._execute("SELECT record FROM records WHERE key = ?", name)
+        try:
+            whose, values = json.loads(zlib.decompress(row[0])) if row else (None, None)
+        except (zlib.error, TypeError):  # the checksum of zlib, or a number in place of bytes
+            return None
+        return values if whose == name else None
 
     def __contains__(self, scene: Scene) -> bool:
         return self.get(scene) is not None
 
     def put(self, records: Iterable[tuple[Scene, Record]]) -> None:
         """Add the records of scenes, all of them or none."""
+        self.keep({self._code + key(scene): vars(record) for scene, record in records})
+
+    def keep(self, values: Mapping[str, Any]) -> None:
+        """Add what JSON can hold, by keys, all of it or none."""
         with self._writing():
-            for scene, record in records:
-                name = self._code + key(scene)
-                text = zlib.compress(json.dumps([name, vars(record)]).encode())
+            for name, value in values.items():
+                text = zlib.compress(json.dumps([name, value]).encode())
                 self._execute("INSERT OR REPLACE INTO records VALUES (?, ?)", name, text)
 
     @contextmanager

@@ -15,7 +15,7 @@ from pvdf_fem.output.figures import save, style
 from pvdf_fem.reporting.kind import Inputs
 from pvdf_fem.reporting.registry import kinds_of
 from pvdf_fem.reporting.report import Report
-from pvdf_fem.reporting.script import Item
+from pvdf_fem.reporting.script import Need
 from pvdf_fem.reporting.solved import Solved
 from pvdf_fem.sweeps.sweep import solve_all
 
@@ -36,10 +36,10 @@ def rotation() -> tuple[Figure, Shown]:
     """Charges of A and B against the rotation of the rectangle, beside the thesis's: a figure of
     the report on the thesis."""
     inputs, asked = turned()
-    item, scenes = asked
+    scenes = asked.scenes
     solved = dict(zip(scenes, solve_all(scenes, processes=1), strict=True))
     with style():
-        figure = item.kind.compose(inputs, Solved(solved)).figure
+        figure = asked.item.kind.compose(inputs, Solved(solved)).figure
     assert figure is not None
     return figure, shown([solve(scenes[0])])
 
@@ -51,11 +51,11 @@ PICTURES: dict[str, Callable[[], tuple[Figure, Shown]]] = {
 }
 
 
-def turned() -> tuple[Inputs, tuple[Item, list[Scene]]]:
+def turned() -> tuple[Inputs, Need]:
     """The figure of the rotation, with what it is made of and its scenes."""
     report = Report.load(THESIS / "report.toml", kinds_of(THESIS / "special.py"))
     inputs, needed = report.plan.needs()
-    return inputs, next(asked for asked in needed if asked[0].name == "rotation")
+    return inputs, next(asked for asked in needed if asked.item.name == "rotation")
 
 
 def shown(solutions: Sequence[Solution]) -> Shown:

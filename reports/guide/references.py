@@ -18,7 +18,7 @@ from pvdf_fem.reporting.data import DataSource
 from pvdf_fem.reporting.kind import Kind
 from pvdf_fem.reporting.registry import FIGURES
 from pvdf_fem.reporting.registry import TABLES as REPORT_TABLES
-from pvdf_fem.reporting.script import Script, ScriptSection
+from pvdf_fem.reporting.script import Other, Script, ScriptSection
 from pvdf_fem.scene.film import Air, Film
 from pvdf_fem.scene.outlines.shape import HEAT
 from pvdf_fem.scene.quantity import Section
@@ -72,6 +72,7 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
         "touch.locate.LocateOptions",
         "sweeps.store.Store",
         "reporting.kind.Kind",
+        "reporting.task.Task",
         "readout.channel.Channel",
     ),
 }
@@ -116,6 +117,7 @@ def report_page() -> str:
         "at the head": Script,
         "[data.NAME]": DataSource,
         "[[section]]": ScriptSection,
+        "[[other]]": Other,
     }
     for heading, model in tables.items():
         lines += ["", f"## `{heading}`", "", *_alone(model)]

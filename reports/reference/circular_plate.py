@@ -7,6 +7,8 @@ which F/N or F a^2/D is a length, say N m, N/m and N.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -92,10 +94,15 @@ def _decaying(k: float, r: Array, scale: float) -> Array:
     return np.array([k0, -k * k1, k**2 * k0 + k * k1 / r])
 
 
-def von_karman_plate(
-    pressure: float, *, poisson_ratio: float, pretension: float = 0.0
-) -> tuple[float, float]:
-    """Large deflection w0/h and tension N a^2/D at the centre under a uniform pressure.
+class Plate(NamedTuple):
+    """A plate at large deflection: w0/h at the centre, and N_r, N_t in D/a^2 at radii r/a."""
+
+    deflection: float
+    tensions: Callable[[ArrayLike], tuple[Array, Array]]
+
+
+def von_karman_plate(pressure: float, *, poisson_ratio: float, pretension: float = 0.0) -> Plate:
+    """Large deflection and tensions of a clamped plate under a uniform pressure.
 
     With r in a, w in h, N in D/a^2 and phi = dw/dr (von Karman 1910)::
 
@@ -148,7 +155,13 @@ def von_karman_plate(
     points, weights = np.polynomial.legendre.leggauss(200)
     points = 0.5 * (points + 1.0)
     deflection = -0.5 * float((weights * points * result.sol(points)[0]).sum())
-    return deflection, float(result.sol(0.0)[2])
+
+    def tensions(radius_ratio: ArrayLike) -> tuple[Array, Array]:
+        r = np.asarray(radius_ratio, dtype=float)
+        _, _, tension, slope = result.sol(r)
+        return tension, tension + r * slope
+
+    return Plate(deflection, tensions)
 
 
 def _require_in_film(patch_radius: float) -> float:

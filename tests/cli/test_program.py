@@ -24,8 +24,7 @@ from pvdf_fem.output.export import write_mesh, write_vtu
 from pvdf_fem.output.figures import new_figure, save
 from pvdf_fem.sweeps.records import record_of
 from pvdf_fem.sweeps.store import Store, StoreError
-from reports import benchmark, error_vs_time
-from reports.common.page import Column, Page, Table
+from reports.__main__ import main as make_report
 
 ROOT = Path(__file__).parents[2]
 SCENE = '[probe]\nshape = "circle"\nradius_mm = 2.0\n[numerics]\ntolerance = 0.05\n'
@@ -67,14 +66,6 @@ def _figure(path: Path, _: Solution) -> None:
     save(figure, path)
 
 
-def _page(path: Path, _: Solution) -> None:
-    Page("Title", ["x" * 1000], []).write(path.parent)
-
-
-def _table(path: Path, _: Solution) -> None:
-    Table(path.stem, "", [Column("a", "a")], [["x" * 1000]]).write_csv(path.parent)
-
-
 def _mesh(path: Path, solution: Solution) -> None:
     write_mesh(solution.mesh, path)
 
@@ -88,8 +79,6 @@ WRITERS: dict[str, Callable[[Path, Solution], None]] = {
     "a.png": _figure,
     "a.svg": _figure,
     "a.pdf": _figure,
-    "index.html": _page,
-    "a.csv": _table,
 }
 
 
@@ -196,38 +185,10 @@ def test_reports_refuse_an_impossible_directory(
 ) -> None:
     (tmp_path / "file").touch()
     (tmp_path / "page" / "index.html").mkdir(parents=True)
-    assert error_vs_time.main(["--quick", "--out", str(tmp_path / out)]) == 2
+    assert make_report(["accuracy", "--quick", "--out", str(tmp_path / out)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert str(tmp_path / out) in line
     assert told in line
-
-
-def test_reports_do_not_write_among_what_they_read(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    link = tmp_path / "link"
-    link.symlink_to(ROOT / "reports" / "thesis")
-    with pytest.raises(SystemExit) as end:
-        error_vs_time.main(["--out", str(link)])
-    assert end.value.code == 2
-    assert "holds the thesis's data; name another" in capsys.readouterr().err
-    saved = tmp_path / "saved.json"
-    saved.write_text('{"medians": {"a": 1.0}}')
-    assert benchmark.main(["--against", str(saved), "--save", str(saved)]) == 2
-    assert f"would overwrite {saved}" in capsys.readouterr().err
-
-
-def test_saved_run_times_are_checked_first(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(benchmark, "yardstick", lambda rounds: pytest.fail("it began"))
-    assert benchmark.main(["--save", str(tmp_path)]) == 2
-    assert "no regular file" in capsys.readouterr().err
-    saved = tmp_path / "saved.json"
-    for medians in ({"a": -1.0}, {"a": "1"}, {"a": float("nan")}, [], 3):
-        saved.write_text(json.dumps({"medians": medians}))
-        assert benchmark.main(["--against", str(saved)]) == 2
-        assert "has no medians" in capsys.readouterr().err
 
 
 # ------------------------------------------------------------------------------------------- ends

@@ -105,21 +105,39 @@ def test_old_python_is_refused_with_its_version(run: Run) -> None:
     assert "PYTHON=python3.11 ./run test" in done.stderr
 
 
+@pytest.fixture
+def environment(checkout: Path) -> Path:
+    """The `.venv` of a checkout where reports run, with a Python that prints its arguments."""
+    for name in ("pyproject.toml", "constraints.txt"):
+        (checkout / name).touch()
+    (checkout / ".venv" / "bin").mkdir(parents=True)
+    executable(checkout / ".venv" / "bin" / "python", 'echo "$@"\n')
+    version = subprocess.run([sys.executable, "-VV"], capture_output=True, text=True).stdout
+    (checkout / ".venv" / "made-from").write_text(f"{checkout}\n{version}")
+    return checkout / ".venv"
+
+
+@pytest.mark.usefixtures("environment")
+def test_a_report_installs_no_tests_and_tests_only_add_to_it(run: Run) -> None:
+    assert run("report", "--quick").stdout == "-m reports --quick\n"
+    first, second = (run("check").stdout for _ in range(2))
+    assert "--editable .[test]\n" in first
+    assert "-m mypy\n" in second
+    assert "install" not in second
+    assert run("setup", "guide").stdout.count("--editable .[guide]\n") == 1
+    assert run("setup", "tests").returncode == 2
+
+
 @pytest.mark.parametrize("installed", ["chromium", ""])
 def test_root_installs_what_the_tests_need(
-    run: Run, checkout: Path, tmp_path: Path, installed: str
+    run: Run, environment: Path, tmp_path: Path, installed: str
 ) -> None:
     """And goes on without where that fails."""
-    tools, venv = tmp_path / "bin", checkout / ".venv" / "bin"
+    tools = tmp_path / "bin"
     executable(tools / "id", "echo 0\n")
     executable(tools / "apt-get", 'echo "$@" >&2; exit 1\n')
     executable(tools / "dpkg-query", f'[ "$4" != "{installed}" ] || echo installed\n')
-    for name in ("pyproject.toml", "constraints.txt"):
-        (checkout / name).touch()
-    venv.mkdir(parents=True)
-    executable(venv / "python", 'echo "$@"\n')
-    version = subprocess.run([sys.executable, "-VV"], capture_output=True, text=True).stdout
-    (checkout / ".venv" / "made-from").write_text(f"{checkout}\n{version}")
+    environment.joinpath("has-test").touch()
     done = run("test", "tests/cli")
     assert done.returncode == 0
     assert done.stdout == "-m pytest -n auto --dist worksteal tests/cli\n"

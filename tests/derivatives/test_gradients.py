@@ -12,8 +12,8 @@ from pvdf_fem.derivatives.gradients import gradients
 from pvdf_fem.derivatives.parameters import parameters_of
 from pvdf_fem.film.models import film_model
 from pvdf_fem.scene.change import steps_of
+from reports.accuracy.drawn import random_scene
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, graded_mesh
-from tests.helpers.random_scenes import random_scene
 
 OBSERVABLES = ("material", "thesis-edge")
 PLACE = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg")

@@ -17,8 +17,8 @@ from pvdf_fem.dynamics.modes import MOST_MODES, Modes, modes
 from pvdf_fem.film.weak_form import vector_basis
 from pvdf_fem.solution.solution import NotConvergedError
 from pvdf_fem.solvers.status import Status
+from reports.accuracy.drawn import random_scene
 from reports.reference.closed_form import disc_frequencies
-from tests.helpers.random_scenes import random_scene
 
 TRIANGLE = '[probe]\nshape = "triangle"\nx_mm = 5.0714\ny_mm = 0.8757\n'
 

@@ -8,6 +8,7 @@ import pytest
 from pvdf_fem import Scene, SceneError, solve
 from pvdf_fem.film.bending_effect import bending_effect
 from pvdf_fem.film.models import film_model
+from reports.reference.laminated_disc import LaminatedDisc, Ply
 from tests.helpers.discs import LOADS, RECTANGLE
 
 THICK = {"film.thickness_um": 1000.0}
@@ -49,6 +50,40 @@ def test_decision_is_never_wrong_by_three_times_the_tolerance(seed):
     assert change <= 3.0 * estimate
     if change > 1e-4:
         assert estimate <= 15.0 * change
+
+
+@pytest.mark.parametrize("bonded", ["at rest", "before stretching"])
+@pytest.mark.parametrize("side_mm", [2.0, 6.0])
+@pytest.mark.parametrize(("thickness_um", "modulus_GPa"), [(8.0, 0.3), (25.0, 3.0), (60.0, 8.0)])
+def test_layers_on_one_side_bend_as_much_as_is_stated(bonded, side_mm, thickness_um, modulus_GPa):
+    """A third to thirty times what a laminated disc says, of the layer on either side."""
+    layer = {"shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": side_mm, "bonded": bonded}
+    layer |= {"thickness_um": thickness_um, "youngs_modulus_GPa": modulus_GPa}
+    scene = Scene().with_(
+        probe={"shape": "circle", "radius_mm": 3.0},
+        electrodes=[{"name": "A", "shape": "circle", "x_mm": 4.0, "y_mm": 0.0, "radius_mm": 1.5}],
+        **{"film.patches": [layer]},
+    )
+    charges = [laminated(scene, side).charges(8.0, 8.0)[0] for side in (1.0, -1.0)]
+    flat = laminated(scene, 1.0).as_membrane().charges(8.0, 8.0)[0]
+    change = max(abs(charge / flat - 1.0) for charge in charges)
+    assert change > 1e-4
+    assert change / 3.0 <= bending_effect(scene).change <= 30.0 * change
+
+
+def laminated(scene, side):
+    """The film of a scene with its round layer above or below."""
+    film, (layer,), (touch,) = scene.film, scene.film.layers.values(), scene.loaded_probes
+    height = side * 0.5 * (film.thickness + layer.patch.thickness)
+    rests = float(film.strain_at_rest[0]), float(layer.strain_at_rest[0])
+    radius = float(layer.patch.outline.radius)
+    plies = (
+        Ply(film.stiffness[:2, :2], film.thickness, 0.0, rests[0], film.radius),
+        Ply(layer.stiffness[:2, :2], layer.patch.thickness, height, rests[1], radius),
+    )
+    (electrode,) = scene.electrode_list
+    places = [[electrode.outline.centroid[0], 0.0, electrode.outline.radius]]
+    return LaminatedDisc(plies, touch.outline.radius, scene.load.force_N, np.array(places))
 
 
 @pytest.mark.parametrize(

@@ -17,8 +17,8 @@ from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.newton import factorise, negative_pivots
 from pvdf_fem.sweeps.equivalence import mechanics
 from pvdf_fem.sweeps.records import record_of, records_of
+from reports.accuracy.drawn import random_scene
 from tests.helpers.discs import TRIANGLE, uniform_mesh
-from tests.helpers.random_scenes import random_scene
 
 CABLES = {"kind": {"A": "voltage", "B": "voltage"}, "cable_capacitance_pF": {"B": 20.0}}
 STRONG = {"film.d31_pC_N": 60.0, "film.d32_pC_N": -20.0, "film.coupling": True, "readout": CABLES}

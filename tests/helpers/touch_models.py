@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,6 +30,12 @@ class Bumps:
     domain: Domain = DOMAIN
     #: By default not those of the scene, which are 48 pC.
     rest_pC: float = 40.0
+
+    def for_scene(self, scene, processes=None, *, check=True):
+        """The charges of other electrodes."""
+        places = 1e3 * np.array([electrode.outline.centroid for electrode in scene.electrode_list])
+        names = tuple(electrode.name for electrode in scene.electrode_list)
+        return replace(self, scene=scene, names=names, electrodes_mm=places)
 
     def evaluate(self, touches):
         x, y, rotation, force = touches.T

@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from pvdf_fem import Scene, locate, solve
-from pvdf_fem.reporting.charge_map import MapPlaces, places_on_rings
+from pvdf_fem.reporting.charge_map import ChargeMap, MapPlaces, places_on_rings
 from pvdf_fem.reporting.crossings import Contours
 from pvdf_fem.sweeps.sweep import planned, solve_all
 
@@ -34,7 +34,7 @@ def circles():
     """A map of made-up charges, and the electrodes' centres."""
     centres = np.array([1e3 * e.outline.centroid for e in SCENE.electrode_list])
     asked = MapPlaces(SCENE, 8.0, 2.5)
-    return asked.map(gaussians(asked.places_mm, centres)), centres
+    return ChargeMap.of(asked, gaussians(asked.places_mm, centres)), centres
 
 
 def test_a_map_has_charges_whose_logarithms_are_quadratic(circles):
@@ -52,7 +52,7 @@ def test_a_map_has_charges_whose_logarithms_are_quadratic(circles):
 def test_charges_of_both_signs_are_interpolated_themselves():
     asked = MapPlaces(SCENE, 8.0, 2.5)
     x, y = asked.places_mm.T
-    charge_map = asked.map(np.stack([x, y, x + y, x * y], axis=1))
+    charge_map = ChargeMap.of(asked, np.stack([x, y, x + y, x * y], axis=1))
     found = charge_map.charges(np.array([[1.0, -2.0]]))
     np.testing.assert_allclose(found, [[1.0, -2.0, -1.0, -2.0]], atol=1e-9)
 
@@ -84,7 +84,8 @@ def test_least_squares_find_a_touch_on_a_map(circles):
 def test_a_map_agrees_with_fresh_solves_to_the_edge_of_its_disc():
     asked = MapPlaces(SCENE, 8.0)
     records = solve_all(asked.scenes, processes=1)
-    charge_map = asked.map(np.array([list(r.charges_pC(8.0, 8.0).values()) for r in records]))
+    charges = np.array([list(r.charges_pC(8.0, 8.0).values()) for r in records])
+    charge_map = ChargeMap.of(asked, charges)
     angles = np.array([0.3, 2.0])
     for place in [[1.0, 0.7], [5.5, 0.4], *(8.0 * np.stack([np.cos(angles), np.sin(angles)], 1))]:
         at = {"probe.x_mm": float(place[0]), "probe.y_mm": float(place[1])}
@@ -118,4 +119,4 @@ def test_a_map_without_enough_charges_is_refused():
     charges = np.full((len(asked.places_mm), 4), 100.0)
     charges[::4] = np.nan
     with pytest.raises(ValueError, match="have no charges"):
-        asked.map(charges)
+        ChargeMap.of(asked, charges)

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import re
+import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import Literal
 
@@ -13,8 +16,13 @@ import pytest
 from pvdf_fem import Report, Scene, solve
 from pvdf_fem.cli.main import main
 from pvdf_fem.reporting.drawing import spread
-from pvdf_fem.reporting.kind import Kind, NothingToShow
+from pvdf_fem.reporting.kind import Kind
+from pvdf_fem.reporting.page import LONG_TABLE
+from pvdf_fem.reporting.registry import kinds_of
+from pvdf_fem.reporting.solved import NothingToShow
 from pvdf_fem.sweeps import sweep
+from tests.helpers.browsers import browser_or_skip
+from tests.helpers.page_boxes import look_at
 from tests.helpers.report_scripts import only, script, text_of
 
 NAMES = ("charge-vs-distance", "isocharge", "curve", "sensor", "charges", "positions")
@@ -103,30 +111,6 @@ def test_what_is_solved_is_not_solved_again_and_the_page_stays(made, monkeypatch
     assert made.joinpath("index.html").read_bytes() == page
 
 
-def test_an_interrupted_report_goes_on(tmp_path, monkeypatch):
-    real, seen = sweep.records_of, []
-
-    def interrupted(scenes, frames):
-        if len(seen) == 4:
-            raise KeyboardInterrupt
-        seen.append(scenes)
-        return real(scenes, frames)
-
-    report = Report.load(write(tmp_path, only("charge-vs-distance", "sensor")))
-    monkeypatch.setattr(sweep, "records_of", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        report.make(tmp_path / "out", processes=1)
-    page = tmp_path.joinpath("out", "index.html").read_text(encoding="utf-8")
-    assert '<svg id="svg-sensor"' in page
-    assert '<svg id="svg-charge-vs-distance"' not in page
-    monkeypatch.setattr(sweep, "records_of", lambda *task: seen.append(task[0]) or real(*task))
-    assert report.make(tmp_path / "out", processes=1).complete
-    solved = [scene for scenes in seen for scene in scenes]
-    assert len(set(solved)) == len(solved)
-    whole = report.make(tmp_path / "whole", processes=1)
-    assert tmp_path.joinpath("out", "index.html").read_bytes() == whole.page.read_bytes()
-
-
 def test_data_on_a_line_are_beside_their_own_solves(tmp_path):
     table = only("charge-vs-distance")
     table["section"][0]["figure"][0] |= {"data": "touches", "variants": [], "step_mm": 4.0}
@@ -211,26 +195,207 @@ def test_a_kind_of_ones_own_is_registered_and_its_faults_do_not_stop_the_others(
 
 
 OWN = """
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
+import os
 import pandas as pd
+from pvdf_fem import Scene
 from pvdf_fem.reporting.kind import Content, Kind
+from pvdf_fem.reporting.task import Task
+
+@dataclass(frozen=True)
+class Word:
+    text: str
+
+@dataclass(frozen=True)
+class Count(Task):
+    scene: Scene
+    word: Word
+    log: str
+
+    def run(self):
+        with open(self.log, "a") as file:
+            file.write(self.word.text + "\\n")
+        if self.word.text == "raise":
+            raise ValueError("is no word")
+        words = Path(self.log).read_text().split()
+        if self.word.text == "crash" or self.word.text == "die" and words.count("die") == 1:
+            os.kill(os.getpid(), 9)
+        radius = self.scene.film.radius_mm
+        return [{"word": self.word.text, "letters": len(self.word.text), "radius": radius}]
 
 class Told(Kind):
     kind: Literal["told"]
-    words: str
+    words: tuple[str, ...]
+    log: str
+    claim: str = ""
 
     def scenes(self, inputs):
         return []
 
+    def tasks(self, inputs):
+        return [Count(inputs.scene, Word(word), self.log) for word in self.words]
+
     def compose(self, inputs, solved):
-        frame = pd.DataFrame({"words": [self.words]})
-        return Content("", frame, shown=frame)
+        rows = [row for task in self.tasks(inputs) for row in solved.rows(task)]
+        return Content("", pd.DataFrame(rows), shown=pd.DataFrame(rows), claim=self.claim)
 """
+
+
+@pytest.fixture
+def counted(tmp_path):
+    """Makes a report whose tables are of tasks, by the command; returns its exit code."""
+
+    def make(*tables, processes=1, more=(), **keys):
+        table = {**only("sensor"), **keys}
+        log = str(tmp_path / "log")
+        table["section"][0]["figure"] += [{"kind": "told", "log": log, **of} for of in tables]
+        path, kinds = write(tmp_path, table), tmp_path / "own.py"
+        if not kinds.exists():
+            kinds.write_text(OWN)
+        how = ["--kinds", str(kinds), "--processes", str(processes)]
+        return main(["report", str(path), "--out", str(tmp_path / "out"), *how, *more])
+
+    return make
+
+
+def ran(folder):
+    """What tasks have run, in their order."""
+    log = folder / "log"
+    return log.read_text().split() if log.exists() else []
+
+
+def test_tasks_of_a_file_run_once_in_processes_and_in_this_one(tmp_path, counted):
+    table = {"name": "told", "words": ["hear", "see"], "full": {"words": ["hear", "smell"]}}
+    assert counted(table, processes=2) == 0
+    assert sorted(ran(tmp_path)) == ["hear", "see"]
+    page = tmp_path.joinpath("out", "index.html").read_bytes()
+    told = pd.read_csv(tmp_path / "out" / "data" / "told.csv")
+    assert told.values.tolist() == [["hear", 4, 20.0], ["see", 3, 20.0]]
+    assert counted(table) == 0
+    assert tmp_path.joinpath("out", "index.html").read_bytes() == page
+    assert len(ran(tmp_path)) == 2
+    assert counted(table, more=["--full"]) == 0  # one is known
+    assert ran(tmp_path)[2:] == ["smell"]
+    kinds = tmp_path / "own.py"
+    kinds.write_text(kinds.read_text().replace('"letters": len', '"letters": 2 * len'))
+    assert counted(table) == 0  # an edited file computes anew
+    assert ran(tmp_path)[3:] == ["hear", "see"]
+    assert pd.read_csv(tmp_path / "out" / "data" / "told.csv").letters.tolist() == [8, 6]
+
+
+@pytest.mark.parametrize(("word", "processes"), [("raise", 1), ("raise", 2), ("crash", 2)])
+def test_a_task_that_fails_is_told_in_its_place_and_tried_again(
+    tmp_path, counted, capfd, word, processes
+):
+    tables = [{"name": "bad", "words": [word]}, {"name": "good", "words": ["see"]}]
+    assert counted(*tables, processes=processes) == 3
+    assert "section[0].figure[1] (bad)" in capfd.readouterr().err
+    page = tmp_path.joinpath("out", "index.html").read_text("utf-8")
+    assert re.search(r'<figure id="bad">\s*<p class="pending">', page)
+    assert (tmp_path / "out" / "data" / "good.csv").is_file()
+    assert not (tmp_path / "out" / "data" / "bad.csv").exists()
+    before = len(ran(tmp_path))
+    assert counted(*tables, processes=processes) == 3
+    assert set(ran(tmp_path)[before:]) == {word}
+
+
+#: The command, which logs each solve, and kills itself in the solve of a number.
+LOGGED = """
+import os, signal, sys
+from pvdf_fem.cli.main import main
+from pvdf_fem.sweeps import store, sweep
+log, last = sys.argv[1], int(sys.argv[2])
+real, solves = sweep.records_of, []
+def solve(scenes, frames):
+    solves.append(scenes)
+    with open(log, "a") as file:
+        print(*map(store.key, scenes), sep=",", file=file)
+    if len(solves) == last:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return real(scenes, frames)
+sweep.records_of = solve
+sys.exit(main(sys.argv[3:]))
+"""
+
+
+def test_killed_in_a_solve_and_in_a_task_it_goes_on_to_the_same_page(tmp_path):
+    """Neither a scene nor a task is computed twice, but those during which the kills came."""
+    table, logs = only("charge-vs-distance", "sensor"), (tmp_path / "solves", tmp_path / "log")
+    told = {"kind": "told", "words": ["a", "b", "die", "c"], "log": str(logs[1])}
+    table["section"][0]["figure"] += [told]
+    path, kinds = write(tmp_path, table), tmp_path / "own.py"
+    kinds.write_text(OWN)
+
+    def run(out, last=0):
+        program = [sys.executable, "-c", LOGGED, str(logs[0]), str(last), "report", str(path)]
+        how = ["--kinds", str(kinds), "--processes", "1", "--out", str(tmp_path / out)]
+        return subprocess.run([*program, *how], capture_output=True).returncode
+
+    assert run("out", last=4) == -signal.SIGKILL
+    [*before, during] = logs[0].read_text().split()
+    page = tmp_path.joinpath("out", "index.html").read_text(encoding="utf-8")
+    assert '<svg id="svg-sensor"' in page
+    assert '<svg id="svg-charge-vs-distance"' not in page
+    assert run("out") == -signal.SIGKILL  # in the task
+    assert run("out") == 0
+    solved = logs[0].read_text().split()
+    assert sorted(solved) == sorted([*dict.fromkeys(solved), during])
+    assert set(before) < set(solved)
+    assert ran(tmp_path) == ["a", "b", "die", "die", "c"]
+    whole = Report.load(path, kinds_of(kinds)).make(tmp_path / "whole", processes=1)
+    assert tmp_path.joinpath("out", "index.html").read_bytes() == whole.page.read_bytes()
+
+
+def test_a_page_is_readable_on_screens_and_in_print(tmp_path, counted):
+    """No text is cut or hidden, and print shows what is folded, and no links to places."""
+    words = ["a" * (i + 1) for i in range(LONG_TABLE + 1)]
+    assert counted({"words": words, "title": "A folded table"}) == 0
+    page = tmp_path / "out" / "index.html"
+    with browser_or_skip() as browser:
+        assert not look_at(page, browser).faults
+        shown = browser.new_page()
+        shown.goto(page.as_uri())
+        for medium in ("screen", "print"):
+            shown.emulate_media(media=medium)
+            in_print = medium == "print"
+            assert shown.get_by_text(words[-1], exact=True).is_visible() == in_print
+            assert shown.locator("nav").is_visible() != in_print
+        shown.close()
+
+
+def test_mistakes_in_full_are_told_by_their_keys(tmp_path, counted, capsys):
+    assert counted({"words": ["a"], "full": {"words": 3, "wrods": ["b"]}}) == 2
+    told = capsys.readouterr().err
+    assert "section[0].figure[1].full.words = 3" in told
+    assert "section[0].figure[1].full.wrods" in told
+    assert not ran(tmp_path)
+
+
+def test_a_page_has_the_verdicts_of_others_and_of_itself(tmp_path, counted):
+    other = {"title": "Another <one>", "page": "../other/index.html", "how": "make other"}
+    assert counted({"words": ["a"], "claim": "words have 1 letter"}, other=[other]) == 0
+    assert tmp_path.joinpath("out", "verdict.txt").read_text() == "Words have 1 letter.\n"
+    page = tmp_path / "out" / "index.html"
+    assert "make other" in page.read_text()
+    assert 'href="../other' not in page.read_text()
+    folder = tmp_path / "other"
+    folder.mkdir()
+    folder.joinpath("index.html").touch()
+    folder.joinpath("verdict.txt").write_text(r"It is \1 & good.")
+    before = page.read_text()
+    Report.load(tmp_path / "report.toml", kinds_of(tmp_path / "own.py")).refresh(tmp_path / "out")
+    line = r'<li><a href="../other/index.html">Another &lt;one&gt;</a>: It is \1 &amp; good.</li>'
+    assert line in page.read_text()
+    assert counted({"words": ["a"], "claim": "words have 1 letter"}, other=[other]) == 0
+    assert page.read_text() == re.sub("<li>Another.*</li>", lambda _: line, before)
 
 
 def test_kinds_come_from_a_python_file(tmp_path, capsys):
     table = only("sensor")
-    table["section"][0]["figure"] += [{"kind": "told", "words": "hear, hear", "name": "heard"}]
+    told = {"kind": "told", "words": ["hear"], "log": str(tmp_path / "log")}
+    table["section"][0]["figure"] += [told]
     path, kinds = write(tmp_path, table), tmp_path / "own.py"
     command = ["report", str(path), "--out", str(tmp_path / "out"), "--processes", "1"]
     assert main(command) == 2  # no such kind
@@ -241,4 +406,4 @@ def test_kinds_come_from_a_python_file(tmp_path, capsys):
         assert "kinds = " in capsys.readouterr().err
     kinds.write_text(OWN)
     assert main([*command, "--kinds", str(kinds)]) == 0
-    assert "hear, hear" in (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    assert '<td data-label="word">hear</td>' in (tmp_path / "out" / "index.html").read_text("utf-8")

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-import copy
+import contextlib
+import io
+import math
+import os
+import re
 from typing import Any
 
 import pytest
@@ -10,8 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pvdf_fem import Report, SceneError
+from pvdf_fem.cli.main import main
 from pvdf_fem.sweeps import sweep
-from tests.helpers.report_scripts import only, script, text_of
+from tests.helpers.report_scripts import TOUCHES, script, text_of
 
 
 @pytest.fixture(autouse=True)
@@ -134,44 +139,141 @@ def test_what_is_no_script_is_refused(tmp_path):
         Report.load(tmp_path)
 
 
+#: Examples of a run of the suite; by hand: ``PVDF_FEM_EXAMPLES=300 ./run test tests/reporting``.
+EXAMPLES = int(os.environ.get("PVDF_FEM_EXAMPLES", "60"))
 JUNK = st.sampled_from(
-    ["", "x", "A", -1, 0, 1e9, 1e-6, 0.5, True, [], [[]], {}, [1, "a"], {"x": 1}, [{}], "touches"]
+    ["", "x", "A", "\n", -1, 0, 0.5, True, [], [[]], {}, [1, "a"], {"x": 1}, [{}], "touches"]
+)
+EXTREMES = st.sampled_from([0, -1, 1e9, -1e300, 1e-300, math.inf, -math.inf, math.nan, 10**40])
+#: Where a mistake is told: a key of the script, or one of its files.
+TOLD = re.compile(
+    r"(title|text|scene|example|data|section|other|[^ ]*report\.toml|[^ ]*touches\.csv)\b"
 )
 
 
-def _leaves(node: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+def small() -> dict[str, Any]:
+    """A script of every kind, with few scenes and its data in a file."""
+    table = script()
+    table["data"]["touches"] = {"file": "touches.csv", "labels": ["case"], "unit": "pC"}
+    table["section"][0]["figure"][1] |= {"pitch_mm": 8.0, "full": {"pitch_mm": 4.0}}
+    table["section"][1]["table"][1]["pitch_mm"] = 8.0
+    table["other"] = [{"title": "Another", "page": "other/index.html", "how": "by hand"}]
+    return table
+
+
+def leaves(node: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     """Paths of all tables, lists and values."""
     items = node.items() if isinstance(node, dict) else enumerate(node)
     inner = [
-        _leaves(v, (*path, k)) if isinstance(v, dict | list) else [(*path, k)] for k, v in items
+        leaves(v, (*path, k)) if isinstance(v, dict | list) else [(*path, k)] for k, v in items
     ]
     return ([path] if path else []) + [leaf for leaves in inner for leaf in leaves]
 
 
-SMALL = only("isocharge", "curve", "comparison")
-SMALL["section"][0]["figure"][0]["pitch_mm"] = 8.0
-
-
-@settings(max_examples=100, deadline=None)
-@given(data=st.data())
-def test_a_damaged_script_is_refused_by_key_or_is_sound(data, tmp_path_factory):
-    table = copy.deepcopy(SMALL)
-    path = data.draw(st.sampled_from(_leaves(table)))
-    node = table
+def owner_of(table: Any, path: tuple[Any, ...]) -> Any:
+    """The table or list that has the last step of a path."""
     for step in path[:-1]:
-        node = node[step]
-    how = data.draw(st.sampled_from(["replace", "remove", "add"]))
-    if how == "replace":
-        node[path[-1]] = data.draw(JUNK)
-    elif how == "remove":
-        del node[path[-1]]
-    elif isinstance(node, dict):
-        node[data.draw(st.sampled_from(["kind", "x", "data", "titel", "set"]))] = data.draw(JUNK)
+        table = table[step]
+    return table
+
+
+def drop(draw: Any, table: Any, path: tuple[Any, ...]) -> None:
+    del owner_of(table, path)[path[-1]]
+
+
+def retype(draw: Any, table: Any, path: tuple[Any, ...]) -> None:
+    owner_of(table, path)[path[-1]] = draw(JUNK)
+
+
+def extreme(draw: Any, table: Any, path: tuple[Any, ...]) -> None:
+    owner_of(table, path)[path[-1]] = draw(EXTREMES)
+
+
+def add(draw: Any, table: Any, path: tuple[Any, ...]) -> None:
+    node = owner_of(table, path)
+    words = st.sampled_from(["kind", "x", "data", "full", "set", "name"])
+    if isinstance(node, dict):
+        node[draw(words)] = draw(JUNK)
+
+
+def rename(draw: Any, table: Any, path: tuple[Any, ...]) -> None:
+    node, word = owner_of(table, path), draw(st.sampled_from(["{}x", "_{}", "{} ", "{}\n"]))
+    if isinstance(node, dict):
+        node[word.format(path[-1])] = node.pop(path[-1])
+
+
+def cut(draw: Any, raw: bytes) -> bytes:
+    return raw[: draw(st.integers(0, len(raw) - 1))]
+
+
+def no_text(draw: Any, raw: bytes) -> bytes:
+    at = draw(st.integers(0, len(raw)))
+    return raw[:at] + draw(st.sampled_from([b"\xff", b"\xc3(", b"\x80"])) + raw[at:]
+
+
+def cells(draw: Any, raw: bytes) -> bytes:
+    old = draw(st.sampled_from([b"x_mm", b"case", b"B", b"610", b"0.5", b",", b"\n"]))
+    new = draw(st.sampled_from([b"y_mm", b"", b"nan", b"1e999", b"a", b'"', b";", b"19", b"\r"]))
+    return raw.replace(old, new, draw(st.integers(1, 3)))
+
+
+def no_readings(draw: Any, raw: bytes) -> bytes:
+    return raw.replace(b"A, B, C, D", b"K, L, M, N")
+
+
+def utf_16(draw: Any, raw: bytes) -> bytes:
+    return raw.decode().encode("utf-16")
+
+
+def missing(draw: Any, raw: bytes) -> None:
+    return None
+
+
+#: Damages of tables and of the two files; those in the second list are always refused.
+OF_TABLES = [drop, retype, extreme, add], [rename]
+OF_FILES = [cut, cells], [no_text, no_readings, utf_16, missing]
+
+
+@settings(max_examples=EXAMPLES, deadline=None, derandomize="PVDF_FEM_EXAMPLES" not in os.environ)
+@given(data=st.data())
+def test_a_damaged_script_is_refused_by_key_before_any_solve(data, tmp_path_factory):
+    """The command ends with 2 and names a key or a file, or comes to the first solve of a script
+    that is sound in spite of the damage."""
+    draw, table, solves = data.draw, small(), []
+
+    def solve(*task):
+        solves.append(task)
+        raise KeyboardInterrupt
+
+    files = {"report.toml": text_of(table).encode(), "touches.csv": TOUCHES.strip().encode()}
+    is_certain = draw(st.booleans())
+    if draw(st.booleans()):
+        path = draw(st.sampled_from(leaves(table)))
+        how = draw(st.sampled_from(OF_TABLES[is_certain]))
+        how(draw, table, path)
+        is_certain = is_certain and isinstance(path[-1], str)  # an entry of a list has no name
+        files["report.toml"] = text_of(table).encode()
+    else:
+        name = draw(st.sampled_from(sorted(files)))
+        how = draw(st.sampled_from(OF_FILES[is_certain]))
+        is_certain = is_certain and (how is not no_readings or name == "touches.csv")
+        files[name] = how(draw, files[name])
     folder = tmp_path_factory.mktemp("damaged", numbered=True)
-    told: tuple[str, ...] = ("sound = :",)
-    try:
-        load(folder, table)
-    except SceneError as refused:
-        told = refused.problems
-    assert told
-    assert all(" = " in line or ": " in line for line in told)
+    for name, content in files.items():
+        if content is not None:
+            folder.joinpath(name).write_bytes(content)
+    out, told = folder / "out", io.StringIO()
+    command = ["report", str(folder / "report.toml"), "--out", str(out), "--processes", "1"]
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stderr(told):
+        patch.setattr(sweep, "records_of", solve)
+        code = main(command)
+    lines = told.getvalue().splitlines()
+    assert not any("Traceback" in line for line in lines), told.getvalue()
+    if code == 2:
+        assert lines
+        assert not solves
+        assert not out.exists()
+        assert all(TOLD.search(line) for line in lines), lines
+    else:
+        assert (code, len(solves)) == (130, 1)
+        assert not is_certain

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import random
 import subprocess
 import sys
 from dataclasses import replace
@@ -12,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
 
 from pvdf_fem import Response, build_response
 from pvdf_fem.cli.main import main
@@ -19,8 +19,8 @@ from pvdf_fem.files import FileError
 from pvdf_fem.response.model import Domain
 from pvdf_fem.response.response_file import FORMAT, ResponseError
 from pvdf_fem.response.uniform_spline import UniformSpline
-from reports.robustness import kept, model_inputs
-from reports.robustness.damage import decayed
+from tests.helpers.damage import damages, decayed, drawn
+from tests.response import made_response as kept
 
 ROOT = Path(__file__).parents[2]
 
@@ -58,29 +58,43 @@ def refusal(path: Path) -> str:
     return line
 
 
-def test_damage_is_found_wherever_it_is(tmp_path: Path) -> None:
-    path, data, rng = tmp_path / "a.response", kept.response_bytes(), random.Random(3)
-    damaged = [decayed(rng, data) for _ in range(200)]
-    damaged += [data[:i] + bytes([data[i] ^ 4]) + data[i + 1 :] for i in range(0, len(data), 97)]
-    damaged += [data[:length] for length in range(0, len(data), 501)]
-    damaged += [data + b"\0", data + b"\n", b"\n" + data]
-    for wrong in damaged:
-        path.write_bytes(wrong)
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("damaged") / "a.response"
+
+
+@given(data=damages(kept.response_bytes(), decayed))
+@drawn(0.5)
+def test_damage_is_found_wherever_it_is(data: bytes, path: Path) -> None:
+    path.write_bytes(data)
+    if data != kept.response_bytes():  # two accidents may cancel
         refusal(path)
 
 
-def test_content_is_checked_though_its_digest_is_right(tmp_path: Path) -> None:
-    path, rng = tmp_path / "a.response", random.Random(4)
-    for _ in range(400):
-        path.write_bytes(model_inputs.wrong_model(rng).data)
-        assert "holds what no response can be" in refusal(path)
+@pytest.mark.parametrize("change", [b"\0", b"\n"])
+def test_what_follows_a_response_is_found(change: bytes, path: Path) -> None:
+    path.write_bytes(kept.response_bytes() + change)
+    refusal(path)
 
 
-def test_other_files_and_older_versions_are_told_apart(tmp_path: Path) -> None:
-    path = tmp_path / "a.response"
-    for make in model_inputs._FOREIGN:
-        path.write_bytes(make())
-        assert "is not a response of this version" in refusal(path)
+@given(data=kept.wrong_contents())
+@drawn(1.0)
+def test_content_is_checked_though_its_digest_is_right(data: bytes, path: Path) -> None:
+    path.write_bytes(data)
+    assert "holds what no response can be" in refusal(path)
+
+
+FOREIGN = (
+    *(b"", b"(lp0\nF1.0\na.", b"PK\x05\x06" + bytes(18), b"\x89PNG\r\n\x1a\n" + bytes(100)),
+    *(b"SQLite format 3\0" + bytes(1000), bytes(5000), b"\x93NUMPY\x01\x00" + bytes(128)),
+    kept.SCENE.read_bytes(),
+)
+
+
+@pytest.mark.parametrize("data", FOREIGN)
+def test_other_files_are_told_apart(data: bytes, path: Path) -> None:
+    path.write_bytes(data)
+    assert "is not a response of this version" in refusal(path)
     path.write_bytes(FORMAT)
     assert "is damaged" in refusal(path)
 
@@ -113,7 +127,7 @@ SAVER = """
 import sys
 from dataclasses import replace
 from pvdf_fem import Response
-from reports.robustness import kept
+from tests.response import made_response as kept
 bound = float(sys.argv[2])
 response = replace(kept.response(), error_bound=bound)
 for _ in range(50):

@@ -7,15 +7,18 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from pvdf_fem import Scene
 from pvdf_fem.sweeps.store import Record, Store, StoreError, key
 from pvdf_fem.sweeps.sweep import solve_all
+from tests.helpers.damage import damages, decayed, drawn
 
 SCENE = Scene().with_(**{"probe.shape": "circle", "numerics.tolerance": 0.05})
 
@@ -69,20 +72,31 @@ def test_another_program_s_database_is_refused_and_left_alone(tmp_path):
     assert path.read_bytes() == before
 
 
-def test_a_damaged_file_is_refused_and_left_alone(tmp_path):
-    path = tmp_path / "damaged.db"
-    path.write_bytes(b"not a database" * 100)
-    with pytest.raises(StoreError, match="not a database"):
-        Store(path)
-    assert path.read_bytes() == b"not a database" * 100
+SCENES = [SCENE.with_(**{"load.force_N": 0.01 * i}) for i in range(40)]
+
+
+def stored() -> bytes:
+    """The file of a store with records of `SCENES`."""
+    with TemporaryDirectory() as folder:
+        with Store(Path(folder) / "s.db") as store:
+            store.put((scene, record()) for scene in SCENES)
+        return (Path(folder) / "s.db").read_bytes()
+
+
+@given(data=st.just(b"not a database" * 100) | damages(stored(), decayed))
+@drawn(0.5)
+def test_a_damaged_store_is_refused_or_keeps_no_other_record(data):
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "s.db"
+        path.write_bytes(data)
+        with suppress(StoreError), Store(path) as store:
+            assert all(store.get(scene) in (None, record()) for scene in SCENES)
+            store.put([(SCENES[0], record("unstable"))])
+            assert store.get(SCENES[0]) == record("unstable")
 
 
 def test_a_store_with_a_damaged_page_is_refused_and_left_alone(tmp_path):
-    path = tmp_path / "s.db"
-    with Store(path) as store:
-        forces = [0.01 * i for i in range(100)]
-        store.put((SCENE.with_(**{"load.force_N": force}), record()) for force in forces)
-    whole = path.read_bytes()
+    path, whole = tmp_path / "s.db", stored()
     damaged = whole[:8192] + b"\x55" * 4096 + whole[12288:]
     path.write_bytes(damaged)
     with pytest.raises(StoreError, match="damaged"):

@@ -6,14 +6,13 @@ The number of examples is that of a run of the suite; more are drawn by hand wit
 
 from __future__ import annotations
 
-import os
 import pickle
 import re
 from functools import partial
 
 import numpy as np
 import pytest
-from hypothesis import Phase, assume, given, reject, settings
+from hypothesis import assume, given, reject
 from hypothesis import strategies as st
 
 from pvdf_fem import Response, Scene, SceneError, Solution, build_response, gradients, solve, sweep
@@ -23,6 +22,7 @@ from pvdf_fem.response.probe_stress import ProbeMesh
 from pvdf_fem.scene.change import number_at
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.sweeps.sweep import silent
+from tests.helpers.damage import drawn
 from tests.helpers.features import (
     SENSORS,
     TOLERANCE,
@@ -31,20 +31,6 @@ from tests.helpers.features import (
     mirrored,
     quarter_turned,
 )
-
-EXAMPLES = int(os.environ.get("PVDF_FEM_EXAMPLES", "200"))
-
-
-def drawn(share: float) -> settings:
-    """Settings for a share of all examples; the suite's own are the same at each run."""
-    by_hand = "PVDF_FEM_EXAMPLES" in os.environ
-    return settings(
-        max_examples=max(1, round(share * EXAMPLES)),
-        deadline=None,
-        derandomize=not by_hand,
-        phases=[Phase.explicit, Phase.generate],  # to shrink an example takes many solves
-    )
-
 
 #: A response of a few seconds.
 COARSE = ResponseOptions(

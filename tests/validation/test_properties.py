@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from pvdf_fem import Scene, solve
 from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.solvers.status import Status
+from reports.accuracy.drawn import KINDS, drawn_scenes
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE
 
 few = settings(max_examples=8, deadline=None, derandomize=True)
@@ -154,3 +155,19 @@ def test_error_estimates_are_honest(case):
     worst = np.argmax(errors / exact)
     assert errors[worst] <= scene.numerics.tolerance * exact[worst]
     assert 0.3 < estimates[worst] / errors[worst] < 3
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_stated_errors_cover_true_ones_in_drawn_scenes(kind):
+    """Against ten times finer solves; charges whose parts cancel have a warning, and no tolerance
+    of their own."""
+    for scene in drawn_scenes(kind, 2, seed=5):
+        coarse = scene.with_(**{"numerics.tolerance": 3e-3})
+        solution, fine = (solve(s) for s in (coarse, scene.with_(**{"numerics.tolerance": 3e-4})))
+        exact, stated = values(fine.charges_pC), values(solution.charge_errors_pC)
+        errors = np.abs(values(solution.charges_pC) - exact)
+        told = errors > 2.0 * values(fine.charge_errors_pC)
+        assert (stated > 0.2 * errors)[told].all()
+        warned = " ".join(solution.warnings)
+        plain = [f"charge {name}:" not in warned for name in fine.charges_pC]
+        assert (errors <= 1.3 * 3e-3 * np.abs(exact))[plain].all()

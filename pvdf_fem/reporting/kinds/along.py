@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,8 +12,8 @@ import pandas as pd
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.reporting import drawing
-from pvdf_fem.reporting.kind import Content, Inputs, NothingToShow, OfElectrodes, place_mm
-from pvdf_fem.reporting.solved import Solved
+from pvdf_fem.reporting.kind import Content, Inputs, OfElectrodes, place_mm
+from pvdf_fem.reporting.solved import NothingToShow, Solved
 from pvdf_fem.scene.scene import Scene
 
 
@@ -31,6 +31,7 @@ class Series:
     scenes: list[Scene]
     panel: str | None = None
     curve: str | None = None
+    theirs: Array | None = None  #: Charges (scenes, names) in pC of others.
 
 
 class Along(OfElectrodes):
@@ -50,53 +51,40 @@ class Along(OfElectrodes):
     def scenes(self, inputs: Inputs) -> list[Scene]:
         """The scenes of all curves, and of the data on them."""
         series = self.series(inputs)
-        rows = [scene for _, _, _, scene in self._rows(inputs, series)]
-        self.require_rows(rows, self.lack)
-        return [scene for one in series for scene in one.scenes] + rows
+        data = self._data(inputs, series)
+        self.require_rows(data, self.lack)
+        return [scene for one in [*series, *data] for scene in one.scenes]
 
-    def _rows(
-        self, inputs: Inputs, series: list[Series]
-    ) -> Iterator[tuple[int, Series, float, Scene]]:
-        """Rows of the data with the curves that they are on, their places on them, and scenes; of
-        the curves of one panel the first."""
-        readings, taken = self.readings(inputs), set[Any]()
+    def _data(self, inputs: Inputs, series: list[Series]) -> list[Series]:
+        """The rows of the data that are on curves, each alone; of the curves of one panel, a row is
+        on the first."""
+        readings, taken = self.readings(inputs), dict[Any, Series]()
         for one in series if readings else ():
-            scenes = readings.scenes(one.scene) if readings else []
+            assert readings is not None
+            scenes = readings.scenes(one.scene)
+            theirs = readings.charges(scenes, one.names, self.read_as(inputs))
             for row, scene in enumerate(scenes):
-                known = (row, one.names, one.panel)
-                if known not in taken and (x := self.where_on(one, scene)) is not None:
-                    taken.add(known)
-                    yield row, one, x, scene
+                if (x := self.where_on(one, scene)) is not None:
+                    found = replace(one, x=(x,), scenes=[scene], theirs=theirs[[row]])
+                    taken.setdefault((row, one.names, one.panel), found)
+        return list(taken.values())
 
     def frame(self, inputs: Inputs, solved: Solved) -> pd.DataFrame:
         """The charges of all curves, then those of the data on them."""
-        series, reading, readings = self.series(inputs), self.read_as(inputs), self.readings(inputs)
-        tables = [self._table(solved, one, one.scenes, one.x, reading) for one in series]
-        for row, one, x, scene in self._rows(inputs, series):
-            assert readings is not None
-            part = readings.taken([row])
-            theirs = part.charges([scene], one.names, reading)
-            if np.isfinite(theirs).any():
-                table = self._table(solved, one, [scene], (x,), reading, theirs)
-                tables.append(table[table.charge_pC.notna()])
-        return pd.concat(tables, ignore_index=True)
+        series, reading = self.series(inputs), self.read_as(inputs)
+        tables = [self._table(solved, one, reading) for one in series]
+        on_curves = [self._table(solved, one, reading) for one in self._data(inputs, series)]
+        tables += [table[table.charge_pC.notna()] for table in on_curves]
+        return pd.concat([table for table in tables if len(table)], ignore_index=True)
 
-    def _table(
-        self,
-        solved: Solved,
-        one: Series,
-        scenes: list[Scene],
-        x: tuple[float, ...],
-        reading: str,
-        theirs: Array | None = None,
-    ) -> pd.DataFrame:
-        frame = solved.table(scenes, one.names, reading, theirs)
+    def _table(self, solved: Solved, one: Series, reading: str) -> pd.DataFrame:
+        frame = solved.table(one.scenes, one.names, reading, one.theirs)
         title = "electrode " + frame.electrode + f", {one.panel}" * bool(one.panel)
         frame.insert(0, "panel", title if one.curve is not None else "")
         frame.insert(1, "curve", frame.electrode if one.curve is None else one.curve)
-        frame.insert(2, "x", np.repeat(x, len(one.names)))
-        if all(scene.single_probe for scene in scenes):
-            places = np.repeat([place_mm(scene) for scene in scenes], len(one.names), axis=0)
+        frame.insert(2, "x", np.repeat(one.x, len(one.names)))
+        if all(scene.single_probe for scene in one.scenes):
+            places = np.repeat([place_mm(scene) for scene in one.scenes], len(one.names), axis=0)
             frame[["x_mm", "y_mm"]] = places
         return frame
 
@@ -104,18 +92,21 @@ class Along(OfElectrodes):
         self,
         inputs: Inputs,
         solved: Solved,
-        columns: int,
         label: str,
         caption: str,
         log: bool = False,
     ) -> Content:
-        """The figure of the curves, with some panels beside each other."""
+        """The figure of the curves, with electrodes beside each other, two or three to a row."""
         frame = self.frame(inputs, solved)
         if not frame.computed_pC.notna().any():
             raise NothingToShow("none of the scenes has charges")
         panels = [(str(title), rows) for title, rows in frame.groupby("panel", sort=False)]
+        alike = math.gcd(len(panels), frame.electrode.nunique())
+        columns = next(count for count in (2, 3, 1) if alike % count == 0)
         rows = [panels[i : i + columns] for i in range(0, len(panels), columns)]
         charge = drawing.READING_LABELS[self.read_as(inputs)]
         figure = drawing.curves_figure(rows, label, charge, log)
         kept = frame.rename(columns={"x": self.key})
-        return Content(caption + self.rings(inputs), kept, figure)
+        if rings := self.rings(inputs):
+            caption += f"{rings} Below: computed less these, in percent."
+        return Content(caption, kept, figure)

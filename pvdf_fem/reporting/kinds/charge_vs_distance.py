@@ -27,7 +27,7 @@ MOST_STEPS = 500  #: Places on a line.
 
 
 class Variant(Section):
-    """A column of panels: `title`, and the changes of the scene in `set`."""
+    """A row of panels: `title`, and the changes of the scene in `set`."""
 
     title: Name
     set: Changes = Field(default_factory=dict)
@@ -38,7 +38,7 @@ class ChargeVsDistance(Along):
 
     The probe is on lines at `angles_deg` from the electrode's centre, every `step_mm`, as far as
     its centroid stays within `reach_mm` of the film's centre. Rows of the `data` that are on the
-    lines are drawn as rings, and below the curves their differences. `variants` are columns of
+    lines are drawn as rings, and below the curves their differences. `variants` are rows of
     panels, each a `title` and changes of the scene in `set`.
     """
 
@@ -57,8 +57,8 @@ class ChargeVsDistance(Along):
         """A curve for each electrode, variant and angle."""
         found, variants = [], self.variants or (Variant(title=" "),)
         scenes = [inputs.scene_of(self.set, variant.set) for variant in variants]
-        for name in self.names(scenes[0]):
-            for variant, scene in zip(variants, scenes, strict=True):
+        for variant, scene in zip(variants, scenes, strict=True):
+            for name in self.names(scene):
                 scheme = self._scheme(scene, name, self.step_mm * (2.0 if inputs.quick else 1.0))
                 for angle, places in zip(self.angles_deg, scheme.positions_mm, strict=True):
                     along, x = placed(scene, places), tuple(scheme.distances_on(angle).tolist())
@@ -92,7 +92,7 @@ class ChargeVsDistance(Along):
         """A panel for each electrode and variant."""
         label = "distance from the electrode's centre (mm)"
         text = f"Lines at the named angles from +x; dots are solved, every {self.step_mm:g} mm."
-        made = self.drawn(inputs, solved, max(len(self.variants), 1), label, text)
+        made = self.drawn(inputs, solved, label, text)
         return replace(made, claim=_claim(made.frame))
 
 

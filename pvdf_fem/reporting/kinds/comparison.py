@@ -13,8 +13,8 @@ from pydantic import Field
 from pvdf_fem.output.figures import GREY, HALO, look_of, new_figure
 from pvdf_fem.reporting import drawing
 from pvdf_fem.reporting.data import SHORT, Readings, cell_text
-from pvdf_fem.reporting.kind import Content, Inputs, NothingToShow, OfElectrodes
-from pvdf_fem.reporting.solved import Solved
+from pvdf_fem.reporting.kind import Content, Inputs, OfElectrodes
+from pvdf_fem.reporting.solved import NothingToShow, Solved
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem
 
@@ -79,7 +79,7 @@ class Comparison(OfElectrodes):
 
 def _figure(frame: pd.DataFrame, names: tuple[str, ...], what: str) -> Figure:
     """Computed over measured charges, and below the differences, of which the largest are named."""
-    figure = new_figure(drawing.WIDTH_MM, 98.0)
+    figure = new_figure(drawing.WIDTH_MM, 106.0)
     ax, strip = figure.subplots(2, sharex=True, gridspec_kw={"height_ratios": [3.0, 2.0]})
     for number, name in enumerate(names):
         own = frame[frame.electrode == name]
@@ -87,7 +87,7 @@ def _figure(frame: pd.DataFrame, names: tuple[str, ...], what: str) -> Figure:
         ax.plot(own.charge_pC, own.computed_pC, **look, label=name)
         bars = 100.0 * own.error_pC / own.charge_pC.abs()
         strip.errorbar(own.charge_pC, own.difference_percent, bars, elinewidth=0.7, **look)
-    ax.axline((frame.charge_pC.mean(),) * 2, slope=1.0, color=GREY, linewidth=0.8, zorder=0)
+    ax.axline((frame.charge_pC.mean(),) * 2, slope=1.0, color=GREY, linewidth=0.8, zorder=1)
     strip.axhline(0.0, color=GREY, linewidth=0.8)
     middle = 0.5 * (frame.charge_pC.max() + frame.charge_pC.min())
     for i in frame.difference_percent.abs().nlargest(NAMED).index:

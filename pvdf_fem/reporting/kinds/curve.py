@@ -89,10 +89,9 @@ class Curve(Along):
     def compose(self, inputs: Inputs, solved: Solved) -> Content:
         """A panel for each electrode, or one for all."""
         label = drawing.axis_label(self.full_key)
-        columns = 2 if self.family and len(self.names(self.scene(inputs))) % 2 == 0 else 1
         log = getattr(self.values, "spacing", "") == "log"
         text = f"Charges against {label}; dots are solved."
-        return self.drawn(inputs, solved, columns, label, text, log)
+        return self.drawn(inputs, solved, label, text, log)
 
 
 def _named(key: str, value: Any) -> str:

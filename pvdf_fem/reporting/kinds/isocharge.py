@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -16,7 +14,7 @@ from pydantic import Discriminator, Field, Tag
 
 from pvdf_fem.arrays import Array, polar_grid
 from pvdf_fem.output import figures
-from pvdf_fem.output.figures import COLOURS, HALO, draw_electrode, draw_rim, new_figure
+from pvdf_fem.output.figures import COLOURS, draw_film, named_lines, new_figure
 from pvdf_fem.reporting.charge_map import ChargeMap
 from pvdf_fem.reporting.drawing import READING_LABELS, RING, WIDTH_MM, listed
 from pvdf_fem.reporting.kind import PLACE, Content, Inputs, differ_in, place_mm
@@ -26,6 +24,7 @@ from pvdf_fem.scene.quantity import Finite, Whole, within
 from pvdf_fem.scene.scene import Scene
 
 RADII, ANGLES = 41, 121  #: Raster of a panel.
+NEAR = 0.02  #: Distance, over the range of charges, from a level to an end that has no name.
 SHADES = 16  #: Number of bands of colour.
 POINTS = ["electrode", "x_mm", "y_mm", "charge_pC", "apart_mm"]
 
@@ -134,7 +133,7 @@ def _figure(count: int) -> Figure:
     columns = 1 if count == 1 else 2 if count <= 4 else 3
     rows = math.ceil(count / columns)
     wide = WIDTH_MM if columns < 3 else 1.25 * WIDTH_MM
-    figure = new_figure(wide, 14.0 + rows * (wide - 18.0) / columns)
+    figure = new_figure(wide, 12.0 + rows * (wide - 26.0) / columns)
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     for ax in axes.flat[count:]:
         ax.remove()
@@ -165,25 +164,18 @@ def _draw(
     (x, y), reach = np.moveaxis(raster, -1, 0), float(raster.max())
     for ax, (name, values) in zip(figure.axes, by_name.items(), strict=True):
         filled = ax.contourf(x, y, values, shades, norm=norm, cmap=colours)
-        _lines(ax, x, y, values, levels[name])
-        draw_rim(ax, scene.film.radius_mm, 1.04 * reach)
-        for electrode in scene.electrode_list:
-            draw_electrode(ax, electrode.outline, [electrode.name])
-        here = points[points.electrode == name]
-        ax.plot(here.x_mm, here.y_mm, **RING, markeredgecolor=COLOURS[1], markersize=4.0)
+        here = points.loc[points.electrode == name, ["x_mm", "y_mm"]].to_numpy()
+        centres = [1e3 * electrode.outline.centroid for electrode in scene.electrode_list]
+        named_lines(ax, x, y, values, levels[name], np.array([*centres, *here]))
+        draw_film(ax, scene.film.radius_mm, scene.electrode_list, 1.04 * reach)
+        ax.plot(*here.T, **RING, markeredgecolor=COLOURS[1], markersize=4.0)
         ax.set(title=f"electrode {name}", xlabel="", ylabel="")
     figure.supxlabel("x of the probe (mm)")
     figure.supylabel("y of the probe (mm)")
     bar = figure.colorbar(filled, ax=list(figure.axes), aspect=30, fraction=0.04, pad=0.02)
     named = sorted({level for of in levels.values() for level in of if low < level < high})
-    ticks = [low, *named, high]
-    bar.set_ticks(ticks, labels=[f"{tick:.4g}" for tick in ticks])
-
-
-def _lines(ax: Axes, x: Array, y: Array, values: Array, levels: Sequence[float]) -> None:
-    inside = [level for level in levels if values.min() < level < values.max()]
-    if inside:
-        lines = ax.contour(x, y, values, inside, colors="black", linewidths=0.9)
-        words = ax.clabel(lines, inside, fmt="%.4g", fontsize=7)
-        for drawn in (lines, *words):
-            drawn.set_path_effects([HALO])
+    apart = NEAR * (high - low)
+    ends = [end for end in (low, high) if all(abs(level - end) > apart for level in named)]
+    ticks = {level: f"{level:.4g}" for level in named}
+    ticks |= {end: f"{float(f'{end:.3g}'):g}" for end in ends}
+    bar.set_ticks([*ticks], labels=[*ticks.values()])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from pvdf_fem.reporting.charge_map import ChargeMap, MapPlaces, pitch_of
-from pvdf_fem.reporting.kind import Inputs, NothingToShow, OfElectrodes
-from pvdf_fem.reporting.solved import Solved
+from pvdf_fem.reporting.kind import Inputs, OfElectrodes
+from pvdf_fem.reporting.solved import NothingToShow, Solved
 from pvdf_fem.response.model import default_reach_mm
 from pvdf_fem.scene.quantity import Length
 from pvdf_fem.scene.scene import Scene
@@ -35,6 +35,6 @@ class Mapped(OfElectrodes):
         """The map of total charges; raises `NothingToShow` without enough of them."""
         names = [electrode.name for electrode in places.scene.electrode_list]
         try:
-            return places.map(solved.charges(places.scenes, names, "total"))
+            return ChargeMap.of(places, solved.charges(places.scenes, names, "total"))
         except (ValueError, np.linalg.LinAlgError) as error:
             raise NothingToShow(str(error)) from None

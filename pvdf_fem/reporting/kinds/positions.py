@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from pydantic import Field
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.output.figures import COLOURS, HALO, draw_electrode, draw_rim, new_figure
+from pvdf_fem.output.figures import COLOURS, draw_film, new_figure
 from pvdf_fem.reporting.charge_map import ChargeMap, MapPlaces
 from pvdf_fem.reporting.crossings import Contours
 from pvdf_fem.reporting.data import ERROR_MM, Readings
-from pvdf_fem.reporting.drawing import WIDTH_MM, listed
-from pvdf_fem.reporting.kind import PLACE, Content, Inputs, NothingToShow, differ_in, place_mm
+from pvdf_fem.reporting.drawing import WIDTH_MM, label_points, listed
+from pvdf_fem.reporting.kind import PLACE, Content, Inputs, differ_in, place_mm
 from pvdf_fem.reporting.kinds.mapped import Mapped
-from pvdf_fem.reporting.solved import Solved
+from pvdf_fem.reporting.solved import NothingToShow, Solved
 from pvdf_fem.scene.quantity import Finite, within
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem
@@ -76,13 +75,10 @@ class Positions(Mapped):
         made = [self.charge_map(asked, solved) for asked in maps]
         contours = [Contours(charge_map) for charge_map in made]
         true, names = np.array([place_mm(scene) for scene in scenes]), self.names(scenes[0])
-        if readings.names:
-            charges = readings.charges(scenes, names, "total")
-        else:
-            charges = solved.charges(scenes, names, "total")
+        source = readings if readings.names else solved
         found = {way: np.full(true.shape, np.nan) for way in WAYS}
-        for i, row in enumerate(charges):
-            known = {n: q for n, q in zip(names, row.tolist(), strict=True) if np.isfinite(q)}
+        for i, row in enumerate(source.charges(scenes, names, "total").tolist()):
+            known = {name: q for name, q in zip(names, row, strict=True) if np.isfinite(q)}
             if len(known) >= WAYS["crossing"]:
                 found["crossing"][i] = contours[of[i]].place_mm(known)
             if len(known) >= WAYS["least squares"]:
@@ -124,32 +120,22 @@ def _figure(scenes: list[Scene], true: Array, errors: dict[str, Array], names: l
     reach = 1.25 * float(np.linalg.norm([*true, *centres], axis=1).max())
     figure = new_figure(WIDTH_MM, WIDTH_MM)
     ax = figure.subplots()
-    draw_rim(ax, scenes[0].film.radius_mm, min(reach, scenes[0].film.radius_mm))
-    for electrode in electrodes:
-        draw_electrode(ax, electrode.outline, [electrode.name])
+    radius = scenes[0].film.radius_mm
+    draw_film(ax, radius, electrodes, min(reach, radius))
     for colour, (whose, radii) in zip(COLOURS, errors.items(), strict=False):
-        _circles(ax, true, radii, edgecolor=colour)
-        ring: dict[str, Any] = {"markerfacecolor": "none", "markeredgecolor": colour}
-        ax.plot([], [], "o", **ring, label=f"error, {whose}")
+        for x, y, radius in np.column_stack([true, radii])[np.isfinite(radii)].tolist():
+            ax.add_patch(Circle((x, y), radius, fill=False, linewidth=1.2, edgecolor=colour))
+        ax.plot([], [], "o", mfc="none", mec=colour, label=f"error, {whose}")
     ax.plot(*true.T, "+", color="black", markersize=6.0, label="true place")
-    for place, name in zip(true, names, strict=True):
-        ax.annotate(
-            name, place, (5.0, 5.0), textcoords="offset points", fontsize=7.0, path_effects=[HALO]
-        )
     figure.legend(loc="outside upper left", ncols=2)
+    label_points(ax, [(*place, name, "black") for place, name in zip(true, names, strict=True)])
     return figure
-
-
-def _circles(ax: Axes, places: Array, radii: Array, **look: Any) -> None:
-    for (x, y), radius in zip(places.tolist(), radii.tolist(), strict=True):
-        if np.isfinite(radius):
-            ax.add_patch(Circle((x, y), radius, fill=False, linewidth=1.2, **look))
 
 
 def _shown(readings: Readings, true: Array, errors: dict[str, Array]) -> pd.DataFrame:
     """The table of the page."""
     shown = readings.frame[list(readings.source.labels)].astype(str)
-    shown["place (mm)"] = [f"{x:.4g}, {y:.4g}" for x, y in true.tolist()]
+    shown["place (mm)"] = [f"{x:.4g}, {y:.4g}".replace("-", "−") for x, y in true.tolist()]
     for whose, values in errors.items():
         texts = [f"{error:.2f}" if np.isfinite(error) else "–" for error in values]
         shown[f"error, {whose} (mm)"] = texts

@@ -1,0 +1,130 @@
+"""The report on accuracy: what is known of its cases, its tables, and solves of a few cases."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pvdf_fem import Scene, solve
+from pvdf_fem.reporting.kind import Inputs
+from pvdf_fem.reporting.registry import kinds_of
+from pvdf_fem.reporting.solved import Solved
+from pvdf_fem.reporting.task import key
+from pvdf_fem.sweeps.sweep import solve_all
+from reports.__main__ import kinds_file, script
+from reports.accuracy import results
+from reports.accuracy.cases import RoundFilm, cases, known_charges
+from reports.accuracy.drawn import KINDS, drawn_scenes
+from reports.accuracy.measure import ByNGSolve, Known, Swept, Timed
+
+CASES = {case.name: case for case in cases("cases.toml")}
+#: A sphere by shooting takes seconds, and one of them is enough.
+SLOW = ("sphere of 5 mm",)
+INDEPENDENT = [n for n, case in CASES.items() if case.truth != "finer" and n not in SLOW]
+INPUTS = Inputs(Scene(), {}, quick=True)
+COARSE = {"numerics.tolerance": 1e-2}
+
+
+def made(kind, **keys):
+    """What a kind composes of tasks that were run, and of scenes that were solved."""
+    item = kinds_of(kinds_file("accuracy"))[kind](kind=kind, **keys)
+    rows = {key(task): task.run() for task in item.tasks(INPUTS)}
+    scenes = item.scenes(INPUTS)
+    records = dict(zip(scenes, solve_all(scenes, processes=1), strict=True))
+    return item.compose(INPUTS, Solved(records, rows))
+
+
+@pytest.mark.parametrize("name", INDEPENDENT)
+def test_charges_that_are_known_otherwise_are_those_of_the_finite_elements(name):
+    case = CASES[name]
+    tolerance = max(case.finest, 1e-4)
+    known = case.charges_pC or known_charges(case.truth, case.scene)
+    charges = solve(case.scene.with_(**{"numerics.tolerance": tolerance})).charges_pC
+    assert charges == pytest.approx(known, rel=tolerance)
+
+
+def test_a_charge_is_the_integral_of_the_tension_over_its_electrode():
+    """Of 1 + (r/a)^2, over a disc and over a square off the centre: exact in a Gauss rule."""
+    film = RoundFilm(CASES["disc of 5 mm"].scene)
+    a, h, d = film.scene.film.radius, film.scene.film.thickness, film.scene.film.d31
+    disc = np.pi * 6e-3**2 * (1.0 + 6e-3**2 / (2.0 * a**2))
+    square = 3e-3**2 * (1.0 + (10e-3**2 + 3e-3**2 / 6.0) / a**2)
+    charges = film.charges(lambda r: 1.0 + (r / a) ** 2)
+    assert charges == pytest.approx({"A": 1e12 * d / h * disc, "B": 1e12 * d / h * square})
+
+
+def test_errors_are_relative_and_told_by_what_is_known_well_enough():
+    rows = {"case": ["x", "x"], "known_pC": [-200.0, 100.0], "doubt_pC": [0.1, 0.6]}
+    rows |= {"charge_pC": [-201.0, 101.0], "stated_pC": [0.5, 2.0]}
+    frame = results.with_errors(pd.DataFrame(rows))
+    assert frame.true.tolist() == pytest.approx([0.005, 0.01])
+    assert frame.stated.tolist() == pytest.approx([0.0025, 0.02])
+    assert frame.telling.tolist() == [True, False]
+    assert results.worst(frame.assign(code="c")).charge_pC.tolist() == [101.0]
+
+
+def test_true_errors_stand_against_time_and_failures_stand_aside():
+    content = made("error-vs-time", only=["disc of 5 mm", "rectangle"])
+    frame = content.frame
+    assert set(frame.case) == {"disc of 5 mm", "rectangle"}
+    assert frame.true.max() < 1e-3
+    assert (frame.seconds > 0.0).all()
+    assert (frame[["mesh", "solve", "estimate"]].sum(axis=1) <= 1.001 * frame.seconds).all()
+    assert content.shown["within it"].tolist() == ["2 of 2", "2 of 2"]
+    assert content.claim
+    failed = Timed(Scene().with_(**{"probe.shape": "circle", "numerics.max_unknowns": 100})).run()
+    assert [(row["status"], "charge_pC" in row) for row in failed] == [
+        ("tolerance_not_reached", False)
+    ]
+
+
+def test_stated_errors_are_counted_by_groups():
+    content = made("stated-errors", only=["disc of 5 mm"])
+    assert content.shown.scenes.tolist() == ["cases", *list(KINDS)[:2], "all"]
+    told = content.frame[content.frame.telling]
+    ratio = told.stated / told.true
+    good = 100.0 * ((ratio >= 0.3) & (ratio < 3.0)).mean()
+    assert content.shown["0.3 to 3"].tolist()[-1] == f"{good:.0f} %"
+    assert int(content.shown.charges.tolist()[-1]) == len(told) > 3
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_scene_is_drawn_by_its_number(kind):
+    few, more = list(drawn_scenes(kind, 2)), list(drawn_scenes(kind, 4))
+    assert more[:2] == few
+    assert len(set(more)) == 4
+    assert (more[0].load.kind in ("rigid", "contact")) == (kind in ("punch", "sphere"))
+
+
+def test_a_sweep_costs_less_than_its_scenes():
+    (row,) = Swept(Scene().with_(**{"probe.shape": "triangle", **COARSE}), 2, alone=5).run()
+    assert (row["scenes"], row["solves"], row["failed"]) == (50, 5, 0)
+    assert row["seconds"] < row["alone"]
+
+
+def test_without_ngsolve_nothing_is_asked_of_it(monkeypatch):
+    item = kinds_of(kinds_file("accuracy"))["beside-ngsolve"](kind="beside-ngsolve", orders=[3])
+    for installed in (True, False):
+        monkeypatch.setattr(results, "find_spec", lambda name, installed=installed: installed)
+        asked = [type(task) for task in item.tasks(INPUTS)]
+        assert (ByNGSolve in asked) is installed
+        assert {Timed, Known} <= set(asked)
+
+
+@pytest.mark.skipif(find_spec("ngsolve") is None, reason="NGSolve is not installed")
+@pytest.mark.parametrize("name", ["triangle", "punch, sliding"])
+def test_ngsolve_agrees(name):
+    case = CASES[name]
+    known = case.charges_pC or known_charges(case.truth, case.scene)
+    rows = ByNGSolve(case.scene, (3,), (1.0,)).run()
+    assert {row["electrode"]: row["charge_pC"] for row in rows} == pytest.approx(known, rel=3e-4)
+
+
+def test_the_script_has_no_mistakes_and_its_preview_is_small():
+    plan = script("accuracy").plan
+    _, needed = plan.needs(quick=True)
+    assert len({key(task) for need in needed for task in need.tasks}) <= 20
+    assert len(plan.needs(full=True)[1][1].scenes) > len(needed[1].scenes)

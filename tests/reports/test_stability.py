@@ -1,0 +1,120 @@
+"""The report of stability: its script, its oracles, and tasks whatever happens in them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pvdf_fem import Report, Scene
+from pvdf_fem.reporting.registry import kinds_of
+from pvdf_fem.scene.scene_file import SceneError
+from reports import __main__ as reports
+from reports.stability import endings
+from reports.stability.endings import Extreme, Law, OnStrip, one_dimension
+from reports.stability.scenes import RANGES, enlarged, extreme_scene
+from tests.helpers.damage import drawn
+
+STABILITY = Path(reports.__file__).parent / "stability"
+SEED = 2026
+
+
+@pytest.fixture(scope="module")
+def report() -> Report:
+    return Report.load(STABILITY / "report.toml", kinds_of(STABILITY / "special.py"))
+
+
+def test_a_preview_is_small_and_full_is_300_scenes(report):
+    quick, full = (report.plan.needs(*how)[1] for how in ((True, False), (False, True)))
+    counts = [
+        {isinstance(task, Extreme): len(need.tasks) for need in of for task in need.tasks}
+        for of in (quick, full)
+    ]
+    assert counts[0][True] == 10
+    assert counts[1][True] == 300
+    assert sum(len(need.tasks) for need in quick) < 110
+
+
+def test_every_law_holds_to_rounding(report):
+    (laws,) = (item.kind for item in report.plan.items if getattr(item.kind, "laws", ()))
+    inputs, _ = report.plan.needs(False, False)
+    for law, task in zip(laws.laws, laws.tasks(inputs), strict=True):
+        assert isinstance(task, Law)
+        assert task.run()[0]["ratio"] == pytest.approx(law.ratio, rel=3e-7)
+
+
+def test_a_value_that_no_scene_has_is_an_ending():
+    scene = Scene.parse('[probe]\nshape = "circle"')
+    (row,) = OnStrip(scene, "film.poisson_ratio", 0.5, "finer").run()
+    assert row["status"] == "refused"
+    assert row["reason"].startswith("film.poisson_ratio = 0.5: ")
+
+
+def test_an_exception_is_an_ending(monkeypatch):
+    def fail(_: Scene) -> None:
+        raise ZeroDivisionError("of all things")
+
+    monkeypatch.setattr(endings, "solve", fail)
+    (row,) = Extreme(1, SEED, 1e-2).run()
+    assert row["status"] == "crashed"
+    assert "of all things" in row["reason"]
+
+
+def test_an_extreme_scene_is_compared_with_two_others():
+    (row,) = Extreme(6, SEED, 1e-2).run()
+    assert (row["status"], row["finer"], row["enlarged"]) == ("converged",) * 3
+    assert row["error"] < 1.0
+    assert row["scaled"] < 1e-6
+    assert Scene.parse(row["scene"]).numerics.tolerance == 1e-2
+
+
+@pytest.mark.parametrize(
+    ("changes", "most"),
+    [
+        ({}, 1.0),
+        ({"film.bending": True, "load.force_N": 1e-3}, 1.0),
+        ({"load.kind": "contact", "probe": {"shape": "sphere", "radius_mm": 6.0}}, 1.5),
+        ({"film.temperature_change_K": 3.0, "film.compression": "tension-field"}, 1.0),
+    ],
+)
+def test_charges_are_those_of_problems_in_one_dimension(changes, most):
+    disc = {"name": "A", "shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": 5.0}
+    scene = Scene().with_(electrodes=[disc], probe={"shape": "circle", "radius_mm": 2.5})
+    scene = scene.with_(**changes)
+    (row,) = OnStrip(scene, "numerics.tolerance", 1e-3, "one-dimension").run()
+    assert row["error"] < most
+    doubled = one_dimension(scene.with_(**{"film.d31_pC_N": 16.0, "film.d32_pC_N": 16.0}))
+    assert doubled == pytest.approx(2.0 * one_dimension(scene))
+
+
+@given(number=st.integers(0, 10**6))
+@drawn(0.2)
+def test_scenes_are_within_their_ranges_and_drawn_again(number):
+    scene = extreme_scene(number, SEED)
+    assert scene == extreme_scene(number, SEED)
+    film = scene.film
+    moduli = np.array(film.youngs_modulus_GPa)
+    for values, key in (
+        (film.radius_mm, "film.radius_mm"),
+        (film.thickness_um, "film.thickness_um"),
+        (moduli, "film.youngs_modulus_GPa"),
+        (scene.load.force_N, "load.force_N"),
+    ):
+        low, high = RANGES[key]
+        assert low <= np.min(values)
+        assert np.max(values) <= high
+    assert (film.compression == "tension-field") == (film.temperature_change_K > 0.0)
+    back = enlarged(enlarged(scene, 4.0, 0.25), 0.25, 4.0)
+    assert back == scene  # powers of two leave no rounding
+
+
+def test_a_strip_of_a_key_that_is_none_is_refused_by_key(tmp_path):
+    script = (STABILITY / "report.toml").read_text()
+    path = tmp_path / "report.toml"
+    path.write_text(script.replace("values = { start = 0.1, stop", 'values = { start = "x", stop'))
+    with pytest.raises(SceneError) as caught:
+        Report.load(path, kinds_of(STABILITY / "special.py"))
+    assert any("strips[0].values.start" in problem for problem in caught.value.problems)
