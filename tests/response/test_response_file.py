@@ -19,8 +19,8 @@ from pvdf_fem.files import FileError
 from pvdf_fem.response.model import Domain
 from pvdf_fem.response.response_file import FORMAT, ResponseError
 from pvdf_fem.response.uniform_spline import UniformSpline
-from tests.response import made_response as kept
 from tests.helpers.damage import damages, decayed, drawn
+from tests.response import made_response as kept
 
 ROOT = Path(__file__).parents[2]
 
