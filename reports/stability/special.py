@@ -1,7 +1,4 @@
-"""Kinds of the report on stability: ranges of parameters, extreme scenes, and scaling laws.
-
-pvdf-fem report reports/stability/report.toml --kinds reports/stability/special.py
-"""
+"""Kinds of the report on stability: ranges of parameters, extreme scenes, and scaling laws."""
 
 from __future__ import annotations
 
