@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from importlib import import_module
 from pathlib import Path
 
 from pvdf_fem.cli import main as cli
@@ -30,30 +29,24 @@ REPORTS: dict[str, tuple[str, ...]] = {
     "locating": (),
     "design": (),
 }
-#: Reports with commands of their own, each a module here.
-OTHERS = ("locate", "design")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Make the report; returns its exit code, or 2 if there is no report of that name."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     name = given.pop(0) if given and not given[0].startswith("-") else DEFAULT
-    made = [report for report in REPORTS if script_of(report).is_file()]
-    if name in made:
-        out = OUT if name == DEFAULT else OUT / name
-        where = ("--kinds", str(kinds_file(name)), "--out", str(out))
-        code = cli.main(["report", str(script_of(name)), *where, *REPORTS[name], *given])
-        if name != DEFAULT and code != 2 and (OUT / PAGE).is_file():
-            script(DEFAULT).refresh(OUT)
-        return code
-    if name not in OTHERS:
-        known = ", ".join((*made, *OTHERS))
+    if name not in REPORTS:
+        known = ", ".join(REPORTS)
         print(
             f"reports: error: {name[:60]!r} is not a report; give one of {known}", file=sys.stderr
         )
         return 2
-    code = import_module(f"reports.{name}").main(given)
-    return int(code)
+    out = OUT if name == DEFAULT else OUT / name
+    where = ("--kinds", str(kinds_file(name)), "--out", str(out))
+    code = cli.main(["report", str(script_of(name)), *where, *REPORTS[name], *given])
+    if name != DEFAULT and code != 2 and (OUT / PAGE).is_file():
+        script(DEFAULT).refresh(OUT)
+    return code
 
 
 def script_of(name: str) -> Path:

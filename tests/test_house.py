@@ -30,6 +30,7 @@ PUBLIC = (
     "build_response",
     "locate",
     "locate_many",
+    "design",
     "Tracker",
 )
 
@@ -47,10 +48,11 @@ LIBRARY = (
     "pvdf_fem.solution",
     "pvdf_fem.derivatives",
     "pvdf_fem.dynamics",
-    "pvdf_fem.calibration",
     "pvdf_fem.sweeps",
     "pvdf_fem.response",
     "pvdf_fem.touch",
+    "pvdf_fem.calibration",
+    "pvdf_fem.designs",
     "pvdf_fem.tracking",
     "pvdf_fem.output",
     "pvdf_fem.reporting",
@@ -61,13 +63,11 @@ LIBRARY = (
 REPORTS = (
     *LIBRARY,
     "reports.reference",
-    "reports.common",
     "reports.accuracy",
     "reports.thesis",
     "reports.locating",
-    "reports.design_study",
+    "reports.design",
     "reports.stability",
-    "reports.sensors",
     "reports.gallery",
     "reports.guide",
     "reports",
@@ -249,7 +249,7 @@ def test_public_names_are_functions_and_classes_whatever_was_imported_before():
         "import pvdf_fem.derivatives.gradients, pvdf_fem.dynamics.modes\n"
         "import pvdf_fem.solution.solution\n"
         "import pvdf_fem.sweeps.sweep, pvdf_fem.touch.locate, pvdf_fem.touch.locate_many\n"
-        "import pvdf_fem.cli.locate, pvdf_fem.cli.sweep\n"
+        "import pvdf_fem.cli.locate, pvdf_fem.cli.sweep, pvdf_fem.designs.design\n"
         f"from pvdf_fem import {', '.join(PUBLIC)}\n"
         f"for public in ({', '.join(PUBLIC)}):\n"
         "    assert public.__module__.startswith('pvdf_fem.'), public\n"

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from pvdf_fem import __version__
-from pvdf_fem.cli import calibrate, explore, locate, respond, sweep, track
+from pvdf_fem.cli import calibrate, explore, locate, respond, response_model, sweep, track
 from pvdf_fem.cli.program import (
     ArgumentParser,
     ExitCode,
@@ -29,6 +29,7 @@ from pvdf_fem.cli.program import (
     save_plot,
     scene_of,
 )
+from pvdf_fem.cli.studies import design
 from pvdf_fem.scene.scene_file import example_text, examples
 
 _DESCRIPTION = """\
@@ -194,7 +195,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_texts(modes, ("--count", "N", "6", "how many frequencies"))
     add_plot(modes, "the shapes of the modes")
-    for command in (respond, sweep, locate, track, calibrate, explore):
+    for command in (respond, sweep, response_model, locate, track, calibrate, design, explore):
         command.add_to(commands)
     return parser
 

@@ -1,4 +1,4 @@
-"""Charts of results that are no maps of one solution: frequencies, mode shapes and sweeps."""
+"""Charts of results that are no maps of one solution: frequencies, mode shapes, sweeps, designs."""
 
 from __future__ import annotations
 
@@ -15,9 +15,20 @@ from matplotlib.ticker import MultipleLocator
 from matplotlib.tri import Triangulation
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.designs.design import best
 from pvdf_fem.dynamics.forced import FrequencyResponse
 from pvdf_fem.dynamics.modes import Modes, Spectrum
-from pvdf_fem.output.figures import MARKERS, colours_of, draw_rim, look_of, new_figure, style
+from pvdf_fem.output.figures import (
+    MARKERS,
+    colour_bar,
+    colours_of,
+    draw_electrode,
+    draw_rim,
+    look_of,
+    new_figure,
+    style,
+)
+from pvdf_fem.scene.scene import Scene
 
 if TYPE_CHECKING:
     from xarray import DataArray, Dataset
@@ -193,3 +204,51 @@ def _maps(data: Dataset, down: list[DataArray], across: list[DataArray]) -> Figu
     figure.colorbar(drawn, ax=panels, label="total charge (pC)", aspect=10 * len(panels))
     figure.legend(handles=marks, loc="outside upper left")
     return figure
+
+
+def design_chart(data: Dataset) -> Figure:
+    """A figure of designs: the median deviation of the place along the longest axis, a curve for
+    each value of another axis, the others as in the best design; and the map of the best design."""
+    chosen = best(data)
+    sizes = data.place_deviation_median_mm.sizes
+    varied = sorted((axis for axis in sizes if sizes[axis] > 1), key=lambda axis: -sizes[axis])
+    curves = data.sel({axis: chosen[axis].item() for axis in sizes if axis not in varied[:2]})
+    with style():
+        figure = new_figure(120.0, 190.0 if varied else 110.0)  # a phone shows both
+        *above, below = figure.subplots(2 if varied else 1, squeeze=False)[:, 0]
+        for ax in above:
+            _draw_deviations(ax, curves.place_deviation_median_mm, [str(a) for a in varied[:2]])
+        draw_design(below, chosen)
+    return figure
+
+
+def _draw_deviations(ax: Axes, medians: DataArray, axes: list[str]) -> None:
+    along, *family = axes
+    x = _draw_axis(ax.xaxis, [medians[along]])
+    for number, value in enumerate(medians[family[0]] if family else [None]):
+        curve = medians if value is None else medians.sel({family[0]: value})
+        label = None if value is None else _texts(value.expand_dims("value"))[0]
+        ax.plot(x, curve, label=label, **look_of(number))
+    ax.set(xlabel=_label([medians[along]]), ylabel="median deviation of the place (mm)")
+    ax.set_ylim(0.0, 1.05 * float(medians.max()))
+    if family:
+        ax.legend(title=_label([medians[family[0]]]))
+
+
+def draw_design(ax: Axes, chosen: Dataset, most_mm: float | None = None) -> None:
+    """Draw the map of one design on axes in mm: the deviation of the place up to a limit, by
+    default twice the median, its electrodes, and dots at ambiguous places."""
+    median = float(chosen.place_deviation_median_mm)
+    x, y, most_mm = chosen.x_mm.values, chosen.y_mm.values, most_mm or 2.0 * median
+    look: Any = {"shading": "nearest", "vmin": 0.0, "vmax": most_mm, "edgecolors": "face"}
+    drawn = ax.pcolormesh(x, y, chosen.place_deviation_mm, **look)
+    scene = Scene.parse(str(chosen.scene.values))
+    outlines = [electrode.outline for electrode in scene.electrode_list]
+    reaches = [1e3 * np.abs(np.array(outline.shape.bounds)).max() for outline in outlines]
+    draw_rim(ax, scene.film.radius_mm, max(1.03 * x[-1], *reaches))
+    for outline in outlines:
+        draw_electrode(ax, outline, [])
+    across, up = (places[chosen.ambiguous.values > 0.0] for places in np.meshgrid(x, y))
+    ax.plot(across, up, ".", color="white", markersize=2.0)
+    ax.set_title(f"median {median:.3g} mm; dots: {float(chosen.ambiguous_share):.0%} ambiguous")
+    colour_bar(ax, drawn, "deviation of the place (mm)", extend="max")

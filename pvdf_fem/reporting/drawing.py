@@ -14,7 +14,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 from scipy.interpolate import Akima1DInterpolator
 
 from pvdf_fem.arrays import Array
@@ -98,6 +98,8 @@ def curves_figure(
             ax.set_title(title)
         if has:
             _draw_strips(mains, next(axes), [frame for _, frame in row], colours)
+        for ax in mains if x_label.endswith("(°)") else ():
+            ax.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 1.5, 3, 4.5, 9, 10]))
     figure.supxlabel(x_label)
     _name_curves(colours, ends, ROOM * columns * max(map(len, names)), log)
     return figure

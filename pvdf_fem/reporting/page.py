@@ -20,7 +20,8 @@ VERDICT = "verdict.txt"  #: Has the verdict of the page in the same directory.
 LONG_TABLE = 12  #: Rows of a table above which it is folded.
 MOST_ROWS = 60  #: Rows of a table above which it is in its CSV file only.
 BESIDE_TABLE = 6  #: Columns of a table above which it stands below its figure.
-WIDE_TABLE = 5  #: Columns of a table above which a phone shows a row as a list.
+#: Columns of numbers, and of texts, above which a phone shows a row as a list.
+WIDE_TABLE, WIDE_TEXTS = 5, 3
 JUDGING = ("comparison", "positions")  #: Kinds whose findings are the verdict, if there are any.
 
 
@@ -73,7 +74,12 @@ def page_of(plan: Plan, entries: Sequence[Entry], out: Path, **state: Any) -> st
         verdict=verdict(entries),
         pictures=pictures,
         others=_others(plan, out),
-        limits={"long": LONG_TABLE, "beside": BESIDE_TABLE, "wide": WIDE_TABLE},
+        limits={
+            "long": LONG_TABLE,
+            "beside": BESIDE_TABLE,
+            "wide": WIDE_TABLE,
+            "texts": WIDE_TEXTS,
+        },
         version=__version__,
         **state,
     )

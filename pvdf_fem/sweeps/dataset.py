@@ -63,11 +63,11 @@ def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) 
         return values[first].reshape(*grid.shape, *values.shape[1:])
 
     variables: dict[str, Any] = {
-        "charge_pC": (charge, {**_named("total charge", "pC"), "ancillary_variables": _BESIDE}),
-        "charge_error_pC": (error, _named("estimated error of the charge", "pC")),
-        "rest_charge_pC": (rest, _named("charge without a touch", "pC")),
-        "rest_charge_error_pC": (rest_error, _named("estimated error of that charge", "pC")),
-        "deflection_max_mm": (deflection, _named("largest deflection", "mm")),
+        "charge_pC": (charge, {**named("total charge", "pC"), "ancillary_variables": _BESIDE}),
+        "charge_error_pC": (error, named("estimated error of the charge", "pC")),
+        "rest_charge_pC": (rest, named("charge without a touch", "pC")),
+        "rest_charge_error_pC": (rest_error, named("estimated error of that charge", "pC")),
+        "deflection_max_mm": (deflection, named("largest deflection", "mm")),
         "status": (status, {"long_name": "how the solve ended"}),
     }
     return xarray.Dataset(
@@ -75,7 +75,7 @@ def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) 
             name: (over[values.ndim], over_grid(values), about)
             for name, (values, about) in variables.items()
         },
-        {**_coordinates(grid), "electrode": ("electrode", names, {"long_name": "electrode"})},
+        {**coordinates(grid), "electrode": ("electrode", names, {"long_name": "electrode"})},
         {
             "Conventions": "CF-1.11",
             "title": "charges of the electrodes of a PVDF membrane",
@@ -85,7 +85,8 @@ def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) 
     )
 
 
-def _coordinates(grid: Grid) -> dict[str, Any]:
+def coordinates(grid: Grid) -> dict[str, Any]:
+    """Coordinates along the axes of a grid, with what they stand for."""
     ends = Counter(_end(key) for axis in grid.axes for key in axis.values)
     # xarray takes a coordinate with the name of a dimension for its index
     ends.update(axis.name for axis in grid.axes)
@@ -120,10 +121,11 @@ def _about(key: str) -> dict[str, str]:
     ends = "|".join(sorted(_UNITS, key=len, reverse=True))
     match = re.search(rf"_({ends})$", key)
     unit = (_UNITS[match[1]] or match[1]) if match else ""
-    return _named(re.sub("[._]", " ", key[: match.start()] if match else key), unit)
+    return named(re.sub("[._]", " ", key[: match.start()] if match else key), unit)
 
 
-def _named(long_name: str, unit: str) -> dict[str, str]:
+def named(long_name: str, unit: str) -> dict[str, str]:
+    """The attributes of a variable."""
     return {"long_name": long_name, "units": unit} if unit else {"long_name": long_name}
 
 

@@ -36,7 +36,7 @@ POINTS = 24  #: Of Gauss rules along a radius, or along a side of an electrode.
 FINER = 30.0  #: Least tolerance of a case over the tolerance of the finer solve.
 EDGES = (0.1, 0.4)  #: Radii of the contact between which the force of a sphere is found, in radii.
 #: What the page calls each kind of truth.
-SOURCES = {"exact": "one dimension", "codes": "other codes", "finer": "finer solve"}
+SOURCES = {"exact": "in one dimension", "codes": "by other codes", "finer": "by a finer solve"}
 
 #: N_r + N_t in N/m at radii in m.
 Sum = Callable[[Array], Array]

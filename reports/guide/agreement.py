@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Iterator
 from contextlib import nullcontext
 from dataclasses import replace
@@ -31,11 +30,8 @@ THESIS = ROOT / "reports" / "thesis"
 FEW_SOLVES = 8
 #: Kinds of random scenes that are solved fast; the others bend, wrinkle or have a tip.
 QUICK = ("pressure", "punch")
-#: Reports whose runs take long, by the folder of their results.
-LONG_RUNS = {
-    "locate": "1,500 random touches located from their charges",
-    "calibrate_sensors": "100 made-up sensors calibrated",
-}
+#: Reports beside the one on the thesis.
+OTHERS = ("accuracy", "stability", "locating", "design")
 
 
 LOADS: dict[str, dict[str, Any]] = {
@@ -179,17 +175,10 @@ def with_the_thesis() -> tuple[str, pd.DataFrame]:
 
 
 def long_runs() -> Markdown:
-    """Which long reports were run here, and their first tables."""
-    parts = []
-    for name, about in LONG_RUNS.items():
-        files = sorted((OUT / name).glob("*.csv"))
-        if not files:
-            parts.append(
-                f"- **{name}**, {about}: not run here. `python -m reports.{name}` runs it."
-            )
-            continue
-        with files[0].open(encoding="utf-8", newline="") as file:
-            heads, *rows = csv.reader(file)
-        lines = table(heads, rows[:12]).text
-        parts.append(f"- **{name}**, {about}; `{files[0].name}` of its last run:\n\n{lines}\n")
-    return Markdown("\n".join(parts))
+    """Verdicts of the reports that were made here."""
+    lines = []
+    for name in OTHERS:
+        file = OUT / name / "verdict.txt"
+        told = file.read_text("utf-8") if file.is_file() else "not made here"
+        lines.append(f"- `./run report {name}`: {told.strip()}")
+    return Markdown("\n".join(lines))

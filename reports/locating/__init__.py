@@ -1,0 +1,1 @@
+"""The report script on how well touches are found, with its kinds and tasks."""

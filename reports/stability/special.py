@@ -230,10 +230,9 @@ class Extremes(Kind):
             ("finer solve", "error", "o", COLOURS[0]),
             ("enlarged scene", "scaled", "x", COLOURS[1]),
         ):
-            look: dict[str, Any] = {"marker": marker, "color": colour, "label": name}
             of = frame[frame[column].notna()]
             x, y = of[column].clip(lower=least), of[f"stated_{column}"].clip(lower=least)
-            ax.plot(x, y, linestyle="none", markersize=4, alpha=0.8, **look)
+            ax.plot(x, y, marker, color=colour, markersize=4, alpha=0.8, label=name)
         ends = [least, 10.0]
         ax.plot(ends, ends, color=GREY, linewidth=0.8)
         ax.axvline(1.0, color=GREY, linestyle="--", linewidth=0.8)

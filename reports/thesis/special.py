@@ -50,7 +50,7 @@ PRESSED: tuple[Changes, ...] = (
     {"load.kind": "rigid", "load.contact": "stuck"},
     {"probe": SPHERE, "load": Replaced({"kind": "contact", "force_N": 1.0})},
 )
-NEAR |= {"electrodes.layout": "three"}
+NEAR |= {"electrodes.layout": "three", "film.bending": True}
 HEATED = ((ON_WHOLE, 1.0), (ON_PART, 1.0), (BESIDE, 1.0), (BESIDE, 0.01))
 VIBRATING = {**EFFECT, "numerics.tolerance": 1e-3, "load.kind": "dead", "air": {"baffle": True}}
 SHEARED = ("load.force_N", "load.tangential_N[0]", "load.tangential_N[1]", *PLACE)
@@ -152,7 +152,7 @@ def _ring(count: int) -> Changes:
 #: Numbers of texts: what is computed of each of some scenes, and the numbers that it gives.
 NUMBERS: dict[str, tuple[type[Touch], Sequence[Changes], Callable[..., Numbers]]] = {
     "contact": (Touch, [{**AREA, **way} for way in PRESSED], _contact),
-    "plates": (Touch, [{**NEAR, "film.thickness_um": 1000.0, "film.bending": True}, NEAR], _plates),
+    "plates": (Touch, [{**NEAR, "film.thickness_um": 1000.0}, NEAR], _plates),
     "heat": (Touch, [of for case in HEATED for of in _heated(*case)], _heat),
     "air": (FirstModes, [{**BESIDE, **VIBRATING}], lambda rows: dict(*rows)),
     "shear": (Rates, [_ring(4), _ring(8)], _shear),
@@ -221,7 +221,7 @@ class Effects(Kind):
                 yield where, effect.name, [Touch(scene_of(inputs, changes)) for changes in both]
 
     def compose(self, inputs: Inputs, solved: Solved) -> Content:
-        """Bars and rings of the largest changes."""
+        """Dots and rings of the largest changes."""
         rows = [
             (where, name, *_percents(*map(solved.rows, pair)))
             for where, name, pair in self._pairs(inputs)
@@ -231,11 +231,11 @@ class Effects(Kind):
         ax = figure.subplots()
         names, largest = frame.effect, frame.iloc[:, 2:].abs().max(axis=1)
         first, ring = len(self.effects), {**RING, "markeredgecolor": COLOURS[1], "zorder": 3}
-        bars: dict[str, Any] = {"color": COLOURS[0], "height": 0.6, "zorder": 2}
-        ax.barh(names[:first], largest[:first], **bars, label="probe beside A")
+        ax.plot(largest[:first], names[:first], "o", label="probe beside A")
         ax.plot(largest[first:], names[first:], **ring, label="probe on a part of A")
         ax.axvline(self.stated_percent, color=GREY, linestyle="--", linewidth=0.8)
         ax.set(xscale="log", xlabel="largest change of a charge (%)")
+        ax.xaxis.set_major_formatter("{x:g}")
         ax.invert_yaxis()
         figure.legend(loc="outside upper left", ncols=2)
         caption = (

@@ -31,7 +31,10 @@ def found():
 
 
 def test_exact_readings_give_the_true_parameters():
-    calibration = calibrate(SCENE, made(), UNKNOWN, sigma=4e-3)
+    told = []
+    calibration = calibrate(SCENE, made(), UNKNOWN, sigma=4e-3, progress=lambda *n: told.append(n))
+    assert [done for done, _ in told] == [*range(1, len(told) + 1)]
+    assert all(done <= total for done, total in told)
     assert (calibration.status, calibration.outliers) == ("calibrated", {})
     for name, true in TRUE.items():
         of = calibration.parameters[name]
@@ -129,6 +132,7 @@ def test_what_cannot_be_told_apart_is_decided_by_the_priors():
         (lambda c: {n: 1e-3 * c[n] for n in NAMES}, "wrong_unit", "in nC, not in pC"),
         (lambda c: {n: -c[n] for n in NAMES}, "wrong_sign", "the wrong sign"),
         (lambda c: {"force_N": c["force_N"] / 9.81}, "wrong_force", "force_N is in kgf"),
+        (lambda c: {"force_N": c["force_N"] / 9.81e-3}, "wrong_force", "force_N is in gram"),
         (lambda c: {"y_mm": -c["y_mm"]}, "swapped_channels", "B and D are swapped; or y_mm has"),
     ],
 )

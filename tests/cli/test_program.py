@@ -25,7 +25,6 @@ from pvdf_fem.output.figures import new_figure, save
 from pvdf_fem.sweeps.records import record_of
 from pvdf_fem.sweeps.store import Store, StoreError
 from reports.__main__ import main as make_report
-from reports.common.page import Column, Page, Table
 
 ROOT = Path(__file__).parents[2]
 SCENE = '[probe]\nshape = "circle"\nradius_mm = 2.0\n[numerics]\ntolerance = 0.05\n'
@@ -67,14 +66,6 @@ def _figure(path: Path, _: Solution) -> None:
     save(figure, path)
 
 
-def _page(path: Path, _: Solution) -> None:
-    Page("Title", ["x" * 1000], []).write(path.parent)
-
-
-def _table(path: Path, _: Solution) -> None:
-    Table(path.stem, "", [Column("a", "a")], [["x" * 1000]]).write_csv(path.parent)
-
-
 def _mesh(path: Path, solution: Solution) -> None:
     write_mesh(solution.mesh, path)
 
@@ -88,8 +79,6 @@ WRITERS: dict[str, Callable[[Path, Solution], None]] = {
     "a.png": _figure,
     "a.svg": _figure,
     "a.pdf": _figure,
-    "index.html": _page,
-    "a.csv": _table,
 }
 
 

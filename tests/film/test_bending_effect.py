@@ -55,9 +55,7 @@ def test_decision_is_never_wrong_by_three_times_the_tolerance(seed):
 @pytest.mark.parametrize("bonded", ["at rest", "before stretching"])
 @pytest.mark.parametrize("side_mm", [2.0, 6.0])
 @pytest.mark.parametrize(("thickness_um", "modulus_GPa"), [(8.0, 0.3), (25.0, 3.0), (60.0, 8.0)])
-def test_layers_on_one_side_bend_as_much_as_is_stated(
-    bonded, side_mm, thickness_um, modulus_GPa
-):
+def test_layers_on_one_side_bend_as_much_as_is_stated(bonded, side_mm, thickness_um, modulus_GPa):
     """A third to thirty times what a laminated disc says, of the layer on either side."""
     layer = {"shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": side_mm, "bonded": bonded}
     layer |= {"thickness_um": thickness_um, "youngs_modulus_GPa": modulus_GPa}

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
 from pvdf_fem import Scene
-from pvdf_fem.response.model import Domain
+from pvdf_fem.response.model import QUANTITIES, Domain
 from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.scene.outlines.polygon import rectangle, triangle
 
@@ -21,6 +22,8 @@ class Bumps:
     They fall off about the electrodes' centres e (n, 2), and have the probe's symmetries.
     """
 
+    quantities: ClassVar = QUANTITIES
+    cheap: ClassVar = True
     scene: Scene
     points_mm: np.ndarray
     electrodes_mm: np.ndarray
@@ -30,6 +33,12 @@ class Bumps:
     domain: Domain = DOMAIN
     #: By default not those of the scene, which are 48 pC.
     rest_pC: float = 40.0
+
+    def for_scene(self, scene, processes=None, *, check=True):
+        """The charges of other electrodes."""
+        places = 1e3 * np.array([electrode.outline.centroid for electrode in scene.electrode_list])
+        names = tuple(electrode.name for electrode in scene.electrode_list)
+        return replace(self, scene=scene, names=names, electrodes_mm=places)
 
     def evaluate(self, touches):
         x, y, rotation, force = touches.T

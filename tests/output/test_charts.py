@@ -9,11 +9,13 @@ import pytest
 from matplotlib.figure import Figure
 
 from pvdf_fem import Scene, modes
+from pvdf_fem.designs.design import best, design
 from pvdf_fem.dynamics.forced import FrequencyResponse
-from pvdf_fem.output.charts import frequency_response, sweep_chart
+from pvdf_fem.output.charts import design_chart, frequency_response, sweep_chart
 from pvdf_fem.sweeps import sweep
 from pvdf_fem.sweeps.store import Record
 from tests.helpers.sweep_cases import AXES, BASE, made_up
+from tests.helpers.touch_models import bumps
 
 
 def swept(monkeypatch: pytest.MonkeyPatch, *axes: dict) -> object:
@@ -98,3 +100,24 @@ def test_mode_shapes_say_vacuum_and_air():
     assert bar.get_ylabel() == "deflection over its largest"
     for ax in panels:
         assert ax.get_aspect() == 1.0
+
+
+@pytest.mark.parametrize("forces", [[1.0], [0.5, 1.0]])
+def test_designs_are_a_curve_for_each_value_and_the_map_of_the_best(forces):
+    model, ring = bumps("circle"), {"layout": "ring", "shape": "circle", "radius_mm": 1.0}
+    vary = {"electrodes.count": [4, 6], "electrodes.ring_radius_mm": [6, 8, 9.5]}
+    data = design(
+        model.scene.with_(electrodes=ring),
+        {**vary, "load.force_N": forces},
+        step_mm=4.0,
+        model=model.for_scene,  # type: ignore[arg-type]
+        progress=lambda done, of: None,
+    )
+    curves, film, _ = design_chart(data).axes
+    chosen = best(data)
+    medians = data.place_deviation_median_mm.sel(force_N=chosen.force_N.item())
+    for line, count in zip(curves.lines, (4, 6), strict=True):
+        np.testing.assert_array_equal(line.get_ydata(), medians.sel(count=count))
+    drawn = np.ma.filled(film.collections[0].get_array(), np.nan)
+    np.testing.assert_array_equal(drawn, chosen.place_deviation_mm)
+    assert [text.get_text() for text in curves.get_legend().get_texts()] == ["4", "6"]

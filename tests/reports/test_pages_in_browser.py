@@ -8,53 +8,18 @@ from typing import Any
 
 import pytest
 
-from reports.common.figures import drawing
-from reports.common.page import Column, Page, Picture, Section, Table
 from tests.helpers.browsers import browser_or_skip
-from tests.helpers.page_boxes import WIDTHS, Fault, look_at
+from tests.helpers.page_boxes import WIDTHS, look_at
 
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
 KINDS = ("cut", "overlap", "missing")
-WORDS = "A sentence that is long enough to be broken into several lines on a phone. " * 3
 
 
 @pytest.fixture(scope="module")
 def opened() -> Iterator[Any]:
     with browser_or_skip() as started:
         yield started
-
-
-def report(directory: Path, *, crowded: bool = False) -> Page:
-    """A report with a long and wide table and a figure, whose labels collide if it is crowded."""
-    with drawing(directory / "curve.svg", 120, 60) as figure:
-        ax = figure.subplots()
-        ax.set(xlabel="force (N)", ylabel="charge (pC)", title="charge against force")
-        if crowded:
-            ax.text(0.5, 0.5, "first label")
-            ax.text(0.52, 0.5, "second label")
-            figure.text(0.95, 0.3, "beyond the edge")
-    columns = [Column(f"c{n}", f"difference of charge {n} (%)") for n in range(14)]
-    rows = [["scene", *(-100.0 / (n + 1) for n in range(13))] for _ in range(40)]
-    table = Table("table", WORDS, columns, rows)
-    section = Section("s", "A section", [WORDS], [Picture("curve.svg", WORDS), table])
-    section.write_tables(directory)
-    return Page("Title", [WORDS], [section, Section("t", "Another")], {"Tolerance": "0.1 %"})
-
-
-def test_a_report_is_sound(tmp_path: Path, opened: Any) -> None:
-    report(tmp_path).write(tmp_path)
-    look = look_at(tmp_path / "index.html", opened)
-    assert not look.faults
-    assert look.count > 60
-
-
-def test_what_a_figure_hides_is_found(tmp_path: Path, opened: Any) -> None:
-    report(tmp_path, crowded=True).write(tmp_path)
-    assert look_at(tmp_path / "index.html", opened).faults == [
-        Fault("cut", "beyond the edge", "curve.svg"),
-        Fault("overlap", "first label | second label", "curve.svg"),
-    ]
 
 
 def test_planted_faults_are_found(tmp_path: Path, opened: Any) -> None:

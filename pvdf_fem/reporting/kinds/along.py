@@ -107,4 +107,6 @@ class Along(OfElectrodes):
         charge = drawing.READING_LABELS[self.read_as(inputs)]
         figure = drawing.curves_figure(rows, label, charge, log)
         kept = frame.rename(columns={"x": self.key})
-        return Content(caption + self.rings(inputs), kept, figure)
+        if rings := self.rings(inputs):
+            caption += f"{rings} Below: computed less these, in percent."
+        return Content(caption, kept, figure)

@@ -135,7 +135,7 @@ def _figure(scenes: list[Scene], true: Array, errors: dict[str, Array], names: l
 def _shown(readings: Readings, true: Array, errors: dict[str, Array]) -> pd.DataFrame:
     """The table of the page."""
     shown = readings.frame[list(readings.source.labels)].astype(str)
-    shown["place (mm)"] = [f"{x:.4g}, {y:.4g}" for x, y in true.tolist()]
+    shown["place (mm)"] = [f"{x:.4g}, {y:.4g}".replace("-", "−") for x, y in true.tolist()]
     for whose, values in errors.items():
         texts = [f"{error:.2f}" if np.isfinite(error) else "–" for error in values]
         shown[f"error, {whose} (mm)"] = texts

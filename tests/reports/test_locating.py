@@ -1,0 +1,169 @@
+"""The report on how well touches are found, with made-up charges in the place of solves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pvdf_fem import Report, Scene
+from pvdf_fem.reporting.registry import kinds_of
+from pvdf_fem.reporting.solved import Solved
+from pvdf_fem.reporting.task import key
+from pvdf_fem.solution.solve import rest_charges
+from pvdf_fem.sweeps.store import Record
+from reports.__main__ import kinds_file, script_of
+from reports.locating import signals, touches
+from reports.locating.signals import Taps
+from reports.locating.touches import LAYOUTS, NOISE, Located, Pair
+from tests.helpers.streams import Rested
+from tests.helpers.touch_models import DOMAIN, POINTS, Bumps
+
+DISC = {"shape": "circle", "radius_mm": 4.0}
+
+
+@dataclass(frozen=True, eq=False)
+class MadeUp(Bumps):
+    """Made-up charges that serve as a response."""
+
+    def for_scene(self, scene, processes):
+        return of_scene(scene, type(self))
+
+
+def of_scene(scene, kind=MadeUp):
+    places = np.array([[e.x_mm, e.y_mm] for e in scene.electrode_list])
+    names = tuple(e.name for e in scene.electrode_list)
+    return kind(scene, POINTS[scene.single_probe.shape], places, names, domain=DOMAIN)
+
+
+def charges_of(scene, kind=MadeUp):
+    probe, model = scene.single_probe, of_scene(scene, kind)
+    touch = [[probe.x_mm, probe.y_mm, probe.rotation_deg, scene.load.force_N]]
+    return model.evaluate(np.array(touch, dtype=float))[0][0]
+
+
+def record_of(scene):
+    """A record with made-up charges; none where the probe is far to the left."""
+    names = tuple(e.name for e in scene.electrode_list)
+    if scene.single_probe.x_mm < -9.0:
+        return Record("not_converged", "made up", names)
+    forces = [[charge / scene.film.d31_pC_N, 0.0] for charge in charges_of(scene).tolist()]
+    return Record("converged", "", names, {"material": forces})
+
+
+@pytest.fixture
+def made_up(monkeypatch):
+    def built(scene, *args, **how):
+        return of_scene(scene)
+
+    monkeypatch.setattr(touches, "build_response", built)
+    monkeypatch.setattr(touches, "solve_all", lambda scenes, **how: [*map(record_of, scenes)])
+    for name, value in {"BATCH": 50, "ONCE": 2, "DRAWS": 20}.items():
+        monkeypatch.setattr(touches, name, value)
+
+
+@pytest.fixture(scope="module")
+def report():
+    return Report.load(script_of("locating"), kinds_of(kinds_file("locating")))
+
+
+def test_touches_are_found_where_they_are(made_up):
+    rows = pd.DataFrame(Located(Scene().with_(probe=DISC), 8, 1e-3, 12.0, (0.1, 5.0), 6.0).run())
+    found, places = rows[rows.sort == "touch"], rows[rows.sort == "place"]
+    assert set(rows.electrodes) == set(LAYOUTS)
+    assert found.x_mm.min() > -9.0  # without charges there is no touch to find
+    exact = found[(found.noise == 0.0) & (found.electrodes != "three")]
+    assert np.hypot(exact.x_mm_error, exact.y_mm_error).max() < 1e-2
+    assert exact.force_N_error.abs().max() < 2e-3
+    noisy = found[(found.noise == NOISE) & (found.electrodes == "eight")]
+    assert 0.0 < (noisy.force_N_error / noisy.force_N_deviation).abs().max() < 4.0
+    assert (places.error_mm > 0.0).all()
+    medians = places.groupby("electrodes").error_mm.median()
+    assert medians["eight"] < medians["four"] < medians["three"]
+
+
+def test_a_pair_is_found_in_either_order(monkeypatch):
+    charges = dict.fromkeys("ABCDEFGH", 100.0)
+    asked = []
+
+    def solved(scene):
+        asked.append(scene)
+        return SimpleNamespace(charges_pC=charges)
+
+    def located(scene, given, sigma, touches):
+        probes = list(reversed(asked[0].probe))
+        values = {
+            f"probe[{i}].{n}": getattr(probe, n) + 0.1 * (n == "x_mm")
+            for i, probe in enumerate(probes)
+            for n in ("x_mm", "y_mm", "force_N")
+        }
+        far = dict.fromkeys(values, 0.0)
+        how = {"unknown": tuple(values), "deviations": dict.fromkeys(values, 0.1)}
+        assert given != charges
+        return SimpleNamespace(touches=[SimpleNamespace(by_name=of, **how) for of in (far, values)])
+
+    monkeypatch.setattr(touches, "solve", solved)
+    monkeypatch.setattr(touches, "locate", located)
+    ring = {"layout": "ring", "count": 8, "shape": "square"}
+    scene = Scene().with_(electrodes=ring, probe={**DISC, "radius_mm": 2.0})
+    rows = Pair(scene, 3, 0.01, 10.0, 6.0).run()
+    true, found = (np.array([row[of] for row in rows]) for of in ("true", "found"))
+    np.testing.assert_allclose(found - true, [[0.1, 0.0, 0.0]] * 2, atol=1e-12)
+    assert np.linalg.norm(true[0, :2] - true[1, :2]) >= 6.0
+
+
+def test_a_tap_is_tracked_through_its_circuit(monkeypatch):
+    def solved(scene):
+        changes = charges_of(scene, Rested) - 1e12 * rest_charges(scene)
+        names = [electrode.name for electrode in scene.electrode_list]
+        return SimpleNamespace(charge_changes_pC=dict(zip(names, changes.tolist(), strict=True)))
+
+    monkeypatch.setattr(signals, "solve", solved)
+    monkeypatch.setattr(
+        signals, "build_response", lambda scene, *args, **how: of_scene(scene, Rested)
+    )
+    tap, *samples = Taps(Scene().with_(probe=DISC), 1, 6.0, (0.5, 1.0), 1e-5).run()
+    assert tap["touches"] == 1
+    assert tap["x_mm"] == pytest.approx(tap["true_x_mm"], abs=0.5)
+    assert tap["y_mm"] == pytest.approx(tap["true_y_mm"], abs=0.5)
+    assert tap["force_N"] == pytest.approx(tap["true_N"], rel=0.05)
+    assert max(row["true_N"] for row in samples) == pytest.approx(tap["true_N"], rel=1e-3)
+
+
+def test_figures_of_a_probe_share_its_task(report):
+    for full, count in ((False, 100), (True, 500)):
+        inputs, needed = report.plan.needs(full=full)
+        located = [task for need in needed for task in need.tasks if isinstance(task, Located)]
+        assert {task.touches for task in located} == {count}
+        assert len({key(task) for task in located}) == 3
+        assert len(located) == 4
+        assert not any(need.scenes for need in needed)
+    assert not inputs.quick
+
+
+def test_only_touches_of_known_rotation_count(report, made_up):
+    inputs, needed = report.plan.needs(quick=True)
+    need = next(need for need in needed if need.item.name == "triangle")
+    rows = pd.DataFrame(replace(need.tasks[0], touches=20, reach_mm=12.0, pitch_mm=6.0).run())
+    assert rows[rows.electrodes == "four"].turned.fillna(False).astype(bool).sum() > 10
+    numbers = need.item.kind.drawn(inputs, [rows])[2]
+    assert numbers["fits"] > 75.0  # there is no chi-square where the rotation is sought
+    assert numbers["exact"] > 90.0
+    assert 45.0 < numbers["within"]["four"] < 90.0
+
+
+def test_figures_have_the_numbers_of_their_captions(report, made_up):
+    inputs, needed = report.plan.needs(quick=True)
+    drawn = [need for need in needed if isinstance(need.tasks[0], Located)]
+    (task,) = {key(need.tasks[0]): need.tasks[0] for need in drawn[:2]}.values()
+    rows = replace(task, reach_mm=12.0).run()
+    for need in drawn[:2]:
+        content = need.item.kind.compose(inputs, Solved({key(task): rows}))
+        assert "{" not in content.caption + content.claim
+        assert "nan" not in content.caption + content.claim
+        assert content.claim
+        assert content.figure is not None
+        assert len(content.frame)
