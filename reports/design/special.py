@@ -25,13 +25,14 @@ from pvdf_fem.reporting.drawing import WIDTH_MM, axis_label
 from pvdf_fem.reporting.kind import Content, Inputs, Kind, blamed
 from pvdf_fem.reporting.solved import Solved
 from pvdf_fem.reporting.task import Rows, Task
-from pvdf_fem.response.model import centred
+from pvdf_fem.response.model import Domain, centred
+from pvdf_fem.scene.scene_file import SceneError
 
 if TYPE_CHECKING:
     import xarray
 
 #: Of a preview: every third value of a key, few places, and a coarse model.
-QUICK: dict[str, Any] = {"step_mm": 3.0, "forces_N": (0.5, 2.0), "tolerance": 5e-2}
+QUICK = {"step_mm": 3.0, "tolerance": 5e-2}
 EVERY = 3
 DECADE = 10.0  #: Ratio of values of a key above which their axis is logarithmic.
 THESIS = (10.0, 4.0)  #: Radius of the ring in mm, and number of electrodes.
@@ -104,8 +105,11 @@ class OfDesigns(Kind):
         vary = {key: values[:: EVERY if inputs.quick else 1] for key, values in self.vary.items()}
         first, *others = vary
         scene = self.scene(inputs)
+        domain, noise = Domain(self.reach_mm, self.forces_N), (self.noise, self.noise_pC)
         with blamed("vary"):
-            Designs.of(scene, vary)
+            designs = Designs.of(scene, vary)
+            if wrong := [*designs.mistakes(domain, self.step_mm, self.tolerance, *noise)]:
+                raise SceneError(wrong)
         how = {key: getattr(self, key) for key in ("step_mm", "forces_N", "tolerance")}
         how |= {**QUICK} if inputs.quick else {}
         asked = {"noise": self.noise, "noise_pC": self.noise_pC, "reach_mm": self.reach_mm, **how}
