@@ -13,7 +13,6 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.interpolate import krogh_interpolate
 from skfem import MeshTri2, asm
 from skfem.models import mass
@@ -25,6 +24,7 @@ from pvdf_fem.film.loads.contact_guess import faces, guessed_width
 from pvdf_fem.film.space import Space, transferred
 from pvdf_fem.mesh.gmsh_mesh import PROBE, mesh_scene, outlines
 from pvdf_fem.mesh.size_field import Sizes
+from pvdf_fem.response.rim_places import stretched
 from pvdf_fem.response.uniform_spline import UniformAxis
 from pvdf_fem.scene.outlines.outline import Outline, turn
 from pvdf_fem.scene.scene import Scene
@@ -135,11 +135,6 @@ class PolarRaster:
         middle = np.broadcast_to(at_probe, outward[..., :1, :].shape)
         behind = np.roll(outward[..., self.negative - 1 :: -1, :], self.angles // 2, axis=-1)
         return np.concatenate([behind, middle, outward], axis=-2)
-
-
-def stretched(rho: ArrayLike, stretch: float) -> Array:
-    """s of ρ = b sinh(s/b) with b = `stretch`."""
-    return np.asarray(stretch * np.arcsinh(np.asarray(rho) / stretch))
 
 
 def mean_stress_about_probe(

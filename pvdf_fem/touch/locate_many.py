@@ -163,7 +163,9 @@ def locate_many(
     """
     names, charges = _table(model, charges_pC, electrodes)
     any_charges = dict.fromkeys(names, math.pi)
-    mistakes = [*charge_mistakes(model.scene, any_charges, sigma, noise_pC, reading)]
+    mistakes = [
+        *charge_mistakes(model.scene, any_charges, sigma, noise_pC, reading, model.at_rest_pC)
+    ]
     given = {ROTATION: rotations_deg, FORCE: forces_N}
     known = {i: _numbers(values) for i, values in given.items() if values is not None}
     for name, i in {"rotations_deg": ROTATION, "forces_N": FORCE}.items():

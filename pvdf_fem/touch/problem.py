@@ -23,6 +23,7 @@ from pvdf_fem.response.model import (
     FORCE,
     QUANTITIES,
     ROTATION,
+    AtRest,
     Domain,
     Model,
     X,
@@ -59,13 +60,14 @@ class Adapted:
     scene: Scene
     domain: Domain
     error_bound: float
+    at_rest_pC: AtRest | None
     turn_deg: float = 0.0
     added_pC: Array | float = 0.0
 
     @classmethod
     def of(cls, model: Model, **changes: Any) -> Adapted:
         """A model with some of these changed."""
-        names = ("quantities", "cheap", "names", "scene", "domain", "error_bound")
+        names = "quantities", "cheap", "names", "scene", "domain", "error_bound", "at_rest_pC"
         return cls(model, **{**{name: getattr(model, name) for name in names}, **changes})
 
     def evaluate(self, touches: Array) -> tuple[Array, Array]:
