@@ -21,7 +21,8 @@ from pvdf_fem.files import FileError, make_directory, replacing, require_writabl
 from pvdf_fem.mesh.symmetry import isotropy
 from pvdf_fem.response.held_out import SHARE, HeldOut, random_touches
 from pvdf_fem.response.model import Domain, wanted_model
-from pvdf_fem.response.probe_stress import PolarRaster, ProbeMesh, mean_stress_about_probe
+from pvdf_fem.response.polar_raster import PolarRaster
+from pvdf_fem.response.probe_stress import ProbeMesh, mean_stress_about_probe
 from pvdf_fem.response.response import Response
 from pvdf_fem.response.response_file import mechanics_of, response_key
 from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces
@@ -156,7 +157,8 @@ def build_response(
     wanted, known = wanted_model(scene)
     reach_mm = wanted.reach_mm if reach_mm is None else reach_mm
     domain = Domain(reach_mm, wanted.force_N if force_N is None else force_N)
-    tolerance, file = tolerance or known, None if file is None else Path(file)
+    tolerance = known if tolerance is None else tolerance
+    file = None if file is None else Path(file)
     options = ResponseOptions.of(tolerance) if options is None else options
     refuse(scene, domain, tolerance, options)
     bar = shown("solve", lines=False) if progress is None else nullcontext(progress)

@@ -28,13 +28,13 @@ from pydantic import (
 )
 
 from pvdf_fem.files import FileError, reading, replacing
-from pvdf_fem.response.model import Domain, centred
+from pvdf_fem.response.model import AtRest, Domain, centred
 from pvdf_fem.response.rim_places import RimPlaces
 from pvdf_fem.response.uniform_spline import UniformAxis
 from pvdf_fem.scene.affects import affecting
 from pvdf_fem.scene.scene import Numerics, Scene
 
-FORMAT = b"pvdf_fem response 3, SHA-256 "
+FORMAT = b"pvdf_fem response 4, SHA-256 "
 
 
 class ResponseError(FileError):
@@ -122,7 +122,7 @@ class Contents(_Checked):
     #: Type of the coefficients.
     dtype: str = Field(pattern="^<f[48]$")
     tolerance: float = Field(gt=0.0)
-    at_rest_pC: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+    at_rest_pC: AtRest | None
     remarks: tuple[str, ...]
     #: Number of touches held out.
     touches: int = Field(ge=0)
@@ -139,6 +139,7 @@ class Contents(_Checked):
             and _sound(self.axes, False, False, True)
             and all(-a.start > 0.999 * reach < a.start + a.step * (a.count - 1) for a in (x, y))
             and math.isfinite(rotation.start)
+            and all(len(row) == len(self.scene.electrode_list) for row in self.at_rest_pC or ())
         )
         if not sound:
             raise ValueError("scene, domain and axes are not those of a response")

@@ -17,19 +17,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.interpolate import BarycentricInterpolator
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.response.polar_raster import PolarRaster, stretched
 from pvdf_fem.response.uniform_spline import UniformSpline
 from pvdf_fem.scene.outlines.outline import Outline, turn
 from pvdf_fem.scene.scene import Probe
-
-if TYPE_CHECKING:
-    from pvdf_fem.response.probe_stress import PolarRaster  # with scikit-fem
 
 #: Gauss's points along a side of an electrode, at least; else one for each step of the raster.
 LEAST_POINTS = 6
@@ -140,11 +138,6 @@ class RimPlaces:
         by_centre = ahead * kernel[:, None] + behind * opposite[:, None]
         turns = _dirichlet(2.0 * (rotation - np.radians(self.rotations_deg)), self.rotations)
         return by_centre[:, None] * turns[:, None, None]
-
-
-def stretched(rho: ArrayLike, stretch: float) -> Array:
-    """s of ρ = b sinh(s/b) with b = `stretch`."""
-    return np.asarray(stretch * np.arcsinh(np.asarray(rho) / stretch))
 
 
 def _dirichlet(angle: Array, count: int) -> Array:
