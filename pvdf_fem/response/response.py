@@ -197,9 +197,9 @@ class Response:
         errors, stated = self.held_out.relative_errors(self.scene.film, self.evaluate(touches)[0])
         bounds, rms = SAFETY * errors.max(axis=1) + stated, float(np.sqrt((errors**2).mean()))
         bound, rest = float(bounds.max()), rest_of(self.scene)
-        charges, errors = (tuple(row) for row in rest.tolist())
-        at_rest = (charges, errors) if np.isfinite(rest).all() else None
-        made = replace(self, error_bound=bound, error_rms=rms, remarks=(), at_rest_pC=at_rest)
+        at_rest: AtRest = (tuple(rest[0].tolist()), tuple(rest[1].tolist()))
+        known = at_rest if np.isfinite(rest).all() else None
+        made = replace(self, error_bound=bound, error_rms=rms, remarks=(), at_rest_pC=known)
         if made.status is Status.CONVERGED:
             return made
         met = np.hypot(touches[:, 0], touches[:, 1])[bounds > self.tolerance].min()

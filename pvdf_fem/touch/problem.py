@@ -211,13 +211,13 @@ class Problem:
     def edges(self, at: Array) -> list[tuple[str, ...]]:
         """Which limits of the domain each of the touches `at` (n, k) is at, or beyond."""
         (reach_mm, lowest, highest), sought = self._domain, self.unknown.tolist()
-        placed, pressed = X in sought or Y in sought, FORCE in sought
-        limits = []
-        for touch in self.of_probes(at).tolist():
-            far = placed and any(math.hypot(x, y) >= reach_mm for x, y, _, _ in touch)
-            extreme = pressed and not all(lowest < force < highest for *_, force in touch)
-            limits.append(("reach_mm",) * far + ("force_N",) * extreme)
-        return limits
+        each, force = self.of_probes(at), at[:, self.forces]
+        far = (np.hypot(each[..., X], each[..., Y]) >= reach_mm).any(axis=1)
+        extreme = ((force <= lowest) | (force >= highest)).any(axis=1)
+        far &= X in sought or Y in sought
+        extreme &= FORCE in sought
+        pairs = zip(far.tolist(), extreme.tolist(), strict=True)
+        return [("reach_mm",) * wide + ("force_N",) * strong for wide, strong in pairs]
 
     @cached_property
     def longest(self) -> Array:
