@@ -18,6 +18,7 @@ from pvdf_fem.charges.goals import Goal, areas_of, coefficients_of, images_of
 from pvdf_fem.charges.observables import OBSERVABLES, Observable
 from pvdf_fem.charges.quadrature import area_quadrature
 from pvdf_fem.charges.sampling import Sampling
+from pvdf_fem.film.laws.laminate import Laminate
 from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State
@@ -66,7 +67,8 @@ def goal_forces(
     """The forces X, Y of each electrode in N, (goals, 2), of a displacement `x` in m."""
     forces = np.zeros((len(goals), 2))
     for observable, sampling, directions in _samplings(goals, membrane.space, part):
-        stress = observable.stress(membrane, sampling.gradient(membrane.space, x))
+        film = _sampled(membrane, sampling, part)
+        stress = observable.stress(film, sampling.gradient(membrane.space, x))
         integrals = (sampling.weights[..., None] * stress).sum(axis=1)
         for axis in sampling.axes:
             along = (integrals * directions[:, axis]).sum(axis=1)
@@ -107,12 +109,13 @@ def goal_gradients(
     for observable, sampling, directions in _samplings(goals, space, part):
         axes = list(sampling.axes)
         weights = (d[sampling.goals][:, axes, None] * directions[:, axes]).sum(axis=1)
+        film = _sampled(membrane, sampling, part)
         gradient = sampling.gradient(space, x)
         slopes = np.empty_like(gradient)
         for entry in np.ndindex(3, 2):
             moved = gradient.astype(complex)
             moved[..., *entry] += 1j * COMPLEX_STEP
-            slope = observable.stress(membrane, moved).imag / COMPLEX_STEP
+            slope = observable.stress(film, moved).imag / COMPLEX_STEP
             slopes[..., *entry] = (slope * weights[:, None]).sum(axis=-1)
         slopes *= sampling.weights[..., None, None]
         local = np.matmul(sampling.gradients, slopes.swapaxes(2, 3)).sum(axis=1)
@@ -124,6 +127,21 @@ def goal_gradients(
 def charges_of(goals: Sequence[Goal], forces: Array) -> Array:
     """Charge of each electrode in C, (goals,), from its forces in N, (goals, 2)."""
     return _charges(forces, coefficients_of(goals))
+
+
+def larger(errors: Array, others: Array, goals: Sequence[Goal]) -> Array:
+    """The estimate of the force errors (goals, 2) that makes the larger charge error, by goal."""
+    first, second = (np.abs(charges_of(goals, estimate)) for estimate in (errors, others))
+    return np.where((first >= second)[:, None], errors, others)
+
+
+def force_errors(errors: Array, forces: Array, goals: Sequence[Goal]) -> Array:
+    """Errors of forces (goals, 2) that add up to those of the charges, in C, (goals,)."""
+    d = coefficients_of(goals)
+    parts = np.abs(d * forces)
+    total = parts.sum(axis=1, keepdims=True)
+    relative = errors[:, None] / np.where(total > 0.0, total, np.inf)
+    return np.asarray(relative * np.abs(forces) * np.sign(d))
 
 
 def charge_sizes(
@@ -158,6 +176,13 @@ def area_defects(goals: Sequence[Goal], space: Space, part: MirroredPart = WHOLE
 def _charges(forces: Array, d: ArrayLike) -> Array:
     """d31 X + d32 Y of forces (goals, 2), with `d` (2,) of all goals or (goals, 2) of each."""
     return np.asarray((forces * np.asarray(d)).sum(axis=1))
+
+
+def _sampled(membrane: Membrane, sampling: Sampling, part: MirroredPart) -> Laminate:
+    """The film at the points; a linear law has one `stress` everywhere."""
+    if membrane.added is None or membrane.law.linear:
+        return membrane
+    return membrane.at(sampling.places(membrane.space.mesh) @ part.frame)
 
 
 def _samplings(

@@ -17,7 +17,8 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.charges.goals import Goal
 from pvdf_fem.charges.sampling import Sampling, area_samplings, edge_samplings
-from pvdf_fem.film.membrane import IDENTITY, Membrane, strain_of
+from pvdf_fem.film.laws.laminate import Laminate
+from pvdf_fem.film.membrane import IDENTITY, strain_of
 from pvdf_fem.film.space import Space
 from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES
 
@@ -39,7 +40,7 @@ class Observable(ABC):
     element_shares: ClassVar[ElementShares]
 
     @abstractmethod
-    def stress(self, membrane: Membrane, gradient: Array) -> Array:
+    def stress(self, film: Laminate, gradient: Array) -> Array:
         """Stress in Pa, (..., 3): 11, 22, 12. `gradient` (..., 3, 2) is the displacement gradient.
         Of a complex gradient, whose imaginary part is a step, the imaginary part of the stress is
         its derivative times the step."""
@@ -69,9 +70,9 @@ class Material(Observable):
     name = "material"
     element_shares = ElementShares(electrode=5.0, probe=2.0)
 
-    def stress(self, membrane: Membrane, gradient: Array) -> Array:
+    def stress(self, film: Laminate, gradient: Array) -> Array:
         """Second Piola-Kirchhoff stress S in Pa, film axes."""
-        return membrane.stress(strain_of(gradient))
+        return film.stress(strain_of(gradient))
 
     def samplings(self, goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
         return area_samplings(goals, space)
@@ -88,12 +89,12 @@ class ThesisEdge(Observable):
     #: Means of a stress along edges need smaller elements than integrals over areas.
     element_shares = ElementShares(electrode=1.7, probe=1.4)
 
-    def stress(self, membrane: Membrane, gradient: Array) -> Array:
+    def stress(self, film: Laminate, gradient: Array) -> Array:
         """Cauchy stress F S F^T / J in Pa, global axes. J is the ratio of deformed to reference
         area, J^2 = det F^T F = det (1 + 2 E)."""
         strain = strain_of(gradient)
         e11, e22, e12 = np.moveaxis(strain, -1, 0)
-        s11, s22, s12 = np.moveaxis(membrane.stress(strain), -1, 0)
+        s11, s22, s12 = np.moveaxis(film.stress(strain), -1, 0)
         (x1, x2), (y1, y2), _ = np.moveaxis(gradient + IDENTITY, (-2, -1), (0, 1))
         xx = s11 * x1 * x1 + s22 * x2 * x2 + 2.0 * s12 * x1 * x2
         yy = s11 * y1 * y1 + s22 * y2 * y2 + 2.0 * s12 * y1 * y2

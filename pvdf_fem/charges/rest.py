@@ -8,7 +8,6 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.charges.forces import Forces, area_integrals
 from pvdf_fem.charges.goals import areas_of, goals_of
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.laws import TensionField
 from pvdf_fem.film.loads.heat import AddedStrain
 from pvdf_fem.film.models import film_model
 from pvdf_fem.scene.registry import Load
@@ -28,15 +27,13 @@ def known_at_rest(film: Scene) -> Forces | None:
     """Forces X, Y of each electrode of an untouched film; None where a solve has to tell.
 
     The stress of a flat film is the same everywhere, and any observable makes area times stress of
-    it. A film that moves in its plane is not flat, and compression is only borne, if at all, by a
-    film that bends. A film in a tension field carries none.
+    it. A film that moves in its plane or bears its weight is not flat. Compression is only borne,
+    if at all, by a film that bends. A film in a tension field carries none.
     """
-    material, goals, stress = film.film, goals_of(film), film.film.stress_at_rest
-    taut, wrinkles = stress[:2].min() >= 0.0, film_model(film).wrinkles
-    if material.moves_at_rest or not (taut or wrinkles):
+    goals, model, law = goals_of(film), film_model(film), film_model(film).film_law
+    stress = law.stress(np.zeros((1, 3)), law.at_rest(film.film))[0]
+    if not film.film.is_flat_at_rest or not (model.wrinkles or stress[:2].min() >= 0.0):
         return None
-    if not taut:
-        stress = TensionField(material.stiffness).stress(material.strain_at_rest[None])[0]
     forces = areas_of(goals)[:, None] * stress[:2]
     return Forces(forces, np.zeros_like(forces))
 

@@ -31,6 +31,12 @@ class Sampling:
     #: Factors of the stress in m^2. They add up to an electrode's area for each of its forces, (n,
     #: points).
     weights: Array
+    #: Local coordinates of the points in their elements, (2, n, points).
+    local: Array
+
+    def places(self, mesh: MeshTri2) -> Array:
+        """The points in m, (n, points, 2)."""
+        return np.moveaxis(np.asarray(mesh.mapping().F(self.local, self.elements)), 0, -1)
 
     def gradient(self, space: Space, x: Array) -> Array:
         """Displacement gradient (n, points, 3, 2) of the dofs `x`."""
@@ -45,11 +51,14 @@ def area_samplings(goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
         patches = [goals[i].elements(space.mesh) for i in followed]
         elements, owners = np.concatenate(patches), np.repeat(followed, list(map(len, patches)))
         gradients, weights = space.gradients[elements], space.weights[elements]
-        yield Sampling(owners, (0, 1), elements, gradients, weights)
+        points = space.basis.quadrature[0][:, None]
+        local = np.broadcast_to(points, (2, len(elements), points.shape[-1]))
+        yield Sampling(owners, (0, 1), elements, gradients, weights, local)
     if len(others):
         cut = area_quadrature(space.mesh, [goals[i].placed for i in others])
         gradients = space.gradients_at(cut.elements, cut.points)
-        yield Sampling(others[cut.owners], (0, 1), cut.elements, gradients, cut.weights)
+        owners = others[cut.owners]
+        yield Sampling(owners, (0, 1), cut.elements, gradients, cut.weights, cut.points)
 
 
 def edge_samplings(goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
@@ -90,7 +99,8 @@ def _edge_means(
     gradients = space.gradients_at(along.elements, along.points)
     for axis in (0, 1):
         rows = np.flatnonzero(axes == axis)
-        yield Sampling(owners[rows], (axis,), along.elements[rows], gradients[rows], weights[rows])
+        elements, local = along.elements[rows], along.points[:, rows]
+        yield Sampling(owners[rows], (axis,), elements, gradients[rows], weights[rows], local)
 
 
 def _both_traces(mesh: MeshTri2, facets: Indices) -> PlacedQuadrature:

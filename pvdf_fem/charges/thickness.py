@@ -33,8 +33,8 @@ def thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
     """Charge in C by d33 of each electrode of the whole film, (electrodes,)."""
     d33, mesh = equilibrium.film.d33_pC_N or 0.0, equilibrium.space.mesh
     forces, pressed = equilibrium.film_forces(state), np.zeros(mesh.nelements)
-    for load in equilibrium.loads:
-        pressed[load.patch] += load.pressed(forces)
+    for elements, force in filter(None, (term.pressed(forces) for term in equilibrium.terms)):
+        pressed[elements] += force
     patches = (electrode_patch(electrode.name) for electrode in equilibrium.scene.electrode_list)
     on = [pressed[mesh.subdomains[patch]].sum() for patch in patches]
     return -0.5e-12 * d33 * np.array(on)
@@ -47,7 +47,8 @@ def thickness_remarks(
     none where no electrode is pressed."""
     given, electrodes = scene.film.d33_pC_N, scene.electrode_list
     polygons = np.array([electrode.outline.polygon for electrode in electrodes])
-    on = sum((_about(scene, touch, polygons) for touch in posed.touches(scene)), np.zeros(1))
+    spread = (scene.film.pressure_Pa or 0.0) * shapely.area(polygons)
+    on = sum((_about(scene, touch, polygons) for touch in posed.touches(scene)), spread)
     if on.any():
         most = int(on.argmax())
         about = "thickness direction, pressed by a probe", "film.d33_pC_N"

@@ -51,7 +51,9 @@ scene files are TOML. Their keys, each with a default:
                 compression (refuse, tension-field: the film wrinkles),
                 warming_K (since it was zeroed), pyroelectric_uC_m2K,
                 thermal_diffusivity_m2_s,
-                rim_displacement_um ([mean, cos, sin, cos 2, sin 2, ...])
+                rim_displacement_um ([mean, cos, sin, cos 2, sin 2, ...]),
+                law (hooke, neo-hookean), pressure_Pa on the whole film (along
+                z; with pressure_follows normal to it), gravity_m_s2 (along z)
   [[film.patches]]  layers on the film: shape as of electrodes, thickness_um,
                 both_sides, youngs_modulus_GPa, poisson_ratio, density_kg_m3,
                 bonded ("at rest", "before stretching"), thermal_expansion_per_K
@@ -246,12 +248,12 @@ def _mesh(options: argparse.Namespace) -> int:
     scene = scene_of(options, *output_mistakes(options.file, list(FORMATS), options.scene))
     from pvdf_fem.film.models import film_model
     from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
-    from pvdf_fem.solution.attempt import contact_outlines
     from pvdf_fem.solution.first_sizes import ORDER, first_sizes
+    from pvdf_fem.solution.tips.edges import outlines_of
 
     try:
         sizes, jacobian = first_sizes(scene, ORDER), film_model(scene).least_jacobian
-        contacts = contact_outlines(scene)
+        contacts = outlines_of(scene)
         mesh = mesh_scene(scene, sizes, least_jacobian=jacobian, contacts=contacts)
         write_mesh(mesh, options.file)
     except MeshError as error:

@@ -153,7 +153,7 @@ class ModelChoice:
         domain, tolerance = wanted_model(scene, self.sigma)
         reach_mm = domain.reach_mm if self.reach_mm is None else self.reach_mm
         domain = replace(domain, reach_mm=reach_mm, force_N=self.force_N or domain.force_N)
-        return domain, self.tolerance or tolerance
+        return domain, tolerance if self.tolerance is None else self.tolerance
 
     def domain(self, scene: Scene) -> Domain:
         """Touches that a scene's model has to hold for."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse.linalg import SuperLU
@@ -19,7 +20,6 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.charges.forces import charges_of, goal_forces, goal_gradients
 from pvdf_fem.charges.goals import Goal, goals_of
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.term import State
 from pvdf_fem.solution.attempt import error_indicators
 from pvdf_fem.solution.estimate import Correction, corrected
@@ -35,13 +35,13 @@ class Adjoint:
 
     equilibrium: Equilibrium
     goals: Sequence[Goal]
-    #: Of the displacement.
+    #: q, state: Unknowns of the displacement, and its fields.
+    q: Array
     state: State
     #: X and Y in N, (electrodes, 2).
     forces: Array
-    #: Derivatives of the charges by the dofs, and λ of the charges there, (dofs, electrodes).
-    goal_rates: Array
-    dofs: Array
+    #: λ of the charges, (unknowns, electrodes).
+    unknowns: Array
 
     @classmethod
     def of(
@@ -52,14 +52,19 @@ class Adjoint:
         rates = goal_gradients(goals, membrane, state.dofs)
         unknowns = factors.solve(equilibrium.on_unknowns(state, rates), "T")
         forces = goal_forces(goals, membrane, state.dofs)
-        dofs = np.stack([equilibrium.step(state, column) for column in unknowns.T], axis=-1)
-        return cls(equilibrium, goals, state, forces, rates, dofs)
+        return cls(equilibrium, goals, q, state, forces, unknowns)
 
-    def of_stress(self, membrane: Membrane) -> Array:
-        """∂Q/∂θ - λ · ∂R/∂θ, (electrodes,), where the stress becomes that of `membrane`."""
-        x = self.state.dofs
-        explicit = charges_of(self.goals, goal_forces(self.goals, membrane, x))
-        return explicit - membrane.internal_forces(membrane.state(x)) @ self.dofs
+    @cached_property
+    def dofs(self) -> Array:
+        """λ at the dofs, (dofs, electrodes)."""
+        columns = (self.equilibrium.step(self.state, column) for column in self.unknowns.T)
+        return np.stack(list(columns), axis=-1)
+
+    def in_other(self, other: Equilibrium) -> Array:
+        """Q - λ · R of other equations on the mesh, (electrodes,), at the unknowns."""
+        x = other.dofs(self.q)
+        explicit = charges_of(self.goals, goal_forces(self.goals, other.membrane, x))
+        return explicit - other.residual(other.state(self.q)) @ self.unknowns
 
 
 def adjoints(solution: Solution) -> tuple[Adjoint, Adjoint]:

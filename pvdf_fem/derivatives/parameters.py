@@ -6,7 +6,7 @@ from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.film.loads.posed import Pressure
 from pvdf_fem.film.models import film_model
 from pvdf_fem.scene.film import Film
-from pvdf_fem.scene.registry import said_at
+from pvdf_fem.scene.registry import SPREAD_CLASSES, said_at
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 #: Names of what places a probe.
@@ -22,17 +22,17 @@ def parameters_of(scene: Scene, pressure: Pressure | None = None) -> tuple[str, 
 
     A film with two moduli has ``film.youngs_modulus_GPa.0`` and ``.1``. A film of given
     ``film.pretension_N_m`` has that, or its ``.0`` and ``.1``, in place of
-    ``film.temperature_change_K``, and the others at this pretension. A rigid probe has no
-    derivative by its place, as the tractions along its edge are singular. Of a film that bends or
-    wrinkles, is uneven or warm, or touches a tip with friction, there is none by what its stiffness
-    depends on; of one that feels the voltages of electrodes none by d31 and d32 either.
+    ``film.temperature_change_K``, and the others at this pretension; loads on the whole film add
+    their keys. A rigid probe has no derivative by its place, as the tractions along its edge are
+    singular. Of a film that bends or wrinkles, or touches a tip with friction, there is none by
+    what its stiffness depends on; of a film that feels the voltages of electrodes none by d31 and
+    d32 either.
     """
     scene.require_plain_charges("derivatives", "coupling", "warming_K", HEAT)
     probes = tuple(key for key in touched(scene) if not _hindrance(scene, key, pressure))
     rubs = any(touch.load.friction for touch in scene.loaded_probes)
-    model, uneven = film_model(scene), scene.film.is_uneven or scene.warm_probes
-    differentiable = model.film_is_differentiable and model.electrodes_only_read
-    differentiable = differentiable and not (rubs or uneven)
+    model = film_model(scene)
+    differentiable = model.film_is_differentiable and model.electrodes_only_read and not rubs
     film = _film_keys(scene.film) if differentiable else ()
     return (*probes, *film, *(COEFFICIENTS if model.electrodes_only_read else ()))
 
@@ -67,7 +67,8 @@ def _hindrance(scene: Scene, key: str, pressure: Pressure | None) -> str:
 
 def _film_keys(film: Film) -> tuple[str, ...]:
     stretched = "temperature_change_K" if film.pretension_N_m is None else "pretension_N_m"
-    names = ("thickness_um", stretched, "youngs_modulus_GPa", "poisson_ratio")
+    given = (key for key in SPREAD_CLASSES if getattr(film, key))
+    names = ("thickness_um", stretched, "youngs_modulus_GPa", "poisson_ratio", *given)
     ends = {tuple: (".0", ".1")}
     return tuple(f"film.{n}{end}" for n in names for end in ends.get(type(getattr(film, n)), ("",)))
 
@@ -76,5 +77,5 @@ def refusal(scene: Scene, key: str, pressure: Pressure | None = None) -> str:
     if key in touched(scene):
         return _hindrance(scene, key, pressure)
     if key in (*_film_keys(scene.film), *COEFFICIENTS):
-        return "of a film that bends, wrinkles, sticks, warms or feels voltages has no derivative"
+        return "of a film that bends, wrinkles, sticks or feels voltages has no derivative"
     return "is not a parameter of this scene that charges are differentiated by"

@@ -9,42 +9,43 @@ of the load on λ changes by what the outline sweeps (Reynolds' transport theore
 with the outline's velocity V, its outward normal n, and the direction t of the pressure per
 reference area: e_z for a dead load, F1 x F2 for a follower load.
 
-A film on a tip moves with it: the displacement is x(q, θ) of the unknowns q, and R = P^T f with the
-film's forces f and P = ∂x/∂q. Then ∂Q/∂θ and ∂R/∂θ have ∂x/∂θ in them, and ∂R/∂θ what turns P, the
-slope of the tip at its nodes. That the contact's edge moves too counts only in the second order.
-
-The heat of a warm probe moves with it; what that does to Q and R on the same mesh is differenced.
+All other keys do not move the mesh. The displacement is x(q, θ) of the unknowns q, and what a key
+does to Q and R at the same unknowns is differenced: the film's keys, forces, the heat of a warm
+probe, and the place of a tip, on which the film rests. The edge of a tip's contact moves, too, but
+counts only in the second order.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
-from pvdf_fem.arrays import COMPLEX_STEP, Array
+from pvdf_fem.arrays import Array
 from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.charges.rest import heat_charges
 from pvdf_fem.derivatives.adjoint import Adjoint, factorised
 from pvdf_fem.derivatives.parameters import (
     COEFFICIENTS,
     HEAT,
-    IN_PLANE,
     PLACE_NAMES,
     touched,
 )
-from pvdf_fem.film.laws import StVenantKirchhoff
-from pvdf_fem.film.loads.contact import Contact
-from pvdf_fem.film.loads.heat import AddedStrain
 from pvdf_fem.film.loads.pressure import DeadPressure
-from pvdf_fem.film.membrane import IDENTITY, Membrane, UnevenMembrane
+from pvdf_fem.film.membrane import IDENTITY
 from pvdf_fem.film.space import shape_values
 from pvdf_fem.mesh.points import facet_quadrature
 from pvdf_fem.scene.change import number_at
-from pvdf_fem.scene.film import Film, plane_stress
-from pvdf_fem.scene.scene import Probe
+from pvdf_fem.scene.quantity import Section
+from pvdf_fem.scene.scene import Probe, Scene
 from pvdf_fem.solution.solution import Solution
+
+Table = TypeVar("Table", bound=Section)
+
+#: Step of a differenced key over its value; of a place in mm or degrees, and of a temperature in K.
+STEP = 1e-3
 
 
 def charge_rates(solution: Solution, keys: Sequence[str]) -> Array:
@@ -79,90 +80,57 @@ def force_rates(solution: Solution, keys: Sequence[str]) -> Array:
 
 def rate_of(adjoint: Adjoint, key: str) -> Array:
     """dQ/dθ in C per unit of the key, (electrodes,)."""
-    equilibrium, state = adjoint.equilibrium, adjoint.state
-    film, membrane = equilibrium.film, equilibrium.membrane
-    if touches := touched(equilibrium.scene).get(key):
-        rate = sum((_touch_rate(adjoint, i, n) for _, i, n in touches if n != HEAT), np.zeros(1))
-        moves_heat = any(
-            n == HEAT or (n in PLACE_NAMES and t.probe.temperature_K) for t, _, n in touches
-        )
-        return rate + _heat_rate(adjoint, key) if moves_heat else rate
+    scene = adjoint.equilibrium.scene
     if key in COEFFICIENTS:
         return 1e-12 * adjoint.forces[:, COEFFICIENTS.index(key)]
-    rate = adjoint.of_stress(Membrane(membrane.space, film, _stress_rate(film, key)))
-    if key == "film.thickness_um":
-        rate -= membrane.internal_forces(state) @ adjoint.dofs / film.thickness_um
+    swept, touches = np.zeros(len(adjoint.goals)), touched(scene).get(key, [])
+    for touch, i, name in touches:
+        load = adjoint.equilibrium.loads[i]
+        if name in PLACE_NAMES and load.seat is None:
+            swept = swept + _swept(adjoint, load, name)
+            if not touch.probe.temperature_K:  # nothing else of it has a place
+                return swept
+    placed = any(name in (*PLACE_NAMES, HEAT) for _, _, name in touches)
+    value = 1.0 if placed else abs(number_at(scene, key)) or 1.0
+    return swept + _differenced(adjoint, key, STEP * value)
+
+
+def _differenced(adjoint: Adjoint, key: str, step: float) -> Array:
+    """dQ/dθ on a mesh that stays, (electrodes,), from central differences of the fourth order of Q
+    and R at the unknowns that stay."""
+    equilibrium, rate = adjoint.equilibrium, np.zeros(len(adjoint.goals))
+    for weight, change in ((8.0, step), (-8.0, -step), (-1.0, 2.0 * step), (1.0, -2.0 * step)):
+        moved = equilibrium.with_(scene=_changed(equilibrium.scene, key, change))
+        charges = adjoint.in_other(moved) + heat_charges(moved.scene, equilibrium)
+        rate += weight / (12.0 * step) * charges
     return rate
 
 
-def _stress_rate(film: Film, key: str) -> StVenantKirchhoff:
-    """Derivative of the law by a key, in Pa per unit of it; a pretension that is given stays."""
-    name, _, index = key.removeprefix("film.").partition(".")
-    given, added, zeroed = film.pretension_N_m is not None, np.zeros(3), film.zeroed
-    if name == "temperature_change_K":
-        added[:] = -film.stiffness[:, :2].sum(axis=1) * film.thermal_expansion_per_K
-    elif name == "pretension_N_m":
-        added[int(index or 0) : int(index or 1) + 1] = 1.0 / film.thickness
-    elif name == "thickness_um":
-        added[:] = -given * zeroed.stress_at_rest / film.thickness_um
+def _changed(scene: Scene, key: str, change: float) -> Scene:
+    """The scene with a number changed, beyond the range of its key if need be."""
+    if touches := touched(scene).get(key):
+        probes = list(scene.loaded_probes)
+        for _, i, name in touches:
+            probe, load = probes[i].probe, probes[i].load
+            if name in (*PLACE_NAMES, HEAT):
+                probe = _with_number(probe, name, change)
+            else:
+                load = _with_number(load, name, change)
+            probes[i] = replace(probes[i], probe=probe, load=load)
+        return scene.loaded(probes)
+    film = _with_number(scene.film, key.removeprefix("film."), change)
+    return scene.model_copy(update={"film": film})
+
+
+def _with_number(table: Table, name: str, change: float) -> Table:
+    """A table with a number changed, or one of a pair: ``key.0`` or ``key[0]``."""
+    name, _, index = name.replace("[", ".").rstrip("]").partition(".")
+    value = getattr(table, name)
+    if index:
+        value = tuple(v + change * (i == int(index)) for i, v in enumerate(value))
     else:
-        stiffness = _stiffness_rate(film, key)
-        return StVenantKirchhoff(stiffness, -given * stiffness @ zeroed.strain_at_rest)
-    return StVenantKirchhoff(np.zeros((3, 3)), added)
-
-
-def _stiffness_rate(film: Film, key: str) -> Array:
-    """Derivative of the film's stiffness in Pa per unit of the key, (3, 3)."""
-    modulus = film.youngs_modulus_GPa
-    E = np.array(modulus if isinstance(modulus, tuple) else (modulus, modulus), dtype=complex)
-    nu12 = complex(film.poisson_ratio)
-    if key == "film.poisson_ratio":
-        nu12 += 1j * COMPLEX_STEP
-    else:
-        E[{"0": [0], "1": [1]}.get(key[-1], [0, 1])] += 1j * COMPLEX_STEP
-    return 1e9 * plane_stress(E[0], E[1], nu12, film.shear_modulus_GPa).imag / COMPLEX_STEP
-
-
-def _touch_rate(adjoint: Adjoint, i: int, name: str) -> Array:
-    """dQ/dθ by a key of the probe i, or of its load, (electrodes,)."""
-    equilibrium, state, load = adjoint.equilibrium, adjoint.state, adjoint.equilibrium.loads[i]
-    if not isinstance(load, Contact):
-        if name in PLACE_NAMES:
-            return _swept(adjoint, load, name)
-        axis = IN_PLANE.index(name) if name in IN_PLANE else 2
-        return load.with_components(np.eye(3)[axis]).forces(state) @ adjoint.dofs
-    rows = adjoint.dofs.reshape(-1, 3, adjoint.dofs.shape[1])[load.nodes]
-    space, moves = equilibrium.space, state.dofs.reshape(-1, 3)[load.nodes, :2]
-    places = space.basis.doflocs.T[load.nodes] + moves
-    height = load.tip.height(places)
-    if name == "force_N":  # it is on the depth
-        return rows[0, 2] + height.slope[0] @ rows[0, :2]
-    moved, turned = np.zeros(space.dof_count), np.zeros(1)
-    if name == "depth_mm":
-        moved[load.raised] = 1e-3
-    else:
-        velocity = _velocity(load.touch.probe, name, places)
-        moved[load.raised] = (height.slope * velocity).sum(axis=1)
-        slope_rate = -(height.hessian @ velocity[:, :, None])[:, :, 0]
-        if name == "rotation_deg" and load.touch.probe.period_deg:
-            slope_rate += np.radians(1.0) * height.slope @ np.array([[0.0, 1.0], [-1.0, 0.0]])
-        forces = equilibrium.film_forces(state)[load.raised]
-        turned = np.einsum("n,na,nae->e", forces, slope_rate, rows[:, :2])
-    actions = (term.action(state, moved) for term in equilibrium.terms)
-    stiff = sum((a for a in actions if a is not None), np.zeros(len(moved)))
-    return moved @ adjoint.goal_rates - stiff @ adjoint.dofs + turned
-
-
-def _heat_rate(adjoint: Adjoint, key: str, step: float = 0.01) -> Array:
-    """The part of dQ/dθ by how the heat of warm probes changes with a key, (electrodes,), from
-    central differences over twice the `step` in mm, degrees or K."""
-    equilibrium = adjoint.equilibrium
-    scene, space, by_heat = equilibrium.scene, equilibrium.space, []
-    for change in (step, -step):
-        moved = scene.with_(**{key: number_at(scene, key) + change})
-        membrane = UnevenMembrane(space, scene.film, AddedStrain.of(moved))
-        by_heat.append(adjoint.of_stress(membrane) + heat_charges(moved, equilibrium))
-    return (by_heat[0] - by_heat[1]) / (2.0 * step)
+        value = value + change
+    return table.model_copy(update={name: value})
 
 
 def _swept(adjoint: Adjoint, load: DeadPressure, name: str, gauss_points: int = 5) -> Array:

@@ -28,9 +28,10 @@ from pvdf_fem.dynamics.air import AirLoad
 from pvdf_fem.film.bending_effect import bending_effect, layer_size
 from pvdf_fem.film.electric.coupling import coupling_remarks
 from pvdf_fem.film.electric.raised import Raised
-from pvdf_fem.film.equilibrium import Equilibrium, prolongation
+from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.film.models import film_model
+from pvdf_fem.film.unknowns import prolongation
 from pvdf_fem.mesh.gmsh_mesh import FILM, MeshError
 from pvdf_fem.mesh.size_field import Sizes
 from pvdf_fem.scene.film import Air

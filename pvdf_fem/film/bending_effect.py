@@ -19,11 +19,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from pvdf_fem.film.loads.contact_guess import guessed_press
 from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.film.point_load import part_by_force, tension_at
 from pvdf_fem.film.remarks import two_digits
 from pvdf_fem.scene.film import Film, Layer
+from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import TOUCH, Outline
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
@@ -106,9 +109,12 @@ def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
     stiffness = float(C.max())
     D = rim_D = probe_D = h**3 / 12.0 * stiffness
     rest = h * float(film.stress_at_rest[:2].mean())
-    force, probe = 0.0, None
+    force, probe, rigid = film.spread_force, None, False
     if touch is not None:
-        probe, force = guessed_press(scene, touch)
+        probe, by_touch = guessed_press(scene, touch)
+        force, rigid = force + by_touch, LOADS[touch.load.kind].rigid
+    elif force:  # it presses as a probe that covers the film
+        probe = Circle(np.zeros(2), a)
     b = _radius(probe) if probe else a
     for layer in film.layers.values():
         outline = layer.patch.outline
@@ -123,10 +129,10 @@ def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
     )
     electrodes = [electrode.outline for electrode in scene.electrode_list]
     changes = [(0.0, 0.0)]
-    if touch is not None and probe is not None and force > 0.0:
+    if probe is not None and force > 0.0:
         # a probe that touches the rim is as far from it, on an average, as it is wide
         gap = max(1.0 - probe.reach / a, FIT.least_gap * b / a)
-        power = 1 if LOADS[touch.load.kind].rigid else 2
+        power = 1 if rigid else 2
         distances = [
             max(math.dist(outline.centroid, probe.centroid) - _radius(outline), b)
             for outline in electrodes

@@ -2,20 +2,21 @@
 
 `pvdf_fem.film.weak_form` has its equations as scikit-fem forms. Here they are evaluated for all
 elements at once on the same basis, quadrature and dofs; a test holds the two equal. The material
-law is one of `pvdf_fem.film.laws`.
+laws are in `pvdf_fem.film.laws`.
 
 Symmetric tensors are in Voigt order (11, 22, 12), strains with engineering shear (2 E12).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
-from pvdf_fem.arrays import ALL, Array, Indices, Selection, components_first, components_last, times
-from pvdf_fem.film.laws import Law, StVenantKirchhoff, TensionField
+from pvdf_fem.arrays import ALL, Array, Selection, components_first, components_last, times
+from pvdf_fem.film.laws.laminate import Laminate
+from pvdf_fem.film.laws.law import Law
 from pvdf_fem.film.loads.heat import AddedStrain
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State, Term
@@ -24,75 +25,73 @@ from pvdf_fem.scene.film import Film
 #: Number of elements whose tangents are made together, so that they stay in the processor's cache.
 CHUNK = 128
 IDENTITY: Array = np.eye(3, 2)
-BIAXIAL: Array = np.array([1.0, 1.0, 0.0])
 #: Pairs of displacement components whose blocks the tangent has, up to symmetry.
 PAIRS = [(i, j) for i in range(3) for j in range(i + 1)]
+#: Differences of stress over the film below this part of it are rounding.
+BALANCED = 1e-12
+#: Tension that keeps a slack film's tangent regular, over the mean tension.
+FLOOR = 1e-6
+#: The elastic strain whose tension stands for the mean one of a film that is slack everywhere.
+LEAST_STRAIN = 1e-16
 
 
-class Membrane(Term):
-    """The membrane's energy, residual and tangent on a space, by default with the law of St. Venant
-    and Kirchhoff."""
+class Membrane(Laminate, Term):
+    """The membrane's energy, residual and tangent on a space, of the plies of a `Laminate`.
 
-    rests_flat = True
+    States have the resultant of all plies over the film's thickness.
+    """
 
-    def __init__(self, space: Space, film: Film, law: Law | None = None) -> None:
-        self.space, self.film = space, film
-        self.strain_at_rest: Array = film.strain_at_rest
-        self.law: Law = StVenantKirchhoff(film.stiffness) if law is None else law
+    def __init__(
+        self,
+        space: Space,
+        film: Film,
+        law: Law | None = None,
+        added: AddedStrain | None = None,
+        frame: Array = IDENTITY[:2],
+    ) -> None:
+        super().__init__(space, film, law, added, frame)
         #: Quadrature weights times area times thickness in m^3, (elements, points).
         self.volumes: Array = film.thickness * space.weights
+        self._last_moduli: tuple[State, Array] | None = None
 
-    def state(self, x: Array, elements: Selection = ALL) -> State:
-        """Fields of the dofs `x` (metres), on all elements or on some."""
-        gradient = self.space.gradient(x, elements)
+    def state(self, x: Array) -> State:
+        """Fields of the dofs `x` in m."""
+        gradient = self.space.gradient(x)
         strain = strain_of(gradient)
-        return State(gradient + IDENTITY, strain, self.stress(strain), x)
-
-    def stress(self, strain: Array) -> Array:
-        """Second Piola-Kirchhoff stress in Pa of a Green-Lagrange strain, both (..., 3)."""
-        return self.law.stress(self.elastic(strain))
-
-    def resultant(self, strain: Array, elements: Indices) -> Array:
-        """The stress with that of bonded layers, over the film's thickness, in one element each."""
-        return self.stress(strain)
-
-    #: What `stress` lacks where the film is strained unevenly at rest.
-    added: AddedStrain | None = None
-
-    def film_stress(self, strain: Array, places: Array) -> Array:
-        """`stress` with what is `added` at places (..., 2) in m of the whole film."""
-        stress = self.stress(strain)
-        return stress if self.added is None else stress + self.added.stress(places)
-
-    def stiffened(self, strain: Array) -> Array:
-        """C : e in Pa of the strain e at all quadrature points, without the stress at rest."""
-        return strain @ self.law.stiffness
-
-    def elastic(self, strain: Array) -> Array:
-        """The elastic strain: that of the displacement added to that of the film at rest."""
-        return strain + self.strain_at_rest
-
-    def moduli(self, state: State) -> Array:
-        """dS/dE in Pa, (3, 3), or (elements, points, 3, 3) where it is not the same everywhere."""
-        return self.law.stiffness
-
-    def energy(self, state: State) -> float:
-        """Stored energy in J; S : e/2 is its density for either law."""
-        density = (self.elastic(state.strain) * self.own_stress(state)).sum(axis=-1)
-        return 0.5 * float((density * self.volumes).sum())
+        return State(gradient + IDENTITY, strain, self.resultant(strain), x)
 
     def own_stress(self, state: State) -> Array:
         """The stress of the strain alone."""
         return state.stress if state.added is None else state.stress - state.added
 
-    def residual(self, state: State) -> Array:
-        """Internal forces in N without those of the flat film's pretension, (dofs,).
+    def moduli(self, state: State) -> Array:
+        """dS/dE in Pa, (3, 3), or (elements, points, 3, 3) where it is not the same everywhere."""
+        if state.moduli is not None:
+            return state.moduli
+        if self._last_moduli is None or self._last_moduli[0] is not state:
+            self._last_moduli = state, self.resultant_moduli(state.strain)
+        return self._last_moduli[1]
 
-        The flat film's forces balance inside of the rim; added up, they would leave rounding that
-        drowns a small load.
+    def energy(self, state: State) -> float:
+        """Stored energy in J."""
+        return self.stored(state.strain, self.volumes)
+
+    @cached_property
+    def _in_balance(self) -> Array:
+        """The part of the flat film's stress that balances itself inside of the rim: all of a
+        stress that is the same everywhere, otherwise its mean, (elements, points, 3)."""
+        flat = self.resultant(np.zeros((*self.volumes.shape, 3)))
+        mean = np.einsum("epi,ep->i", flat, self.volumes) / self.volumes.sum()
+        even = np.abs(flat - mean).max() <= BALANCED * np.abs(mean).max()
+        return flat if even else np.broadcast_to(mean, flat.shape)
+
+    def residual(self, state: State) -> Array:
+        """Internal forces in N, (dofs,), without those of the flat film that are in balance.
+
+        Added up, these would leave rounding that drowns a small load and moves a flat film.
         """
-        F, flat = state.deformation_gradient, self.elastic(np.zeros(3)) @ self.law.stiffness
-        stretched = self._first_piola(F, times(self.law.stiffness, state.strain))
+        F, flat = state.deformation_gradient, self._in_balance
+        stretched = self._first_piola(F, self.own_stress(state) - flat)
         turned = self._first_piola(F - IDENTITY, flat)
         return self.space.sum(self.space.forces(stretched + turned))
 
@@ -105,7 +104,10 @@ class Membrane(Term):
         F, step = state.deformation_gradient, self.space.gradient(x)
         stress = times(self.moduli(state), strain_rate(F, step))
         flux = self._first_piola(step, state.stress) + self._first_piola(F, stress)
-        return self.space.forces(flux)
+        forces = self.space.forces(flux)
+        if self.law.wrinkles:
+            forces += times(self._damping(state), x[self.space.element_dofs])
+        return forces
 
     def diagonal(self, state: State) -> Array:
         return self.space.sum(self.element_diagonal(state))
@@ -122,13 +124,18 @@ class Membrane(Term):
         elements, points, _, functions = squares.shape
         squares = squares.reshape(elements, 3 * points, functions)
         diagonal = np.matmul(squares.swapaxes(1, 2), factors.reshape(elements, 3 * points, 3))
-        return diagonal.reshape(elements, -1)
+        diagonal = diagonal.reshape(elements, -1)
+        if self.law.wrinkles:
+            diagonal += np.einsum("eii->ei", self._damping(state))
+        return diagonal
 
     def element_tangent(self, state: State) -> tuple[Selection, Array]:
         return ALL, self.tangent_matrices(state)
 
     def tangent_matrices(self, state: State) -> Array:
-        """Tangents in N/m, (elements, dofs of an element, dofs of an element)."""
+        """Tangents in N/m, (elements, dofs of an element, dofs of an element). Those of a film that
+        wrinkles are damped, so that they are regular where it is slack; the residual is exact, and
+        the damping changes no solution."""
         count, functions = len(self.space.gradient_rows), self.space.gradient_rows.shape[-1]
         blocks, moduli = np.empty((count, functions, 3, functions, 3)), self.moduli(state)
         for first in range(0, count, CHUNK):
@@ -137,7 +144,8 @@ class Membrane(Term):
             for k, (i, j) in enumerate(PAIRS):
                 blocks[chunk, :, i, :, j] = products[:, :, k]
                 blocks[chunk, :, j, :, i] = products[:, :, k].swapaxes(1, 2)
-        return blocks.reshape(count, 3 * functions, 3 * functions)
+        matrices = blocks.reshape(count, 3 * functions, 3 * functions)
+        return matrices + self._damping(state) if self.law.wrinkles else matrices
 
     def _tangent_products(self, state: State, moduli: Array, chunk: slice) -> Array:
         """Blocks of the tangent, (elements, functions, pairs of components, functions)."""
@@ -179,11 +187,12 @@ class Membrane(Term):
         return weight * d11, weight * d12, weight * d21, weight * d22
 
     def along(self, state: State, x: Array) -> Array:
-        """Coefficients (5,) of the stored energy along `x`.
+        """Coefficients (5,) of the stored energy along `x`, with the moduli of the state.
 
-        They are exact: the strain is quadratic in s and the energy quadratic in the strain.
+        They are exact where the law is linear: the strain is quadratic in s and the energy
+        quadratic in the strain.
         """
-        step = self.space.gradient(x)
+        step, moduli = self.space.gradient(x), self.moduli(state)
         first = strain_rate(state.deformation_gradient, step)
         second = strain_of(step) - strain_rate(IDENTITY, step)
         volumes = self.volumes[..., None]
@@ -192,7 +201,7 @@ class Membrane(Term):
             return float((stress * strain * volumes).sum())
 
         stress = self.own_stress(state)
-        stress_1, stress_2 = self.stiffened(first), self.stiffened(second)
+        stress_1, stress_2 = times(moduli, first), times(moduli, second)
         return np.array(
             [
                 self.energy(state),
@@ -209,162 +218,22 @@ class Membrane(Term):
         f1, f2 = components_first(deformation_gradient, 2).swapaxes(0, 1)
         return np.stack([s11 * f1 + s12 * f2, s12 * f1 + s22 * f2])
 
-
-class UnevenMembrane(Membrane):
-    """A membrane that is strained unevenly at rest, and with layers bonded to patches of it.
-    `stress` lacks what is `added`; states have the resultant of film and layers over the film's
-    thickness. `frame` leads from the scene's axes to those of the space."""
-
-    rests_flat = False
-
-    def __init__(
-        self, space: Space, film: Film, added: AddedStrain | None, frame: Array = IDENTITY[:2]
-    ) -> None:
-        super().__init__(space, film)
-        self.added = added
-        places = np.moveaxis(np.asarray(space.basis.global_coordinates()), 0, -1) @ frame
-        stretched, kelvins = np.zeros((*self.volumes.shape, 3)), np.zeros((*self.volumes.shape, 1))
-        if added is not None:
-            stretched, kelvins = film.rim_strain(places), added.temperature(places)[..., None]
-        #: In the film beside its strain at rest, (elements, points, 3).
-        self.added_strain: Array = stretched - film.thermal_expansion_per_K * kelvins * BIAXIAL
-        #: C, (elements, 1, 3, 3), and the stress of the flat film, (elements, points, 3), in Pa.
-        self._stiffness: Array = np.tile(film.stiffness, (space.mesh.nelements, 1, 1, 1))
-        self._at_rest: Array = (self.added_strain + film.strain_at_rest) @ film.stiffness
-        for name, layer in film.layers.items():
-            covered, ratio = space.mesh.subdomains[name], layer.patch.thickness / film.thickness
-            strain = stretched[covered] - layer.expansion * kelvins[covered] * BIAXIAL
-            strain += layer.strain_at_rest
-            self._stiffness[covered] += ratio * layer.stiffness
-            self._at_rest[covered] += ratio * strain @ layer.stiffness
-
-    def stiffened(self, strain: Array) -> Array:
-        return times(self._stiffness, strain)
-
-    def resultant(self, strain: Array, elements: Indices) -> Array:
-        stress = times(self._stiffness[elements, 0], strain)
-        return stress + self._at_rest[elements].mean(axis=1)
-
-    def state(self, x: Array, elements: Selection = ALL) -> State:
-        gradient = self.space.gradient(x, elements)
-        strain = strain_of(gradient)
-        stress = times(self._stiffness[elements], strain) + self._at_rest[elements]
-        return State(gradient + IDENTITY, strain, stress, x)
-
-    def moduli(self, state: State) -> Array:
-        return self._stiffness
-
-    def energy(self, state: State) -> float:
-        """Stored energy in J less that of the flat film."""
-        density = (state.strain * (self.own_stress(state) + self._at_rest)).sum(axis=-1)
-        return 0.5 * float((density * self.volumes).sum())
-
-    def residual(self, state: State) -> Array:
-        """Internal forces in N, (dofs,); those of the flat film need not balance."""
-        return self.internal_forces(state)
-
-
-@dataclass(frozen=True)
-class PredictedState(State):
-    """A state of a film that wrinkles, whose tangent is made with other stresses and moduli."""
-
-    #: R with dS/dE = R^T R, (elements, points, 3, 3).
-    root: Array
-    #: Tension that the tangent has everywhere, over the film's mean tension.
-    damping: float
-
-
-class WrinklingMembrane(Membrane):
-    """A membrane whose law is the tension field's."""
-
-    #: Tension that keeps a slack film's tangent regular, over the mean tension.
-    FLOOR = 1e-6
-    #: The elastic strain whose tension stands for the mean one of a film that is slack everywhere.
-    LEAST_STRAIN = 1e-16
-
-    law: TensionField
-    rests_flat = False
-
-    def __init__(self, space: Space, film: Film) -> None:
-        super().__init__(space, film, TensionField(film.stiffness))
-        self._last_moduli: tuple[State, Array] | None = None
-
     @cached_property
     def _laplace(self) -> Array:
         return self.space.laplace()
 
-    def moduli(self, state: State) -> Array:
-        if self._last_moduli is None or self._last_moduli[0] is not state:
-            if isinstance(state, PredictedState):
-                root = state.root
-            else:
-                root = self.law.root(self.elastic(state.strain), state.stress)
-            self._last_moduli = state, np.matmul(root.swapaxes(-1, -2), root)
-        return self._last_moduli[1]
-
-    def residual(self, state: State) -> Array:
-        """Internal forces in N, (dofs,); a slack flat film has no pretension to leave out."""
-        return self.internal_forces(state)
-
-    def tangent_matrices(self, state: State) -> Array:
-        """Tangents in N/m, damped so that they are regular where the film is slack.
-
-        The residual is exact, so the damping changes no solution.
-        """
-        return super().tangent_matrices(state) + self._damping(state)
-
-    def element_action(self, state: State, x: Array) -> Array:
-        damped = times(self._damping(state), x[self.space.element_dofs])
-        return super().element_action(state, x) + damped
-
-    def element_diagonal(self, state: State) -> Array:
-        return super().element_diagonal(state) + np.einsum("eii->ei", self._damping(state))
-
     def _damping(self, state: State) -> Array:
-        part = state.damping if isinstance(state, PredictedState) else 0.0
-        return (part + self.FLOOR) * self.mean_tension(state) * self._laplace
-
-    def predicted(self, state: State, stress: Array, damping: float) -> PredictedState:
-        """The state with another stress in its tangent, and moduli of its own strain."""
-        root = self.law.root(self.elastic(state.strain), state.stress)
-        return PredictedState(
-            state.deformation_gradient, state.strain, stress, state.dofs, root, damping
-        )
+        return (state.damping + FLOOR) * self.mean_tension(state) * self._laplace
 
     def mean_tension(self, state: State) -> float:
         """Mean of both principal tensions in N/m, or what rounding leaves of one."""
         mean = 0.5 * state.stress[..., :2].sum(axis=-1)
         average = float((mean * self.volumes).sum() / self.volumes.sum())
-        return self.film.thickness * max(average, self.LEAST_STRAIN * self.law.stiffness[0, 0])
+        return self.film.thickness * max(average, LEAST_STRAIN * self.law.stiffness[0, 0])
 
-
-class UnevenWrinkling(WrinklingMembrane):
-    """A membrane that wrinkles but where a layer is bonded to it, which bears compression."""
-
-    def __init__(
-        self, space: Space, film: Film, added: AddedStrain | None, frame: Array = IDENTITY[:2]
-    ) -> None:
-        super().__init__(space, film)
-        self.added, self._layered = added, UnevenMembrane(space, film, added, frame)
-        covered = [space.mesh.subdomains[name] for name in film.layers]
-        every = np.arange(space.mesh.nelements)
-        self._bare = np.setdiff1d(every, np.concatenate([every[:0], *covered]))
-
-    def _elastic(self, state: State) -> Array:
-        """Elastic strain of the film without a layer, (bare elements, points, 3)."""
-        bare = self._bare
-        return self.elastic(state.strain[bare]) + self._layered.added_strain[bare]
-
-    def state(self, x: Array, elements: Selection = ALL) -> State:
-        state = self._layered.state(x)
-        state.stress[self._bare] = self.law.stress(self._elastic(state))
-        return state
-
-    def moduli(self, state: State) -> Array:
-        moduli = np.broadcast_to(self._layered.moduli(state), (*self.volumes.shape, 3, 3)).copy()
-        root = self.law.root(self._elastic(state), state.stress[self._bare])
-        moduli[self._bare] = np.matmul(root.swapaxes(-1, -2), root)
-        return moduli
+    def predicted(self, state: State, stress: Array, damping: float) -> State:
+        """The state with another stress in its tangent, and moduli of its own strain."""
+        return replace(state, stress=stress, moduli=self.moduli(state), damping=damping)
 
 
 def strain_of(gradient: Array) -> Array:

@@ -15,11 +15,14 @@ import scipy.sparse as sp
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.bending_effect import BendingEffect, bending_effect
 from pvdf_fem.film.electric.coupling import Coupling, Floating, coupled
+from pvdf_fem.film.laws.laminate import LAWS
+from pvdf_fem.film.laws.law import Law
+from pvdf_fem.film.laws.tension_field import TensionField
 from pvdf_fem.film.layers import Layers
 from pvdf_fem.film.loads.heat import AddedStrain
-from pvdf_fem.film.loads.kinds import LOADS, presses_rigidly, rigid_elements
+from pvdf_fem.film.loads.kinds import loads_on, presses_rigidly, rigid_elements
 from pvdf_fem.film.loads.posed import NOTHING, Posed
-from pvdf_fem.film.membrane import Membrane, UnevenMembrane, UnevenWrinkling, WrinklingMembrane
+from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.plate import LOWEST_ORDER, Plate
 from pvdf_fem.film.remarks import two_digits
 from pvdf_fem.film.space import Space
@@ -81,20 +84,22 @@ class FilmModel:
         """Whether electrodes, d31 and d32 only read the stress, and do not change it."""
         return not self.floating
 
-    def membrane(self, space: Space, part: MirroredPart) -> Membrane:
-        """The membrane term."""
-        film, added = self.scene.film, AddedStrain.of(self.scene)
-        uneven = film.patches or added
-        return UnevenMembrane(space, film, added, part.frame) if uneven else Membrane(space, film)
+    @property
+    def film_law(self) -> Law:
+        """The law of the film."""
+        return LAWS[self.scene.film.law](self.scene.film.stiffness)
 
-    def terms(self, space: Space, part: MirroredPart = WHOLE, posed: Posed = NOTHING) -> list[Term]:
-        """The terms of the film's energy on a space of a part of it: membrane and loads."""
-        touches = posed.touches(self.scene)
-        return [
-            self.membrane(space, part),
-            *(LOADS[touch.load.kind](touch, space, part) for touch in touches),
-            *(Coupling(electrode, space) for electrode in self.floating),
-        ]
+    def membrane(self, space: Space, part: MirroredPart = WHOLE) -> Membrane:
+        """The membrane term."""
+        added = AddedStrain.of(self.scene)
+        return Membrane(space, self.scene.film, self.film_law, added, part.frame)
+
+    def others(
+        self, space: Space, part: MirroredPart = WHOLE, posed: Posed = NOTHING
+    ) -> list[Term]:
+        """The other terms of the film's energy on a space of a part of it."""
+        loads = loads_on(self.scene, space, part, posed)
+        return [*loads, *(Coupling(electrode, space) for electrode in self.floating)]
 
     @property
     def saturation(self) -> float:
@@ -171,9 +176,11 @@ class PlateModel(FilmModel):
     force_over_thickness = False
     film_is_differentiable = False
 
-    def terms(self, space: Space, part: MirroredPart = WHOLE, posed: Posed = NOTHING) -> list[Term]:
-        """The membrane's terms and the plate."""
-        terms, effect, film = super().terms(space, part, posed), self.effect, self.scene.film
+    def others(
+        self, space: Space, part: MirroredPart = WHOLE, posed: Posed = NOTHING
+    ) -> list[Term]:
+        """The loads and the plate."""
+        terms, effect, film = super().others(space, part, posed), self.effect, self.scene.film
         plate = Plate(
             space, film, rigid_elements(terms, flat=True), effect.rim_tension, effect.probe_tension
         )
@@ -208,12 +215,10 @@ class TensionFieldModel(FilmModel):
     size_factor = 1.7
     film_is_differentiable = False
 
-    def membrane(self, space: Space, part: MirroredPart) -> Membrane:
-        """The membrane term with the tension field's law."""
-        film, added = self.scene.film, AddedStrain.of(self.scene)
-        if film.patches or added:
-            return UnevenWrinkling(space, film, added, part.frame)
-        return WrinklingMembrane(space, film)
+    @property
+    def film_law(self) -> Law:
+        """The tension field's."""
+        return TensionField(self.scene.film.stiffness)
 
     @property
     def saturation(self) -> float:

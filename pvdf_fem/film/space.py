@@ -59,6 +59,11 @@ class Space:
         """Scalar dofs of the elements, (elements, functions)."""
         return np.asarray(self.basis.element_dofs.T)
 
+    @property
+    def places(self) -> Array:
+        """The quadrature points in m, (elements, points, 2)."""
+        return np.moveaxis(np.asarray(self.basis.global_coordinates()), 0, -1)
+
     @cached_property
     def values(self) -> Array:
         """Values of the functions at the quadrature points, (elements, points, functions)."""

@@ -11,6 +11,7 @@ import scipy.sparse as sp
 
 from pvdf_fem.arrays import Array, Indices, Selection
 from pvdf_fem.film.space import Space
+from pvdf_fem.scene.film import Film
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,10 @@ class State:
     dofs: Array
     #: What terms add to the stress of the strain, if they do, (elements, 1, 3).
     added: Array | None = field(default=None, kw_only=True)
+    #: Moduli in place of those of the strain, in Pa, where a tangent is to have others.
+    moduli: Array | None = field(default=None, kw_only=True)
+    #: Tension that a tangent has everywhere, over the film's mean tension.
+    damping: float = field(default=0.0, kw_only=True)
 
 
 class Assembly(Protocol):
@@ -34,6 +39,49 @@ class Assembly(Protocol):
 
     def of_deflections(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
         """From a matrix (scalar dofs, scalar dofs) of the deflections."""
+
+
+class Seat(Protocol):
+    """A nonlinear part of the map, from dofs that move with a tip to dofs of the film.
+
+    All arrays are (dofs,) unless they say otherwise.
+    """
+
+    @property
+    def driven(self) -> Array:
+        """Forces in N on the dofs that move with the tip."""
+
+    @property
+    def lead(self) -> int | None:
+        """A dof whose unknown is the tip's depth; None where the depth is given."""
+
+    def rested(self, x: Array) -> Array:
+        """The film's dofs."""
+
+    def lifted(self, x: Array) -> Array:
+        """The inverse of `rested`."""
+
+    def pushed(self, x: Array, state: State) -> Array:
+        """The derivative of `rested` at a state, times a step."""
+
+    def push_matrix(self, state: State) -> sp.csr_matrix:
+        """The derivative as a matrix (dofs, dofs)."""
+
+    def pulled(self, forces: Array, state: State) -> Array:
+        """The transpose of `pushed`, of forces (dofs, ...) in N."""
+
+    def balanced(self, forces: Array, state: State) -> Array:
+        """The film's forces less what the seat bears of them; without friction that is `pulled`."""
+
+    def turned(self, forces: Array, state: State, x: Array) -> Array:
+        """Change of `balanced` forces as the seat turns by a step."""
+
+    def pulled_matrices(self, matrices: Array, forces: Array, state: State) -> Array:
+        """Derivative of `balanced` forces by the dofs that move with the tip, (elements, dofs,
+        dofs), from the film's tangents and forces."""
+
+    def raised_work(self, forces: Array) -> float:
+        """Work in J of the film's forces on the tip where the depth is given."""
 
 
 class Term(ABC):
@@ -47,14 +95,16 @@ class Term(ABC):
     space: Space
     #: Whether `residual` derives from `energy`.
     conservative: bool = True
-    #: Whether `residual` is no more than -`forces` while the film is flat, whatever the mesh.
-    rests_flat: bool = False
     #: Dofs that the term holds at zero, (n,).
     fixed_dofs: Indices = np.empty(0, dtype=np.int64)
     #: Groups of dofs that it lets move by one common value each.
     shared_dofs: tuple[Indices, ...] = ()
     #: Dofs that it lets move by sums of functions: (n,), and the functions' values there, (n, m).
     modes: tuple[tuple[Indices, Array], ...] = ()
+    #: Dofs whose film forces the term bears, (n,), beside those of `forces`.
+    borne: Indices = np.empty(0, dtype=np.int64)
+    #: Elements that the term keeps straight, (n,).
+    rigid_patch: Indices = np.empty(0, dtype=np.int64)
 
     @property
     def force(self) -> float:
@@ -69,13 +119,31 @@ class Term(ABC):
         """A conservative term near this one, whose equilibrium is a start for this one's."""
         return self
 
+    @property
+    def seat(self) -> Seat | None:
+        """What makes the map from unknowns to dofs nonlinear, where it does."""
+        return None
+
+    def loose(self, film: Film) -> Term:
+        """A load near this one that holds no dofs, whose equilibrium is a start for this one's."""
+        return self
+
+    def lagged(self) -> Term:
+        """The term with a tangent in which friction keeps its direction."""
+        return self
+
+    def pressed(self, film_forces: Array) -> tuple[Selection, Array] | None:
+        """Elements, and the force in N that presses each of them against the film's face, (n,), by
+        the film's forces less those of loads, (dofs,)."""
+        return None
+
     def scaled(self, factor: float) -> Term:
         """The term with its load times a factor; what is no load is as before."""
         return self
 
     @abstractmethod
     def energy(self, state: State) -> float:
-        """Energy in J; of a load that is not conservative, that of its forces held as they are."""
+        """Energy in J; a load that is not conservative returns minus the work of current forces."""
 
     @abstractmethod
     def residual(self, state: State) -> Array:
@@ -121,3 +189,24 @@ class Term(ABC):
 
         They do not hold for a film that wrinkles, whose energy is no polynomial.
         """
+
+
+class Load(Term):
+    """A term of external forces that no displacement, or only the present one, decides."""
+
+    @abstractmethod
+    def forces(self, state: State) -> Array:
+        """External forces in N, (dofs,)."""
+
+    def energy(self, state: State) -> float:
+        """The potential of the load in J."""
+        return -float(self.forces(state) @ state.dofs)
+
+    def residual(self, state: State) -> Array:
+        """The forces in N, (dofs,), with a minus sign."""
+        return -self.forces(state)
+
+    def along(self, state: State, x: Array) -> Array:
+        """Coefficients (5,) of the load's potential along `x`, its forces held as they are."""
+        forces = self.forces(state)
+        return np.array([-forces @ state.dofs, -forces @ x, 0.0, 0.0, 0.0])

@@ -29,7 +29,7 @@ from skfem import MeshTri2
 
 from pvdf_fem.arrays import Indices
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError, missing_text
-from pvdf_fem.mesh.six_node import SIDES, bent, bulge, compression, with_sorted_vertices
+from pvdf_fem.mesh.six_node import bulge, compression, straightened, with_sorted_vertices
 from pvdf_fem.mesh.size_field import SPARE, SizeField, Sizes, element_sizes
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
 from pvdf_fem.scene.outlines.circle import Circle
@@ -134,22 +134,6 @@ def mesh_scene(
     if (distorted := compression(mesh) < least_jacobian).any():
         raise MeshError(f"{distorted.sum()} elements fold: an outline nearly touches another")
     return mesh
-
-
-def straightened(mesh: MeshTri2, least_jacobian: float, most: float) -> MeshTri2:
-    """The mesh with bent sides of distorted elements in gaps (`bent`), and then with straight ones
-    where that moves them by up to `most`: of elements in cusps too narrow for an arc."""
-    mesh = bent(mesh, least_jacobian)
-    while True:
-        points = mesh.doflocs.copy()
-        nodes = mesh.dofs.element_dofs[:, compression(mesh) < least_jacobian]
-        for middle, (a, b) in enumerate(SIDES, start=3):
-            halfway = 0.5 * (points[:, nodes[a]] + points[:, nodes[b]])
-            near = np.linalg.norm(halfway - points[:, nodes[middle]], axis=0) <= most
-            points[:, nodes[middle][near]] = halfway[:, near]
-        if np.array_equal(points, mesh.doflocs):
-            return mesh
-        mesh = replace(mesh, doflocs=points)
 
 
 def _mesh_once(

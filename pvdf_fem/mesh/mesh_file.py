@@ -25,8 +25,8 @@ from skfem.quadrature import get_quadrature
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.files import FileError, reading
-from pvdf_fem.mesh.gmsh_mesh import FILM, RIM, named, outlines, straightened
-from pvdf_fem.mesh.six_node import SIDES, compression, with_sorted_vertices
+from pvdf_fem.mesh.gmsh_mesh import FILM, RIM, named, outlines
+from pvdf_fem.mesh.six_node import SIDES, compression, straightened, with_sorted_vertices
 from pvdf_fem.mesh.symmetry import WHOLE
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import Outline

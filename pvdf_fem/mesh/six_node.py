@@ -84,3 +84,19 @@ def bent(mesh: MeshTri2, least_jacobian: float) -> MeshTri2:
             break
         mesh, distorted = after, still
     return mesh
+
+
+def straightened(mesh: MeshTri2, least_jacobian: float, most: float) -> MeshTri2:
+    """The mesh with bent sides of distorted elements in gaps (`bent`), and then with straight ones
+    where that moves them by up to `most`: of elements in cusps too narrow for an arc."""
+    mesh = bent(mesh, least_jacobian)
+    while True:
+        points = mesh.doflocs.copy()
+        nodes = mesh.dofs.element_dofs[:, compression(mesh) < least_jacobian]
+        for middle, (a, b) in enumerate(SIDES, start=3):
+            halfway = 0.5 * (points[:, nodes[a]] + points[:, nodes[b]])
+            near = np.linalg.norm(halfway - points[:, nodes[middle]], axis=0) <= most
+            points[:, nodes[middle][near]] = halfway[:, near]
+        if np.array_equal(points, mesh.doflocs):
+            return mesh
+        mesh = replace(mesh, doflocs=points)

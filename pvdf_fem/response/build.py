@@ -27,6 +27,7 @@ from pvdf_fem.response.response import Response
 from pvdf_fem.response.response_file import mechanics_of, response_key
 from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces
 from pvdf_fem.response.table import MARGIN, Grid, force_nodes_N, pressed_outline
+from pvdf_fem.scene.registry import SPREAD_CLASSES
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.sweeps.store import Store
@@ -248,6 +249,10 @@ def refuse(
             "film: patches and rim_displacement_um make a stress about a probe that is another one"
             " everywhere, which a response does not have; remove them"
         )
+    for key in SPREAD_CLASSES:
+        if value := getattr(scene.film, key):
+            reason = "a response is of a film that is flat before it is touched"
+            raise ValueError(f"film.{key}: {value!r} is not for a response; {reason}; remove it")
     if scene.load.friction:
         friction = f"load.friction: {scene.load.friction!r}"
         raise ValueError(f"{friction}: a response is of film that slides freely; give 0")

@@ -21,6 +21,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.contact_edge import LARGEST, PENETRATION, Edge
 from pvdf_fem.film.loads.contact_guess import faces, guessed_width
+from pvdf_fem.film.loads.touchdown import edges_of, overlap_at
 from pvdf_fem.film.space import Space, transferred
 from pvdf_fem.mesh.gmsh_mesh import PROBE, mesh_scene, outlines
 from pvdf_fem.mesh.size_field import Sizes
@@ -163,9 +164,9 @@ def _stresses_on_tip(
             space = equilibrium.space
             start = known and equilibrium.restrict(transferred(known.space, known.dofs, space))
             state = equilibrium.state(_solved(equilibrium, start, force))
-            edges = equilibrium.edges(state)
+            edges = edges_of(equilibrium, state)
             known, contact = _Rested(space, state.dofs, edges[0], guess), edges[0].fitted
-            overlap = equilibrium.overlap(state.dofs, edges)
+            overlap = overlap_at(equilibrium, state.dofs, edges)
             if finer is elements and overlap <= PENETRATION:
                 break
         if overlap > LARGEST:

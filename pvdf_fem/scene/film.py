@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,15 @@ from pvdf_fem.scene.affects import Affects
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import overlaps
 from pvdf_fem.scene.quantity import Finite, Length, Modulus, Number, Section, refusal, within
+from pvdf_fem.scene.registry import LAW_CLASSES
 from pvdf_fem.scene.scene_file import quote
 from pvdf_fem.scene.shapes import MOST_PATCHES, Expansion, Patch
 
 Value = TypeVar("Value")
+if TYPE_CHECKING:
+    LawName: TypeAlias = str
+else:
+    LawName = Literal[tuple(LAW_CLASSES)]
 
 
 def _number_or_pair(value: Any) -> str:
@@ -81,6 +86,14 @@ class Film(Section):
     `thermal_diffusivity_m2_s` says how the heat of a probe with `temperature_K` spreads
     (`pvdf_fem.film.loads.heat`).
 
+    `law` is ``hooke``, linear in the Green-Lagrange strain, or ``neo-hookean`` for rubber, which is
+    Hooke's law for small strains (`pvdf_fem.film.laws.neo_hookean`); it is that of the patches,
+    too.
+
+    `pressure_Pa` is a uniform pressure on the whole film, along z, or with `pressure_follows`
+    normal to the deformed film; the film at rest is without it. `gravity_m_s2` is the acceleration
+    along z by which the film has a weight, also at rest. Without a value the weight is left out.
+
     `patches` are layers bonded to the film, as tape or ink, each with a shape and what
     `pvdf_fem.scene.shapes.Bonded` has. They may overlap, and end on or beyond the rim.
     """
@@ -109,6 +122,10 @@ class Film(Section):
     pyroelectric_uC_m2K: Annotated[Number | None, Affects.READING] = None
     thermal_diffusivity_m2_s: Annotated[Finite, within(1e-12, 1.0, "m²/s")] = 6e-8
     patches: Annotated[tuple[Patch, ...], Field(max_length=MOST_PATCHES)] | None = None
+    law: LawName = "hooke"
+    pressure_Pa: Annotated[Finite, within(-1e9, 1e9, "Pa")] | None = None
+    pressure_follows: StrictBool = False
+    gravity_m_s2: Annotated[Finite, within(-1e6, 1e6, "m/s²")] | None = None
 
     @field_validator("poisson_ratio")
     @classmethod
@@ -170,6 +187,21 @@ class Film(Section):
                 raise refusal(f"{reason}; remove it or film.pretension_N_m")
         return value or None
 
+    @field_validator("law")
+    @classmethod
+    def _is_of_an_isotropic_film(cls, value: str, info: ValidationInfo) -> str:
+        unlike = isinstance(info.data.get("youngs_modulus_GPa"), tuple)
+        if value == "neo-hookean" and (unlike or info.data.get("shear_modulus_GPa") is not None):
+            raise refusal("is of an isotropic film; give one film.youngs_modulus_GPa alone")
+        return value
+
+    @field_validator("pressure_follows")
+    @classmethod
+    def _has_a_pressure(cls, value: bool, info: ValidationInfo) -> bool:
+        if value and not info.data.get("pressure_Pa"):
+            raise refusal("is of a pressure on the film; give film.pressure_Pa")
+        return value
+
     @property
     def radius(self) -> float:
         """Radius in m."""
@@ -205,8 +237,19 @@ class Film(Section):
 
     @property
     def zeroed(self) -> Film:
-        """The film at rest before it warmed, whose charges are those at rest."""
-        return self.model_copy(update={"warming_K": None})
+        """The film at rest before it warmed or a pressure came, whose charges are those at rest."""
+        before = {"warming_K": None, "pressure_Pa": None, "pressure_follows": False}
+        return self.model_copy(update=before)
+
+    @property
+    def weight(self) -> float:
+        """Weight per area along z in Pa, without that of patches."""
+        return self.density * self.thickness * (self.gravity_m_s2 or 0.0)
+
+    @property
+    def spread_force(self) -> float:
+        """Size in N of the loads on the whole film."""
+        return float(abs((self.pressure_Pa or 0.0) + self.weight) * np.pi * self.radius**2)
 
     @property
     def strain_at_rest(self) -> NDArray[np.float64]:
@@ -256,6 +299,11 @@ class Film(Section):
         """Whether the clamped film, untouched, moves in its plane, since its stress is uneven."""
         stretched = any(layer.strain_at_rest.any() for layer in self.layers.values())
         return stretched or self.rim_displacement_um is not None
+
+    @property
+    def is_flat_at_rest(self) -> bool:
+        """Whether the clamped film, untouched, is in balance while it is flat."""
+        return not (self.moves_at_rest or self.spread_force)
 
     def rim_strain(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
         """Strain (..., 3) of a displacement g (x, y) that is the rim's there, in units of a: g is

@@ -1,8 +1,8 @@
-"""Which electrodes and probes cannot be where they are: over the rim, or over each other."""
+"""What is valid one by one and not together: places of shapes, and effects on the film."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
 from itertools import combinations
 from typing import Any
@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
+from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import TOUCH, overlaps
 from pvdf_fem.scene.outlines.sphere import SphereShape
 from pvdf_fem.scene.outlines.tip import tip_of
-from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES, Load, said_at
+from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES, SPREAD_CLASSES, Load, said_at
 from pvdf_fem.scene.scene_file import problem
 from pvdf_fem.scene.shapes import Electrode, Layout, Pressing, PressingProbe, Probe, Ring
 
@@ -39,6 +40,52 @@ def misplacements(
         if load is not None:
             yield from _of_load(radius_mm, key, entry, load)
     yield from _overlapping(probes)
+
+
+def clashes(
+    film: Film, observable: str, probes: Mapping[str, Any], kinds: Mapping[str, str]
+) -> Iterator[str]:
+    """Complaints about effects that no film model has together. Probes, and the kinds of their
+    loads, are given by the probes' keys."""
+    tips = {k: said_at(k, probes[k], "kind") for k, kind in kinds.items() if kind == "contact"}
+    outlines = [patch.outline for patch in film.patches or ()]
+    pressed = film.d33_pC_N and any(
+        overlaps(outline, probe.outline) for outline in outlines for probe in probes.values()
+    )
+    given = {
+        "film.compression": film.compression != "refuse" and film.compression,
+        "film.bending": film.bending,
+        "film.coupling": film.coupling,
+        "film.d33_pC_N": film.d33_pC_N,
+        "film.pretension_N_m": film.pretension_N_m,
+        "numerics.observable": observable != "material" and observable,
+        **dict.fromkeys(tips.values(), "contact"),
+    }
+    wrinkles, bends, coupled, _, _, edges, *_ = given
+    soft = film.law == "neo-hookean"
+    before = any(patch.bonded != "at rest" for patch in film.patches or ())
+    at_rest = ("film.pretension_N_m",) if soft else ()
+    uneven = wrinkles, edges, coupled
+    unlike: dict[str, tuple[Any, Iterable[str]]] = {
+        "film.patches": (film.patches, (wrinkles, bends)),
+        'film.patches bonded "before stretching"': (before, (coupled, *at_rest)),
+        "film.patches under a probe": (pressed, ("film.d33_pC_N",)),
+        "film.rim_displacement_um": (film.rim_displacement_um, uneven),
+        "film.warming_K": (film.warming_K, (coupled,)),
+        "film.coupling": (film.coupling, (edges,)),
+        'film.law = "neo-hookean"': (soft, (wrinkles, bends, coupled)),
+        **{f"film.{key}": (getattr(film, key), tips.values()) for key in SPREAD_CLASSES},
+    }
+    for key, probe in probes.items():
+        of_tip = (tips[key],) if key in tips else ()
+        unlike[f"{key}.temperature_K"] = probe.temperature_K, (*uneven, *of_tip)
+    for feature, (present, others) in unlike.items():
+        for key in others:
+            if present and given[key]:
+                yield problem(key, given[key], f"is not for {feature}; change it or remove that")
+    if film.bending is True and tips:
+        reason = 'is not for tips; give "auto" or false, and its effect is estimated'
+        yield problem("film.bending", True, reason)
 
 
 def _of_load(radius_mm: float | None, key: str, probe: Any, load: Load) -> Iterator[str]:

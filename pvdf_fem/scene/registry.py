@@ -32,6 +32,18 @@ LOAD_CLASSES = {
 }
 
 
+#: Class of the load on the whole film that each key of the film makes.
+SPREAD_CLASSES = {
+    "pressure_Pa": "pvdf_fem.film.loads.everywhere.pressure:FilmPressure",
+    "gravity_m_s2": "pvdf_fem.film.loads.everywhere.weight:Weight",
+}
+#: Class of each ``film.law``.
+LAW_CLASSES = {
+    "hooke": "pvdf_fem.film.laws.law:Hooke",
+    "neo-hookean": "pvdf_fem.film.laws.neo_hookean:NeoHookean",
+}
+
+
 class ProfileEntry(NamedTuple):
     """The class of a profile; whether it is of ellipses only, and as symmetric as its outline."""
 

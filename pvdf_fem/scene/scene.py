@@ -8,7 +8,7 @@ nothing else in the package converts lengths or moduli. Defaults are the thesis'
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
@@ -26,12 +26,12 @@ from pvdf_fem.scene.affects import Affects
 from pvdf_fem.scene.change import Replaced, change
 from pvdf_fem.scene.film import Air, Film
 from pvdf_fem.scene.mistakes import MOST_MISTAKES, mistakes
-from pvdf_fem.scene.outlines.outline import Outline, overlaps
+from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.outlines.tip import Tip, tip_of
-from pvdf_fem.scene.placement import LEAST_RADIUS_MM, misplacements
+from pvdf_fem.scene.placement import LEAST_RADIUS_MM, clashes, misplacements
 from pvdf_fem.scene.quantity import Finite, Section, Whole, within
 from pvdf_fem.scene.readout import Readout
-from pvdf_fem.scene.registry import FORCES, OBSERVABLE_ENTRIES, Load, OwnLoad, said_at
+from pvdf_fem.scene.registry import FORCES, OBSERVABLE_ENTRIES, Load, OwnLoad
 from pvdf_fem.scene.scene_file import (
     SceneError,
     example_text,
@@ -171,14 +171,12 @@ class Scene(Section):
             self.load,
             self.numerics.observable,
         )
-        if self.film.bending is True and "contact" in self._kinds.values():
-            reason = 'is not for tips; give "auto" or false, and its effect is estimated'
-            complaints = chain(complaints, [problem("film.bending", True, reason)])
         film = self.film
         if film.coupling and film.clamped_permittivity <= 0.0:
             reason = "is not for d31, d32 so large at film.permittivity; change those or remove it"
             complaints = chain(complaints, [problem("film.coupling", film.coupling, reason)])
-        complaints = chain(complaints, self._clashes())
+        kinds = self._kinds
+        complaints = chain(complaints, clashes(film, self.numerics.observable, self._probes, kinds))
         if self.readout is not None:
             names = [electrode.name for electrode in self.electrode_list]
             complaints = chain(complaints, self.readout.mistakes(names))
@@ -186,37 +184,6 @@ class Scene(Section):
             context = {"text": "\n".join(problems), "problems": problems}
             raise PydanticCustomError("misplaced", "{text}", context)
         return self
-
-    def _clashes(self) -> Iterator[str]:
-        """Complaints about what is uneven, warm or at a voltage beside what does not allow it."""
-        film, observable = self.film, self.numerics.observable
-        wrinkles = [("film.compression", film.compression)] * (film.compression != "refuse")
-        bends = [("film.bending", film.bending)] * bool(film.bending)
-        edges = [("numerics.observable", observable)] * (observable != "material")
-        coupled = [("film.coupling", film.coupling)] * bool(film.coupling)
-        across = [("film.d33_pC_N", film.d33_pC_N)] * bool(film.d33_pC_N)
-        found: dict[str, list[tuple[str, Any]]] = {}
-        if film.patches:
-            found["film.patches"] = wrinkles + bends
-            if any(patch.bonded != "at rest" for patch in film.patches):
-                found['film.patches bonded "before stretching"'] = coupled
-            outlines = [patch.outline for patch in film.patches]
-            probes = self._probes.values() if across else ()
-            if any(overlaps(o, probe.outline) for o in outlines for probe in probes):
-                found["film.patches under a probe"] = across
-        if film.rim_displacement_um:
-            found["film.rim_displacement_um"] = wrinkles + edges + coupled
-        if film.warming_K:
-            found["film.warming_K"] = coupled
-        if film.coupling:
-            found["film.coupling"] = edges
-        for key in self.warm_probes:
-            kind = self._kinds[probe := key.rpartition(".")[0]]
-            tips = [(said_at(probe, self._probes[probe], "kind"), kind)] * (kind == "contact")
-            found[key] = wrinkles + edges + coupled + tips
-        for key, clashing in found.items():
-            for name, value in clashing:
-                yield problem(name, value, f"is not for {key}; change it or remove that")
 
     @property
     def doubts(self) -> tuple[str, ...]:

@@ -26,9 +26,6 @@ from pvdf_fem.solvers.status import Status
 #: Strength of biaxially stretched PVDF film in Pa: data sheets give 160 to 220 MPa along either
 #: direction.
 STRENGTH = 180e6
-#: Principal stretch less 1 up to which St. Venant-Kirchhoff's law is that of a linear elastic
-#: solid: at 5 % the 2nd Piola-Kirchhoff and the nominal stress differ by as much.
-STRAIN_LIMIT = 0.05
 #: Slope up to which the load is modelled well. The film's law is exact at any slope; but here a
 #: pressure along z and one normal to the film differ by 1 - cos = 11 %, and the probe's face no
 #: longer covers its shadow.
@@ -63,10 +60,11 @@ def changes_by_wrinkles(attempt: Attempt) -> Array | None:
     however small the compressed part is. So whether it is a result is not read from the signs of
     its tangent, which depend on the mesh, but from what the tension field would change. That comes
     from one Newton step of its equations from the membrane's solution, which on 12 scenes made 0.4
-    to 0.9 of the change. None of a film without compression, or that may carry it.
+    to 0.9 of the change. None of a film without compression,
+    or that may carry it, or whose law has no tension field.
     """
     solved, q, goals = attempt.equilibrium, attempt.fields.q, attempt.problem.goals
-    carries = solved.model.bends or solved.model.wrinkles
+    carries = solved.model.bends or solved.model.wrinkles or not solved.membrane.law.linear
     if carries or not attempt.result.converged or not compressed(attempt.fields.solved_state):
         return None
     # a scene of a sweep may have no electrodes, which `Scene.with_` refuses
@@ -94,11 +92,11 @@ def warnings(equilibrium: Equilibrium, state: State, change: float | None) -> It
             f" at {_place(equilibrium, largest)}, above the film's {1e-6 * STRENGTH:.4g} MPa"
         )
     stretch = principal(state.strain * [1.0, 1.0, 0.5])[1]
-    if (strain := stretch.max()) > STRAIN_LIMIT:
-        yield (
-            f"strain: up to {strain:.3g} at {_place(equilibrium, stretch)}, where the film is no"
-            f" longer linear elastic (above {STRAIN_LIMIT:g})"
-        )
+    law = equilibrium.membrane.law
+    if (strain := stretch.max()) > law.strain_limit:
+        place = _place(equilibrium, stretch)
+        limit = f"(above {law.strain_limit:g})"
+        yield f"strain: up to {strain:.3g} at {place}, where the film {law.beyond_limit} {limit}"
     slope = np.hypot(state.deformation_gradient[..., 2, 0], state.deformation_gradient[..., 2, 1])
     if (steepest := slope.max()) > SLOPE_LIMIT:
         yield (

@@ -15,25 +15,25 @@ from pvdf_fem.charges.forces import (
     Forces,
     area_defects,
     charge_sizes,
-    charges_of,
+    force_errors,
     goal_forces,
     goal_gradients,
+    larger,
 )
 from pvdf_fem.charges.goals import Goal, coefficients_of
-from pvdf_fem.film.equilibrium import Equilibrium, prolonged
+from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.layers import Layers, remaining_part
-from pvdf_fem.film.loads.contact_edge import LARGEST, PENETRATION, Edge
-from pvdf_fem.film.loads.contact_guess import faces, first_contacts
 from pvdf_fem.film.loads.kinds import rigid_elements
 from pvdf_fem.film.loads.posed import NOTHING, Posed
 from pvdf_fem.film.space import transferred
+from pvdf_fem.film.unknowns import prolonged
 from pvdf_fem.mesh.size_field import SizeField, element_sizes, refined_sizes
 from pvdf_fem.mesh.symmetry import MirroredPart
-from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.estimate import Correction, corrected, duals, indicators
 from pvdf_fem.solution.fields import Fields
 from pvdf_fem.solution.history import Clock
+from pvdf_fem.solution.tips import edges
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.newton import NewtonResult, Tried
@@ -59,12 +59,6 @@ UNCANCELLED = 0.3
 #: pressures at 1e-3 and at 1e-4, errors beyond 0.4 of the tolerance are up to 1.5 times the
 #: estimate, one in ten beyond 1.4 times. What rigid scenes have by `UNCANCELLED` is large enough.
 SAFETY = 1.4
-#: A mesh whose edge of a contact has more than this part of the overlap before is not moved again.
-NEARER = 0.5
-#: Nor one whose edge makes errors of charges below this part of the tolerance.
-MATTERS = 0.1
-#: Reach of a contact over the film's radius from which a tip meets the clamped rim.
-NEAR_RIM = 0.99
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,29 +85,11 @@ class Attempt:
     correction: Correction | None = None
     #: Bending layers that the elements do not resolve.
     layers: Layers | None = None
-    #: The edges of the contacts with tips.
-    edges: tuple[Edge, ...] = ()
 
     @property
     def status(self) -> Status:
         """How Newton's method ended, in either space."""
         return self.result.status
-
-    @cached_property
-    def overlap(self) -> float:
-        """That of `Equilibrium`."""
-        return self.equilibrium.overlap(self.fields.solved_dofs, self.edges)
-
-    def misplaced(self, coarser: Attempt | None) -> bool:
-        """Whether the edges of contacts have to move: at first, then while that still takes away a
-        good part of an error of charges that matters."""
-        if self.overlap <= PENETRATION:
-            return False
-        if coarser is None or coarser.status is not Status.MISPLACED or self.overlap > LARGEST:
-            return True
-        errors = charges_of(self.problem.goals, _errors_by_edges(self)) / self.charge_sizes
-        matters = np.abs(errors).max(initial=0.0) > MATTERS * self.problem.scene.numerics.tolerance
-        return bool(matters) and self.overlap < NEARER * coarser.overlap
 
     @property
     def unknowns(self) -> int:
@@ -159,7 +135,7 @@ def solve_on(
 ) -> Attempt:
     """Solve on the mesh of a part of the film, from the solution on a coarser one if there is."""
     # a guessed edge of a contact is found well enough in the order below
-    if coarser is None and problem.order > 2 and contact_outlines(problem.scene):
+    if coarser is None and problem.order > 2 and edges.outlines_of(problem.scene):
         rough = solve_on(replace(problem, order=2), part, mesh)
         if rough.status is Status.MISPLACED:
             return replace(rough, problem=problem)
@@ -176,12 +152,13 @@ def solve_on(
     )
     if not result.converged or result.factors is None:
         return attempt
-    if equilibrium.contacts:
-        attempt = replace(attempt, edges=equilibrium.edges(attempt.fields.solved_state))
-        if any(edge.fitted.reach > NEAR_RIM * problem.scene.film.radius for edge in attempt.edges):
-            return replace(attempt, result=replace(result, status=Status.RIM))
-        if attempt.misplaced(coarser):
-            return replace(attempt, result=replace(result, status=Status.MISPLACED))
+    if equilibrium.unknowns.seats:
+        fields = edges.with_edges(attempt.fields)
+        attempt = replace(attempt, fields=fields)
+        moved = coarser.fields if coarser and coarser.status is Status.MISPLACED else None
+        sizes = attempt.charge_sizes
+        if status := edges.status_of(fields, moved, result.factors, problem.goals, sizes):
+            return replace(attempt, result=replace(result, status=status))
     with problem.clock("estimate"):
         return _with_errors(attempt)
 
@@ -222,33 +199,10 @@ def _with_errors(attempt: Attempt) -> Attempt:
     lacking = area_defects(problem.goals, equilibrium.space, equilibrium.part)
     defects = lacking[:, None] * np.abs(forces)
     errors += np.where(errors < 0.0, -defects, defects)
-    if attempt.edges:
-        errors += _errors_by_edges(attempt)
-    fields = Fields(equilibrium, result.q, Forces(forces, errors), attempt.edges)
+    if attempt.fields.edges:
+        errors += edges.errors_by_edges(attempt.fields, result.factors, problem.goals)
+    fields = replace(attempt.fields, forces=Forces(forces, errors))
     return replace(attempt, fields=fields, correction=correction, layers=layers)
-
-
-def _errors_by_edges(attempt: Attempt) -> Array:
-    """Errors of the forces (goals, 2) by edges of contacts that are not where they should be."""
-    problem, equilibrium, factors = attempt.problem, attempt.equilibrium, attempt.result.factors
-    assert factors is not None
-    state, forces = attempt.fields.solved_state, attempt.fields.forces.values
-    gradients = goal_gradients(problem.goals, equilibrium.membrane, state.dofs)
-    duals = factors.solve(equilibrium.on_unknowns(state, gradients), "T")
-    by_dof = np.stack([equilibrium.step(state, dual) for dual in duals.T], axis=-1)
-    errors = np.sum([edge.errors(by_dof) for edge in attempt.edges], axis=0)
-    return force_errors(errors, forces, problem.goals)
-
-
-def contact_outlines(scene: Scene, attempt: Attempt | None = None) -> dict[str, Outline]:
-    """Where the film leaves the tips, by patch name: as guessed, or as an attempt found."""
-    edges = first_contacts(scene)
-    if attempt is not None:
-        pairs = zip(attempt.equilibrium.contacts, attempt.edges, strict=True)
-        edges = {contact.touch.patch: edge.fitted for contact, edge in pairs}
-        x = attempt.fields.solved_dofs
-        return edges | {k: v for c in attempt.equilibrium.contacts for k, v in c.face(x).items()}
-    return edges | faces(scene)
 
 
 def _least_errors(attempt: Attempt, correction: Correction) -> Array:
@@ -261,21 +215,6 @@ def _least_errors(attempt: Attempt, correction: Correction) -> Array:
         _, shares = error_indicators(correction, factors, problem.goals)
         least = np.maximum(least, UNCANCELLED * shares.sum(axis=0))
     return np.broadcast_to(least, len(problem.goals))
-
-
-def larger(errors: Array, others: Array, goals: Sequence[Goal]) -> Array:
-    """The estimate of the force errors (goals, 2) that makes the larger charge error, by goal."""
-    first, second = (np.abs(charges_of(goals, estimate)) for estimate in (errors, others))
-    return np.where((first >= second)[:, None], errors, others)
-
-
-def force_errors(errors: Array, forces: Array, goals: Sequence[Goal]) -> Array:
-    """Errors of forces (goals, 2) that add up to those of the charges, in C, (goals,)."""
-    d = coefficients_of(goals)
-    parts = np.abs(d * forces)
-    total = parts.sum(axis=1, keepdims=True)
-    relative = errors[:, None] / np.where(total > 0.0, total, np.inf)
-    return np.asarray(relative * np.abs(forces) * np.sign(d))
 
 
 def error_indicators(
@@ -323,7 +262,7 @@ def _from_below(equilibrium: Equilibrium, budget: Budget) -> Array | Status | No
         return start
     result = equilibrate(lower, start, LOWER_TOLERANCE, budget=budget)
     budget.spend(lower, result.fresh_count)
-    if result.status is Status.UNSTABLE and lower.plate is not None:
+    if result.status is Status.UNSTABLE and lower.model.bends:
         return result.status
     return prolonged(lower, equilibrium, result.q) if result.converged else None
 
@@ -339,7 +278,7 @@ def refined(attempt: Attempt, tolerance: float, most_unknowns: float) -> SizeFie
     dual, by_goal = error_indicators(correction, factors, goals, attempt.charge_sizes[worst])
     shares = by_goal.max(axis=1)
     reduction = tolerance / attempt.worst
-    if attempt.edges:
+    if attempt.fields.edges:
         reduction = min(reduction, 1.0)
     most: Array | float = np.inf
     if layers := attempt.layers:

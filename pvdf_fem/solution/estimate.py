@@ -24,8 +24,9 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.equilibrium import Equilibrium, prolongation, prolonged
+from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.term import State
+from pvdf_fem.film.unknowns import prolongation, prolonged
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.newton import FullSteps, NewtonResult, compressed, is_stable, newton

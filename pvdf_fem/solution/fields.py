@@ -14,7 +14,7 @@ from pvdf_fem.charges.forces import Forces, goal_forces
 from pvdf_fem.charges.goals import Goal
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.contact_edge import Edge
-from pvdf_fem.film.loads.touchdown import Touchdown
+from pvdf_fem.film.loads.touchdown import Touchdown, tips_of
 from pvdf_fem.film.space import shape_values
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.gmsh_mesh import electrode_patch, named
@@ -52,7 +52,7 @@ class Fields:
     @cached_property
     def touchdowns(self) -> dict[str, Touchdown]:
         """What the tips do, by the names of their patches."""
-        pairs, state = zip(self.solved.contacts, self.edges, strict=True), self.solved_state
+        pairs, state = zip(tips_of(self.solved), self.edges, strict=True), self.solved_state
         return {c.touch.patch: Touchdown.of(self.solved, c, edge, state) for c, edge in pairs}
 
     @cached_property

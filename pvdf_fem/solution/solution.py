@@ -18,7 +18,7 @@ from pvdf_fem.charges.rest import heat_charges
 from pvdf_fem.charges.thickness import thickness_charges
 from pvdf_fem.film.electric.coupling import floating
 from pvdf_fem.film.loads.posed import Pressure
-from pvdf_fem.film.loads.pressure import Leaning, Punch
+from pvdf_fem.film.loads.pressure import Leaning
 from pvdf_fem.film.loads.touchdown import Touchdown
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.scene.scene import Scene
@@ -184,8 +184,9 @@ class Solution:
     def punches(self) -> dict[str, Leaning]:
         """How rigid punches lean and are held, by patch: ``probe``, or ``probe 1``, ``probe 2``."""
         film, state = self.fields.equilibrium, self.fields.state
-        punches = (load for load in film.loads if isinstance(load, Punch))
-        return {p.touch.patch: p.leaning(state, film.film_forces(state)) for p in punches}
+        forces = film.film_forces(state)
+        told = {load.touch.patch: load.leaning(state, forces) for load in film.loads}
+        return {patch: leaning for patch, leaning in told.items() if leaning}
 
     def at(self, x_mm: ArrayLike, y_mm: ArrayLike) -> PointValues:
         """Values at points of the film: coordinates are numbers, or arrays of any shape.

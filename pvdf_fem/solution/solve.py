@@ -19,11 +19,12 @@ import numpy as np
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.charges.forces import Forces, charges_of
+from pvdf_fem.charges.forces import Forces, charges_of, larger
 from pvdf_fem.charges.goals import Goal, goals_of
 from pvdf_fem.charges.rest import known_at_rest, untouched
 from pvdf_fem.charges.thickness import thickness_remarks
 from pvdf_fem.film.electric.coupling import coupling_remarks
+from pvdf_fem.film.loads.everywhere.weight import weight_remarks
 from pvdf_fem.film.loads.heat import heat_remarks
 from pvdf_fem.film.loads.posed import NOTHING, Held, Posed, Pressure
 from pvdf_fem.film.loads.profiles import pinned, profile_of
@@ -38,8 +39,6 @@ from pvdf_fem.solution.attempt import (
     UNKNOWNS_PER_ELEMENT,
     Attempt,
     Problem,
-    contact_outlines,
-    larger,
     refined,
     solve_on,
 )
@@ -48,6 +47,7 @@ from pvdf_fem.solution.history import Clock, MeshRecord, Stop
 from pvdf_fem.solution.refinement import MeshLoop, TooManyUnknownsError
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.tips import steps
+from pvdf_fem.solution.tips.edges import outlines_of
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.solvers.wrinkling import barely_loaded
@@ -66,7 +66,7 @@ class RestError(SceneError):
         """The error of a scene, by how the solve of its untouched film ended."""
         film = scene.film
         moved = ["rim_displacement_um", "patches"] if film.moves_at_rest else []
-        keys = [*moved, "pretension_N_m", "temperature_change_K"]
+        keys = [*moved, "gravity_m_s2", "pretension_N_m", "temperature_change_K"]
         key = next(key for key in keys if getattr(film, key) is not None)
         if status == Status.UNSTABLE:
             reason = "it is in compression; stretch it more"
@@ -217,6 +217,7 @@ def _solved(problem: Problem, mesh: MeshTri2 | None) -> Solution:
 
 
 def _mesh_loop(problem: Problem, part: MirroredPart) -> MeshLoop[Attempt]:
+    scene = problem.scene
     return MeshLoop(
         problem.scene,
         partial(first_sizes, problem.scene, problem.order),
@@ -226,7 +227,7 @@ def _mesh_loop(problem: Problem, part: MirroredPart) -> MeshLoop[Attempt]:
         problem.clock,
         UNKNOWNS_PER_ELEMENT[problem.order],
         part,
-        partial(contact_outlines, problem.scene),
+        lambda attempt: outlines_of(scene, attempt.fields if attempt else None),
     )
 
 
@@ -266,7 +267,7 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
     charges_pC = dict(zip(names, by_stress, strict=True)) if len(names) == len(by_stress) else None
     remarks = [model.remark, *coupling_remarks(scene)]
     remarks += thickness_remarks(scene, charges_pC, problem.posed)
-    remarks += heat_remarks(scene, charges_pC)
+    remarks += [*heat_remarks(scene, charges_pC), *weight_remarks(scene)]
     reason = status.advice
     if status is Status.TOLERANCE:
         # a coarser mesh leaves more beside what the steps do

@@ -115,12 +115,12 @@ class OnTip(Rung):
 
     def applies(self, task: Task) -> bool:
         """Without a start."""
-        return bool(task.equilibrium.contacts) and task.start is None
+        return bool(task.equilibrium.unknowns.seats) and task.start is None
 
     def solve(self, task: Task) -> NewtonResult:
         """The equilibrium under the pressure, which starts the next rungs."""
         equilibrium = task.equilibrium
-        pressed = equilibrium.pressed()
+        pressed = equilibrium.each(lambda term: term.loose(equilibrium.film))
         result = climb(Task(pressed, task.budget, tolerance=task.tolerance))
         task.start = equilibrium.restrict(pressed.dofs(result.q))
         return replace(result, status=Status.MAX_ITERATIONS)
@@ -139,7 +139,7 @@ class LineSearchNewton(Rung):
         """With the full tangent from near, with the convex one from the seed."""
         start = seed(task.equilibrium) if task.start is None else task.start
         options = NewtonOptions(tolerance=task.tolerance)
-        if task.equilibrium.contacts:
+        if task.equilibrium.unknowns.seats:
             options = replace(options, defer_size=ON_TIP, max_following=MOST_ON_TIP)
         near = task.start is not None
         return newton(DeferredNewton(task.equilibrium, options, task.budget, near=near), start)
@@ -152,12 +152,12 @@ class AgainstFriction(LineSearchNewton):
 
     def applies(self, task: Task) -> bool:
         """Where film slides against friction."""
-        return super().applies(task) and any(c.friction for c in task.equilibrium.contacts)
+        return super().applies(task) and any(t.lagged() is not t for t in task.equilibrium.terms)
 
     def solve(self, task: Task) -> NewtonResult:
         """From the start."""
         start = seed(task.equilibrium) if task.start is None else task.start
-        lagged = FullSteps(task.equilibrium.with_lagged_friction(), LAGGED_STEP)
+        lagged = FullSteps(task.equilibrium.each(lambda term: term.lagged()), LAGGED_STEP)
         return super().solve(replace(task, start=newton(lagged, start).q))
 
 
@@ -183,7 +183,7 @@ class FallingLoad(Rung):
 
     def applies(self, task: Task) -> bool:
         """Under a dead load only."""
-        conservative = task.equilibrium.conservative and not task.equilibrium.contacts
+        conservative = task.equilibrium.conservative and not task.equilibrium.unknowns.seats
         return task.wrinkles and conservative
 
     def solve(self, task: Task) -> NewtonResult:
@@ -203,7 +203,7 @@ class FromDeadPressure(Rung):
     def solve(self, task: Task) -> NewtonResult:
         """Without a line search, since no energy exists."""
         following = task.equilibrium
-        dead_film = following.with_terms([term.held() for term in following.terms])
+        dead_film = following.each(lambda term: term.held())
         dead = climb(Task(dead_film, task.budget, tolerance=task.tolerance))
         if not dead.converged:
             return dead

@@ -11,7 +11,6 @@ import scipy.sparse as sp
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.membrane import IDENTITY, strain_of, strain_rate
-from pvdf_fem.film.term import State
 from pvdf_fem.solvers.newton import factorise, least_energy
 
 
@@ -39,12 +38,10 @@ def seed(equilibrium: Equilibrium) -> Array:
     tension = induced + max(film.thickness * film.stress_at_rest[:2].mean(), 0.0)
     assembly = equilibrium.assembly
     stretched = assembly.matrix(equilibrium.space.laplace() * tension)
-    if equilibrium.plate is not None:
-        stretched = stretched + equilibrium.plate.coupled_tangent(assembly)
-    q[deflections] = _solve_block(stretched, forces, deflections)
+    q[deflections] = _solve_block(equilibrium.with_coupled(stretched), forces, deflections)
     residual = equilibrium.residual(equilibrium.state(q)) + forces
     q[in_plane] = -factors.solve(residual[in_plane])
-    length = least_energy(_energy_of_scaled(equilibrium, q, deflections, forces, flat))
+    length = least_energy(_energy_of_scaled(equilibrium, q, deflections, forces))
     q[deflections] *= length
     q[in_plane] = q[in_plane] * length**2 + moved
     return q
@@ -73,19 +70,18 @@ def _solve_block(matrix: sp.csc_matrix, right: Array, block: Indices) -> Array:
 
 
 def _energy_of_scaled(
-    equilibrium: Equilibrium, q: Array, deflections: Indices, forces: Array, flat: State
+    equilibrium: Equilibrium, q: Array, deflections: Indices, forces: Array
 ) -> Array:
     """Föppl-von Kármán energy of (s^2 u, s^2 v, s w), coefficients (5,) of 1, s, ... s^4."""
     membrane, film = equilibrium.membrane, equilibrium.film
     w = np.zeros_like(q)
     w[deflections] = q[deflections]
     x = equilibrium.unknowns.expand(w)
+    bent = equilibrium.with_coupled(sp.csc_matrix((len(q), len(q))))
     in_plane = equilibrium.space.gradient(equilibrium.unknowns.expand(q - w))
     strain = strain_rate(IDENTITY, in_plane) + strain_of(equilibrium.space.gradient(x))
     weighted = strain * membrane.volumes[..., None]
     stress = strain @ film.stiffness
     work = float(forces @ w)
-    quadratic = float((weighted @ film.stress_at_rest).sum())
-    if equilibrium.plate is not None:
-        quadratic += equilibrium.plate.along(flat, x)[2]
+    quadratic = float((weighted @ film.stress_at_rest).sum()) + 0.5 * float(w @ (bent @ w))
     return np.array([0.0, -work, quadratic, 0.0, 0.5 * float((stress * weighted).sum())])

@@ -17,7 +17,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.membrane import WrinklingMembrane, strain_rate
+from pvdf_fem.film.membrane import strain_rate
 from pvdf_fem.film.term import State
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solvers.newton import (
@@ -50,7 +50,8 @@ def load_strain(scene: Scene) -> float:
     """(F/(E h a))^(2/3), of the order of the strain that the load makes in a flat film."""
     film = scene.film
     stiffness = film.thickness * film.stiffness[:2, :2].mean()
-    force = sum(np.linalg.norm(touch.load.components) for touch in scene.loaded_probes)
+    by_probes = sum(np.linalg.norm(touch.load.components) for touch in scene.loaded_probes)
+    force = film.spread_force + by_probes
     return float(np.cbrt(force / (stiffness * film.radius)) ** 2)
 
 
@@ -105,24 +106,17 @@ class PredictedStress(Variant):
         self._size, self._stiffer, self._quiet = self.options.damping, 1.0, 0
         self.max_iterations = 2 * self.options.max_iterations
 
-    @property
-    def membrane(self) -> WrinklingMembrane:
-        """The membrane term, with the tension field's law."""
-        membrane = self.equilibrium.membrane
-        assert isinstance(membrane, WrinklingMembrane)
-        return membrane
-
     def tangent(self, state: State, table: Sequence[Iteration]) -> tuple[Tangent, bool]:
         if self._watch is None:
             self._watch = ChargeWatch(self.settled, state)
         predicted = state.stress if self._predicted is None else self._predicted
         damping = self._stiffer * self.options.damping * min(self._size, 1.0)
-        mixed = self.membrane.predicted(state, predicted, damping)
+        mixed = self.equilibrium.membrane.predicted(state, predicted, damping)
         return Tangent(factorise(self.equilibrium.tangent(mixed))), True
 
     def size(self, q: Array, state: State, slope: float) -> float:
         """Energy norm of a step over the smaller of the load's work and twice the energy."""
-        work, energy = self.equilibrium.work(state, q), self.membrane.energy(state)
+        work, energy = self.equilibrium.work(state, q), self.equilibrium.membrane.energy(state)
         scale = abs(min(work, 2.0 * energy))
         self._size = float(np.sqrt(abs(slope) / scale)) if scale > 0.0 else np.inf
         return self._size
@@ -179,7 +173,7 @@ class PredictedStress(Variant):
         """The stress of the strain that the step would have in a linear film."""
         gradient = self.equilibrium.space.gradient(self.equilibrium.step(step.state, step.change))
         rate = strain_rate(step.state.deformation_gradient, gradient)
-        self._predicted = self.membrane.stress(step.state.strain + rate)
+        self._predicted = self.equilibrium.membrane.resultant(step.state.strain + rate)
 
     def _next_stiffer(self, length: float) -> float:
         """The damping of the next step over the usual one, from that of a step of this length."""

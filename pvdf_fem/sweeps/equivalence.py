@@ -39,8 +39,8 @@ def mechanics(scene: Scene) -> tuple[str, Array]:
     if not model.electrodes_only_read:
         return repr(scene), np.eye(2)
     unlike = load.tangential_N or load.profile != "uniform" or isinstance(probe, tuple)
-    if film.is_uneven or (probe is not None and unlike):
-        return f"{affecting(scene, *MECHANICS)} {model.bends}", np.eye(2)
+    if film.is_uneven or film.spread_force or (probe is not None and unlike):
+        return f"{affecting(scene, *MECHANICS)} {film.weight} {model.bends}", np.eye(2)
     # with bending "auto", the electrodes decide whether the film bends
     common = f"{affecting(scene, Affects.MECHANICS)} {model.bends}"
     common += "".join(f" {strain:.{DIGITS}e}" for strain in film.strain_at_rest[:2])

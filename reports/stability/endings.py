@@ -35,7 +35,7 @@ def ended(scene: Scene) -> tuple[Row, Solution | None]:
     try:
         solution = solve(scene)
     except Exception as error:
-        row = {"status": CRASHED, "reason": f"{type(error).__name__}: {error}"}
+        row: Row = {"status": CRASHED, "reason": f"{type(error).__name__}: {error}"}
         return {**row, "seconds": time.process_time() - start}, None
     row = {"status": str(solution.status), "reason": solution.reason}
     row |= {"seconds": time.process_time() - start, "unknowns": solution.unknowns}
@@ -47,13 +47,13 @@ def charges_of(solution: Solution) -> Array:
     return np.array([*solution.charges_pC.values()])
 
 
-def compared(solution: Solution, known_pC: Array, name: str) -> Row:
-    """Largest difference of a charge from a known one, over the tolerance, as `name`; and the error
-    that the solve states of this charge."""
+def compared(solution: Solution, known_pC: Array, name: str, doubts_pC: Array | float = 0.0) -> Row:
+    """Largest difference of a charge from a known one, beyond the doubt of that, over the
+    tolerance, as `name`; and the error that the solve states of this charge."""
     film, charges = solution.scene.film, charges_of(solution)
     parts = 1e12 * np.abs(solution.fields.forces.values) @ np.abs([film.d31, film.d32])
     units = solution.scene.numerics.tolerance * np.maximum(np.abs(charges), CANCELLED * parts)
-    differences = np.abs(charges - known_pC) / units
+    differences = np.maximum(np.abs(charges - known_pC) - doubts_pC, 0.0) / units
     if not np.isfinite(differences).all():
         return {}
     worst = int(np.argmax(differences))
@@ -142,7 +142,8 @@ def _finer(solution: Solution) -> Row:
     row, better = ended(scene.with_(**changes, **{"film.bending": film_model(scene).bends}))
     if better is None:
         return {"finer": row["status"]}
-    return {"finer": row["status"], **compared(solution, charges_of(better), "error")}
+    doubts = np.array([*better.charge_errors_pC.values()])
+    return {"finer": row["status"], **compared(solution, charges_of(better), "error", doubts)}
 
 
 def _enlarged(solution: Solution) -> Row:

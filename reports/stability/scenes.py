@@ -44,8 +44,6 @@ LOADS: tuple[Tables, ...] = (
     {"load.kind": "rigid", "load.contact": "stuck"},
 )
 TRIES = 200  #: Draws of sizes, after which another kind of electrodes is taken.
-#: Keys that grow with the modulus, and with the square of the lengths.
-_FORCES, _MODULI = ("force_N",), ("youngs_modulus_GPa", "shear_modulus_GPa")
 
 
 def extreme_scene(number: int, seed: int) -> Scene:
@@ -76,8 +74,8 @@ def enlarged(scene: Scene, length: float, modulus: float) -> Scene:
         if isinstance(table, list):
             return [grown(value, key) for value in table]
         factor = length if key.endswith(("_mm", "_um")) else 1.0
-        factor *= modulus if key in _MODULI else 1.0
-        factor *= modulus * length**2 if key in _FORCES else 1.0
+        factor *= modulus if key.endswith("_modulus_GPa") else 1.0
+        factor *= modulus * length**2 if key == "force_N" else 1.0
         return table if factor == 1.0 else factor * table
 
     return Scene.model_validate(grown(scene.model_dump(mode="json", exclude_none=True)))

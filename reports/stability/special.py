@@ -1,22 +1,19 @@
-"""Kinds of the report on stability: ranges of parameters, extreme scenes, and scaling laws.
-
-pvdf-fem report reports/stability/report.toml --kinds reports/stability/special.py
-"""
+"""Kinds of the report on stability: ranges of parameters, extreme scenes, and scaling laws."""
 
 from __future__ import annotations
 
+import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from pydantic import Field
 
-from pvdf_fem.output.figures import COLOURS, GREY, MARKERS, new_figure
+from pvdf_fem.output.figures import COLOURS, GREY, MARKERS, figure_of, new_figure
 from pvdf_fem.reporting.data import Changes
 from pvdf_fem.reporting.drawing import WIDTH_MM, axis_label
 from pvdf_fem.reporting.kind import QUICK_TOLERANCE, Content, Inputs, Kind, blamed
@@ -24,7 +21,7 @@ from pvdf_fem.reporting.kinds.curve import Values
 from pvdf_fem.reporting.solved import NothingToShow, Solved
 from pvdf_fem.scene.quantity import Section
 from pvdf_fem.solvers.status import Status
-from reports.stability.endings import CRASHED, REFUSED, Extreme, Law, OnStrip
+from reports.stability.endings import CRASHED, Extreme, Law, OnStrip
 
 CONVERGED = str(Status.CONVERGED)
 QUICK_SCENES = 10  #: Extreme scenes of a preview.
@@ -41,12 +38,6 @@ TRUST = 3.0  #: A stated error is right within this factor, as in the report on 
 NONE_ELSE = "0.78"  #: Colour of a refusal.
 FACES = 4.0  #: Height of a range's tiles in mm.
 ROW = 9.5  #: Height of a range's row in mm.
-#: Advice of what is no status of a solve.
-OTHER_ADVICE = {
-    REFUSED: "the scene is refused by key before any mesh is made; give the key a value in its"
-    " range",
-    CRASHED: "an exception, which must not happen",
-}
 
 
 class Strip(Section):
@@ -94,19 +85,19 @@ class Ranges(Kind):
         ]
         frame = _filled(pd.DataFrame(rows))
         figure = new_figure(WIDTH_MM, ROW * len(self.strips) + 26.0)
-        ax = figure.subplots()
+        ax, letters = figure.subplots(), _letters(frame)
         for line, strip in enumerate(self.strips):
-            _draw_strip(ax, line, strip, frame[frame["range"] == strip.name])
+            _draw_strip(ax, line, strip, frame[frame["range"] == strip.name], letters)
         ax.set(xlim=(0.0, 1.0), ylim=(len(self.strips) - 0.05, -0.55))
         ax.axis("off")
-        letters = _letters(frame)
         patches = [Patch(facecolor=c, edgecolor="0.3", label=name) for name, c in CLASSES.items()]
         patches += [
             Patch(facecolor=NONE_ELSE, label=f"{letter}: {status.replace('_', ' ')}")
             for status, letter in letters.items()
         ]
         figure.legend(handles=patches, loc="outside lower center", ncols=2, fontsize=7)
-        return Content(_told(frame), frame, figure, _shown(frame), self._claim(frame))
+        caption = "Tiles are values from the first to the last; times are the largest CPU seconds."
+        return Content(caption, frame, figure, _shown(frame), self._claim(frame))
 
     def _claim(self, frame: pd.DataFrame) -> str:
         converged = frame[frame.status == CONVERGED]
@@ -141,9 +132,11 @@ def _letters(frame: pd.DataFrame) -> dict[str, str]:
     return found
 
 
-def _draw_strip(ax: Axes, line: int, strip: Strip, rows: pd.DataFrame) -> None:
+def _draw_strip(
+    ax: Axes, line: int, strip: Strip, rows: pd.DataFrame, letters: Mapping[str, str]
+) -> None:
     """The tiles of a range under its name."""
-    words = axis_label(strip.key)
+    words = axis_label(re.sub(r"\[\d+\]$", "", strip.key))
     unit = words[words.rfind("(") + 1 : -1] if words.endswith(")") else ""
     first, last = (f"{rows.value.iloc[i]:g}".replace("-", "−") for i in (0, -1))
     ends = f"{first} … {last} {unit}".rstrip()
@@ -151,7 +144,7 @@ def _draw_strip(ax: Axes, line: int, strip: Strip, rows: pd.DataFrame) -> None:
     seconds = rows.seconds[rows.seconds > 0.0]
     if len(seconds):
         ax.text(1.0, line - 0.08, f"≤ {seconds.max():.2f} s", fontsize=7, ha="right", va="bottom")
-    letters, width, height = _letters(rows), 1.0 / len(rows), FACES / ROW
+    width, height = 1.0 / len(rows), FACES / ROW
     for i, row in enumerate(rows.itertuples()):
         converged = row.status == CONVERGED
         colour = CLASSES[_class(row)] if converged else NONE_ELSE
@@ -164,27 +157,18 @@ def _draw_strip(ax: Axes, line: int, strip: Strip, rows: pd.DataFrame) -> None:
             ax.text(*place, letters[row.status], fontsize=7, ha="center", va="center")
 
 
-def _told(frame: pd.DataFrame) -> str:
-    return "Tiles are values from the first to the last; times are the largest CPU seconds."
-
-
 def _shown(frame: pd.DataFrame) -> pd.DataFrame:
     """A row for each range."""
     rows = []
     for name, of in frame.groupby("range", sort=False):
         converged = of[of.status == CONVERGED]
         others = Counter(of.status[of.status != CONVERGED])
-        rows.append(
-            {
-                "range": name,
-                "solved": f"{len(converged)} of {len(of)}",
-                "others": ", ".join(f"{n} {s.replace('_', ' ')}" for s, n in others.items()) or "–",
-                "beside": str(of.reference.iloc[0]).replace("-", " "),
-                "worst error / tolerance": _number(converged.error.max()),
-                "seconds": f"{of.seconds.max():.2f}",
-            }
-        )
-    return pd.DataFrame(rows)
+        ends = ", ".join(f"{n} {s.replace('_', ' ')}" for s, n in others.items()) or "–"
+        beside = str(of.reference.iloc[0]).replace("-", " ")
+        count, worst = f"{len(converged)} of {len(of)}", _number(converged.error.max())
+        rows.append((name, count, ends, beside, worst, f"{of.seconds.max():.2f}"))
+    heads = ["range", "solved", "others", "beside", "worst error / tolerance", "seconds"]
+    return pd.DataFrame(rows, columns=heads)
 
 
 def _number(value: float) -> str:
@@ -211,8 +195,7 @@ class Extremes(Kind):
     def compose(self, inputs: Inputs, solved: Solved) -> Content:
         """A figure, or the table of statuses."""
         rows = [row for task in self.tasks(inputs) for row in solved.rows(task)]
-        frame = _filled(pd.DataFrame(rows))
-        of: Content = getattr(self, f"_{self.show}")(frame)
+        of: Content = getattr(self, f"_{self.show}")(_filled(pd.DataFrame(rows)))
         return of
 
     def _map(self, frame: pd.DataFrame) -> Content:
@@ -224,8 +207,7 @@ class Extremes(Kind):
         ax.set_yscale("symlog", linthresh=1e-7)
         ax.set(ylabel="strain at rest; below zero the film is slack")
         ax.set(ylim=(2.0 * min(rest.min(), -1e-6), 2.0 * max(rest.max(), 1e-6)))
-        ends = Counter(frame.status == CONVERGED)
-        wrong = int((frame.status == CRASHED).sum())
+        ends, wrong = Counter(frame.status == CONVERGED), int((frame.status == CRASHED).sum())
         known = frame[frame.error.notna()]
         beyond = int((known.error > np.maximum(known.stated_error, 1.0)).sum())
         claim = (
@@ -244,13 +226,13 @@ class Extremes(Kind):
         figure = new_figure(WIDTH_MM, 80.0)
         ax = figure.subplots()
         least = 1e-4
-        for name, column, look in (
-            ("finer solve", "error", {"marker": "o", "color": COLOURS[0]}),
-            ("enlarged scene", "scaled", {"marker": "x", "color": COLOURS[1]}),
+        for name, column, marker, colour in (
+            ("finer solve", "error", "o", COLOURS[0]),
+            ("enlarged scene", "scaled", "x", COLOURS[1]),
         ):
             of = frame[frame[column].notna()]
             x, y = of[column].clip(lower=least), of[f"stated_{column}"].clip(lower=least)
-            ax.plot(x, y, linestyle="none", markersize=4, alpha=0.8, label=name, **look)
+            ax.plot(x, y, marker, color=colour, markersize=4, alpha=0.8, label=name)
         ends = [least, 10.0]
         ax.plot(ends, ends, color=GREY, linewidth=0.8)
         ax.axvline(1.0, color=GREY, linestyle="--", linewidth=0.8)
@@ -268,9 +250,8 @@ class Extremes(Kind):
         return Content(caption, frame.reindex(columns=columns), figure)
 
     def _times(self, frame: pd.DataFrame) -> Content:
-        figure = new_figure(WIDTH_MM, 80.0)
+        solved, figure = frame[frame.unknowns > 0], new_figure(WIDTH_MM, 80.0)
         ax = figure.subplots()
-        solved = frame[frame.unknowns > 0]
         _by_status(ax, solved, solved.unknowns, solved.seconds)
         ax.set(xscale="log", yscale="log", xlabel="unknowns on the last mesh")
         ax.set_ylabel("CPU seconds of a solve")
@@ -281,18 +262,17 @@ class Extremes(Kind):
         return Content(caption, frame[["number", "status", "unknowns", "seconds"]], figure)
 
     def _statuses(self, frame: pd.DataFrame) -> Content:
-        advice = {str(status): status.advice for status in Status} | OTHER_ADVICE
+        advice = {str(status): status.advice for status in Status}
+        advice[CRASHED] = "an exception, which must not happen"
         counts = Counter(frame.status)
         rows = [
-            {
-                "status": status.replace("_", " "),
-                "scenes": str(count),
-                "what it means, and what to change": advice[status],
-            }
+            (status.replace("_", " "), str(count), advice[status])
             for status, count in counts.most_common()
         ]
+        heads = ["status", "scenes", "what it means, and what to change"]
+        shown = pd.DataFrame(rows, columns=heads)
         frame = frame[["number", "status", "reason", "scene"]]
-        return Content("The words of each status.", frame, shown=pd.DataFrame(rows))
+        return Content("The words of each status.", frame, shown=shown)
 
 
 def _by_status(ax: Axes, frame: pd.DataFrame, x: pd.Series, y: pd.Series) -> None:
@@ -303,9 +283,7 @@ def _by_status(ax: Axes, frame: pd.DataFrame, x: pd.Series, y: pd.Series) -> Non
         look: dict[str, Any] = {"color": COLOURS[number % len(COLOURS)], "markersize": 4}
         label = f"{status.replace('_', ' ')} ({of.sum()})"
         ax.plot(x[of], y[of], MARKERS[number], label=label, alpha=0.8, **look)
-    figure = ax.get_figure()
-    assert isinstance(figure, Figure)
-    figure.legend(loc="outside upper left", ncols=2, fontsize=7)
+    figure_of(ax).legend(loc="outside upper left", ncols=2, fontsize=7)
 
 
 class Pair(Section):

@@ -185,18 +185,6 @@ def test_a_wrong_value_is_named(data: st.DataObject, tables: Any, by_set: bool) 
     assert any(f"{name} = {shown}: " in line for line in lines)
 
 
-@given(text=st.sampled_from(TEXTS), key=st.sampled_from(["x", "Radius_mm", "__class__", "self"]))
-@drawn(0.1)
-def test_an_unknown_key_is_named(text: str, key: str) -> None:
-    tables = tomllib.loads(text) or {"film": {}}
-    section = next(name for name, table in tables.items() if isinstance(table, dict))
-    if section == "scene" or "section" in tables or "axes" in tables:  # a sweep or a report
-        return
-    tables[section][key] = 1
-    lines = judged(write_toml(tables).encode(), "solve", "{file}")
-    assert any(f"{section}.{key} = 1: " in line for line in lines)
-
-
 CHANGE = b"electrodes[0].x_mm=9.5"
 words = damages(CHANGE).map(
     lambda data: data[:100_000].replace(b"\0", b"").decode("utf-8", "surrogateescape")

@@ -152,9 +152,7 @@ def test_derivatives_of_a_warm_probe_are_those_of_solves(
 def warm_gradients():
     probe = {**TRIANGLE, "x_mm": 6.5, "rotation_deg": 20.0, **WARM}
     scene = Scene().with_(probe=probe, **PYROELECTRIC, **{"numerics.tolerance": 1e-4})
-    found = gradients(scene)
-    assert not any("modulus" in key for key in found)
-    return found
+    return gradients(scene)
 
 
 def test_what_has_no_heat_refuses_it():

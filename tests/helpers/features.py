@@ -51,6 +51,8 @@ FILMS: tuple[Changes, ...] = (
     {"film.rim_displacement_um": [4.0, 0.0, 1.0, 3.0, -2.0]},
     {"film.patches": [{"shape": "circle", "x_mm": -20.0, "y_mm": 5.0, "radius_mm": 6.0}]},
     {"film.patches": [{"shape": "square", "x_mm": 9.0, "y_mm": 14.0, "side_mm": 8.0}]},
+    {"film.pressure_Pa": 150.0, "film.gravity_m_s2": -40.0},
+    {"film.pressure_Pa": -80.0, "film.pressure_follows": True},
     {"film.coupling": True, "readout": {"kind": "voltage"}},
     {"film.coupling": "auto", "readout": {"kind": "voltage"}, "film.d31_pC_N": 23.0},
 )

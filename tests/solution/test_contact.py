@@ -11,8 +11,8 @@ from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.mesh.gmsh_mesh import mesh_scene
 from pvdf_fem.scene.outlines.polygon import Polygon
 from pvdf_fem.scene.outlines.tip import PolygonTip
-from pvdf_fem.solution.attempt import contact_outlines
 from pvdf_fem.solution.first_sizes import first_sizes
+from pvdf_fem.solution.tips.edges import outlines_of
 
 #: The film of physics' table of spheres: E 2 GPa, nu 0.34, d31 = d32 = 8 pC/N.
 FILM = {
@@ -140,7 +140,7 @@ def test_two_tips_have_depths_of_their_own():
 
 def test_the_tangent_is_the_residuals_derivative():
     scene = sphere(5.0, 1.0, 4.0, 3.0)
-    mesh = mesh_scene(scene, first_sizes(scene, 2), contacts=contact_outlines(scene))
+    mesh = mesh_scene(scene, first_sizes(scene, 2), contacts=outlines_of(scene))
     equilibrium = Equilibrium(scene, mesh, 2)
     rng = np.random.default_rng(1)
     q, step = 1e-5 * rng.standard_normal((2, equilibrium.unknowns.count))

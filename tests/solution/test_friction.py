@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, solve
+from pvdf_fem.film.loads.touchdown import tips_of
 from pvdf_fem.scene.scene import SceneError
 from reports.reference.sphere_contact import Sphere
 
@@ -24,7 +25,7 @@ def solved(scene):
 
 
 def depth_mm(solution):
-    contact = solution.fields.solved.contacts[0]
+    contact = tips_of(solution.fields.solved)[0]
     return 1e3 * contact.depth_of(solution.fields.solved_dofs)
 
 
@@ -96,7 +97,7 @@ def test_a_stuck_sphere_holds_the_film_and_the_rim_bears_it():
     equilibrium, state = solution.fields.solved, solution.fields.solved_state
     assert equilibrium.applied_force(state) == pytest.approx([0.3, 0.1, 1.0], rel=1e-9)
     assert equilibrium.rim_reaction(state) == pytest.approx([-0.3, -0.1, -1.0], rel=1e-7)
-    (contact,) = equilibrium.contacts
+    (contact,) = tips_of(equilibrium)
     moved = state.dofs.reshape(-1, 3)[contact.nodes, :2] - contact.touch.held(
         equilibrium.space.basis.doflocs.T[contact.nodes]
     )

@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
+from typing import Any
 from xml.etree import ElementTree
 
 import gmsh
@@ -288,19 +289,29 @@ def test_a_first_mesh_that_needs_more_unknowns_than_the_scene_allows_is_not_solv
 
 def test_an_accepted_charge_is_within_the_tolerance():
     """The probe's corner lies in an electrode, where the estimate is two thirds of the error."""
-    corners = [[2.37700, -0.13866], [1.02926, 0.73924], [-0.59984, 2.62933], [-1.52568, 1.45342]]
-    corners += [[-1.92475, 0.09353], [-1.73550, -1.39103], [-0.06413, -1.84762]]
+    corners = [[2.3769974, -0.1386554], [1.0292579, 0.7392425], [-0.5998360, 2.6293284]]
+    corners += [[-1.5256825, 1.4534246], [-1.9247468, 0.0935314], [-1.7355048, -1.3910333]]
+    corners += [[-0.0641304, -1.8476171], [1.6427342, -1.7179655]]
+    others = [[2.2938336, 0.0759347], [-0.4996330, 2.6384264], [-1.3151825, -0.6128425]]
+    others += [[-1.0900964, -2.5326856]]
+    places = (31.6935534, 13.9385282), (0.0, 6.2402368), (-6.2402368, 0.0), (0.0, -6.2402368)
+    shapes: list[dict[str, Any]] = [
+        {"shape": "polygon", "vertices_mm": corners, "rotation_deg": 0.5725892},
+        {"shape": "rectangle", "width_mm": 9.856, "height_mm": 1.9712, "rotation_deg": 347.56739},
+        {"shape": "polygon", "vertices_mm": others, "rotation_deg": 226.806436},
+        {"shape": "circle", "radius_mm": 2.464},
+    ]
     scene = Scene().with_(
-        film={"radius_mm": 47.8301, "thickness_um": 54.4234, "poisson_ratio": 0.240545}
-        | {"youngs_modulus_GPa": [1.66618, 0.66005], "pretension_N_m": [38.88, 94.28]}
-        | {"d31_pC_N": 24.6344, "d32_pC_N": -3.76952},
+        film={"radius_mm": 47.8300868, "thickness_um": 54.4233946, "poisson_ratio": 0.2405447}
+        | {"youngs_modulus_GPa": [1.6661762, 0.6600503], "pretension_N_m": [38.88, 94.28]}
+        | {"d31_pC_N": 24.634385, "d32_pC_N": -3.7695245},
         electrodes=[
-            {"name": "A", "shape": "polygon", "vertices_mm": [*corners, [1.64273, -1.71797]]}
-            | {"x_mm": 31.69355, "y_mm": 13.93853, "rotation_deg": 0.57259}
+            {"name": name, "x_mm": x, "y_mm": y, **shape}
+            for name, (x, y), shape in zip("ABCD", places, shapes, strict=True)
         ],
-        probe={"shape": "triangle", "side_mm": 17.1613, "rotation_deg": 346.76853}
-        | {"x_mm": 27.66826, "y_mm": 3.11551},
-        load={"force_N": 0.547323},
+        probe={"shape": "triangle", "side_mm": 17.1612953, "rotation_deg": 346.7685258}
+        | {"x_mm": 27.6682644, "y_mm": 3.1155121},
+        load={"force_N": 0.5473229},
     )
     charge, known = (
         solve(scene.with_(**{"numerics.tolerance": tolerance})).charges_pC["A"]

@@ -10,6 +10,7 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 import scipy.sparse as sp
@@ -43,7 +44,7 @@ class Contact(DeadPressure):
         #: Scalar dofs that rest on the tip, (n,).
         self.nodes: Indices = np.unique(space.basis.element_dofs[:, self.patch])
         self.raised: Indices = 3 * self.nodes + 2
-        self.touched: Indices = (3 * self.nodes[:, None] + np.arange(3)).ravel()
+        self.borne: Indices = (3 * self.nodes[:, None] + np.arange(3)).ravel()
         self.places: Array = space.basis.doflocs.T[self.nodes]
         moving = self.depth is None, touch.load.tangential_N is not None
         known = None if touch.held is None else touch.held(self.places)
@@ -56,11 +57,31 @@ class Contact(DeadPressure):
         fixed = sideways * (not moving[1]) + (self.raised,) * (not moving[0])
         self.fixed_dofs = np.concatenate([self.fixed_dofs, *fixed])
 
-    def as_pressure(self, film: Film) -> DeadPressure:
+    def loose(self, film: Film) -> DeadPressure:
         """A uniform pressure on the same patch, about as large."""
-        return DeadPressure(self.touch, self.space, self.part).with_force(
-            guessed_force(self.touch.load, film)
-        )
+        pressure = DeadPressure(self.touch, self.space, self.part)
+        return pressure.with_force(guessed_force(self.touch.load, film))
+
+    @property
+    def seat(self) -> Self:
+        """The contact itself."""
+        return self
+
+    @property
+    def driven(self) -> Array:
+        """The tip's force, on the dofs that move with it as far as they have unknowns."""
+        forces, first = np.zeros(self.space.dof_count), 3 * self.nodes[0]
+        forces[first : first + 3] = self.components
+        return forces
+
+    @property
+    def lead(self) -> int | None:
+        """A dof whose unknown is the depth."""
+        return int(self.raised[0]) if self.depth is None else None
+
+    def raised_work(self, forces: Array) -> float:
+        """Work in J of the film's forces on a tip of given depth."""
+        return (self.depth or 0.0) * float(forces[self.raised].sum())
 
     def depth_of(self, x: Array) -> float:
         """The tip's depth in m, of the film's dofs."""
@@ -70,8 +91,8 @@ class Contact(DeadPressure):
         """None on the dofs: the force is on the depth."""
         return np.zeros(self.space.dof_count)
 
-    def pressed(self, film_forces: Array) -> Array:
-        return shared(self.space, self.patch, film_forces)
+    def pressed(self, film_forces: Array) -> tuple[Selection, Array]:
+        return self.patch, shared(self.space, self.patch, film_forces)
 
     # --- the map from the unknowns' dofs, whose deflections here are the depth, to the film's
 
@@ -155,6 +176,8 @@ class Contact(DeadPressure):
 
     def lagged(self) -> Contact:
         """The same tip, with a tangent in which friction keeps its direction."""
+        if not self.friction:
+            return self
         other = copy(self)
         other.__dict__["_coulomb"] = replace(self._coulomb, lags=True)
         return other
@@ -250,10 +273,9 @@ class Contact(DeadPressure):
 
     def _moved(self, state: State, elements: Selection) -> tuple[Array, Array]:
         """Displaced quadrature points (elements, points, 2), and their deflections, in m."""
-        places = np.asarray(self.space.basis.global_coordinates())[:, elements].transpose(1, 2, 0)
         rows = state.dofs.reshape(-1, 3)[self.space.nodes[elements]]
         displacement = np.matmul(self.space.values[elements], rows)
-        return places + displacement[..., :2], displacement[..., 2]
+        return self.space.places[elements] + displacement[..., :2], displacement[..., 2]
 
     @staticmethod
     def _bent(F: Array, stress: Array, hessian: Array) -> Array:
@@ -272,7 +294,7 @@ class Contact(DeadPressure):
         F = gradient + IDENTITY
         leaving = np.einsum("nca,na->nc", F, facets.normals)
         kinks = leaving[:, 2] + (height.slope * leaving[:, :2]).sum(axis=1)
-        stress = membrane.resultant(strain_of(gradient), facets.elements)
+        stress = membrane.resultant_in(strain_of(gradient), facets.elements)
         if state.added is not None:
             stress += state.added[facets.elements, 0]
         (a, b), (s11, s22, s12) = facets.normals.T, stress.T

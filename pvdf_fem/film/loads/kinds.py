@@ -1,27 +1,50 @@
-"""The class of each ``load.kind``, by the names that scenes give them."""
+"""The class of each ``load.kind`` and of each load on the whole film, by their names in scenes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pkgutil import resolve_name
+from typing import TypeAlias
 
 import numpy as np
 
 from pvdf_fem.arrays import Indices
+from pvdf_fem.film.loads.everywhere.spread import Spread
+from pvdf_fem.film.loads.posed import Posed
 from pvdf_fem.film.loads.pressure import DeadPressure
-from pvdf_fem.film.term import Term
-from pvdf_fem.scene.registry import LOAD_CLASSES
+from pvdf_fem.film.space import Space
+from pvdf_fem.film.term import Load, Term
+from pvdf_fem.mesh.symmetry import MirroredPart
+from pvdf_fem.scene.registry import LOAD_CLASSES, SPREAD_CLASSES
 from pvdf_fem.scene.scene import Scene
 
-LOADS: dict[str, type[DeadPressure]] = {
+#: The base of all loads of probes.
+ProbeLoad: TypeAlias = DeadPressure
+
+LOADS: dict[str, type[ProbeLoad]] = {
     kind: resolve_name(path) for kind, path in LOAD_CLASSES.items()
 }
+SPREAD: dict[str, type[Spread]] = {k: resolve_name(path) for k, path in SPREAD_CLASSES.items()}
+
+
+def loads_on(scene: Scene, space: Space, part: MirroredPart, posed: Posed) -> Iterator[Load]:
+    """The loads of a scene: those of its probes, and those on the whole film."""
+    for touch in posed.touches(scene):
+        yield LOADS[touch.load.kind](touch, space, part)
+    for key, kind in SPREAD.items():
+        if getattr(scene.film, key):
+            yield kind(scene.film, space)
+
+
+def probe_loads(terms: Iterable[Term]) -> list[ProbeLoad]:
+    """The loads of probes among terms."""
+    return [term for term in terms if isinstance(term, ProbeLoad)]
 
 
 def rigid_elements(terms: Iterable[Term], flat: bool = False) -> Indices:
-    """Elements that loads keep straight, (n,), or, where `flat`, those that do not tilt."""
-    loads = (term for term in terms if isinstance(term, DeadPressure) and not (flat and term.modes))
-    return np.concatenate([np.empty(0, dtype=np.int64), *(load.rigid_patch for load in loads)])
+    """Elements that terms keep straight, (n,), or, where `flat`, those that do not tilt."""
+    patches = (term.rigid_patch for term in terms if not (flat and term.modes))
+    return np.concatenate([np.empty(0, dtype=np.int64), *patches])
 
 
 def presses_rigidly(scene: Scene) -> bool:

@@ -24,13 +24,21 @@ from pvdf_fem.arrays import Array, Indices, Selection
 from pvdf_fem.film.loads.posed import PosedProbe
 from pvdf_fem.film.loads.profiles import profile_of
 from pvdf_fem.film.space import Space
-from pvdf_fem.film.term import State, Term
+from pvdf_fem.film.term import Load, State
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
 
 UP: Array = np.array([0.0, 0.0, 1.0])
 
 
-class DeadPressure(Term):
+@dataclass(frozen=True)
+class Leaning:
+    """A punch: angles, and the guide's moments on it, about axes x and y through its centroid."""
+
+    tilt_deg: tuple[float, float]
+    moments_N_mm: tuple[float, float]
+
+
+class DeadPressure(Load):
     """A traction in one direction on a probe's reference area, in the axes of a part of the film.
 
     The `patch` (n,) has no elements where a mirror image of the probe, another probe, has them.
@@ -38,7 +46,6 @@ class DeadPressure(Term):
     probe; tractions are then singular along its edge.
     """
 
-    rests_flat = True
     rigid = False
     #: About the part of the force that acts along the patch's edge.
     edge_share = 0.0
@@ -46,6 +53,7 @@ class DeadPressure(Term):
     def __init__(self, touch: PosedProbe, space: Space, part: MirroredPart = WHOLE) -> None:
         self.touch, self.space, self.part = touch, space, part
         self.patch: Indices = space.mesh.subdomains[touch.patch]
+        self.rigid_patch = self.patch[: len(self.patch) * self.rigid]
         self.components = np.array(touch.load.components)
         self.components[:2] = part.frame @ self.components[:2]
 
@@ -68,11 +76,6 @@ class DeadPressure(Term):
     def force(self) -> float:
         """Size of the total force in N."""
         return float(np.linalg.norm(self.components))
-
-    @property
-    def rigid_patch(self) -> Indices:
-        """Elements that the load keeps flat."""
-        return self.patch if self.rigid else self.patch[:0]
 
     def area(self, weights: Array) -> float:
         """Integral over the whole patch, of which the part has these (patch elements, points).
@@ -119,24 +122,14 @@ class DeadPressure(Term):
                 raise profile.refused("is zero wherever the probe presses; change it")
         return values, weights
 
-    def pressed(self, film_forces: Array) -> Array:
-        """Force in N that presses each of the patch's elements against the film's face, (n,).
-        `film_forces` (dofs,) are those of the film, less those of loads."""
+    def pressed(self, film_forces: Array) -> tuple[Selection, Array]:
         _, weights = self._spread
-        return self.components[2] / self.area(weights) * weights.sum(axis=1)
+        return self.patch, self.components[2] / self.area(weights) * weights.sum(axis=1)
 
-    def energy(self, state: State) -> float:
-        """The potential of the load in J."""
-        return -float(self.forces(state) @ state.dofs)
-
-    def residual(self, state: State) -> Array:
-        """The forces in N, (dofs,), with a minus sign."""
-        return -self.forces(state)
-
-    def along(self, state: State, x: Array) -> Array:
-        """Coefficients (5,) of the load's potential along `x`, its forces held as they are."""
-        forces = self.forces(state)
-        return np.array([-forces @ state.dofs, -forces @ x, 0.0, 0.0, 0.0])
+    def leaning(self, state: State, film_forces: Array) -> Leaning | None:
+        """How a punch leans, of the whole film's forces less those of loads, (dofs,); None of what
+        is no punch."""
+        return None
 
 
 class FollowerPressure(DeadPressure):
@@ -154,35 +147,12 @@ class FollowerPressure(DeadPressure):
 
     def forces(self, state: State) -> Array:
         """External forces in N, (dofs,)."""
-        values, weights = self.space.values[self.patch], self.space.weights[self.patch]
-        direction = self.direction(state.deformation_gradient[self.patch])
-        traction = self.pressure * weights[..., None] * direction
-        return self.space.sum(np.matmul(values.swapaxes(1, 2), traction), self.patch)
+        return normal_forces(self.space, self.patch, self.pressure, state)
 
     def element_tangent(self, state: State) -> tuple[Selection, Array] | None:
-        return (self.patch, -self._stiffness(state)) if len(self.patch) else None
-
-    def _stiffness(self, state: State) -> Array:
-        """Derivative of `forces` in N/m, (patch elements, dofs, dofs of an element)."""
-        F = state.deformation_gradient[self.patch]
-        values, gradients = self.space.values[self.patch], self.space.gradients[self.patch]
-        # d(F1 x F2) = F1 x dF2 - F2 x dF1, with dFi = gradients_i du
-        turned = [np.cross(F[..., i][..., None, :], np.eye(3)).swapaxes(-1, -2) for i in (0, 1)]
-        normal = np.einsum("epij,epb->epibj", turned[0], gradients[..., 1]) - np.einsum(
-            "epij,epb->epibj", turned[1], gradients[..., 0]
-        )
-        weights = self.pressure * self.space.weights[self.patch]
-        stiffness = np.einsum("epa,epibj->eaibj", values * weights[..., None], normal)
-        dofs = 3 * values.shape[-1]
-        return stiffness.reshape(len(self.patch), dofs, dofs)
-
-
-@dataclass(frozen=True)
-class Leaning:
-    """A punch: angles, and the guide's moments on it, about axes x and y through its centroid."""
-
-    tilt_deg: tuple[float, float]
-    moments_N_mm: tuple[float, float]
+        if not len(self.patch):
+            return None
+        return self.patch, -normal_stiffness(self.space, self.patch, self.pressure, state)
 
 
 class Punch(DeadPressure):
@@ -211,11 +181,10 @@ class Punch(DeadPressure):
             self.shared_dofs = tuple(others)
             self.modes = ((raised, np.column_stack([np.ones(len(dofs)), scaled])),)
 
-    def pressed(self, film_forces: Array) -> Array:
-        return shared(self.space, self.patch, film_forces + self._dead_forces)
+    def pressed(self, film_forces: Array) -> tuple[Selection, Array]:
+        return self.patch, shared(self.space, self.patch, film_forces + self._dead_forces)
 
     def leaning(self, state: State, film_forces: Array) -> Leaning:
-        """How it leans, of the whole film's forces less those of loads, (dofs,)."""
         raised = 3 * self._nodes + 2
         columns = np.column_stack([np.ones(len(raised)), self._lever])
         _, along_x, along_y = np.linalg.lstsq(columns, state.dofs[raised], rcond=None)[0]
@@ -229,6 +198,29 @@ def shared(space: Space, patch: Indices, forces: Array) -> Array:
     nodes = space.nodes[patch]
     sharing = np.maximum(np.bincount(nodes.ravel(), minlength=space.basis.N), 1)
     return (forces[2::3] / sharing)[nodes].sum(axis=1)
+
+
+def normal_forces(space: Space, elements: Selection, pressure: float, state: State) -> Array:
+    """Forces in N, (dofs,), of a pressure in Pa normal to the deformed film."""
+    values, weights = space.values[elements], space.weights[elements]
+    normals = _normal(state.deformation_gradient[elements])
+    traction = pressure * weights[..., None] * normals
+    return space.sum(np.matmul(values.swapaxes(1, 2), traction), elements)
+
+
+def normal_stiffness(space: Space, elements: Selection, pressure: float, state: State) -> Array:
+    """Derivative of `normal_forces` in N/m, (elements, dofs of an element, dofs of an element)."""
+    F = state.deformation_gradient[elements]
+    values, gradients = space.values[elements], space.gradients[elements]
+    # d(F1 x F2) = F1 x dF2 - F2 x dF1, with dFi = gradients_i du
+    turned = [np.cross(F[..., i][..., None, :], np.eye(3)).swapaxes(-1, -2) for i in (0, 1)]
+    normal = np.einsum("epij,epb->epibj", turned[0], gradients[..., 1]) - np.einsum(
+        "epij,epb->epibj", turned[1], gradients[..., 0]
+    )
+    weights = pressure * space.weights[elements]
+    stiffness = np.einsum("epa,epibj->eaibj", values * weights[..., None], normal)
+    dofs = 3 * values.shape[-1]
+    return stiffness.reshape(len(values), dofs, dofs)
 
 
 def _normal(deformation_gradient: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Self
 
@@ -75,3 +76,20 @@ class Touchdown:
             1e3 * contact.penetration(state),
             1e3 * contact.overlap(state),
         )
+
+
+def tips_of(equilibrium: Equilibrium) -> list[Contact]:
+    """The tips on which a film rests."""
+    return [term for term in equilibrium.terms if isinstance(term, Contact)]
+
+
+def edges_of(equilibrium: Equilibrium, state: State) -> tuple[Edge, ...]:
+    """The edges of the contacts with tips."""
+    forces, membrane = equilibrium.film_forces(state), equilibrium.membrane
+    return tuple(contact.edge(membrane, state, forces) for contact in tips_of(equilibrium))
+
+
+def overlap_at(equilibrium: Equilibrium, x: Array, edges: Sequence[Edge]) -> float:
+    """Largest overlap of film and a tip where their contact ends, over the tip's depth."""
+    pairs = zip(tips_of(equilibrium), edges, strict=True)
+    return max(edge.penetration / contact.depth_of(x) for contact, edge in pairs)

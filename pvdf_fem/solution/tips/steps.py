@@ -13,14 +13,15 @@ from typing import TypeAlias
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.charges.forces import charges_of, goal_forces
+from pvdf_fem.charges.forces import charges_of, force_errors, goal_forces
 from pvdf_fem.film.loads.contact_edge import Edge
 from pvdf_fem.film.loads.coulomb import Displacement
 from pvdf_fem.film.loads.posed import Held
 from pvdf_fem.film.loads.sticking import Sticking
+from pvdf_fem.film.loads.touchdown import edges_of, tips_of
 from pvdf_fem.scene.outlines.tip import DiscTip
 from pvdf_fem.scene.scene import LoadedProbe, Scene
-from pvdf_fem.solution.attempt import Attempt, force_errors
+from pvdf_fem.solution.attempt import Attempt
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.status import Status
@@ -160,7 +161,7 @@ def _stuck(scene: Scene, solve: Solve) -> Solution:
 
 def _edges(solution: Solution, held: Mapping[str, Sticking]) -> dict[str, Edge]:
     equilibrium, state = solution.fields.solved, solution.fields.solved_state
-    edges = zip(equilibrium.contacts, equilibrium.edges(state), strict=True)
+    edges = zip(tips_of(equilibrium), edges_of(equilibrium, state), strict=True)
     return {c.touch.patch: edge for c, edge in edges if c.touch.patch in held}
 
 

@@ -1,6 +1,4 @@
-"""Material laws: St. Venant and Kirchhoff's, and the tension field of a film that wrinkles.
-
-A film in a tension field wrinkles or goes slack instead of carrying compression.
+"""The law of a film that wrinkles or goes slack instead of carrying compression: a tension field.
 
 Fine wrinkles shorten a film at no cost of energy, by any positive semidefinite strain P. The film
 takes the P of least energy (Pipkin, IMA J. Appl. Math. 36 (1986) 85-99; Steigmann, Proc. R. Soc.
@@ -25,12 +23,11 @@ cone. For an isotropic film it is linear.
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 from scipy.linalg import eigh
 
 from pvdf_fem.arrays import Array, times
+from pvdf_fem.film.laws.law import Hooke
 
 # adj S = S22, S11, -S12 of a stress S11, S22, S12, as a strain with engineering shear.
 ADJUGATE: Array = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -2.0]])
@@ -39,45 +36,26 @@ MAX_STEPS = 60
 ROUNDING = 1e-15  #: Change of x after which its equation counts as solved.
 
 
-class Law(Protocol):
-    """Stress of the elastic strain e in the film's plane, both (..., 3), Voigt."""
+class TensionField(Hooke):
+    """Stress of a film that wrinkles, and its derivative by the strain. `stiffness` is that of the
+    taut film."""
 
-    @property
-    def stiffness(self) -> Array:
-        """Plane-stress stiffness in Pa of the taut film, (3, 3)."""
-
-    def stress(self, strain: Array) -> Array:
-        """Second Piola-Kirchhoff stress in Pa."""
-
-
-class StVenantKirchhoff:
-    """S = C : e, also in compression, and a stress (3,) that may be added to it."""
-
-    def __init__(self, stiffness: Array, added: Array | None = None) -> None:
-        self.stiffness, self.added = stiffness, added
-
-    def stress(self, strain: Array) -> Array:
-        stress = times(self.stiffness, strain)
-        return stress if self.added is None else stress + self.added
-
-
-class TensionField:
-    """Stress of a film that wrinkles, and its derivative by the strain. `stiffness` (3, 3) is that
-    of plane stress in Pa: components 11, 22, 12, engineering shear."""
+    wrinkles = True
+    linear = False
 
     def __init__(self, stiffness: Array) -> None:
-        self.stiffness: Array = stiffness
+        super().__init__(stiffness)
         self.compliance: Array = np.asarray(np.linalg.inv(stiffness))
         # V^T C^-1 V = I, V^T A V = diag(-, -, +): S = V y, and S >= 0 is a cone about the last y.
         self._values, self._vectors = eigh(ADJUGATE, self.compliance)
 
-    def stress(self, strain: Array) -> Array:
-        """S in Pa, (..., 3), of the elastic strain e in the film's plane, (..., 3). Of a complex
+    def stress(self, strain: Array, at_rest: Array | float = 0.0) -> Array:
+        """S in Pa, (..., 3), of the elastic strain in the film's plane, (..., 3). Of a complex
         strain, whose imaginary part is a step, that of S is its derivative times the step."""
+        strain = strain + at_rest
         if np.iscomplexobj(strain):
-            real = self.stress(strain.real)
-            root = self.root(strain.real, real)
-            return real + 1j * times(root.swapaxes(-1, -2), times(root, strain.imag))
+            moduli = self.moduli(strain.real, np.zeros(3))
+            return self.stress(strain.real) + 1j * times(moduli, strain.imag)
         stress = strain @ self.stiffness
         taut = _is_tensile(stress)
         slack = ~taut & _is_tensile(-strain * [1.0, 1.0, 0.5])
@@ -85,6 +63,15 @@ class TensionField:
         stress[slack] = 0.0
         stress[wrinkled] = self._wrinkled(strain[wrinkled])
         return stress
+
+    def moduli(self, strain: Array, at_rest: Array) -> Array:
+        elastic = strain + at_rest
+        root = self.root(elastic, self.stress(elastic))
+        return np.matmul(root.swapaxes(-1, -2), root)
+
+    def energy(self, strain: Array, at_rest: Array) -> Array:
+        elastic = strain + at_rest
+        return 0.5 * np.asarray((elastic * self.stress(elastic)).sum(axis=-1))
 
     def _wrinkled(self, strain: Array) -> Array:
         """S of strains (n, 3), all of them wrinkled. With y = V^-1 S and f = V^T e,
