@@ -36,7 +36,6 @@ from pvdf_fem.touch.measurement import (
     electrode_columns,
     number,
     reading_of,
-    rest_of,
 )
 
 if TYPE_CHECKING:
@@ -216,7 +215,7 @@ def _bounds(
     charges, columns = model.evaluate(touches)[0], electrode_columns(scene)
     gains, offsets, _ = np.array([columns[name] for name in model.names]).T
     if reading_of(scene) == "change":
-        charges = charges - rest_of(scene, "change")[0]
+        charges = charges - touched.rest_of(scene, "change")[0]
     rows = (dict(zip(model.names, row, strict=True)) for row in gains * charges + offsets)
     found = (locate(exact, row, noise, noise_pC=noise_pC) for row in rows)
     return np.array([_bound(*pair) for pair in zip(found, touches, strict=True)]).T

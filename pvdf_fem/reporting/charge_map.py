@@ -82,6 +82,7 @@ class ChargeMap:
 
     quantities: ClassVar[tuple[str, ...]] = QUANTITIES
     cheap: ClassVar[bool] = True
+    at_rest_pC: ClassVar[None] = None
     scene: Scene  #: The probe's place does not matter.
     domain: Domain
     spline: RBFInterpolator

@@ -21,7 +21,8 @@ from pvdf_fem.files import FileError, make_directory, replacing, require_writabl
 from pvdf_fem.mesh.symmetry import isotropy
 from pvdf_fem.response.held_out import SHARE, HeldOut, random_touches
 from pvdf_fem.response.model import Domain, wanted_model
-from pvdf_fem.response.probe_stress import PolarRaster, ProbeMesh, mean_stress_about_probe
+from pvdf_fem.response.polar_raster import PolarRaster
+from pvdf_fem.response.probe_stress import ProbeMesh, mean_stress_about_probe
 from pvdf_fem.response.response import Response
 from pvdf_fem.response.response_file import mechanics_of, response_key
 from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.charges.forces import Forces
 from pvdf_fem.response.model import Domain, scene_of_touch
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.solution import NotConvergedError
-from pvdf_fem.sweeps.store import Store
-from pvdf_fem.sweeps.sweep import silent, solve_all
+
+if TYPE_CHECKING:
+    from pvdf_fem.sweeps.store import Store
 
 SAFETY = 5.0  #: Error bound over the largest error at these touches.
 SHARE = 0.05  #: Tolerance of their full solves over that of the response.
@@ -46,14 +46,17 @@ class HeldOut:
         tolerance: float,
         processes: int,
         store: Store | None = None,
-        progress: Callable[[int, int], None] = silent,
+        progress: Callable[[int, int], None] | None = None,
     ) -> HeldOut:
         """Solve touches to a tolerance; those that have no solution are left out.
 
         Raises `NotConvergedError` when fewer than half of them have one.
         """
+        from pvdf_fem.solution.solution import NotConvergedError  # with gmsh
+        from pvdf_fem.sweeps.sweep import silent, solve_all
+
         scenes = [scene_of_touch(scene, touch, tolerance) for touch in touches]
-        records = solve_all(scenes, store, processes=processes, progress=progress)
+        records = solve_all(scenes, store, processes=processes, progress=progress or silent)
         solved = [i for i, record in enumerate(records) if record.converged]
         if 2 * len(solved) < len(records):
             failed = next(i for i in range(len(records)) if i not in solved)
@@ -69,6 +72,8 @@ class HeldOut:
 
         The second value is the largest error that the full solves state of themselves.
         """
+        from pvdf_fem.charges.forces import Forces  # with scikit-fem
+
         d = film.d31_pC_N, film.d32_pC_N
         sizes = (np.abs(self.forces) * np.abs(d)).sum(axis=-1)
         sizes[sizes == 0.0] = 1.0

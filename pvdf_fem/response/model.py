@@ -63,6 +63,10 @@ class Domain:
         return f"{self.reach_mm:g} mm about the centre, {low:g} to {high:g} N"
 
 
+#: Charges of the electrodes of the untouched film in pC, and their estimated errors.
+AtRest = tuple[tuple[float, ...], tuple[float, ...]]
+
+
 class Model(Hashable, Protocol):
     """Charges of the electrodes as a smooth function of a touch."""
 
@@ -90,6 +94,10 @@ class Model(Hashable, Protocol):
     @property
     def error_bound(self) -> float:
         """Largest error of a charge relative to it."""
+
+    @property
+    def at_rest_pC(self) -> AtRest | None:
+        """Charges of the untouched film, where the model knows them."""
 
     def evaluate(self, touches: Array) -> tuple[Array, Array]:
         """Charges (n, electrodes) in pC of touches (n, k), and their slopes (n, electrodes, k)."""
@@ -176,3 +184,13 @@ def scene_of_touch(scene: Scene, touch: Array, tolerance: float) -> Scene:
     """The scene with the probe and the force of a touch (4,), to be solved to a tolerance."""
     changes = dict(zip(SCENE_KEYS, map(float, touch), strict=True))
     return scene.with_(**changes, **{"numerics.tolerance": tolerance})
+
+
+def rest_of(scene: Scene, reading: str = "total") -> Array:
+    """Charges of the untouched film and their errors in pC, (2, electrodes): NaN where it has none,
+    or `RestError` if `reading` needs them."""
+    from pvdf_fem.solution.solve import rest_forces  # with gmsh
+
+    forces, film = rest_forces(scene, needed=reading == "change"), scene.film
+    d = film.d31_pC_N, film.d32_pC_N
+    return np.stack([forces.charges(d), forces.charge_errors(d)])

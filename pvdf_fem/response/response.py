@@ -19,16 +19,20 @@ from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.response.held_out import SAFETY, SHARE, HeldOut
-from pvdf_fem.response.model import FORCE, QUANTITIES, Domain, all_within, centred
-from pvdf_fem.response.response_file import Contents, StressContents, mechanics_of, read, write
+from pvdf_fem.response.model import FORCE, QUANTITIES, AtRest, Domain, all_within, centred, rest_of
+from pvdf_fem.response.response_file import (
+    Contents,
+    StressContents,
+    mechanics_of,
+    read,
+    write,
+)
 from pvdf_fem.response.rim_places import ProbeCharges
 from pvdf_fem.response.table import Grid, scaled_force
 from pvdf_fem.response.uniform_spline import UniformSpline
 from pvdf_fem.scene.affects import Affects, affecting
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solvers.status import Status
-from pvdf_fem.sweeps.equivalence import MECHANICS
-from pvdf_fem.sweeps.sweep import silent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,7 +43,7 @@ ROUNDING = 1e-9  #: Share by which a touch may exceed the domain, as rounding ma
 # the value, and the derivatives by x, y, rotation and force.
 _VALUE_AND_SLOPES: Indices = np.array([0, 2, 4, 6, 1])
 # Fields that a file has as they are.
-_KEPT = ("scene", "domain", "error_bound", "error_rms", "tolerance", "remarks")
+_KEPT = ("scene", "domain", "error_bound", "error_rms", "tolerance", "remarks", "at_rest_pC")
 
 
 def refuse_outside(domain: Domain, touches: Array) -> None:
@@ -61,6 +65,8 @@ def refuse_other_mechanics(known: Scene, other: Scene) -> None:
     """Raise `ValueError` where the stress about the probe is not that of a known scene."""
     if mechanics_of(known) == mechanics_of(other):
         return
+    from pvdf_fem.sweeps.equivalence import MECHANICS  # with scikit-fem
+
     there, here = (
         {
             f"{name}.{key}": value
@@ -115,6 +121,7 @@ class Response:
     remarks: tuple[str, ...] = ()
     stress: ProbeCharges | None = None
     held_out: HeldOut | None = None
+    at_rest_pC: AtRest | None = None
 
     def __repr__(self) -> str:
         return f"<Response: {', '.join(self.names)}, error bound {self.error_bound:.1e}>"
@@ -151,7 +158,7 @@ class Response:
         processes: int | None = None,
         *,
         check: bool = True,
-        progress: Callable[[int, int], None] = silent,
+        progress: Callable[[int, int], None] | None = None,
     ) -> Response:
         """The response of a scene that differs in what only reads the stress about the probe.
 
@@ -174,7 +181,7 @@ class Response:
         dtype = self.spline.coefficients.dtype.type
         made = replace(made, spline=grid.charges(self.stress, scene, processes or -1, dtype))
         if not check:
-            return replace(made, held_out=None)
+            return replace(made, held_out=None, at_rest_pC=None)
         if _outlines(self.scene) == _outlines(scene):
             kept = made.measured()
             if kept.status is Status.CONVERGED:
@@ -189,7 +196,10 @@ class Response:
         touches = self.held_out.touches
         errors, stated = self.held_out.relative_errors(self.scene.film, self.evaluate(touches)[0])
         bounds, rms = SAFETY * errors.max(axis=1) + stated, float(np.sqrt((errors**2).mean()))
-        made = replace(self, error_bound=float(bounds.max()), error_rms=rms, remarks=())
+        bound, rest = float(bounds.max()), rest_of(self.scene)
+        at_rest: AtRest = (tuple(rest[0].tolist()), tuple(rest[1].tolist()))
+        known = at_rest if np.isfinite(rest).all() else None
+        made = replace(self, error_bound=bound, error_rms=rms, remarks=(), at_rest_pC=known)
         if made.status is Status.CONVERGED:
             return made
         met = np.hypot(touches[:, 0], touches[:, 1])[bounds > self.tolerance].min()

@@ -28,16 +28,13 @@ from pydantic import (
 )
 
 from pvdf_fem.files import FileError, reading, replacing
-from pvdf_fem.film.models import film_model
-from pvdf_fem.response.model import Domain, centred
+from pvdf_fem.response.model import AtRest, Domain, centred
 from pvdf_fem.response.rim_places import RimPlaces
 from pvdf_fem.response.uniform_spline import UniformAxis
 from pvdf_fem.scene.affects import affecting
 from pvdf_fem.scene.scene import Numerics, Scene
-from pvdf_fem.sweeps.equivalence import MECHANICS
-from pvdf_fem.sweeps.store import NUMERICAL_FOLDERS, code_version
 
-FORMAT = b"pvdf_fem response 3, SHA-256 "
+FORMAT = b"pvdf_fem response 4, SHA-256 "
 
 
 class ResponseError(FileError):
@@ -49,6 +46,9 @@ def mechanics_of(scene: Scene) -> str:
 
     Raises `ValueError` without a probe, and for a depth in place of a force.
     """
+    from pvdf_fem.film.models import film_model  # with scikit-fem
+    from pvdf_fem.sweeps.equivalence import MECHANICS
+
     if scene.single_probe is None:
         raise ValueError("scene: has no probe; give it one")
     if (depth_mm := scene.load.depth_mm) is not None:
@@ -65,6 +65,8 @@ def response_key(scene: Scene, domain: Domain, tolerance: float) -> str:
     A file that is named by it is never loaded when it is stale. Electrodes, d31, d32, readout and
     the probe's place do not count, see `Response.for_scene`.
     """
+    from pvdf_fem.sweeps.store import NUMERICAL_FOLDERS, code_version  # with scikit-fem
+
     code = code_version((*NUMERICAL_FOLDERS, "response"))
     text = f"{code} {mechanics_of(scene)} {domain.reach_mm} {domain.force_N} {tolerance}"
     return hashlib.sha256(text.encode()).hexdigest()
@@ -120,6 +122,7 @@ class Contents(_Checked):
     #: Type of the coefficients.
     dtype: str = Field(pattern="^<f[48]$")
     tolerance: float = Field(gt=0.0)
+    at_rest_pC: AtRest | None
     remarks: tuple[str, ...]
     #: Number of touches held out.
     touches: int = Field(ge=0)
@@ -136,6 +139,7 @@ class Contents(_Checked):
             and _sound(self.axes, False, False, True)
             and all(-a.start > 0.999 * reach < a.start + a.step * (a.count - 1) for a in (x, y))
             and math.isfinite(rotation.start)
+            and all(len(row) == len(self.scene.electrode_list) for row in self.at_rest_pC or ())
         )
         if not sound:
             raise ValueError("scene, domain and axes are not those of a response")

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BarycentricInterpolator
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.response.probe_stress import PolarRaster, stretched
+from pvdf_fem.response.polar_raster import PolarRaster, stretched
 from pvdf_fem.response.uniform_spline import UniformSpline
 from pvdf_fem.scene.outlines.outline import Outline, turn
 from pvdf_fem.scene.scene import Probe

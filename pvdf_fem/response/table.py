@@ -9,7 +9,6 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.loads.contact_guess import first_contacts
 from pvdf_fem.response.model import Domain
 from pvdf_fem.response.rim_places import ProbeCharges
 from pvdf_fem.response.uniform_spline import UniformAxis, UniformSpline
@@ -42,6 +41,8 @@ def force_nodes_N(domain: Domain, count: int) -> Array:
 
 def pressed_outline(scene: Scene, force_N: float) -> Outline:
     """Outline of a scene's probe at the film's centre, or of the contact that a force makes."""
+    from pvdf_fem.film.loads.contact_guess import first_contacts  # with scikit-fem
+
     centred = scene.with_(**{"probe.x_mm": 0.0, "probe.y_mm": 0.0, "load.force_N": force_N})
     (touch,) = centred.loaded_probes
     return first_contacts(centred).get(touch.patch, touch.outline)

@@ -98,7 +98,9 @@ def locate(
     if touches != 1:
         raise ValueError(f"touches = {touches}: a response is of one; give its scene instead")
     default = staged_touch(model.scene)
-    mistakes = [*charge_mistakes(model.scene, charges_pC, sigma, noise_pC, reading)]
+    mistakes = [
+        *charge_mistakes(model.scene, charges_pC, sigma, noise_pC, reading, model.at_rest_pC)
+    ]
     origin = *centre_mm(model.scene), 0.0, 0.0
     mistakes += known_mistakes(model.domain, unknown, known or {}, default, origin)
     if mistakes:

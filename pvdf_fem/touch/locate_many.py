@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model, X, Y
-from pvdf_fem.touch.least_squares import Descent, descend, joined
+from pvdf_fem.touch.least_squares import Descent, SearchOptions, descend, joined
 from pvdf_fem.touch.locate import meant_otherwise
 from pvdf_fem.touch.measurement import (
     LARGEST_PC,
@@ -30,6 +30,7 @@ from pvdf_fem.touch.touch import SIGNIFICANCE, TouchStatus, explains, p_values, 
 #: Rows that are located together: they take some 3 kB each while searches are under way.
 CHUNK = 32768
 RETRIES = 8  #: Starts of the second search for a row.
+SHORT = SearchOptions(max_steps=12)  #: Of searches with mistakes undone, few of which end.
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +164,9 @@ def locate_many(
     """
     names, charges = _table(model, charges_pC, electrodes)
     any_charges = dict.fromkeys(names, math.pi)
-    mistakes = [*charge_mistakes(model.scene, any_charges, sigma, noise_pC, reading)]
+    mistakes = [
+        *charge_mistakes(model.scene, any_charges, sigma, noise_pC, reading, model.at_rest_pC)
+    ]
     given = {ROTATION: rotations_deg, FORCE: forces_N}
     known = {i: _numbers(values) for i, values in given.items() if values is not None}
     for name, i in {"rotations_deg": ROTATION, "forces_N": FORCE}.items():
@@ -190,7 +193,7 @@ def locate_many(
         for text, meant, undone in meant_otherwise(measurement) if len(strange) else ():
             problem = meant.problem(undone(charges[rows[strange]]), sought)
             other = {i: values[strange] for i, values in held.items()}
-            ends = _nearest_end(problem, np.arange(len(strange)), other, 1)
+            ends = _nearest_end(problem, np.arange(len(strange)), other, 1, SHORT)
             explained = rows[strange[_explained(problem, ends, significance)]]
             found.explanations[explained] += f"; explained if {text}"
     return found
@@ -274,7 +277,13 @@ def _ends(problem: Problem, held: Mapping[int, Array], significance: float) -> D
     return ends
 
 
-def _nearest_end(problem: Problem, rows: Indices, held: Mapping[int, Array], count: int) -> Descent:
+def _nearest_end(
+    problem: Problem,
+    rows: Indices,
+    held: Mapping[int, Array],
+    count: int,
+    options: SearchOptions = DEFAULTS.search,
+) -> Descent:
     """The best end of searches from `count` starts each, for some rows of the charges."""
     known = held[ROTATION][rows] if ROTATION in held else None
     charges = problem.charges_pC[rows]
@@ -284,7 +293,8 @@ def _nearest_end(problem: Problem, rows: Indices, held: Mapping[int, Array], cou
     at = at.reshape(-1, 4)
     # neighbouring touches in sequence share the coefficients that the model reads
     order = np.lexsort((at[:, Y], at[:, X]))
-    ends = descend(problem, at[order], np.repeat(rows, count)[order]).take(np.argsort(order))
+    ends = descend(problem, at[order], np.repeat(rows, count)[order], options=options)
+    ends = ends.take(np.argsort(order))
     best = ends.ranking.reshape(-1, count).argmin(axis=1)
     return ends.take(count * np.arange(len(rows)) + best)
 

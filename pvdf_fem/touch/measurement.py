@@ -18,9 +18,8 @@ import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.readout.channel import READINGS, channels
-from pvdf_fem.response.model import QUANTITIES, Domain, Model
+from pvdf_fem.response.model import QUANTITIES, AtRest, Domain, Model, rest_of
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.solve import RestError, rest_forces
 from pvdf_fem.touch.problem import Problem, along_stage
 
 LARGEST_PC = 1e12  #: Readings beyond this many pC are in another unit, or none.
@@ -65,7 +64,7 @@ class Measurement:
             raise ValueError("sigma = 0: the model has no error of its own; give a positive one")
         if reading is None:
             reading = reading_of(model.scene)
-        rest = rest_of(model.scene, reading)[:, electrodes]
+        rest = at_rest(model, reading)[:, electrodes]
         columns = gains, offsets, *rest, relative, noise
         return cls(along_stage(model), electrodes, reading, *columns)
 
@@ -106,12 +105,10 @@ def reading_of(scene: Scene) -> str:
     return scene.readout.reading if scene.readout else "total"
 
 
-def rest_of(scene: Scene, reading: str = "total") -> Array:
-    """Charges of the untouched film and their errors in pC, (2, electrodes): NaN where it has none,
-    or `RestError` if `reading` needs them."""
-    forces, film = rest_forces(scene, needed=reading == "change"), scene.film
-    d = film.d31_pC_N, film.d32_pC_N
-    return np.stack([forces.charges(d), forces.charge_errors(d)])
+def at_rest(model: Model, reading: str) -> Array:
+    """Charges of the untouched film and their errors as `rest_of` has them, (2, electrodes), by the
+    model where it knows them."""
+    return rest_of(model.scene, reading) if model.at_rest_pC is None else np.array(model.at_rest_pC)
 
 
 def _by_name(values: Deviations, names: Sequence[str]) -> Array:
@@ -138,8 +135,10 @@ def charge_mistakes(
     sigma: Deviations,
     noise_pC: Deviations | None = None,
     reading: str | None = None,
+    known_at_rest: AtRest | None = None,
 ) -> Iterator[str]:
-    """What is wrong with readings and their deviations."""
+    """What is wrong with readings and their deviations. Whether there are charges at rest is asked
+    unless they are known."""
     by_name = electrode_columns(scene)
     if not charges_pC:
         yield f"charges: none given; give some of {', '.join(by_name)}"
@@ -159,8 +158,15 @@ def charge_mistakes(
         yield from _deviation_mistakes("noise_pC", noise_pC, charges_pC, math.inf, what)
     if reading not in (None, *READINGS):
         yield f"reading = {reading}: choose from {', '.join(READINGS)}"
+    if known_at_rest is None:
+        yield from _rest_mistakes(scene, reading or reading_of(scene))
+
+
+def _rest_mistakes(scene: Scene, reading: str) -> Iterator[str]:
+    from pvdf_fem.solution.solve import RestError  # with gmsh
+
     try:
-        rest_of(scene, reading or reading_of(scene))
+        rest_of(scene, reading)
     except RestError as error:
         yield from error.problems
 

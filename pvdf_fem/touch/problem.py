@@ -23,6 +23,7 @@ from pvdf_fem.response.model import (
     FORCE,
     QUANTITIES,
     ROTATION,
+    AtRest,
     Domain,
     Model,
     X,
@@ -59,13 +60,14 @@ class Adapted:
     scene: Scene
     domain: Domain
     error_bound: float
+    at_rest_pC: AtRest | None
     turn_deg: float = 0.0
     added_pC: Array | float = 0.0
 
     @classmethod
     def of(cls, model: Model, **changes: Any) -> Adapted:
         """A model with some of these changed."""
-        names = ("quantities", "cheap", "names", "scene", "domain", "error_bound")
+        names = "quantities", "cheap", "names", "scene", "domain", "error_bound", "at_rest_pC"
         return cls(model, **{**{name: getattr(model, name) for name in names}, **changes})
 
     def evaluate(self, touches: Array) -> tuple[Array, Array]:
@@ -209,13 +211,13 @@ class Problem:
     def edges(self, at: Array) -> list[tuple[str, ...]]:
         """Which limits of the domain each of the touches `at` (n, k) is at, or beyond."""
         (reach_mm, lowest, highest), sought = self._domain, self.unknown.tolist()
-        placed, pressed = X in sought or Y in sought, FORCE in sought
-        limits = []
-        for touch in self.of_probes(at).tolist():
-            far = placed and any(math.hypot(x, y) >= reach_mm for x, y, _, _ in touch)
-            extreme = pressed and not all(lowest < force < highest for *_, force in touch)
-            limits.append(("reach_mm",) * far + ("force_N",) * extreme)
-        return limits
+        each, force = self.of_probes(at), at[:, self.forces]
+        far = (np.hypot(each[..., X], each[..., Y]) >= reach_mm).any(axis=1)
+        extreme = ((force <= lowest) | (force >= highest)).any(axis=1)
+        far &= X in sought or Y in sought
+        extreme &= FORCE in sought
+        pairs = zip(far.tolist(), extreme.tolist(), strict=True)
+        return [("reach_mm",) * wide + ("force_N",) * strong for wide, strong in pairs]
 
     @cached_property
     def longest(self) -> Array:

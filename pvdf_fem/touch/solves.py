@@ -80,6 +80,7 @@ class Solves:
     #: Called before each solve.
     count: Callable[[], None] = field(default_factory=lambda: Counted(silent, 0))
     cheap: ClassVar[bool] = False
+    at_rest_pC: ClassVar[None] = None
 
     @classmethod
     def of(

@@ -11,14 +11,13 @@ from scipy.interpolate import RBFInterpolator
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.loads.profiles import pinned
-from pvdf_fem.response.model import FORCE, ROTATION, probes_of
+from pvdf_fem.response.model import FORCE, ROTATION, probes_of, rest_of
 from pvdf_fem.scene.outlines.shape import HEAT
 from pvdf_fem.scene.scene import Numerics, Scene
 from pvdf_fem.scene.shapes import Pressing
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.solution.solution import NotConvergedError
 from pvdf_fem.sweeps.sweep import solve_all
-from pvdf_fem.touch.measurement import rest_of
 from pvdf_fem.touch.problem import Problem
 
 #: Charges of touches are those of single ones, added up, with each force times this power of the

@@ -16,11 +16,10 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.response.model import QUANTITIES, Model, period_deg, touch_of
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.solution.solve import rest_charges
 from pvdf_fem.touch.locate import PLACE_AND_FORCE
-from pvdf_fem.touch.measurement import known_mistakes
+from pvdf_fem.touch.measurement import at_rest, known_mistakes
 from pvdf_fem.tracking.baseline import WINDOWS, Baseline, Watch
-from pvdf_fem.tracking.circuit import PICO, Circuit
+from pvdf_fem.tracking.circuit import Circuit
 from pvdf_fem.tracking.contact import BAD, STILL, Contact
 from pvdf_fem.tracking.course import ChangeModel
 from pvdf_fem.tracking.rows import Row, TouchSummary
@@ -69,7 +68,7 @@ class Tracker:
         circuit = Circuit.of(channels(scene))
         self.touches: list[TouchSummary] = []
         self._names, self._unit, self._stage = response.names, unit, scene.stage or Stage()
-        self._model = ChangeModel.of(response, circuit, PICO * rest_charges(scene), fixed)
+        self._model = ChangeModel.of(response, circuit, at_rest(response, "change")[0], fixed)
         self._response, self._time = response, -math.inf
         self._restart()
 

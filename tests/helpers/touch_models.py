@@ -24,6 +24,7 @@ class Bumps:
 
     quantities: ClassVar = QUANTITIES
     cheap: ClassVar = True
+    at_rest_pC: ClassVar = None
     scene: Scene
     points_mm: np.ndarray
     electrodes_mm: np.ndarray

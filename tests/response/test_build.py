@@ -71,6 +71,39 @@ def test_a_response_is_true_to_the_solver(built):
     assert errors_of(built) < built.error_bound
 
 
+BLOCKED = """
+import sys
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in ("gmsh", "skfem"):
+            raise ImportError(name)
+sys.meta_path.insert(0, Blocked())
+import numpy as np
+from pvdf_fem import Response, Tracker, locate, locate_many
+response = Response.load(sys.argv[1])
+touch = np.array([1.0, 0.5, 0.0, 1.0])
+charges = response.evaluate(touch)[0]
+changes = charges[0] - response.at_rest_pC[0]
+rows = dict(zip(response.names, charges.T.tolist()))
+found = locate(response, {name: row[0] for name, row in rows.items()})
+many = locate_many(response, rows)
+changed = locate(response, dict(zip(response.names, changes.tolist())), reading="change")
+tracker, draw = Tracker(response, unit="pC"), np.random.default_rng(1)
+for k in range(600):
+    tracker.update(1e-3 * k, (400 < k < 500) * changes + 0.3 * draw.standard_normal(4))
+print(found.best.force_N, changed.best.force_N, many.values[0, 3], tracker.touches[0].force_N)
+"""
+
+
+def test_a_robot_needs_neither_gmsh_nor_scikit_fem(built, tmp_path):
+    path = tmp_path / "robot.response"
+    built.save(path)
+    command = [sys.executable, "-W", "error", "-c", BLOCKED, str(path)]
+    told = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
+    assert told.stderr == ""
+    assert [float(word) for word in told.stdout.split()] == pytest.approx([1.0] * 4, rel=0.02)
+
+
 @pytest.mark.parametrize("d", [(9.0, 4.0), (2.0, 30.0), (5.0, 5.0)])
 def test_other_coefficients_are_those_of_a_build_anew(built, d):
     """The first are both a half."""

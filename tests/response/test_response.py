@@ -13,7 +13,8 @@ from pvdf_fem.film.space import Space
 from pvdf_fem.response import probe_stress
 from pvdf_fem.response.held_out import random_touches
 from pvdf_fem.response.model import Domain
-from pvdf_fem.response.probe_stress import PolarRaster, ProbeMesh
+from pvdf_fem.response.polar_raster import PolarRaster
+from pvdf_fem.response.probe_stress import ProbeMesh
 from pvdf_fem.response.response import Response
 from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces
 from pvdf_fem.response.uniform_spline import UniformAxis, UniformSpline

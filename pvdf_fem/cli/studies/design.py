@@ -88,15 +88,13 @@ def run(options: argparse.Namespace) -> int:
     wrong += program.output_mistakes(options.output, [".nc", ".csv"], options.scene)
     wrong += program.plot_mistakes(options, options.scene, options.output)
     scene = scene_of(options, *wrong)
-    from pvdf_fem.scene.stage import WantedModel
-
-    asked["reach_mm"] = choice.reach_mm or (scene.model and scene.model.reach_mm)
-    asked["force_range_N"] = choice.force_N or (scene.model or WantedModel()).force_range_N
     from pvdf_fem.designs.design import Designs, design
     from pvdf_fem.solution.solution import NotConvergedError
 
     try:
         designs = Designs.of(scene, vary)
+        asked["reach_mm"] = choice.reach_mm or (scene.model and scene.model.reach_mm)
+        asked["force_range_N"] = choice.domain(scene).force_N
         films = [first for first, _ in designs.models]
         wrong = [text for film in films for text in choice.mistakes(film, options.scene)]
         if options.model and len(films) > 1:
