@@ -42,9 +42,7 @@ def misplacements(
     yield from _overlapping(probes)
 
 
-def clashes(
-    film: Film, observable: str, probes: Mapping[str, Any], load: Load
-) -> Iterator[str]:
+def clashes(film: Film, observable: str, probes: Mapping[str, Any], load: Load) -> Iterator[str]:
     """Complaints about effects that no film model has together. Probes are given by their keys,
     and have the scene's load where they do not say their own."""
     own = {key: getattr(probe, "load", None) for key, probe in probes.items()}
