@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -24,12 +25,14 @@ from pvdf_fem.calibration.unknowns import unknowns_of
 from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.readout.channel import READINGS
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.sweeps.sweep import Counted, Progress, shown
 
 DEFAULT_UNKNOWN = ("film.pretension_N_m", "gains")
 TOLERANCE_SHARE = 0.05  #: Tolerance of the solves over the relative noise.
 #: The finest and the coarsest tolerance of the solves.
 FINEST = 1e-5
 COARSEST = 1e-3
+ROUNDS = 3  #: Solves of each touch that are expected.
 CHOICES = {"reading": tuple(READINGS), "unit": ("pC", "V")}
 
 
@@ -44,6 +47,7 @@ def calibrate(
     noise: float = 0.0,
     place_sd: float = 0.0,
     priors: Mapping[str, float] | None = None,
+    progress: Progress | None = None,
 ) -> Calibration:
     """Parameters of a sensor from touches with known place, rotation and force.
 
@@ -70,6 +74,9 @@ def calibrate(
         Standard deviations by parameter or group, relative but for shift, turn (mm, degrees) and
         offsets (V). By default gains 10 %, d31 and d32 20 %, pretension 30 %, other film
         parameters 20 %, shift 1 mm, turn 3°, offsets 0.1 V.
+    progress : callable, optional
+        Called with the numbers of finished and of expected solves. By default a terminal shows a
+        bar.
 
     Raises
     ------
@@ -85,8 +92,11 @@ def calibrate(
     unknowns = unknowns_of(scene, unknown, priors or {})
     given = read_touches(touches, scene)
     tolerance = min(max(TOLERANCE_SHARE * sigma, FINEST), COARSEST)
-    model = TouchModel(unknowns, given, reading, unit, tolerance)
-    fit, found = explained(model, Noise(*deviations.values()))
+    expected = ROUNDS * len(given)
+    with nullcontext(progress) if progress else shown("solve", lines=False) as show:
+        count = Counted(show, expected)
+        model = TouchModel(unknowns, given, reading, unit, tolerance, count=count)
+        fit, found = explained(model, Noise(*deviations.values()))
     status, reason = _judged(fit, found)
     rows, bad = given.rows.tolist(), np.flatnonzero(model.solved & ~fit.kept).tolist()
     outliers = {rows[i]: why for i, why in model.failures.items()}

@@ -10,17 +10,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from itertools import combinations, permutations
 
 import numpy as np
 from scipy.constants import g
 from scipy.stats import chi2
 
-from pvdf_fem.arrays import Array
+from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.calibration.fit import FALSE_OUTLIERS, Fit, Noise, fitted
 from pvdf_fem.calibration.model import TouchModel
 from pvdf_fem.calibration.touches import Touches
-from pvdf_fem.readout.channel import units_pC
+from pvdf_fem.readout.misread import misreadings
+from pvdf_fem.touch.least_squares import LeastSquares, SearchOptions, descend
 
 FEW_TOUCHES = 8  #: Number of touches by which changes of places and forces are ranked.
 COARSE = 2e-3  #: Tolerance of their solves.
@@ -33,9 +33,9 @@ FAR_OFF = 10.0
 CLOSE_SCORE = 5.0  #: Changes are fitted if their score is no farther than this from the best one.
 CLOSE = 20.0  #: They are told if their chi-square is no farther than this from the best one ...
 CLEARLY = 2.0  #: ... and that of the touches as they are is larger by this factor.
-#: All orders of this number of channels are tried; of more, only two are exchanged.
-MOST_PERMUTED = 4
 MOST_SCATTER = 4.0  #: Scatter over the noise beyond which parameters are of no use.
+LONGEST_MM = 3.0  #: Longest step in the search for the place of a touch that does not fit.
+UNSOLVED = 1e6  #: Residuals over their deviations of a place without a solution.
 OTHER_SIZE = 3.0  #: Readings this factor above or below the scene's are not due to a wrong frame.
 
 
@@ -123,23 +123,10 @@ def _of_readings(model: TouchModel) -> Iterator[Change]:
     """Changes that need no solve."""
     touches, names = model.touches, [channel.name for channel in model.channels]
     read = touches.readings
-
-    def change(status: CalibrationStatus, text: str, readings: Array) -> Change:
-        return Change(status, text, replace(touches, readings=readings), model.reading)
-
-    for order in _orders(len(names)):
-        moved = [(names[i], names[j]) for i, j in enumerate(order) if i != j]
-        text = f"channels {' and '.join(name for name, _ in moved)} are swapped"
-        if len(moved) > 2:
-            text += f": they are in columns {', '.join(column for _, column in moved)}"
-        yield change(CalibrationStatus.SWAPPED, text, read[:, order])
-    units = units_pC(model.channels)
-    for unit in units:
-        ratio = units[unit] / units[model.unit]
-        if not np.allclose(ratio, 1.0):
-            text = f"readings are in {unit}, not in {model.unit}"
-            yield change(CalibrationStatus.UNIT, text, read * ratio)
-    yield change(CalibrationStatus.SIGN, "readings have the wrong sign", -read)
+    for mistake in misreadings(model.channels, model.unit):
+        status = CalibrationStatus(mistake.kind)
+        changed = replace(touches, readings=mistake.undone(read))
+        yield Change(status, mistake.text, changed, model.reading)
     other = "total" if model.reading == "change" else "change"
     text = f"readings are of the {other} of the charge, not of the {model.reading};"
     if np.isfinite(model.rest[1]).all():
@@ -148,7 +135,8 @@ def _of_readings(model: TouchModel) -> Iterator[Change]:
         without = read.copy()
         without[:, j] = np.nan
         text = f"channel {name} does not fit, and the others do; it is dead or not connected"
-        yield change(CalibrationStatus.CHANNEL, text, without)
+        changed = replace(touches, readings=without)
+        yield Change(CalibrationStatus.CHANNEL, text, changed, model.reading)
 
 
 def _of_touches(fit: Fit) -> Iterator[Change]:
@@ -172,16 +160,6 @@ def _of_touches(fit: Fit) -> Iterator[Change]:
             yield Change(CalibrationStatus.FORCE, f"force_N is in {unit}", changed, reading)
 
 
-def _orders(count: int) -> Iterator[list[int]]:
-    if count <= MOST_PERMUTED:
-        yield from map(list, list(permutations(range(count)))[1:])
-        return
-    for a, b in combinations(range(count), 2):
-        order = list(range(count))
-        order[a], order[b] = b, a
-        yield order
-
-
 def _frames(touches: Array, turns: bool) -> Iterator[tuple[str, Array]]:
     """Other frames in which places, and rotations where they count, may have been written."""
     x, y, turn, force = touches.T
@@ -202,22 +180,36 @@ def _frames(touches: Array, turns: bool) -> Iterator[tuple[str, Array]]:
         yield text, np.column_stack([u, v, angle if turns else turn, force])
 
 
-def what_is_wrong(fit: Fit, i: int, steps: int = 8, longest_mm: float = 3.0) -> str:
+def what_is_wrong(fit: Fit, i: int) -> str:
     """Why a touch does not fit, by the place where its readings do."""
-    one = fit.model.touches.some([i])
-    model, moves = fit.model.changed(one, fit.model.reading), np.zeros((1, 2))
-    for _ in range(steps):
-        model.solve(fit.values, moves, np.ones(1, dtype=bool))
-        if model.failures:
-            break
-        there = Fit(model, fit.noise, fit.values, moves, model.solved)
-        weights = 1.0 / there.deviations[0]
-        residual = weights * np.nan_to_num(one.readings - there.prediction.readings)[0]
-        if residual @ residual < chi2.isf(FALSE_OUTLIERS, max(fit.counts[i] - 2, 1)):
-            (x, y), off = one.touches[0, :2] + moves[0], float(np.hypot(*moves[0]))
-            place = f"x_mm, y_mm = {x:.2f}, {y:.2f}"
-            return f"its readings are those of {place}, {off:.1f} mm away: misplaced?"
-        slopes = weights[:, None] * there.prediction.by_touch[0, :, :2]
-        step = np.linalg.lstsq(slopes, residual)[0]
-        moves = moves + step * min(1.0, longest_mm / max(float(np.hypot(*step)), 1e-12))
+    end = descend(_Elsewhere(fit, i), np.zeros((1, 2)), options=SearchOptions(max_steps=8))
+    if end.chi_square[0] < chi2.isf(FALSE_OUTLIERS, max(fit.counts[i] - 2, 1)):
+        (x, y), off = fit.model.touches.touches[i, :2] + end.at[0], float(np.hypot(*end.at[0]))
+        place = f"x_mm, y_mm = {x:.2f}, {y:.2f}"
+        return f"its readings are those of {place}, {off:.1f} mm away: misplaced?"
     return "no place near it explains its readings; force, rotation or readings are wrong"
+
+
+@dataclass(frozen=True, eq=False)
+class _Elsewhere(LeastSquares):
+    """The least-squares problem of a touch's place by its readings: moves x, y in mm."""
+
+    fit: Fit
+    number: int  #: Of the touch.
+
+    @property
+    def longest(self) -> Array:
+        """Longest steps, (2,)."""
+        return np.array([LONGEST_MM, LONGEST_MM])
+
+    def linearised(self, at: Array, rows: Indices | None = None) -> Array:
+        """Whitened differences of readings, then slopes, (1, electrodes, 1 + 2)."""
+        one = self.fit.model.touches.some([self.number])
+        model = self.fit.model.changed(one, self.fit.model.reading)
+        model.solve(self.fit.values, at, np.ones(1, dtype=bool))
+        if model.failures:
+            return np.broadcast_to([UNSOLVED, 0.0, 0.0], (1, len(model.channels), 3)).copy()
+        there = Fit(model, self.fit.noise, self.fit.values, at, model.solved)
+        residuals = np.nan_to_num(there.prediction.readings - one.readings)
+        system = np.concatenate([residuals[..., None], there.prediction.by_touch[..., :2]], axis=2)
+        return np.asarray(system / there.deviations[..., None])

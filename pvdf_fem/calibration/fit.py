@@ -1,4 +1,4 @@
-"""Gauss-Newton for parameters and places at once: errors in variables, robust against bad touches.
+"""Parameters and places at once: errors in variables, robust against bad touches.
 
 The errors e of a touch's place are eliminated: with the readings' derivatives E by the place and
 the prior S of e, the residual r + E e of the linearised touch has the covariance
@@ -14,13 +14,14 @@ from functools import cached_property
 import numpy as np
 from scipy.stats import chi2
 
-from pvdf_fem.arrays import Array, Mask
+from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.calibration.model import Prediction, TouchModel
+from pvdf_fem.touch.least_squares import LeastSquares, SearchOptions, descend, robust, with_priors
 
 #: Probability with which a good touch is taken for a bad one, over all touches.
 FALSE_OUTLIERS = 1e-3
 MOST_OUTLIERS = 0.2  #: Largest part of the touches that may be bad.
-MOST_STEPS = 25  #: Rounds of Gauss-Newton between solves.
+SEARCH = SearchOptions(max_steps=25, arrived=1e-6, short=1e-3)  #: Between solves.
 MOST_ROUNDS = 12  #: Rounds of solves.
 SETTLED = 0.02  #: Readings that change by this part of their deviations are settled.
 LEAST_SIGMA = 1e-4  #: Relative deviation below which readings are not settled any better.
@@ -140,38 +141,19 @@ class Fit:
         most = chi2.isf(FALSE_OUTLIERS / len(self.kept), self.counts)
         return np.asarray(most * self.scale**2)
 
-    def step(self, soft: bool) -> Fit:
-        """A step of Gauss-Newton without a solve."""
-        priors, start = self.model.unknowns.priors, self.model.unknowns.start
-        roots, residuals, slopes = self.whitened
-        weights = self.kept.astype(float)
-        if soft:  # the less the farther they are
-            weights *= np.minimum(1.0, self.limits / np.maximum(self.distances, 1e-300))
-        A = np.einsum("t,tep,teq->pq", weights, slopes, slopes) * np.outer(priors, priors)
-        b = np.einsum("t,tep,te->p", weights, slopes, residuals) * priors
-        step = np.linalg.solve(A + np.eye(len(priors)), b + (start - self.values) / priors)
-        left = (residuals - slopes @ (priors * step))[..., None]
-        E = np.linalg.solve(roots, self.prediction.by_touch[..., :2])
-        moves = self.noise.place_mm**2 * (E.swapaxes(1, 2) @ left)[..., 0]
+    def settled(self, soft: bool) -> Fit:
+        """The least-squares parameters between solves, not far from here, and the moves that go
+        with them; `soft` counts touches the less the farther they are."""
+        priors = self.model.unknowns.priors
+        between = _Between(self, self.limits if soft else None)
+        end = descend(between, (self.values / priors)[None], options=SEARCH)
+        fit = replace(self, values=priors * end.at[0])
+        roots, residuals, _ = fit.whitened
+        E = np.linalg.solve(roots, fit.prediction.by_touch[..., :2])
+        moves = self.noise.place_mm**2 * (E.swapaxes(1, 2) @ residuals[..., None])[..., 0]
         limit = MOST_MOVE * self.noise.place_mm  # that of a bad touch would lead far away
         moves *= np.minimum(1.0, limit / np.maximum(np.linalg.norm(moves, axis=1), 1e-12))[:, None]
-        return replace(self, values=self.values + priors * step, moves=moves)
-
-    def settled(self, soft: bool) -> Fit:
-        """Steps until the values rest, not far from here: solves follow."""
-        fit, unknowns = self, self.model.unknowns
-        for _ in range(MOST_STEPS):
-            new = fit.step(soft)
-            limit = LONGEST_STEP * unknowns.priors
-            values = np.clip(new.values, self.values - limit, self.values + limit)
-            film = unknowns.film  # moduli and tension keep their signs
-            halves = self.values[film] * 0.5
-            values[film] = np.where(halves > 0.0, np.maximum(values[film], halves), values[film])
-            length = np.max(np.abs(values - fit.values) / unknowns.priors, initial=0.0)
-            fit = replace(new, values=values)
-            if length < 1e-4:
-                break
-        return fit
+        return replace(fit, moves=moves)
 
     def without_bad(self) -> Fit:
         """The fit without touches that are too far from what the others say."""
@@ -197,6 +179,39 @@ class Fit:
         others = np.linalg.solve(spread, residuals[..., None])[..., 0]
         lengths = (residuals * others).sum(axis=1)
         return np.where(self.kept[:, None], others, residuals), lengths
+
+
+@dataclass(frozen=True, eq=False)
+class _Between(LeastSquares):
+    """The least-squares problem of parameters, over their priors' deviations, between solves."""
+
+    fit: Fit
+    limits: Array | None  #: Of a robust loss, (touches,).
+
+    @cached_property
+    def longest(self) -> Array:
+        """Longest steps, (parameters,)."""
+        return np.full(len(self.fit.values), LONGEST_STEP)
+
+    def held_back(self, at: Array) -> Array:
+        """Parameters not far from those of the solves; moduli and tension keep their signs."""
+        begun, unknowns = self.fit.values / self.fit.model.unknowns.priors, self.fit.model.unknowns
+        held = np.clip(at, begun - LONGEST_STEP, begun + LONGEST_STEP)
+        halves = 0.5 * begun[unknowns.film]
+        film = held[:, unknowns.film]
+        held[:, unknowns.film] = np.where(halves > 0.0, np.maximum(film, halves), film)
+        return held
+
+    def linearised(self, at: Array, rows: Indices | None = None) -> Array:
+        """Whitened differences of readings and priors, then slopes, (1, residuals, 1 + k)."""
+        unknowns = self.fit.model.unknowns
+        fit = replace(self.fit, values=unknowns.priors * at[0])
+        _, residuals, slopes = fit.whitened
+        system = np.concatenate([-residuals[..., None], slopes * unknowns.priors], axis=2)
+        system = system[fit.kept]
+        limits = np.full(len(system), np.inf) if self.limits is None else self.limits[fit.kept]
+        begun = (fit.values - unknowns.start) / unknowns.priors
+        return with_priors(robust(system, limits), begun, np.ones(len(begun)))
 
 
 def fitted(model: TouchModel, noise: Noise, most_scatter: float = np.inf) -> Fit:

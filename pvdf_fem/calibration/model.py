@@ -6,6 +6,7 @@ linear in them, in gains, offsets, d31 and d32, and that is kept as it is.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -22,6 +23,7 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.solution.solve import rest_forces, solve_goals
 from pvdf_fem.solvers.status import Status
+from pvdf_fem.sweeps.sweep import Counted, silent
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +47,8 @@ class TouchModel:
     tolerance: float  #: Of the solves.
     #: Why touches have no solution, by index.
     failures: dict[int, str] = field(default_factory=dict)
-    solves: int = 0
+    #: Called before each solve.
+    count: Callable[[], None] = field(default_factory=lambda: Counted(silent, 0))
 
     def __post_init__(self) -> None:
         shape = len(self.touches), len(self.channels)
@@ -62,7 +65,7 @@ class TouchModel:
 
     def changed(self, touches: Touches, reading: str) -> TouchModel:
         """A model of other touches; where only readings differ, it has the solves of this one."""
-        other = replace(self, touches=touches, reading=reading, failures={}, solves=0)
+        other = replace(self, touches=touches, reading=reading, failures={})
         if np.array_equal(touches.touches, self.touches.touches):
             other.at, other.errors, other.rest = self.at.copy(), self.errors.copy(), self.rest
             other.forces, other.rates = self.forces.copy(), self.rates.copy()
@@ -102,8 +105,8 @@ class TouchModel:
             self.failures[i] = "the touch is over the film's rim"
             if (moved := touched(scene, arguments[:4])) is None:
                 continue
+            self.count()
             solution = solve_goals(moved, goals_of(moved))
-            self.solves += 1
             self.failures[i] = f"{solution.status}: {solution.reason}"
             if solution.status is not Status.CONVERGED:
                 continue

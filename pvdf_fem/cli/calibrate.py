@@ -88,6 +88,7 @@ def run(options: argparse.Namespace) -> int:
     from pvdf_fem.calibration.calibrate import calibrate
     from pvdf_fem.calibration.diagnosis import CalibrationStatus
 
+    deviations: dict[str, Any] = {n.replace("-", "_"): values[f"--{n}"] for n in DEVIATIONS}
     try:
         found = calibrate(
             scene,
@@ -96,7 +97,7 @@ def run(options: argparse.Namespace) -> int:
             reading=options.reading,
             unit=options.unit,
             priors={o[len("--prior ") :]: v for o, v in values.items() if o.startswith("--prior ")},
-            **{name.replace("-", "_"): values[f"--{name}"] for name in DEVIATIONS},
+            **deviations,
         )
     except SceneError:  # told as it is
         raise

@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import sys
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.cli import program, response_model
-from pvdf_fem.cli.locate_request import NAMES, SOUGHT, Request, require
+from pvdf_fem.cli.locate_request import SOUGHT, Request, require
 from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, scene_of
 from pvdf_fem.cli.response_model import model_of
-from pvdf_fem.solution.summary import rounded
 
 if TYPE_CHECKING:
     from pvdf_fem.scene.scene import Scene
-    from pvdf_fem.touch.by_solves import Touches
     from pvdf_fem.touch.locate import ProbeMatch
-    from pvdf_fem.touch.location import Location
-    from pvdf_fem.touch.touch import Touch
 
 DESCRIPTION = """\
 The touch that gave some charges: position, force and rotation of the scene's
@@ -46,10 +41,14 @@ With --csv every row of a file is located. Its header has names of electrodes,
 and may have rotation_deg and force_N, which are then known. Other columns are
 passed through; columns x_mm, y_mm, rotation_deg, force_N, their deviations,
 chi_square, p_value, alternatives (other touches with 1 % of the likelihood or
-more), status and remark follow. A row that no touch of the model explains is
-`unexplained`; its numbers are those of the nearest touch. Files that end in
+more), status and remark follow. Files that end in
 .json or .jsonl have a list of objects, or an object on each line; - is CSV, or
-such a list with --json."""
+such a list with --json.
+
+The status is `located`, `ambiguous` (several touches are likely), `at edge` (the
+touch may lie beyond the model's domain) or `unexplained`: no touch of the model
+gives such charges, the numbers are those of the nearest touch, and the remark
+names the unit, sign or exchanged channels with which a touch explains them."""
 
 EPILOG = """\
 examples:
@@ -63,10 +62,8 @@ examples:
   read-amplifier | pvdf-fem locate sensor.toml --csv - --quick | show-touches
   pvdf-fem locate triangle.toml --or rectangle.toml --charges A=905,B=731,C=600,D=641
 
-exit codes: 0 located (look at the remarks; with --csv one row or more),
-2 bad input, 3 no touch found, with --csv in any row, or a solve failed"""
-
-_UNITS = {"x": "mm", "y": "mm", "force": "N", "rotation": "°"}
+exit codes: 0 a touch explains the charges (with --csv in one row or more),
+2 bad input, 3 no touch explains them, or a solve failed"""
 
 
 def add_to(commands: Any) -> None:
@@ -146,13 +143,11 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(*mistakes)
     from pvdf_fem.cli.locate_rows import locate_rows
     from pvdf_fem.solution.solution import NotConvergedError
-    from pvdf_fem.touch.polish import PolishError
+    from pvdf_fem.touch.locate import PolishError
 
     try:
         if options.csv is not None:
             return locate_rows(scenes[options.scene], request, options)
-        if request.by_solves:
-            return _by_solves(scenes[options.scene], request, options.json)
         choices = located(scenes, request, options.polish)
     except ValueError as error:
         raise InputError(*str(error).splitlines()) from error
@@ -164,7 +159,7 @@ def run(options: argparse.Namespace) -> int:
             program.save_plot(choices[0].location.plot(), options)
     finally:  # a full disk does not take the touch with it
         print_matches(choices, options.json)
-    return ExitCode.CONVERGED if choices[0].location.touches else ExitCode.NOT_CONVERGED
+    return ExitCode.CONVERGED if choices[0].location.explained else ExitCode.NOT_CONVERGED
 
 
 def located(
@@ -174,53 +169,25 @@ def located(
 
     What is not sought is known from the first. Raises `ValueError` with all mistakes.
     """
-    from pvdf_fem.touch.locate import match, staged_touch, weigh
-    from pvdf_fem.touch.polish import polish
+    from pvdf_fem.touch.locate import locate, match, polish, staged_touch, weigh
 
-    sensor = next(iter(scenes.values()))
+    file, sensor = next(iter(scenes.items()))
+    readings = request.readings_pC(sensor)
+    errors: dict[str, Any] = {"sigma": request.sigma, "noise_pC": request.noise_pC(sensor)}
+    asked: dict[str, Any] = {"unknown": request.unknown, "reading": request.reading}
+    if request.by_solves:
+        asked["touches"] = request.touches
+        return match({file: locate(sensor, readings, **asked, **errors)})
     touch = staged_touch(sensor)
     known = {name: value for name, value in touch.items() if name not in request.unknown}
-    require(scenes, request, request.readings_pC(sensor), known)
+    require(scenes, request, readings, known)
     # files that are there come first, so that a damaged one is told before any model is built
     order = sorted(scenes, key=lambda name: not request.model.path(scenes[name], name).exists())
     models = {name: model_of(scenes[name], name, request.model) for name in order}
-    readings = request.readings_pC(sensor)
-    errors: dict[str, Any] = {"sigma": request.sigma, "noise_pC": request.noise_pC(sensor)}
-    asked: dict[str, Any] = {"unknown": request.unknown, "known": known, "reading": request.reading}
-    matches = weigh(models, readings, **asked, **errors)
+    matches = weigh(models, readings, known=known, **asked, **errors)
     if not polishing:
         return matches
     return match({m.name: polish(models[m.name], m.location, readings, **errors) for m in matches})
-
-
-def _by_solves(scene: Scene, request: Request, as_json: bool) -> int:
-    """Find and print touches by full solves; returns the exit code."""
-    from pvdf_fem.touch.by_solves import locate_by_solves, reach_by_electrodes_mm
-
-    asked: dict[str, Any] = {"touches": request.touches, "unknown": request.unknown}
-    errors: dict[str, Any] = {"sigma": request.sigma, "noise_pC": request.noise_pC(scene)}
-    readings = request.readings_pC(scene)
-    found = locate_by_solves(scene, readings, reading=request.reading, **asked, **errors)
-    if as_json:
-        print(json.dumps({"touches": [fit.to_json() for fit in found]}, allow_nan=False))
-    elif found:
-        print(*solved_lines(found), sep="\n")
-    else:
-        reach = f"{reach_by_electrodes_mm(scene):.3g} mm of the centre"
-        print(f"no search ended: the charges fit no touches within {reach}")
-    return ExitCode.CONVERGED if found else ExitCode.NOT_CONVERGED
-
-
-def solved_lines(found: Sequence[Touches]) -> list[str]:
-    """Touches by full solves as lines."""
-    lines = [f"remark: {text}" for text in found[0].remarks]
-    for number, fit in enumerate(found, start=1):
-        lines.append(f"alternative {number} of {len(found)}, share of likelihood {fit.weight:.3g}")
-        for key, value in fit.values.items():
-            digits, deviation = rounded(value, fit.deviations[key])
-            lines.append(f"  {key:<24} {digits:>12} ± {deviation}")
-        lines.append(f"  {'chi-square':<24} {fit.chi_square:>12.3g}")
-    return lines
 
 
 def print_matches(matches: Sequence[ProbeMatch], as_json: bool) -> None:
@@ -236,45 +203,4 @@ def print_matches(matches: Sequence[ProbeMatch], as_json: bool) -> None:
     for probe in matches:
         if len(matches) > 1:
             print(f"{probe.name}: probability {probe.weight:.3g}")
-        print(*location_lines(probe.location), sep="\n")
-
-
-def location_lines(found: Location) -> list[str]:
-    """A location as lines."""
-    from pvdf_fem.readout.channel import READINGS
-    from pvdf_fem.touch.measurement import rest_of
-
-    lines = [f"remark      {text}" for text in found.remarks]
-    lines.append(f"reading     {READINGS[found.reading]}")
-    if found.reading == "total":
-        rest = float(abs(rest_of(found.problem.model.scene)[0]).max())
-        known = not math.isnan(rest)
-        lines[-1] += f", up to {rest:.3g} pC of them without a touch" if known else ""
-    for number, touch in enumerate(found.touches, start=1):
-        several = f" {number} of {len(found.touches)}" if len(found.touches) > 1 else ""
-        lines += [f"touch{several}", *_touch_lines(touch, found)]
-    if found.touches:
-        errors = [
-            f"{short} {found.deviations[name]:.2g} {_UNITS[short]}"
-            for short, name in NAMES.items()
-            if name in found.unknown
-        ]
-        first = "of touch 1" if len(found.touches) > 1 else "of it"
-        lines.append(f"within      {', '.join(errors)} {first}: each with a probability of 68 %")
-    return lines
-
-
-def _touch_lines(touch: Touch, found: Location) -> list[str]:
-    lines, deviations = [], found.deviations_of(touch)
-    freedom = found.degrees_of_freedom
-    for short, name in NAMES.items():
-        value = getattr(touch, name)
-        if name in touch.unknown:
-            digits, _ = rounded(value, min(deviations[name], touch.deviations[name]))
-            lines.append(f"  {short:<8}  {digits:>12} ± {deviations[name]:.2g} {_UNITS[short]}")
-        else:
-            lines.append(f"  {short:<8}  {value:>12.6g} (known) {_UNITS[short]}")
-    fit = f"chi-square {touch.chi_square:.3g}"
-    if freedom > 0:
-        fit += f" with {freedom} degrees of freedom, p-value {touch.p_value:.2g}"
-    return [*lines, f"  {'fit':<8}  {fit}, share of likelihood {touch.weight:.3g}"]
+        print(probe.location)

@@ -138,8 +138,7 @@ def require(
     known: Mapping[str, float],
 ) -> None:
     """Refuse before anything is built what cannot be located with the scenes."""
-    from pvdf_fem.touch.measurement import centre_mm
-    from pvdf_fem.touch.mistakes import charge_mistakes, known_mistakes
+    from pvdf_fem.touch.measurement import centre_mm, charge_mistakes, known_mistakes
 
     mistakes: list[str] = []
     for name, scene in scenes.items():

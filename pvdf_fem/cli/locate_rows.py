@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 CALIBRATED_ROWS = 32
 #: Columns with what is known of a touch, and the options of `locate_many` for them.
 KNOWN = {"rotation_deg": "rotations_deg", "force_N": "forces_N"}
-OTHER = "explained as"  #: In a remark about a row that is none of the reading.
+OTHER = "explained if"  #: Begins a remark about a mistake in the readings of a row.
+MOST_MISTAKES = 3  #: Number of mistakes that are told of a whole table.
 
 
 def locate_rows(scene: Scene, request: Request, options: argparse.Namespace) -> int:
@@ -36,45 +37,49 @@ def locate_rows(scene: Scene, request: Request, options: argparse.Namespace) -> 
     from pvdf_fem.touch.locate_many import Touches
 
     source, target = (None if p == "-" else Path(p) for p in (options.csv, options.output))
-    mistakes = output_mistakes(target, ENDINGS, Path(options.scene), source, options.model)
+    wrong = output_mistakes(target, ENDINGS, Path(options.scene), source, options.model)
     if not {"x_mm", "y_mm"} <= set(request.unknown):
-        mistakes.append("--unknown: x and y of a table are always sought; name them")
-    if mistakes:
-        raise InputError(*mistakes)
+        wrong.append("--unknown: x and y of a table are always sought; name them")
+    if wrong:
+        raise InputError(*wrong)
     electrodes = [e.name for e in scene.electrode_list]
     with ExitStack() as stack:
         columns, batches = rows_of(stack, source, form(source, options.json), electrodes)
         found = list(Touches.empty(np.array([], dtype=object), (), "total").to_table())
-        if mistakes := [
+        if taken := [
             f"{options.csv}: column {c}: is what is written; rename it, such as to given_{c}"
             for c in found
             if c in columns and c not in KNOWN
         ]:
-            raise InputError(*mistakes)
+            raise InputError(*taken)
         locate = _locator(scene, request, options, columns)
         passed = [c for c in columns if c not in electrodes and c not in KNOWN]
         write = writer(stack, target, form(target, options.json), [*passed, *found])
-        counts = Counter[str]()
+        counts, mistakes = Counter[str](), Counter[str]()
         for batch in batches:
             step = len(batch) if options.quick else CALIBRATED_ROWS
             for first in range(0, len(batch), step):
                 located = locate(batch[first : first + step])
                 counts.update(row["status"] for row in located)
-                counts[OTHER] += sum(OTHER in row["remark"] for row in located)
+                told = (part for row in located for part in row["remark"].split("; "))
+                mistakes.update(part for part in told if part.startswith(OTHER))
                 write(located)
-    return _told(counts)
+    return _told(counts, mistakes)
 
 
-def _told(counts: Counter[str]) -> int:
-    """Tell on standard error what became of rows; the exit code."""
-    if others := counts.pop(OTHER, 0):
-        print(f"{others} rows are {OTHER} the other --reading; see their remarks", file=sys.stderr)
-    if counts["unexplained"]:
+def _told(counts: Counter[str], mistakes: Counter[str]) -> int:
+    """Tell on standard error what became of rows, and which mistakes explain those that no touch
+    does; the exit code."""
+    from pvdf_fem.touch.touch import EXPLAINED
+
+    for text, count in mistakes.most_common(MOST_MISTAKES):
+        print(f"{count} of {counts['unexplained']} unexplained rows: {text}", file=sys.stderr)
+    if counts["unexplained"] and not mistakes:
         check = "check --unit, signs and the order of channels"
         print(f"unexplained rows: no touch fits them; {check}", file=sys.stderr)
     named = ", ".join(f"{count} {status}" for status, count in counts.items())
     print(f"{counts.total()} rows: {named or 'none'}", file=sys.stderr)
-    failed = counts["no_touch_found"] or (counts and not counts["located"])
+    failed = counts.total() and not any(counts[status] for status in EXPLAINED)
     return ExitCode.NOT_CONVERGED if failed else ExitCode.CONVERGED
 
 
@@ -83,7 +88,8 @@ def _locator(
 ) -> Callable[[Sequence[Row]], list[dict[str, Any]]]:
     """What makes touches, by column, of rows; raises `ValueError` before a model is built."""
     from pvdf_fem.touch.locate import staged_touch
-    from pvdf_fem.touch.locate_many import RowStatus, locate_many
+    from pvdf_fem.touch.locate_many import locate_many
+    from pvdf_fem.touch.touch import TouchStatus
 
     names = [e.name for e in scene.electrode_list if e.name in columns]
     passed = [c for c in columns if c not in names and c not in KNOWN]
@@ -114,7 +120,7 @@ def _locator(
         for (values, sound), *found in zip(rows, *cells, strict=True):
             row = dict(zip(touches, found, strict=True))
             if not sound:
-                row = {**dict.fromkeys(touches), "status": str(RowStatus.MALFORMED), "remark": ""}
+                row = {**dict.fromkeys(touches), "status": str(TouchStatus.MALFORMED), "remark": ""}
             result.append({**{name: values.get(name) for name in passed}, **row})
         return result
 

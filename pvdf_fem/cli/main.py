@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from pvdf_fem import __version__
-from pvdf_fem.cli import calibrate, explore, locate, respond, sweep, track
+from pvdf_fem.cli import calibrate, explore, locate, respond, response_model, sweep, track
 from pvdf_fem.cli.program import (
     ArgumentParser,
     ExitCode,
@@ -197,7 +197,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_texts(modes, ("--count", "N", "6", "how many frequencies"))
     add_plot(modes, "the shapes of the modes")
-    for command in (respond, sweep, locate, track, calibrate, design, explore):
+    for command in (respond, sweep, response_model, locate, track, calibrate, design, explore):
         command.add_to(commands)
     return parser
 

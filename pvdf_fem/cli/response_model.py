@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import re
 import sys
+from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from pvdf_fem.cli.program import add_texts
+from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, scene_of
 from pvdf_fem.files import FileError, require_writable
 
 if TYPE_CHECKING:
@@ -20,7 +22,82 @@ if TYPE_CHECKING:
     from pvdf_fem.scene.scene import Scene
 
 
-def add_options(parser: argparse.ArgumentParser, tolerance: str = "1e-3") -> None:
+DESCRIPTION = """\
+The model of the charges by the touch that `locate`, `track` and `explore` use: it
+is built if none beside the scene file serves, and told with its error. The scene
+says what it has to hold for:
+
+  [model]
+  reach_mm = 12             # largest distance of the probe from the centre
+  force_range_N = [0.1, 5]
+  tolerance = "auto"        # a tenth of the noise of readings, or a number
+
+A model that covers what is asked serves, also for other electrodes, d31 and d32."""
+
+EPILOG = """\
+examples:
+  pvdf-fem model sensor.toml
+  pvdf-fem model sensor.toml --list
+  pvdf-fem model sensor.toml --set model.reach_mm=8 --json
+
+exit codes: 0 there is a model, 2 bad input, 3 none, or its error bound is above
+the tolerance"""
+
+
+def add_to(commands: Any) -> None:
+    """Add the command to those of an argument parser."""
+    summary = "the model of a sensor that locates touches"
+    parser = add_scene_command(commands, "model", run, summary, DESCRIPTION, EPILOG)
+    parser.add_argument(
+        "--list", action="store_true", help="list the models that there are, and build none"
+    )
+    add_options(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the command; returns its exit code."""
+    scene, mistakes = scene_of(options), list[str]()
+    choice = ModelChoice.of(options, mistakes)
+    if scene.single_probe is None:
+        mistakes.append(f"{options.scene}: has no [probe]; add one")
+    if mistakes := [*mistakes, *([] if mistakes else choice.mistakes(scene, options.scene))]:
+        raise InputError(*mistakes)
+    from pvdf_fem.solution.solution import NotConvergedError
+
+    if options.list:
+        present = [*choice.present(scene, options.scene)]
+        rows = [{"file": str(path), "serves": not why, "reason": why} for path, why in present]
+        if options.json:
+            print(json.dumps({"models": rows}))
+        else:
+            for path, why in present:
+                print(f"{path}: {why or 'serves'}")
+        return ExitCode.CONVERGED if any(not why for _, why in present) else ExitCode.NOT_CONVERGED
+    try:
+        model = model_of(scene, options.scene, choice)
+    except NotConvergedError as error:
+        print(error, file=sys.stderr)
+        return ExitCode.NOT_CONVERGED
+    except ValueError as error:
+        raise InputError(*str(error).splitlines()) from error
+    told = {
+        "file": str(choice.path(scene, options.scene)),
+        "electrodes": list(model.names),
+        "reach_mm": model.domain.reach_mm,
+        "force_range_N": list(model.domain.force_N),
+        "error_bound": model.error_bound,
+        "remarks": list(model.remarks),
+    }
+    if options.json:
+        print(json.dumps(told))
+    else:
+        print(f"{told['file']}: charges of {', '.join(model.names)} for {model.domain}")
+        print(f"errors: up to {model.error_bound:.2g} of a charge", *model.remarks, sep="\n")
+    within = model.error_bound <= choice.wanted(scene)[1]
+    return ExitCode.CONVERGED if within else ExitCode.NOT_CONVERGED
+
+
+def add_options(parser: argparse.ArgumentParser, tolerance: str | None = None) -> None:
     """The options that say which model a command uses, a new one to a tolerance."""
     parser.add_argument(
         "--model",
@@ -33,13 +110,16 @@ def add_options(parser: argparse.ArgumentParser, tolerance: str = "1e-3") -> Non
     parser.add_argument(
         "--reach",
         metavar="MM",
-        help="a new model's largest distance of the centroid from the centre (default: 12, at "
-        "most 0.6 of the film's radius and the probe's width away from the rim)",
+        help="the model's largest distance of the centroid from the centre (default: "
+        "model.reach_mm, or 12, at most 0.6 of the film's radius and the probe's width away from "
+        "the rim)",
     )
+    forces = "model.force_range_N, or 0.1,5"
+    error = "" if tolerance else " (default: model.tolerance, or 0.1 of the noise)"
     add_texts(
         parser,
-        ("--force-range", "LEAST,LARGEST", "0.1,5", "a new model's forces in N"),
-        ("--tolerance", "SHARE", tolerance, "its largest error bound, relative to a charge"),
+        ("--force-range", "LEAST,LARGEST", None, f"the model's forces in N (default: {forces})"),
+        ("--tolerance", "SHARE", tolerance, f"its largest error bound{error}"),
     )
 
 
@@ -48,25 +128,36 @@ class ModelChoice:
     """Which model is wanted, as the options say."""
 
     file: Path | None
-    #: Of a new model: the largest distance from the centre in mm, None for the default, and forces.
+    #: The largest distance from the centre in mm, forces and largest error bound; None for the
+    #: scene's.
     reach_mm: float | None
-    force_N: tuple[float, float]
-    tolerance: float  #: Largest error bound of a new model.
+    force_N: tuple[float, float] | None
+    tolerance: float | None
+    sigma: float = 0.01  #: Relative noise of readings.
 
     @classmethod
     def of(cls, options: argparse.Namespace, mistakes: list[str]) -> ModelChoice:
         """The choice of a command line; what is wrong with it is added to `mistakes`."""
-        reach = None if options.reach is None else positive("--reach", options.reach, mistakes)
-        forces = _range(options.force_range, mistakes)
-        tolerance = positive("--tolerance", options.tolerance, mistakes)
-        return cls(options.model, reach, forces, tolerance)
+        texts = options.reach, options.force_range, options.tolerance
+        reach = texts[0] and positive("--reach", texts[0], mistakes)
+        forces = texts[1] and _range(texts[1], mistakes)
+        tolerance = texts[2] and positive("--tolerance", texts[2], mistakes)
+        # what is wrong with --sigma is told by its command
+        sigma = positive("--sigma", getattr(options, "sigma", "0.01"), [], zero=True) or 0.01
+        return cls(options.model, reach, forces, tolerance, sigma)
+
+    def wanted(self, scene: Scene) -> tuple[Domain, float]:
+        """Touches that a scene's model has to hold for, and its tolerance."""
+        from pvdf_fem.response.model import wanted_model
+
+        domain, tolerance = wanted_model(scene, self.sigma)
+        reach_mm = domain.reach_mm if self.reach_mm is None else self.reach_mm
+        domain = replace(domain, reach_mm=reach_mm, force_N=self.force_N or domain.force_N)
+        return domain, tolerance if self.tolerance is None else self.tolerance
 
     def domain(self, scene: Scene) -> Domain:
-        """Touches that a new model of a scene holds for."""
-        from pvdf_fem.response.model import Domain, default_reach_mm
-
-        reach_mm = default_reach_mm(scene) if self.reach_mm is None else self.reach_mm
-        return Domain(reach_mm, self.force_N)
+        """Touches that a scene's model has to hold for."""
+        return self.wanted(scene)[0]
 
     def path(self, scene: Scene, scene_file: str) -> Path:
         """The file of a scene's model: the one that was named, or the default one."""
@@ -74,8 +165,35 @@ class ModelChoice:
 
         if self.file:
             return self.file
-        name = response_key(scene, self.domain(scene), self.tolerance)[:16]
-        return Path(scene_file).with_name(f"{Path(scene_file).stem}-{name}.response")
+        own = _default_path(scene_file, response_key(scene, *self.wanted(scene)))
+        if own.exists():
+            return own
+        serving = (path for path, why in self.present(scene, scene_file) if not why)
+        return next(serving, own)
+
+    def present(self, scene: Scene, scene_file: str) -> Iterator[tuple[Path, str]]:
+        """The models beside a scene's file, and why each of them does not serve, if it does not."""
+        from pvdf_fem.response.response import Response
+        from pvdf_fem.response.response_file import mechanics_of, response_key
+
+        domain, tolerance = self.wanted(scene)
+        for path in sorted(Path(scene_file).parent.glob(f"{Path(scene_file).stem}-*.response")):
+            try:
+                kept = Response.load(path)
+            except FileError as error:
+                yield path, str(error)
+                continue
+            code = response_key(kept.scene, kept.domain, kept.tolerance)
+            if mechanics_of(kept.scene) != mechanics_of(scene):
+                yield path, "is of another film or probe"
+            elif not kept.domain.covers(domain):
+                yield path, f"holds for {kept.domain} only"
+            elif kept.error_bound > tolerance:
+                yield path, f"has an error bound of {kept.error_bound:.2g}"
+            elif path != _default_path(scene_file, code):
+                yield path, "was built by another version"
+            else:
+                yield path, ""
 
     def mistakes(self, scene: Scene, scene_file: str) -> list[str]:
         """What keeps a new model from being built; `FileError` if it could not be written."""
@@ -100,9 +218,13 @@ def model_of(scene: Scene, scene_file: str, choice: ModelChoice) -> Response:
     path = choice.path(scene, scene_file)
     if not path.exists():
         print(f"building the model of {scene_file}, to be kept as {path}", file=sys.stderr)
-        domain, alone = choice.domain(scene), centred(scene)
+        (domain, tolerance), alone = choice.wanted(scene), centred(scene)
+        print(f"  for {domain}, with errors up to {tolerance:g} of a charge", file=sys.stderr)
+        for other, why in () if choice.file else choice.present(scene, scene_file):
+            print(f"  {other.name} does not serve: it {why}", file=sys.stderr)
+        print("  that takes a minute or so of one core, once", file=sys.stderr)
         try:
-            wanted = domain.reach_mm, domain.force_N, choice.tolerance
+            wanted = domain.reach_mm, domain.force_N, tolerance
             with shown("solve") as progress:
                 model = build_response(alone, *wanted, file=path, progress=progress)
         except NotConvergedError as error:
@@ -124,6 +246,10 @@ def model_of(scene: Scene, scene_file: str, choice: ModelChoice) -> Response:
         with suppress(FileError):  # a model that cannot be kept is read anew next time
             model.for_scene(centred(scene)).save(path)
     return model
+
+
+def _default_path(scene_file: str, key: str) -> Path:
+    return Path(scene_file).with_name(f"{Path(scene_file).stem}-{key[:16]}.response")
 
 
 def _range(text: str, mistakes: list[str]) -> tuple[float, float]:

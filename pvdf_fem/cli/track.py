@@ -21,13 +21,16 @@ from pvdf_fem.files import printable
 if TYPE_CHECKING:
     from pvdf_fem.tracking.rows import Row
 
+TIMES = {"t_s": 1.0, "t_ms": 1e-3}  #: Columns of times, and their units in s.
+#: Of touches with these the unit is in doubt.
+DOUBTED = ("too_strong", "unexplained")
 DESCRIPTION = """\
 Follow touches in sampled readings of the scene's channels ([readout]): when they
 begin and end, where they are (on the [stage]) and their force, with standard
 deviations. What the resistances discharge is integrated and added again; offsets
 and slow drifts are followed while nothing touches.
 
-The signals are a CSV file with a column t_s and one for each electrode, or -
+The signals are a CSV file with a column t_s, or t_ms, and one for each electrode, or -
 for standard input, which may be a live pipe: each row is answered at once by a
 row of CSV, and each touch that has ended by a line on standard error. An empty
 cell or nan is a missing reading; other columns are left out.
@@ -73,7 +76,7 @@ def run(options: argparse.Namespace) -> int:
     """Run the command; returns its exit code."""
     scene = scene_of(options)
     from pvdf_fem.solution.solve import rest_charges
-    from pvdf_fem.touch.locate_many import RowStatus
+    from pvdf_fem.touch.touch import TouchStatus
     from pvdf_fem.tracking.rows import Row
     from pvdf_fem.tracking.tracker import Tracker
 
@@ -93,8 +96,9 @@ def run(options: argparse.Namespace) -> int:
     name = source or "standard input"
     with ExitStack() as stack:
         columns, batches = rows_of(stack, source, ".csv", electrodes)
-        if "t_s" not in columns:
-            raise InputError(f"{name}: has no column t_s; give the times in s there")
+        time = next((column for column in TIMES if column in columns), "")
+        if not time:
+            raise InputError(f"{name}: has no column t_s or t_ms; give the times in s or ms there")
         if mistakes := choice.mistakes(scene, options.scene):
             raise InputError(*mistakes)
         try:
@@ -105,21 +109,25 @@ def run(options: argparse.Namespace) -> int:
         kind = ".jsonl" if options.json else ".csv"
         write = writer(stack, None, kind, [f.name for f in fields(Row)])
         rows, malformed, count, told = (row for batch in batches for row in batch), 0, 0, 0
+        said = ""
         unit = f"; are the readings in {options.unit}, as --unit says?"
         wanted = f"give {len(columns)} numbers, or nan for what is missing"
         for count, (cells, sound) in enumerate(rows, 1):
-            values, wrong = _sample(cells, sound, electrodes)
-            t_s = values.pop("t_s")
+            values, wrong = _sample(cells, sound, [time, *electrodes])
+            t_s = TIMES[time] * values.pop(time)
             if wrong and not malformed:
                 print(f"{name}: row {count} has {wrong}; {wanted}", file=sys.stderr, flush=True)
             malformed += bool(wrong)
-            row = Row(t_s, RowStatus.MALFORMED) if wrong else tracker.update(t_s, values)
+            row = Row(t_s, TouchStatus.MALFORMED) if wrong else tracker.update(t_s, values)
             write([_plain(row)])
+            if row.status == "settling" and math.isfinite(tracker.settled_s) and not said:
+                said = f"settling until t_s = {tracker.settled_s:.4g}: do not touch"
+                print(said, file=sys.stderr, flush=True)
             for summary in tracker.touches[told:]:
                 if options.json:
                     write([{"summary": _plain(summary)}])
                 else:
-                    doubt = unit if math.isnan(summary.force_N) else ""
+                    doubt = unit if summary.status in DOUBTED else ""
                     print(f"{summary}{doubt}", file=sys.stderr, flush=True)
             told = len(tracker.touches)
     if malformed:
@@ -132,15 +140,16 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _sample(
-    cells: dict[str, Any], sound: bool, electrodes: Sequence[str]
+    cells: dict[str, Any], sound: bool, columns: Sequence[str]
 ) -> tuple[dict[str, float], str]:
-    """The numbers of a row by column, NaN where missing, and what keeps the row from being used."""
-    texts = {key: cells.get(key, "").strip() for key in ("t_s", *electrodes)}
+    """The numbers of a row by column, the time first, NaN where missing, and what keeps the row
+    from being used."""
+    texts = {key: cells.get(key, "").strip() for key in columns}
     values = {key: number(text) for key, text in texts.items()}
     wrong = {texts[n] for n, v in values.items() if math.isnan(v)} - {"", "nan", "NaN"}
     if wrong or not sound:
         return values, printable(", ".join(sorted(wrong)))[:40] or f"{len(cells)} cells"
-    return values, "" if math.isfinite(values["t_s"]) else "no time t_s"
+    return values, "" if math.isfinite(values[columns[0]]) else f"no time {columns[0]}"
 
 
 def _plain(row: Row) -> dict[str, Any]:

@@ -31,8 +31,13 @@ from pvdf_fem.sweeps.grid import Grid
 from pvdf_fem.sweeps.sweep import Progress, shown
 from pvdf_fem.touch.locate import locate
 from pvdf_fem.touch.location import Location
-from pvdf_fem.touch.measurement import electrode_columns, reading_of, rest_of
-from pvdf_fem.touch.mistakes import charge_mistakes, number
+from pvdf_fem.touch.measurement import (
+    charge_mistakes,
+    electrode_columns,
+    number,
+    reading_of,
+    rest_of,
+)
 
 if TYPE_CHECKING:
     import pandas as pd

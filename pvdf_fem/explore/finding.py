@@ -18,18 +18,16 @@ import numpy as np
 from pvdf_fem.arrays import Array, polar_grid
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.response.build import ResponseOptions, build_response
-from pvdf_fem.response.model import Domain, Model, centred, default_reach_mm, touch_of
+from pvdf_fem.response.model import Domain, Model, centred, touch_of, wanted_model
 from pvdf_fem.response.probe_stress import ProbeMesh
 from pvdf_fem.response.response import Response
 from pvdf_fem.response.response_file import response_key
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.summary import Grid
-from pvdf_fem.touch.by_solves import locate_by_solves
 from pvdf_fem.touch.locate import locate
 from pvdf_fem.touch.posterior import deviation_ellipse
 
-FORCES_N = 0.1, 5.0  #: Forces of the response that is built for the page.
-TOLERANCE = 1e-2  #: Its error bound.
+TOLERANCE = 1e-2  #: Error bound of the response that is built for the page.
 LINE_STEP_MM = 0.5  #: Distance of the places between which isocharge lines are interpolated.
 #: Coarser than those of `pvdf-fem locate`, which take four times as long.
 OPTIONS = ResponseOptions(
@@ -62,7 +60,7 @@ def _found(touches: Sequence[dict[str, Any]], lines: dict[str, Any], *remarks: s
 
 def domain_of(scene: Scene) -> Domain:
     """Touches of the response that is built for a scene."""
-    return Domain(default_reach_mm(scene), FORCES_N)
+    return wanted_model(scene)[0]
 
 
 def response_file(scene: Scene, folder: Path) -> Path | None:
@@ -96,8 +94,8 @@ def find(scene: Scene, result: Mapping[str, Any], noise: float, file: Path | Non
     how: dict[str, Any] = {"sigma": noise, "noise_pC": noise_pC, "reading": reading}
     scene = scene.with_(stage=None, readout=None)  # places are those of the film
     if file is None:
-        touches = locate_by_solves(scene, charges, touches=len(scene.loaded_probes), **how)
-        return _found([touch.to_json() for touch in touches], {}, "by full solves")
+        found = locate(scene, charges, touches=len(scene.loaded_probes), **how)
+        return _found(found.to_json()["touches"], {}, "by full solves", *found.remarks)
     turned = centred(scene).with_(**{"probe.rotation_deg": touch_of(scene)["rotation_deg"]})
     model = _response(file, turned)
     location = locate(model, charges, **how)

@@ -230,7 +230,7 @@ def _draw_deviations(ax: Axes, medians: DataArray, axes: list[str]) -> None:
         label = None if value is None else _texts(value.expand_dims("value"))[0]
         ax.plot(x, curve, label=label, **look_of(number))
     ax.set(xlabel=_label([medians[along]]), ylabel="median deviation of the place (mm)")
-    ax.set_ylim(0.0)
+    ax.set_ylim(0.0, 1.05 * float(medians.max()))
     if family:
         ax.legend(title=_label([medians[family[0]]]))
 
@@ -240,7 +240,7 @@ def draw_design(ax: Axes, chosen: Dataset, most_mm: float | None = None) -> None
     default twice the median, its electrodes, and dots at ambiguous places."""
     median = float(chosen.place_deviation_median_mm)
     x, y, most_mm = chosen.x_mm.values, chosen.y_mm.values, most_mm or 2.0 * median
-    look: Any = {"shading": "nearest", "vmin": 0.0, "vmax": most_mm}
+    look: Any = {"shading": "nearest", "vmin": 0.0, "vmax": most_mm, "edgecolors": "face"}
     drawn = ax.pcolormesh(x, y, chosen.place_deviation_mm, **look)
     scene = Scene.parse(str(chosen.scene.values))
     outlines = [electrode.outline for electrode in scene.electrode_list]

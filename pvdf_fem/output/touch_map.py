@@ -18,7 +18,7 @@ from pvdf_fem.output.figures import COLOURS
 from pvdf_fem.response.model import ROTATION, X, Y, period_deg
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.touch.descent import SearchOptions, descend
+from pvdf_fem.touch.least_squares import SearchOptions, descend
 from pvdf_fem.touch.location import Location
 from pvdf_fem.touch.posterior import deviation_ellipse
 from pvdf_fem.touch.problem import Problem
@@ -36,8 +36,7 @@ LEVELS: Array = np.array([0.0, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 1000.0])
 WIDE = 6.0  #: Half the width of the enlarged picture, over the largest standard deviation.
 RASTER = 41  #: Places across the enlarged picture.
 ROTATIONS = 6  #: Number of rotations from which the likeliest at a place is sought.
-#: Few steps, as most places are far from any touch that fits, and long ones by the rotation.
-SEARCH = SearchOptions(max_steps=8, longest=(0.25, 0.25, 20.0, 1.0))
+SEARCH = SearchOptions(max_steps=8)  #: Few steps, as most places are far from any touch that fits.
 
 
 def charge_map(
@@ -69,8 +68,10 @@ def charge_map(
 
 def likelihood_map(location: Location) -> Figure:
     """`Location.plot`."""
-    if not location.touches or not {"x_mm", "y_mm"} <= set(location.unknown):
+    if not location.touches or not _places(location):
         raise ValueError("a map of the likelihood needs a touch of which x and y were sought")
+    if not location.problem.model.cheap:
+        return _ellipses(location)
     problem, best = location.problem, location.best.values[:ROTATION]
     centre, reach = np.array(problem.centre_mm), problem.model.domain.reach_mm
     wide = min(WIDE * max(location.deviations["x_mm"], location.deviations["y_mm"]), reach)
@@ -101,6 +102,29 @@ def likelihood_map(location: Location) -> Figure:
             lines = [fill(head, TITLE_LETTERS) for head in heads]
             figure.suptitle("\n".join(lines), fontsize="medium")
     return figure
+
+
+def _places(location: Location) -> list[str]:
+    """Names of the x of places that were sought."""
+    sought = location.unknown
+    return [n for n in sought if n.endswith("x_mm") and f"{n[:-4]}y_mm" in sought]
+
+
+def _ellipses(location: Location) -> Figure:
+    """The touches listed with the ellipses of one standard deviation, without a likelihood."""
+    scene, reach = location.problem.model.scene, location.problem.model.domain.reach_mm
+    with figures.style():
+        ax = figures.map_axes()
+        _electrodes(ax, scene, 1.15 * reach, scene.stage or Stage())
+        for touch in location.to_json()["touches"]:
+            for name in _places(location):
+                share = max(float(touch["weight"]), 0.2)
+                ax.plot(*deviation_ellipse(touch, name).T, color=COLOURS[1], alpha=share)
+                label = f"{touch[name[:-4] + 'force_N']:.3g} N"
+                at = touch[name], touch[name[:-4] + "y_mm"]
+                ax.annotate(label, at, (5, 5), textcoords="offset points", alpha=share)
+        ax.set_title("Touches with ellipses of one σ")
+        return figures.figure_of(ax)
 
 
 def _touches(ax: Axes, location: Location) -> None:

@@ -13,14 +13,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.reporting.kind import placed
-from pvdf_fem.response.model import ROTATION, Domain
+from pvdf_fem.response.model import QUANTITIES, ROTATION, Domain
 from pvdf_fem.response.table import pressed_outline
 from pvdf_fem.scene.scene import Scene
 
@@ -80,6 +80,8 @@ class MapPlaces:
 class ChargeMap:
     """Interpolated charges: a `Model` of touches of one force and one rotation."""
 
+    quantities: ClassVar[tuple[str, ...]] = QUANTITIES
+    cheap: ClassVar[bool] = True
     scene: Scene  #: The probe's place does not matter.
     domain: Domain
     spline: RBFInterpolator

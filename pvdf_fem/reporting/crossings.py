@@ -11,14 +11,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations, product
-from typing import Protocol
 
 import contourpy
 import numpy as np
 import shapely
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.response.model import Domain
+from pvdf_fem.reporting.charge_map import ChargeMap
 
 #: Rows of the raster on which contours are sought; chords leave a contour by less than 1e-3 of it.
 RASTER = 201
@@ -26,21 +25,11 @@ RASTER = 201
 TOUCHING = 0.02
 
 
-class Map(Protocol):
-    """Charges (n, electrodes) in pC at places (n, 2) in mm, such as a `ChargeMap` has."""
-
-    @property
-    def names(self) -> tuple[str, ...]: ...
-    @property
-    def domain(self) -> Domain: ...
-    def charges(self, places_mm: Array) -> Array: ...
-
-
 @dataclass(frozen=True, eq=False)
 class Contours:
     """The isocharge contours of a map."""
 
-    map: Map
+    map: ChargeMap
 
     def line(self, name: str, charge_pC: float) -> shapely.Geometry:
         """The places within the reach at which an electrode has a charge; empty where none is."""

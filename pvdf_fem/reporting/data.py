@@ -19,13 +19,13 @@ from pydantic import BeforeValidator, Field
 from pvdf_fem.arrays import Array
 from pvdf_fem.files import FileError, read_text
 from pvdf_fem.readout.channel import channels
-from pvdf_fem.reporting.solved import rests
 from pvdf_fem.response.model import QUANTITIES, SCENE_KEYS
 from pvdf_fem.scene.change import plain, spelled
 from pvdf_fem.scene.mistakes import MOST_MISTAKES
 from pvdf_fem.scene.quantity import Section
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, choose, problem
+from pvdf_fem.solution.solve import rest_forces
 
 MOST_BYTES = 5_000_000  #: Largest table in bytes.
 PREVIEW_ROWS = 8  #: About the number of rows in a preview.
@@ -106,7 +106,7 @@ class Readings:
         if reading == self.source.reading:
             return charges
         sign = 1.0 if reading == "total" else -1.0
-        return charges + sign * rests(scenes, names)
+        return charges + sign * _rests(scenes, names)
 
     @property
     def shown(self) -> pd.DataFrame:
@@ -192,3 +192,14 @@ def _frame(where: str, source: DataSource, folder: Path) -> pd.DataFrame:
         first = str(error).partition("\n")[0]
         reason = f"is no table ({first}); give a CSV file with a header"
         raise SceneError([problem(f"{where}.file", source.file or "(table)", reason)]) from None
+
+
+def _rests(scenes: Sequence[Scene], names: Sequence[str]) -> Array:
+    """Charges (scenes, names) of the films without a touch, in pC."""
+    values = np.full((len(scenes), len(names)), np.nan)
+    for row, scene in zip(values, scenes, strict=True):
+        film = scene.film
+        charges = rest_forces(scene, needed=False).charges((film.d31_pC_N, film.d32_pC_N))
+        known = dict(zip((e.name for e in scene.electrode_list), charges.tolist(), strict=True))
+        row[:] = [known.get(name, np.nan) for name in names]
+    return values

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -11,9 +11,11 @@ import pandas as pd
 from pvdf_fem.arrays import Array
 from pvdf_fem.reporting.task import Rows, Task, key
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.solve import rest_forces
 from pvdf_fem.sweeps.store import Record
 from pvdf_fem.sweeps.workers import Died
+
+#: What reads a record, by an observable: values by electrode for d31 and d32.
+Reader: TypeAlias = Callable[[Record, str], Callable[[tuple[float, float]], Array]]
 
 
 class NothingToShow(Exception):  # noqa: N818
@@ -36,14 +38,16 @@ class Solved:
 
     def charges(self, scenes: Sequence[Scene], names: Sequence[str], reading: str) -> Array:
         """Charges (scenes, names) of electrodes."""
-        rows = [self._row(scene, names, "charges_pC") for scene in scenes]
-        values = np.array(rows, dtype=float).reshape(len(scenes), len(names))
-        return values - rests(scenes, names) if reading == "change" else values
+        totals = self._values(scenes, names, lambda record, of: record.forces_by(of).charges)
+        return totals - self.rests(scenes, names) if reading == "change" else totals
+
+    def rests(self, scenes: Sequence[Scene], names: Sequence[str]) -> Array:
+        """Charges (scenes, names) of the films without a touch."""
+        return self._values(scenes, names, lambda record, _: record.at_rest.charges)
 
     def errors(self, scenes: Sequence[Scene], names: Sequence[str]) -> Array:
         """Estimated discretisation errors (scenes, names) of the charges."""
-        rows = [self._row(scene, names, "charge_errors_pC") for scene in scenes]
-        return np.array(rows, dtype=float).reshape(len(scenes), len(names))
+        return self._values(scenes, names, lambda record, of: record.forces_by(of).charge_errors)
 
     def table(
         self,
@@ -72,25 +76,15 @@ class Solved:
         results = ((task, self._found[key(task)]) for task in tasks)
         return told + [_told(task, of) for task, of in results if isinstance(of, Died)]
 
-    def _row(self, scene: Scene, names: Sequence[str], what: str) -> list[float]:
-        record, film = self._found[scene], scene.film
-        if not record.converged:
-            return [np.nan] * len(names)
-        how = film.d31_pC_N, film.d32_pC_N, scene.numerics.observable
-        charges: dict[str, float] = getattr(record, what)(*how)
-        return [charges.get(name, np.nan) for name in names]
+    def _values(self, scenes: Sequence[Scene], names: Sequence[str], what: Reader) -> Array:
+        values = np.full((len(scenes), len(names)), np.nan)
+        for row, scene in zip(values, scenes, strict=True):
+            record, d = self._found[scene], (scene.film.d31_pC_N, scene.film.d32_pC_N)
+            found = what(record, str(scene.numerics.observable))(d).tolist()
+            known = dict(zip(record.electrodes, found, strict=True))
+            row[:] = [known.get(name, np.nan) for name in names]
+        return values
 
 
 def _told(task: Task, end: Died) -> str:
     return f"{type(task).__name__}: {end.reason}"
-
-
-def rests(scenes: Sequence[Scene], names: Sequence[str]) -> Array:
-    """Charges (scenes, names) of the films without a touch, in pC."""
-    values = np.full((len(scenes), len(names)), np.nan)
-    for row, scene in zip(values, scenes, strict=True):
-        film = scene.film
-        charges = rest_forces(scene, needed=False).charges((film.d31_pC_N, film.d32_pC_N))
-        known = dict(zip((e.name for e in scene.electrode_list), charges.tolist(), strict=True))
-        row[:] = [known.get(name, np.nan) for name in names]
-    return values

@@ -20,7 +20,7 @@ from pvdf_fem.derivatives.parameters import PLACE
 from pvdf_fem.files import FileError, make_directory, replacing, require_writable
 from pvdf_fem.mesh.symmetry import isotropy
 from pvdf_fem.response.held_out import SHARE, HeldOut, random_touches
-from pvdf_fem.response.model import Domain
+from pvdf_fem.response.model import Domain, wanted_model
 from pvdf_fem.response.probe_stress import PolarRaster, ProbeMesh, mean_stress_about_probe
 from pvdf_fem.response.response import Response
 from pvdf_fem.response.response_file import mechanics_of, response_key
@@ -117,9 +117,9 @@ class ResponseOptions:
 
 def build_response(
     scene: Scene,
-    reach_mm: float = 15.0,
-    force_N: tuple[float, float] = (0.05, 7.5),
-    tolerance: float = 1e-3,
+    reach_mm: float | None = None,
+    force_N: tuple[float, float] | None = None,
+    tolerance: float | None = None,
     processes: int | None = None,
     *,
     file: Path | str | None = None,
@@ -133,7 +133,8 @@ def build_response(
     scene : Scene
         Film, electrodes and probe.
     reach_mm, force_N : float, tuple of float
-        Largest distance of the probe from the film's centre; least and largest force.
+        Largest distance of the probe from the film's centre; least and largest force. By default
+        those of the scene's ``[model]``, as the tolerance.
     tolerance : float
         Largest error bound. A response that misses it is returned with its true bound, and its
         `remarks` say what would help.
@@ -153,7 +154,11 @@ def build_response(
         For a scene that has no such response, for a file or directory that cannot be written, and
         when the film about the probe, or half of the touches held out, have no solution.
     """
-    domain, file = Domain(reach_mm, force_N), None if file is None else Path(file)
+    wanted, known = wanted_model(scene)
+    reach_mm = wanted.reach_mm if reach_mm is None else reach_mm
+    domain = Domain(reach_mm, wanted.force_N if force_N is None else force_N)
+    tolerance = known if tolerance is None else tolerance
+    file = None if file is None else Path(file)
     options = ResponseOptions.of(tolerance) if options is None else options
     refuse(scene, domain, tolerance, options)
     bar = shown("solve", lines=False) if progress is None else nullcontext(progress)

@@ -1,6 +1,7 @@
 """What a model of the charges is: a function of touches, and the domain of touches it holds for.
 
-A touch is a row (4,) of x and y in mm, rotation in degrees and force in N.
+A touch is a row (k,) of x and y in mm, rotation in degrees and force in N of each probe, and of
+what else its model knows. Most models know one probe and nothing else, (4,).
 """
 
 from __future__ import annotations
@@ -8,15 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Protocol
 
 import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.stage import WantedModel
 
-#: Quantities of a touch, in the order of its row.
+#: Quantities of one probe's touch, in the order of its row.
 QUANTITIES = ("x_mm", "y_mm", "rotation_deg", "force_N")
 X = 0
 Y = 1
@@ -29,6 +31,10 @@ SCENE_KEYS = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg", "load.force_N")
 REACH_MM = 12.0
 MOST_REACH = 0.6
 LEAST_REACH = 0.2
+#: Tolerance of a model over the relative noise of readings, and its limits.
+NOISE_SHARE = 0.1
+FINEST = 1e-4
+COARSEST = 1e-2
 FEW_TOUCHES = 32  #: Number of touches up to which plain floats are compared faster than arrays.
 
 
@@ -47,9 +53,27 @@ class Domain:
         lowest, highest = self.force_N
         return math.log(lowest), math.log(highest)
 
+    def covers(self, other: Domain) -> bool:
+        """Whether all touches of another domain are in this one."""
+        (low, high), (lowest, highest) = self.force_N, other.force_N
+        return other.reach_mm <= self.reach_mm and low <= lowest and highest <= high
+
+    def __str__(self) -> str:
+        low, high = self.force_N
+        return f"{self.reach_mm:g} mm about the centre, {low:g} to {high:g} N"
+
 
 class Model(Hashable, Protocol):
     """Charges of the electrodes as a smooth function of a touch."""
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """Names of a touch's quantities (k,): `QUANTITIES` for one probe, or these by key for each
+        of a list (``probe[1].x_mm``), and then what else there is."""
+
+    @property
+    def cheap(self) -> bool:
+        """Whether thousands of evaluations take less than a second."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -68,19 +92,32 @@ class Model(Hashable, Protocol):
         """Largest error of a charge relative to it."""
 
     def evaluate(self, touches: Array) -> tuple[Array, Array]:
-        """Charges (n, electrodes) in pC of touches (n, 4), and their slopes (n, electrodes, 4)."""
+        """Charges (n, electrodes) in pC of touches (n, k), and their slopes (n, electrodes, k)."""
+
+
+@lru_cache(maxsize=8)
+def probes_of(model: Model) -> int:
+    """Number of probes that touch at once."""
+    return sum(name.endswith("force_N") for name in model.quantities)
 
 
 def period_deg(model: Model) -> float:
-    """Period in degrees of a model's charges by the rotation; 360 for a disc."""
-    probe = model.scene.single_probe
-    return (probe.period_deg if probe else 0.0) or 360.0
+    """Period in degrees of a model's charges by the first probe's rotation; 360 for a disc."""
+    return float(periods_deg(model)[0])
 
 
+@lru_cache(maxsize=8)
+def periods_deg(model: Model) -> Array:
+    """The same of each probe, (probes,)."""
+    periods = [touch.probe.period_deg for touch in model.scene.loaded_probes] or [0.0]
+    return np.array([period or 360.0 for period in periods])
+
+
+@lru_cache(maxsize=8)
 def rotation_counts(model: Model) -> bool:
-    """Whether charges depend on the rotation of the probe, which those of a disc do not."""
-    probe = model.scene.single_probe
-    return probe is None or probe.period_deg > 0.0
+    """Whether charges depend on the rotation of a probe, which those of discs do not."""
+    touches = model.scene.loaded_probes
+    return not touches or any(touch.probe.period_deg > 0.0 for touch in touches)
 
 
 def all_within(touches: Array, reach_mm: float, lowest: float, highest: float) -> bool:
@@ -111,6 +148,16 @@ def default_reach_mm(scene: Scene) -> float:
     """Largest distance of touches from the centre where none is asked for, to the last digit the
     same wherever the probe is: it is in the names of responses."""
     return min(REACH_MM, MOST_REACH * scene.film.radius_mm, room_mm(centred(scene)))
+
+
+def wanted_model(scene: Scene, sigma: float = 0.01) -> tuple[Domain, float]:
+    """Domain and tolerance of the model that a scene wants, for readings with the relative noise
+    `sigma`."""
+    wanted = scene.model or WantedModel()
+    reach_mm = default_reach_mm(scene) if wanted.reach_mm is None else wanted.reach_mm
+    tolerance = min(max(NOISE_SHARE * sigma, FINEST), COARSEST)
+    domain = Domain(reach_mm, wanted.force_range_N)
+    return domain, tolerance if wanted.tolerance is None else wanted.tolerance
 
 
 def touch_of(scene: Scene) -> dict[str, float]:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -96,6 +96,8 @@ def _outlines(scene: Scene) -> list[str]:
 class Response:
     """Charges of the electrodes by the touch."""
 
+    quantities: ClassVar[tuple[str, ...]] = QUANTITIES  #: Of one probe.
+    cheap: ClassVar[bool] = True
     names: tuple[str, ...]
     #: Film, electrodes and probe; the probe's place and the force do not matter.
     scene: Scene

@@ -42,7 +42,7 @@ from pvdf_fem.scene.scene_file import (
     write_toml,
 )
 from pvdf_fem.scene.shapes import Electrode, Electrodes, Layout, Probe, Probes
-from pvdf_fem.scene.stage import Stage
+from pvdf_fem.scene.stage import Stage, WantedModel
 
 __all__ = [
     "Air",
@@ -57,6 +57,7 @@ __all__ = [
     "Scene",
     "SceneError",
     "Stage",
+    "WantedModel",
 ]
 
 
@@ -148,6 +149,7 @@ class Scene(Section):
     readout: Annotated[Readout | None, Affects.INSTRUMENT] = None
     stage: Annotated[Stage | None, Affects.INSTRUMENT] = None
     air: Annotated[Air | None, Affects.DYNAMICS] = None
+    model: Annotated[WantedModel | None, Affects.INSTRUMENT] = None
 
     if not TYPE_CHECKING:  # type checkers have the keys from the fields
 

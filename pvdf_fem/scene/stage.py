@@ -1,13 +1,30 @@
-"""The film in the frame of the stage that positions the probe."""
+"""Locating touches: the film on the stage that positions the probe, and the model that it needs."""
 
 from __future__ import annotations
 
+from typing import Annotated, Any
+
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import BeforeValidator, field_validator
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.outlines.outline import turn
-from pvdf_fem.scene.quantity import Coordinate, Number, Section
+from pvdf_fem.scene.quantity import (
+    Coordinate,
+    Finite,
+    Length,
+    Number,
+    Section,
+    refusal,
+    within,
+)
+
+Force = Annotated[Finite, within(1e-9, 1e9, "N")]
+
+
+def _none_for_auto(value: Any) -> Any:
+    return None if value == "auto" else value
 
 
 class Stage(Section):
@@ -35,3 +52,26 @@ class Stage(Section):
         """Places (..., 2) and rotations (...) on the stage of those on the film."""
         places = np.asarray(places_mm, dtype=float) @ self.turn.T + [self.x_mm, self.y_mm]
         return places, np.asarray(rotations_deg, dtype=float) + self.rotation_deg
+
+
+class WantedModel(Section):
+    """Touches that the model of `locate`, `track` and `explore` holds for, and its error.
+
+    `reach_mm` is the largest distance of the probe's centroid from the film's centre, by default
+    12, at most 0.6 of the film's radius and the probe's width away from the rim. `force_range_N`
+    are the least and the largest force. `tolerance` is the largest error bound relative to a
+    charge, or ``"auto"``: a tenth of the relative noise of readings.
+    """
+
+    reach_mm: Length | None = None
+    force_range_N: tuple[Force, Force] = (0.1, 5.0)
+    tolerance: Annotated[
+        Annotated[Finite, within(1e-6, 1.0)] | None, BeforeValidator(_none_for_auto)
+    ] = None
+
+    @field_validator("force_range_N")
+    @classmethod
+    def _is_a_range(cls, value: tuple[float, float]) -> tuple[float, float]:
+        if value[0] >= value[1]:
+            raise refusal("is no range; give the least and the largest force")
+        return value

@@ -60,6 +60,18 @@ def shown(unit: str, lines: bool = True) -> Iterator[Progress]:
         yield show
 
 
+class Counted:
+    """Tells a `Progress` of solves whose number is only expected."""
+
+    def __init__(self, progress: Progress, expected: int) -> None:
+        self.progress, self.expected, self.done = progress, expected, 0
+
+    def __call__(self) -> None:
+        """One solve more."""
+        self.done += 1
+        self.progress(self.done, max(self.expected, self.done))
+
+
 def sweep(
     scene: Scene,
     axes: Sequence[Mapping[str, Any]],

@@ -9,68 +9,36 @@ explains, the edge of the model's domain. `weigh` tells which of several probes 
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import lru_cache
-from typing import TYPE_CHECKING, Any, overload
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.arrays import Array
 from pvdf_fem.readout.channel import READINGS, channels, units_pC
-from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model, X, Y, period_deg, touch_of
+from pvdf_fem.readout.misread import Misreading, misreadings
+from pvdf_fem.response.model import QUANTITIES, Model, touch_of
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.touch.descent import Descent, SearchOptions, descend, joined
-from pvdf_fem.touch.location import Location
-from pvdf_fem.touch.measurement import Deviations, Measurement, centre_mm
-from pvdf_fem.touch.mistakes import charge_mistakes, known_mistakes
-from pvdf_fem.touch.problem import Problem
-from pvdf_fem.touch.starts import starts
-from pvdf_fem.touch.touch import Touch, p_values
+from pvdf_fem.touch.least_squares import descend
+from pvdf_fem.touch.location import Explanation, Location
+from pvdf_fem.touch.measurement import (
+    Deviations,
+    Measurement,
+    centre_mm,
+    charge_mistakes,
+    known_mistakes,
+)
+from pvdf_fem.touch.problem import Adapted, along_stage
+from pvdf_fem.touch.search import LocateOptions, location, search
 
 if TYPE_CHECKING:
-    from pvdf_fem.touch.by_solves import SolveOptions, Touches
+    from pvdf_fem.touch.solves import SolveOptions
 
 PLACE_AND_FORCE = ("x_mm", "y_mm", "force_N")
 
 
-@dataclass(frozen=True)
-class LocateOptions:
-    """Which touches are listed, and how they are searched for. At a fold of the charges two touches
-    close together have almost the same charges, and a search on one side of the fold does not see
-    the touch on the other side. A fold is near where the longest step along some direction changes
-    the charges by less than a small share of themselves."""
-
-    #: A touch is listed unless its chi-square exceeds the least by more than this: at 25 it is e^12
-    #: times less likely.
-    listed: float = 25.0
-    #: Two ends of searches are one touch if chi-square, by its slopes at the better end, and the
-    #: rotation differ by less than these between them.
-    same: float = 0.1
-    same_deg: float = 8.0
-    fold: float = 0.02  #: Share of the charges by which the longest step changes them near a fold.
-    #: Standard deviations that this share must exceed to tell one side of the fold from the other.
-    resolved: float = 10.0
-    #: Starts about the fold, in longest steps along the direction.
-    offsets: tuple[float, ...] = (-0.3, -0.1, -0.03, 0.0, 0.03, 0.1, 0.3)
-    #: Of the searches, and of those about a fold, where steps shrink slowly.
-    search: SearchOptions = field(default_factory=SearchOptions)
-    fold_search: SearchOptions = field(default_factory=lambda: SearchOptions(short=1e-4))
-
-
-DEFAULTS = LocateOptions()
-
-
-@overload
 def locate(
-    model: Scene, charges_pC: Mapping[str, float], sigma: Deviations = ..., **how: Any
-) -> tuple[Touches, ...]: ...
-@overload
-def locate(
-    model: Model, charges_pC: Mapping[str, float], sigma: Deviations = ..., **how: Any
-) -> Location: ...
-def locate(  # type: ignore[misc]  # the overloads leave its keywords out
     model: Model | Scene,
     charges_pC: Mapping[str, float],
     sigma: Deviations = 0.01,
@@ -81,15 +49,16 @@ def locate(  # type: ignore[misc]  # the overloads leave its keywords out
     reading: str | None = None,
     touches: int = 1,
     options: LocateOptions | SolveOptions | None = None,
-) -> Location | tuple[Touches, ...]:
+    progress: Callable[[int, int], None] | None = None,
+) -> Location:
     """All touches that may have given some charges, the likeliest first.
 
     Parameters
     ----------
     model : Model or Scene
         A scene is solved again and again, which takes up to a minute, and serves two `touches` at
-        once and the unknown ``"tangential_N"`` and ``"temperature_K"`` too: see
-        `by_solves.locate_by_solves`.
+        once, of its list of probes or of its one probe, and the unknown ``"tangential_N"`` and
+        ``"temperature_K"`` too (`solves.Solves`).
     charges_pC : mapping
         Readings in nominal pC of some or all of the model's electrodes: charges, if the channels
         of the scene's readout have no gain or offset.
@@ -97,12 +66,15 @@ def locate(  # type: ignore[misc]  # the overloads leave its keywords out
         Standard deviations, one for all or one by electrode: over the charge or the change that is
         read, and in pC besides, by default that of the readout.
     unknown : sequence of str
-        What is sought, of `QUANTITIES`.
+        What is sought of each probe, of `QUANTITIES`.
     known : mapping, optional
         Values of the other quantities in the frame of the scene's stage; by default the scene's.
+        With a scene they are the scene's.
     reading : str, optional
         ``"total"`` charges, or their ``"change"`` by the touch, as by an amplifier that was zeroed
         before it. By default that of the scene's readout, or else in total.
+    progress : callable, optional
+        Called with the numbers of finished and of expected solves, if there are any.
 
     Raises
     ------
@@ -115,13 +87,13 @@ def locate(  # type: ignore[misc]  # the overloads leave its keywords out
     added to the standard deviations. It is taken as independent between electrodes.
     """
     if isinstance(model, Scene):
-        from pvdf_fem.touch.by_solves import SolveOptions, locate_by_solves  # with gmsh
+        from pvdf_fem.touch.solves import SolveOptions, locate_by_solves  # with gmsh
 
-        asked: dict[str, Any] = {"touches": touches, "noise_pC": noise_pC, "reading": reading}
         if known:
             raise ValueError("known: a scene has what is known; change the scene")
-        asked["options"] = _options(options, SolveOptions, "scene")
-        return locate_by_solves(model, charges_pC, sigma, unknown=unknown, **asked)
+        how = _options(options, SolveOptions, "scene")
+        asked = (charges_pC, sigma, noise_pC, reading)
+        return locate_by_solves(model, *asked, touches, unknown, how, progress)
     how = _options(options, LocateOptions, "response")
     if touches != 1:
         raise ValueError(f"touches = {touches}: a response is of one; give its scene instead")
@@ -134,22 +106,23 @@ def locate(  # type: ignore[misc]  # the overloads leave its keywords out
     sought = np.array([i for i, name in enumerate(QUANTITIES) if name in unknown])
     values = {**default, **(known or {})}
     fixed = {i: values[n] - origin[i] for i, n in enumerate(QUANTITIES) if n not in unknown}
+    readings = np.array(list(charges_pC.values()), dtype=float)
 
-    def found(measurement: Measurement, factor: Array | float = 1.0) -> Location:
-        readings = factor * np.array([list(charges_pC.values())], dtype=float)
-        problem = measurement.problem(readings, sought)
+    def found(measurement: Measurement, given: Array) -> Location:
+        problem = measurement.problem(given[None], sought)
         ends = search(problem, fixed, how)
         return replace(location(problem, ends, how), reading=measurement.reading)
 
     measurement = Measurement.of(model, tuple(charges_pC), sigma, noise_pC, reading)
-    best = found(measurement)
+    best = found(measurement, readings)
     if best.explained:
         return best
-    for words, (meant, factor) in _meant_otherwise(measurement).items():
-        other = found(meant, factor)
-        if other.explained:
-            return replace(best, other_reading=other.best, other_words=words)
-    return best
+    others = (
+        (text, found(meant, undone(readings)))
+        for text, meant, undone in meant_otherwise(measurement)
+    )
+    explanations = (Explanation(text, other.best) for text, other in others if other.explained)
+    return replace(best, explanations=tuple(explanations))
 
 
 def _options(given: Any, kind: type, what: str) -> Any:
@@ -158,17 +131,22 @@ def _options(given: Any, kind: type, what: str) -> Any:
     return given or kind()
 
 
-def _meant_otherwise(measurement: Measurement) -> dict[str, tuple[Measurement, Array | float]]:
-    """What readings may be instead of what they were taken for, and the factors that undo it."""
-    scene, other = measurement.model.scene, measurement.other
-    units = units_pC([channels(scene)[i] for i in measurement.electrodes])
-    factors: dict[str, Array | float] = {"with the opposite sign": -1.0}
+Undone = Callable[[Array], Array]
+
+
+def meant_otherwise(measurement: Measurement) -> Iterator[tuple[str, Measurement, Undone]]:
+    """Mistakes in readings: a text, what readings are without it, and what undoes it in them."""
+    if other := measurement.other:
+        yield f"readings are {READINGS[other.reading]}", other, np.asarray
+    scene = measurement.model.scene
+    given = [channels(scene)[i] for i in measurement.electrodes]
+    mistakes = [m for m in misreadings(given, "pC") if m.exchanged <= 2]
     if scene.readout:
-        factors |= {"as V, not pC,": units["V"], "as pC, not V,": 1.0 / units["V"]}
-    factors |= {f"as {unit}, not pC,": units[unit] for unit in ("nC", "fC", "µC", "C")}
-    by_factor = {words: (measurement, factor) for words, factor in factors.items()}
-    as_other = {f"as {READINGS[other.reading]}": (other, 1.0)} if other else {}
-    return {**as_other, **by_factor}
+        volts = 1.0 / units_pC(given)["V"]
+        straight = tuple(range(len(given)))
+        mistakes.append(Misreading("wrong_unit", "readings are in pC, not in V", straight, volts))
+    for mistake in mistakes:
+        yield mistake.text, measurement, mistake.undone
 
 
 def staged_touch(scene: Scene) -> dict[str, float]:
@@ -181,104 +159,52 @@ def staged_touch(scene: Scene) -> dict[str, float]:
     return dict(zip(QUANTITIES, (*place.tolist(), float(turned), force), strict=True))
 
 
-def search(problem: Problem, known: Mapping[int, float], options: LocateOptions) -> Descent:
-    """Searches from everywhere for the touch of a problem. `known` are coordinates by their index
-    in `QUANTITIES`. A sought rotation is held at first, at many values: a few degrees change
-    charges by less than the pitch of the table of starts does."""
-    charges, spread = problem.charges_pC[0], problem.deviations_pC[0]
-    at = starts(problem.model, charges, spread, problem.electrodes, known)
-    without_rotation = problem.unknown[problem.unknown != ROTATION]
-    if 0 < len(without_rotation) < len(problem.unknown):
-        at = descend(replace(problem, unknown=without_rotation), at, options=options.search).at
-    ends = descend(problem, at, hopeless=options.listed, options=options.search)
-    # each on its own, as searches that come close to each other would go on as one
-    about_fold = _starts_about_fold(problem, ends, options)[:, None]
-    return joined([ends, *(descend(problem, at, options=options.fold_search) for at in about_fold)])
+class PolishError(RuntimeError):
+    """A touch could not be polished; the text says why."""
 
 
-def _starts_about_fold(problem: Problem, ends: Descent, options: LocateOptions) -> Array:
-    """Starts (n, 4) on both sides of a fold of the charges, if one is near the best end."""
-    none, moving = ends.at[:0], problem.moving
-    size = float(np.linalg.norm(problem.charges_pC / problem.deviations_pC))
-    resolved = options.fold * size >= options.resolved and len(problem.electrodes) > len(moving)
-    if not resolved or not ends.arrived.any():
-        return none
-    best = ends.ranking.argmin()
-    longest = (np.array(options.search.longest) * problem.scale)[moving]
-    _, values, vectors = np.linalg.svd(ends.slopes[best][:, moving] * longest)
-    if values[-1] > options.fold * size:
-        return none
-    at = np.tile(ends.at[best], (len(options.offsets), 1))
-    at[:, moving] += np.outer(options.offsets, vectors[-1] * longest)
-    return at
+def polish(
+    model: Model,
+    found: Location,
+    charges_pC: Mapping[str, float],
+    sigma: Deviations = 0.01,
+    *,
+    tolerance: float = 1e-4,
+    noise_pC: Deviations | None = None,
+    better: Model | None = None,
+) -> Location:
+    """The touches of a location with charges of full solves.
 
+    `found` is from the model, of the same readings with the same `sigma` and `noise_pC`. The
+    `tolerance` is the relative error of the solves; `better` is a model that takes their place. The
+    model with the difference at the best touch added tells the deviations. Raises `PolishError`
+    when a search by the solves does not end.
+    """
+    if not found.touches:
+        return found
+    if better is None:
+        from pvdf_fem.touch.solves import SolveOptions, Solves  # with gmsh
 
-def location(problem: Problem, ends: Descent, options: LocateOptions = DEFAULTS) -> Location:
-    """The location whose touches are the distinct ends of searches for one touch."""
-    ends = ends.take(_distinct(problem, ends, options))
-    names = tuple(QUANTITIES[i] for i in problem.unknown.tolist())
-    freedom = len(problem.electrodes) - len(names)
-    if not ends.arrived.size:
-        return Location((), names, freedom, -np.inf, problem)
-    extent = extents(problem.model)
-    # likelihood times a normal prior of the domain's extents, integrated by Laplace's method
-    slopes = ends.slopes * extent
-    normal = np.matmul(slopes.swapaxes(1, 2), slopes) + np.eye(len(extent))
-    logs = -0.5 * (ends.chi_square + np.log(np.linalg.det(normal)))
-    total = float(np.logaddexp.reduce(logs))
-    values, scale = problem.touches(ends.at), np.ones(ends.at.shape)
-    scale[:, FORCE] = values[:, FORCE]
-    columns = (
-        (ends.slopes / scale[:, None]).take(problem.unknown, axis=2),
-        (extent * scale).take(problem.unknown, axis=1),
-        ends.chi_square.tolist(),
-        p_values(ends.chi_square, freedom).tolist(),
-        np.exp(logs - total).tolist(),
-        edges(problem, ends.at),
-    )
-    touches = (
-        Touch(names, *attributes, *touch)
-        for touch, *attributes in zip(values.tolist(), *columns, strict=True)
-    )
-    spread = math.log(2.0 * math.pi) / 2.0 + np.log(problem.deviations_pC[0])
-    return Location(tuple(touches), names, freedom, total - float(spread.sum()), problem)
-
-
-def _distinct(problem: Problem, ends: Descent, options: LocateOptions) -> Indices:
-    """The likely ends of searches that do not repeat a better one, the best first."""
-    ranking = ends.ranking
-    order = ranking.argsort(kind="stable")
-    rows = order[ranking[order] <= ranking.min() + options.listed]
-    rows = rows[ends.arrived[rows]]
-    period, distinct = period_deg(problem.model), rows[:0]
-    while len(rows) > 1:
-        apart = ends.at[rows] - ends.at[rows[0]]
-        apart[:, ROTATION] -= period * np.rint(apart[:, ROTATION] / period)
-        same = np.square(apart @ ends.slopes[rows[0]].T).sum(axis=1) < options.same
-        same &= np.abs(apart[:, ROTATION]) < options.same_deg
-        distinct, rows = np.append(distinct, rows[0]), rows[~same]
-    return np.append(distinct, rows)
-
-
-@lru_cache(maxsize=8)
-def extents(model: Model) -> Array:
-    """Size of a model's domain in each coordinate, (4,)."""
-    lowest, highest = model.domain.log_force
-    reach_mm = model.domain.reach_mm
-    return np.array([reach_mm, reach_mm, 0.5 * period_deg(model), highest - lowest])
-
-
-def edges(problem: Problem, at: Array) -> list[tuple[str, ...]]:
-    """Which limits of the domain each of the touches `at` (n, 4) is at, or beyond."""
-    reach_mm, (lowest, highest) = problem.model.domain.reach_mm, problem.model.domain.log_force
-    sought = problem.unknown.tolist()
-    placed, pressed = X in sought or Y in sought, FORCE in sought
-    limits = []
-    for x, y, _, force in at.tolist():
-        far = placed and math.hypot(x, y) >= reach_mm
-        extreme = pressed and not lowest < force < highest
-        limits.append(("reach_mm",) * far + ("force_N",) * extreme)
-    return limits
+        options = SolveOptions(model.domain.reach_mm, tolerance=tolerance)
+        better = Solves.of(model.scene, 1, found.unknown, options)
+    measurement = Measurement.of(better, tuple(charges_pC), sigma, noise_pC, found.reading)
+    readings = np.array([list(charges_pC.values())], dtype=float)
+    problem = measurement.problem(readings, found.problem.unknown)
+    at = problem.coordinates(np.array([touch.values for touch in found.touches]))
+    ends = descend(problem, at, np.zeros(len(at), dtype=int))
+    solved = ends.arrived & ends.slopes.any(axis=(1, 2))
+    for touch, arrived in zip(found.touches, solved, strict=True):
+        if not arrived:
+            place = f"({touch.x_mm:.4g}, {touch.y_mm:.4g}) mm, {touch.force_N:.4g} N"
+            raise PolishError(f"polish: no solve near {place}, or the search there did not end")
+    best = ends.at[[ends.chi_square.argmin()]]
+    near = along_stage(model)
+    exact, known = (of.linearised(best)[0, :, 0] for of in (problem, replace(problem, model=near)))
+    added = np.zeros(len(model.names))
+    added[problem.electrodes] = (exact - known) * problem.deviations_pC[0]
+    right = Adapted.of(near, error_bound=better.error_bound, added_pC=added)
+    polished = location(replace(problem, model=right), ends)
+    return replace(polished, reading=found.reading, explanations=found.explanations)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,41 +5,31 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pvdf_fem.arrays import Array, Indices, Mask
-from pvdf_fem.readout.channel import READINGS
 from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model, X, Y
-from pvdf_fem.touch.descent import Descent, descend, joined
-from pvdf_fem.touch.locate import DEFAULTS, edges, extents, location, search
-from pvdf_fem.touch.measurement import Deviations, Measurement
-from pvdf_fem.touch.mistakes import LARGEST_PC, LEAST_PC, charge_mistakes
-from pvdf_fem.touch.problem import Problem
+from pvdf_fem.touch.least_squares import Descent, descend, joined
+from pvdf_fem.touch.locate import meant_otherwise
+from pvdf_fem.touch.measurement import (
+    LARGEST_PC,
+    LEAST_PC,
+    Deviations,
+    Measurement,
+    charge_mistakes,
+    number,
+)
+from pvdf_fem.touch.problem import Problem, extents
+from pvdf_fem.touch.search import DEFAULTS, location, search
 from pvdf_fem.touch.starts import nearest_starts
-from pvdf_fem.touch.touch import DETERMINED, SIGNIFICANCE, curvature, explains, p_values
+from pvdf_fem.touch.touch import SIGNIFICANCE, TouchStatus, explains, p_values, roots_of
 
 #: Rows that are located together: they take some 3 kB each while searches are under way.
 CHUNK = 32768
 RETRIES = 8  #: Starts of the second search for a row.
-
-
-class RowStatus(StrEnum):
-    """What became of a row of charges."""
-
-    LOCATED = "located"
-    NOT_FINITE = "not_finite"
-    TOO_LARGE = "too_large"  #: A charge exceeds `LARGEST_PC`.
-    #: A charge below `LEAST_PC` has no deviation without noise, and if all are, no touch.
-    ZERO = "zero_charge"
-    OUTSIDE = "known_outside_domain"  #: The known force is outside of the model's domain.
-    #: No search ended: the charges fit no touch of the model's domain.
-    NOT_FOUND = "no_touch_found"
-    UNEXPLAINED = "unexplained"  #: The nearest touch of the model's domain does not fit.
-    MALFORMED = "malformed"  #: The row of the file has not one cell for each column of the header.
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +42,7 @@ class Touches:
     #: What the readings were taken for, of `READINGS`, and what was sought.
     reading: str
     unknown: tuple[str, ...]
-    status: NDArray[np.object_]  #: A `RowStatus` each, (n,).
+    status: NDArray[np.object_]  #: A `TouchStatus` each, (n,).
     #: Covariances (n, unknown, unknown) as for `Touch`, by the likelihood's curvature there alone.
     covariances: Array
     #: Standard deviations (n, unknown): calibrated as for `Location` if asked for, else by these.
@@ -62,8 +52,8 @@ class Touches:
     determined: Mask
     chi_square: Array
     p_value: Array
-    #: Whether no touch explains the readings, but one if they are the other of `READINGS`, (n,).
-    other_reading: Mask
+    #: Mistakes in readings that would explain them where no touch does, in words, (n,).
+    explanations: NDArray[np.object_]
     at_edge: Mask  #: Whether the touch is held by a limit of the model's domain, (n,).
 
     @classmethod
@@ -73,26 +63,25 @@ class Touches:
         values, covariances, deviations, alternatives, chi_square, p_value = (
             np.full((n, *shape), np.nan) for shape in ((4,), (k, k), (k,), (), (), ())
         )
-        determined, other, at_edge = np.zeros((3, n), dtype=bool)
+        determined, at_edge = np.zeros((2, n), dtype=bool)
+        other = np.full(n, "", dtype=object)
         numbers = values, reading, unknown, status, covariances, deviations, alternatives
         return cls(*numbers, determined, chi_square, p_value, other, at_edge)
 
     @property
     def explained(self) -> Mask:
         """Whether a touch explains the charges, (n,)."""
-        return np.asarray(self.status == RowStatus.LOCATED)
+        return np.isfinite(self.chi_square) & (self.status != TouchStatus.UNEXPLAINED)
 
     def put(self, rows: Indices, problem: Problem, ends: Descent, significance: float) -> None:
         """Write down the ends of searches for some rows."""
         sought = problem.unknown
-        self.status[rows[~ends.arrived]] = RowStatus.NOT_FOUND
+        self.status[rows[~ends.arrived]] = TouchStatus.NOT_FOUND
         rows, ends = rows[ends.arrived], ends.take(np.flatnonzero(ends.arrived))
         values = problem.touches(ends.at)
-        scale = np.where(sought == FORCE, values[:, FORCE:], 1.0)
-        extent = extents(problem.model)[sought]
-        squares, vectors = curvature(ends.slopes[:, :, sought] * extent)
-        free = squares < DETERMINED**2
-        root = vectors / np.sqrt(squares + free)[:, None] * (extent * scale)[:, :, None]
+        scale = problem.per_coordinate(values)[:, sought]
+        extent = extents(problem.model)[sought] * scale
+        root, free = roots_of(ends.slopes[:, :, sought] / scale[:, None], extent)
         self.values[rows], self.determined[rows] = values, ~free.any(axis=1)
         self.covariances[rows] = root @ root.swapaxes(1, 2)
         if np.isnan(self.alternatives[rows]).all():  # not calibrated
@@ -100,27 +89,24 @@ class Touches:
         freedom = len(problem.electrodes) - len(sought)
         self.chi_square[rows] = ends.chi_square
         self.p_value[rows] = p_values(ends.chi_square, freedom)
-        self.status[rows[~explains(ends.chi_square, freedom, significance)]] = RowStatus.UNEXPLAINED
-        self.at_edge[rows] = [bool(limits) for limits in edges(problem, ends.at)]
+        self.at_edge[rows] = [bool(limits) for limits in problem.edges(ends.at)]
+        self.status[rows[self.at_edge[rows]]] = TouchStatus.AT_EDGE
+        self.status[rows[self.alternatives[rows] > 0]] = TouchStatus.AMBIGUOUS
+        strange = ~explains(ends.chi_square, freedom, significance)
+        self.status[rows[strange]] = TouchStatus.UNEXPLAINED
 
     def to_table(self) -> dict[str, NDArray[Any]]:
         """Columns (n,): touches, deviations (NaN where known), fit, alternatives, status, remark.
 
-        The remark has words: ``explained as change`` or ``as total``, ``undetermined``,
+        The remark has words: ``explained if`` with mistakes in readings, ``undetermined``,
         ``at edge``.
         """
         deviations = np.full(self.values.shape, np.nan)
         deviations[:, [QUANTITIES.index(name) for name in self.unknown]] = self.deviations
         columns = ["_deviation_".join(name.rsplit("_", 1)) for name in QUANTITIES]
-        (other,) = READINGS.keys() - {self.reading}
         found = np.isfinite(self.chi_square)
-        words = {
-            f"explained as {other}": self.other_reading,
-            "undetermined": ~self.determined,
-            "at edge": self.at_edge,
-        }
-        remarks = np.full(len(self.status), "", dtype=object)
-        for word, rows in words.items():
+        remarks = self.explanations.copy()
+        for word, rows in {"undetermined": ~self.determined, "at edge": self.at_edge}.items():
             remarks[found & rows] += f"; {word}"
         counts = [None if np.isnan(count) else int(count) for count in self.alternatives]
         return {
@@ -189,7 +175,7 @@ def locate_many(
     sought = np.array([i for i in range(len(QUANTITIES)) if i not in known])
     status = _status(measurement, charges, known)
     found = Touches.empty(status, tuple(QUANTITIES[i] for i in sought), measurement.reading)
-    usable = np.flatnonzero(status == RowStatus.LOCATED)
+    usable = np.flatnonzero(status == TouchStatus.LOCATED)
     for first in range(0, len(usable), CHUNK):
         rows = usable[first : first + CHUNK]
         held = {i: values[rows] for i, values in known.items()}
@@ -200,11 +186,13 @@ def locate_many(
         if calibrated:
             _calibrate(found, rows, problem, ends)
         found.put(rows, problem, ends, significance)
-        strange = ~found.explained[rows]
-        if strange.any() and (other := measurement.other):
-            problem = other.problem(charges[rows[strange]], sought)
-            ends = _ends(problem, {i: values[strange] for i, values in held.items()}, significance)
-            found.other_reading[rows[strange]] = _explained(problem, ends)
+        strange = np.flatnonzero(~found.explained[rows])
+        for text, meant, undone in meant_otherwise(measurement) if len(strange) else ():
+            problem = meant.problem(undone(charges[rows[strange]]), sought)
+            other = {i: values[strange] for i, values in held.items()}
+            ends = _nearest_end(problem, np.arange(len(strange)), other, 1)
+            explained = rows[strange[_explained(problem, ends, significance)]]
+            found.explanations[explained] += f"; explained if {text}"
     return found
 
 
@@ -248,7 +236,7 @@ def _numbers(values: Any, width: int = 0) -> Array:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError, OverflowError):
         if not width:
-            return np.array([_number(value) for value in values])
+            return np.array([number(value) for value in values])
     rows = np.full((len(values), width), np.nan)
     for row, given in zip(rows, values, strict=True):
         if not isinstance(given, str) and np.size(given) == width:
@@ -256,28 +244,21 @@ def _numbers(values: Any, width: int = 0) -> Array:
     return rows
 
 
-def _number(value: Any) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError, OverflowError):
-        return math.nan
-
-
 def _status(
     measurement: Measurement, readings: Array, known: Mapping[int, Array]
 ) -> NDArray[np.object_]:
-    """What keeps rows from being located; `RowStatus.LOCATED` for those that can be."""
+    """What keeps rows from being located; `TouchStatus.LOCATED` for those that can be."""
     small = np.abs(measurement.signals(readings)) < LEAST_PC
     lowest, highest = measurement.model.domain.force_N
     forces = known.get(FORCE, np.full(len(readings), lowest))
     # the last reasons win
     reasons = {
-        RowStatus.OUTSIDE: ~((lowest <= forces) & (forces <= highest)),
-        RowStatus.ZERO: small.all(axis=1) | (small & (measurement.noise_pC == 0.0)).any(axis=1),
-        RowStatus.TOO_LARGE: (np.abs(readings) > LARGEST_PC).any(axis=1),
-        RowStatus.NOT_FINITE: ~np.isfinite([*readings.T, *known.values()]).all(axis=0),
+        TouchStatus.OUTSIDE: ~((lowest <= forces) & (forces <= highest)),
+        TouchStatus.ZERO: small.all(axis=1) | (small & (measurement.noise_pC == 0.0)).any(axis=1),
+        TouchStatus.TOO_LARGE: (np.abs(readings) > LARGEST_PC).any(axis=1),
+        TouchStatus.NOT_FINITE: ~np.isfinite([*readings.T, *known.values()]).all(axis=0),
     }
-    status = np.full(len(readings), RowStatus.LOCATED, dtype=object)
+    status = np.full(len(readings), TouchStatus.LOCATED, dtype=object)
     for reason, rows in reasons.items():
         status[rows] = reason
     return status

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.readout.channel import READINGS
+from pvdf_fem.solution.summary import Grid, rounded, told, told_html
 from pvdf_fem.touch.posterior import Posterior, posterior
 from pvdf_fem.touch.problem import Problem
-from pvdf_fem.touch.touch import Touch
+from pvdf_fem.touch.touch import EXPLAINED, Touch, TouchStatus
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,9 +23,16 @@ if TYPE_CHECKING:
 SHARE = 0.01
 
 
+class Explanation(NamedTuple):
+    """A mistake in readings without which a touch explains them."""
+
+    text: str
+    touch: Touch
+
+
 @dataclass(frozen=True, eq=False)
 class Location:
-    """All touches that may have given some charges."""
+    """All touches that may have given some charges, each of one probe or of two at once."""
 
     touches: tuple[Touch, ...]  #: The likeliest first; empty when no search ended.
     unknown: tuple[str, ...]  #: What was sought.
@@ -31,20 +42,53 @@ class Location:
     log_evidence: float
     problem: Problem  #: The charges, and what explains them.
     reading: str = "total"  #: What the readings were taken for, of `READINGS`.
-    #: The likeliest touch if they are the other, or in another unit, where only that explains them,
-    #: and in words what they are then.
-    other_reading: Touch | None = None
-    other_words: str = ""
+    #: Mistakes in readings that would explain them, where no touch does.
+    explanations: tuple[Explanation, ...] = ()
 
-    def __repr__(self) -> str:
-        values = [f"{n} = {getattr(self.best, n):.4g}" for n in self.unknown if self.touches]
-        listed = f"touches listed: {len(self.touches)}"
-        return f"<Location: {'; '.join([', '.join(values), listed, *self.remarks])}>"
+    def __str__(self) -> str:
+        return told(*self._parts())
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        return told_html(*self._parts())
+
+    def _parts(self) -> tuple[str, list[str], list[Grid], list[str]]:
+        """Status, what it means, a table of each touch, and notes below them."""
+        grids = [self._grid(number, touch) for number, touch in enumerate(self.touches, 1)]
+        how = f"{len(self.touches)} {'touch' if len(self.touches) == 1 else 'touches'} listed"
+        notes = ["± : the true value is within, with a probability of 68 %"] if grids else []
+        return self.status, [f"{how}, from {READINGS[self.reading]}", *self.remarks], grids, notes
+
+    def _grid(self, number: int, touch: Touch) -> Grid:
+        deviations, rows = self.deviations_of(touch), []
+        for name, value in touch.by_name.items():
+            if name in deviations:
+                error = deviations[name]
+                finest = min(error, touch.deviations[name])
+                rows.append((name, rounded(value, finest)[0], f"{error:.2g}"))
+            else:
+                rows.append((name, f"{value:.6g}", "known"))
+        rows.append(("chi-square", f"{touch.chi_square:.3g}", ""))
+        rows.append(("degrees of freedom", f"{self.degrees_of_freedom}", ""))
+        rows.append(("share of likelihood", f"{touch.weight:.3g}", ""))
+        return Grid((f"touch {number}", "", "±"), tuple(rows))
+
+    @property
+    def status(self) -> TouchStatus:
+        """Whether the best touch is the answer, and else why not."""
+        if not self.touches:
+            return TouchStatus.NOT_FOUND
+        if not self.best.explained:
+            return TouchStatus.UNEXPLAINED
+        if self.ambiguous:
+            return TouchStatus.AMBIGUOUS
+        return TouchStatus.AT_EDGE if self.best.at_edge else TouchStatus.LOCATED
 
     @property
     def explained(self) -> bool:
         """Whether a touch of the model's domain gives such charges."""
-        return bool(self.touches) and self.best.explained
+        return self.status in EXPLAINED
 
     @property
     def best(self) -> Touch:
@@ -62,19 +106,27 @@ class Location:
 
         As much as it is off, or less, with a probability of 68.3 %: one standard deviation if the
         errors are normal. All touches count, those on a ridge of the likelihood and about its
-        other maxima, too.
+        other maxima, too. Where each charge takes a solve, they are those of `Touch.covariance`.
         """
         return self.deviations_of(self.best)
 
     def deviations_of(self, touch: Touch) -> dict[str, float]:
         """The same of another touch: large where another one is likelier."""
+        if not self.problem.model.cheap:
+            return touch.deviations
         sizes = self.posterior.deviations(self._sought(touch)).tolist()
         return dict(zip(self.unknown, sizes, strict=True))
 
     @property
     def covariance(self) -> Array:
         """Covariance (unknown, unknown) with the squares of these on its diagonal."""
-        return self.posterior.covariance(self._sought(self.best))
+        return self.covariance_of(self.best)
+
+    def covariance_of(self, touch: Touch) -> Array:
+        """The same of another touch."""
+        if not self.problem.model.cheap:
+            return touch.covariance
+        return self.posterior.covariance(self._sought(touch))
 
     def _sought(self, touch: Touch) -> Array:
         return touch.values[self.problem.unknown]
@@ -92,16 +144,9 @@ class Location:
     @property
     def remarks(self) -> tuple[str, ...]:
         """What keeps the best touch from being the answer, in sentences."""
-        texts = []
-        if touch := self.other_reading:
-            texts.append(
-                f"wrong reading: as {READINGS[self.reading]} no touch explains what was given; "
-                f"{self.other_words} one does, at ({touch.x_mm:.4g}, {touch.y_mm:.4g}) mm, "
-                f"{touch.force_N:.4g} N"
-            )
         if not self.touches:
-            return (*texts, "no search ended: the charges fit no touch of the model's domain")
-        best = self.best
+            return (*self._mistakes(), "no search ended: the charges fit no touch of the domain")
+        best, texts = self.best, [*self._mistakes()]
         if not best.explained:
             often = f"chi-square {best.chi_square:.3g}"
             if self.degrees_of_freedom > 0:
@@ -122,9 +167,18 @@ class Location:
             texts.append(f"at the edge of the model's domain ({limits}): the touch may lie beyond")
         return tuple(texts)
 
+    def _mistakes(self) -> Sequence[str]:
+        """The mistakes in readings that would explain them."""
+        return [
+            f"wrong readings: if {text}, a touch at ({touch.x_mm:.4g}, {touch.y_mm:.4g}) mm with"
+            f" {touch.force_N:.4g} N explains them"
+            for text, touch in self.explanations
+        ]
+
     def plot(self) -> Figure:
         """Draw the likelihood over the film and near the likeliest touch, with the ellipse of one
         standard deviation and the rivals. What else was sought is the likeliest at each place.
+        Where each charge takes a solve, and of two touches at once, there are ellipses alone.
         Raises ValueError without a touch of which x and y were sought."""
         from pvdf_fem.output.touch_map import likelihood_map  # output/ is above
 
@@ -133,8 +187,9 @@ class Location:
     def to_json(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return {
+            "status": str(self.status),
             "reading": self.reading,
-            "other_reading": self.other_reading and self.other_reading.to_json(),
+            "explanations": [{"if": text, **touch.to_json()} for text, touch in self.explanations],
             "unknown": list(self.unknown),
             "degrees_of_freedom": self.degrees_of_freedom,
             "ambiguous": self.ambiguous,
@@ -144,7 +199,7 @@ class Location:
                 {
                     **touch.to_json(),
                     "standard_deviations": self.deviations_of(touch),
-                    "covariance": self.posterior.covariance(self._sought(touch)).tolist(),
+                    "covariance": np.asarray(self.covariance_of(touch)).tolist(),
                 }
                 for touch in self.touches
             ],

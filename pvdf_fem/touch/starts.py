@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 
 from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.response.model import FORCE, ROTATION, Model, X, Y, period_deg, rotation_counts
-from pvdf_fem.touch.descent import damped_steps, products, repeated
+from pvdf_fem.touch.least_squares import damped_steps, products, repeated
 
 Single = NDArray[np.float32]
 # Coordinates of a table's slopes.

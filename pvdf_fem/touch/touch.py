@@ -1,16 +1,16 @@
-"""A touch recovered from charges, with its uncertainty."""
+"""A touch recovered from charges, of one probe or of two at once, with its uncertainty."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from enum import StrEnum
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.special import gammaincc
+from scipy.special import gammaincc, gammainccinv
 
 from pvdf_fem.arrays import Array, Mask, finite
-from pvdf_fem.response.model import QUANTITIES
 
 #: Charges count as unexplained if a right model gives such charges less often than this.
 SIGNIFICANCE = 1e-3
@@ -23,6 +23,12 @@ def p_values(chi_square: Array, freedom: int) -> Array:
     if freedom <= 0:
         return np.full(len(chi_square), np.nan)
     return gammaincc(0.5 * freedom, 0.5 * chi_square)
+
+
+@lru_cache(maxsize=64)
+def common_limit(freedom: int) -> float:
+    """Chi-square that a right model exceeds with the probability `SIGNIFICANCE`."""
+    return float(2.0 * gammainccinv(0.5 * max(freedom, 1), SIGNIFICANCE))
 
 
 def explains(chi_square: Array, freedom: int, significance: float = SIGNIFICANCE) -> Mask:
@@ -39,10 +45,42 @@ def curvature(slopes: Array) -> tuple[Array, Array]:
     return np.maximum(squares, 0.0), vectors
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """Values of some unknown whose charges are, among those nearby, the likeliest."""
+def roots_of(slopes: Array, extent: Array) -> tuple[Array, Mask]:
+    """Square roots (..., k, k) of covariances, their columns along the principal directions, and
+    which of these (..., k) the charges do not determine: there the domain's `extent` (..., k) is a
+    standard deviation. `slopes` (..., electrodes, k) are those of the charges over theirs."""
+    squares, vectors = curvature(slopes * extent[..., None, :])
+    free = squares < DETERMINED**2
+    return vectors / np.sqrt(squares + free)[..., None, :] * extent[..., None], free
 
+
+class TouchStatus(StrEnum):
+    """What became of some charges."""
+
+    LOCATED = "located"
+    AT_EDGE = "at edge"  #: The limits of the model's domain hold the touch.
+    AMBIGUOUS = "ambiguous"  #: Other touches are likely, too.
+    UNEXPLAINED = "unexplained"  #: The nearest touch of the model's domain does not fit.
+    #: No search ended: the charges fit no touch of the model's domain.
+    NOT_FOUND = "no_touch_found"
+    NOT_FINITE = "not_finite"
+    TOO_LARGE = "too_large"  #: A charge exceeds `LARGEST_PC`.
+    #: A charge below `LEAST_PC` has no deviation without noise, and if all are, no touch.
+    ZERO = "zero_charge"
+    OUTSIDE = "known_outside_domain"  #: The known force is outside of the model's domain.
+    MALFORMED = "malformed"  #: The row of the file has not one cell for each column of the header.
+
+
+#: With these a touch explains the charges.
+EXPLAINED = (TouchStatus.LOCATED, TouchStatus.AT_EDGE, TouchStatus.AMBIGUOUS)
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """A touch whose charges are, among touches nearby, the likeliest to give those measured."""
+
+    quantities: tuple[str, ...]  #: Names of the model's quantities, (k,).
+    values: Array  #: The touch as a model takes it, (k,): mm, degrees, from 0 to the period, and N.
     unknown: tuple[str, ...]  #: The quantities that were sought; the order of all matrices.
     jacobian: Array  #: Slopes of the charges over their standard deviations, (electrodes, unknown).
     #: Size (unknown,) of the domain in each unknown: what is known of it without any charge.
@@ -81,8 +119,7 @@ class Fit:
     @cached_property
     def root(self) -> Array:
         """A square root of the covariance, its columns along the principal directions."""
-        squares, vectors = self._curvature
-        return vectors / np.sqrt(squares + (squares < DETERMINED**2)) * self.extent[:, None]
+        return roots_of(self.jacobian, self.extent)[0]
 
     @property
     def covariance(self) -> Array:
@@ -116,9 +153,35 @@ class Fit:
         rows, columns = self.jacobian.shape
         return bool(explains(np.array([self.chi_square]), rows - columns)[0])
 
-    def fit_json(self) -> dict[str, Any]:
-        """Plain values for JSON, None for what is infinite, of all but what fits."""
+    @cached_property
+    def by_name(self) -> dict[str, float]:
+        """All values by the quantity's name."""
+        return dict(zip(self.quantities, self.values.tolist(), strict=True))
+
+    @property
+    def x_mm(self) -> float:
+        """The place of the only probe; KeyError for two: see `by_name`."""
+        return self.by_name["x_mm"]
+
+    @property
+    def y_mm(self) -> float:
+        """The same along y."""
+        return self.by_name["y_mm"]
+
+    @property
+    def rotation_deg(self) -> float:
+        """Its rotation."""
+        return self.by_name["rotation_deg"]
+
+    @property
+    def force_N(self) -> float:
+        """Its force."""
+        return self.by_name["force_N"]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values for JSON, None for what is infinite; errors are left to the location."""
         return {
+            **self.by_name,
             "condition": finite(self.condition),
             "chi_square": self.chi_square,
             "p_value": finite(self.p_value),
@@ -130,22 +193,3 @@ class Fit:
             ],
             "at_edge": list(self.at_edge),
         }
-
-
-@dataclass(frozen=True, eq=False)
-class Touch(Fit):
-    """A touch whose charges are, among touches nearby, the likeliest to give those measured."""
-
-    x_mm: float
-    y_mm: float
-    rotation_deg: float  #: From 0 to the probe's period.
-    force_N: float
-
-    @property
-    def values(self) -> Array:
-        """The touch as a model takes it, (4,)."""
-        return np.array([self.x_mm, self.y_mm, self.rotation_deg, self.force_N])
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values for JSON; errors are left to the location."""
-        return {**{name: float(getattr(self, name)) for name in QUANTITIES}, **self.fit_json()}

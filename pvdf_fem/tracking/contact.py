@@ -7,12 +7,12 @@ from copy import copy
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.response.model import FORCE
-from pvdf_fem.touch.locate import DEFAULTS, location, search
-from pvdf_fem.touch.touch import SIGNIFICANCE
+from pvdf_fem.touch.problem import Problem
+from pvdf_fem.touch.search import DEFAULTS, location, search
+from pvdf_fem.touch.touch import common_limit
 from pvdf_fem.tracking.circuit import ChargeSum
 from pvdf_fem.tracking.course import ChangeModel, Places, Sample, fitted
 from pvdf_fem.tracking.onset import missed_charge
@@ -145,11 +145,10 @@ class Contact:
         if not len(heard):
             return np.empty((0, 4))
         total = (sample.charges + model.rest_pC)[heard]
-        error = model.problem.model.error_bound * total
+        response, unknown = model.model, model.unknown
+        error = response.error_bound * total
         spread = np.sqrt((sample.walked + sample.noise)[heard] + np.square(error))
-        problem = replace(
-            model.problem, electrodes=heard, charges_pC=total[None], deviations_pC=spread[None]
-        )
+        problem = Problem(response, heard, total[None], spread[None], unknown)
         with np.errstate(divide="ignore", invalid="ignore"):  # charges may be far from any touch's
             ends = search(problem, model.known, DEFAULTS)
         touches = location(problem, ends).touches
@@ -212,7 +211,7 @@ class Contact:
         heard = (last.noise < UNKNOWN) & (before.noise < UNKNOWN)
         variance = last.walked - before.walked + last.noise + before.noise
         change = np.square(last.charges - before.charges) / variance
-        if change[heard].sum() > chi2.isf(SIGNIFICANCE, max(int(heard.sum()), 1)):
+        if change[heard].sum() > common_limit(int(heard.sum())):
             return False
         left = (last.charges @ largest.charges) / (largest.charges @ largest.charges)
         faint = len(self.history) > PATIENCE and self._significance < INSIGNIFICANT

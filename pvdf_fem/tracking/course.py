@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
-from pvdf_fem.arrays import Array, Mask
-from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model, X, Y
-from pvdf_fem.touch.descent import repeated
-from pvdf_fem.touch.locate import extents
+from pvdf_fem.arrays import Array, Indices, Mask
+from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model
+from pvdf_fem.touch.least_squares import SearchOptions, descend, repeated, with_priors
 from pvdf_fem.touch.location import SHARE
-from pvdf_fem.touch.problem import ROOM_REACH, Problem
+from pvdf_fem.touch.problem import ROOM_REACH, Problem, extents
 from pvdf_fem.tracking.circuit import Circuit
 
-#: Gauss-Newton steps at most, and the longest: mm, mm, degrees, logarithm of the force.
-STEPS = 8
-LONGEST = np.array([1.5, 1.5, 10.0, 1.0])
-SHORT = 0.05  #: Steps end when all are shorter than this part of the longest.
-RIDGE = 1e-10  #: Part of the largest entry that is added to the diagonal of normal equations.
+SEARCH = SearchOptions(max_steps=8, arrived=np.inf, short=0.05)
 CLOSE = np.array([0.3, 0.3, 3.0, np.inf])  #: Places this close are one.
 BEYOND = 6.0  #: Places beyond the model's reach are e to this power less likely before.
 LIGHTEST = 7.0  #: Forces are followed down to the model's least over e to this power.
@@ -37,56 +33,138 @@ class Sample:
     walked: Array
 
 
-class ChangeModel:
-    """Changes of the charges, since the film was untouched, by touches of any force. Below the
-    model's least force they are continued to zero as the tension T of a membrane with the
-    pretension T0 is, for which T² (T - T0) grows as the square of the force. T0 over T at the least
-    force is the share of the charges at rest. Full solves of the thesis's film from 0.1 N down to
-    5 mN differ from this by at most a tenth of the charge."""
+@dataclass(frozen=True, eq=False)
+class ChangeModel(Problem):
+    """The least-squares problem of touches with any force; its own charges are those at rest, so
+    that residuals are changes in pC. Below the model's least force changes are continued to zero as
+    the tension T of a membrane with the pretension T0 is, for which T² (T - T0) grows as the square
+    of the force. T0 over T at the least force is the share of the charges at rest. Full solves of
+    the thesis's film from 0.1 N down to 5 mN differ from this by at most a tenth of the charge."""
 
-    def __init__(
-        self, model: Model, circuit: Circuit, rest_pC: Array, known: Mapping[int, float]
-    ) -> None:
-        """`known` are values by index of what is not sought."""
+    rest_pC: Array = field(kw_only=True)  #: Charges (electrodes,) of the film at rest.
+    circuit: Circuit = field(kw_only=True)
+    known: Mapping[int, float] = field(kw_only=True)  #: By index, of what is not sought.
+
+    @classmethod
+    def of(
+        cls, model: Model, circuit: Circuit, rest_pC: Array, known: Mapping[int, float]
+    ) -> ChangeModel:
+        """The changes of a model's charges."""
         unknown = np.array([i for i in range(len(QUANTITIES)) if i not in known])
-        self.circuit, self.known = circuit, known
-        self.rest_pC, (self.least, most) = rest_pC, model.domain.log_force
-        self.log_forces = self.least - LIGHTEST, most + STRONGEST  #: Those that are followed.
-        every, ones = np.arange(len(rest_pC)), np.ones((1, len(rest_pC)))
-        #: Its charges are the rest charges, so that differences from them are changes.
-        self.problem = Problem(model, every, rest_pC[None], ones, unknown)
+        charges = np.arange(len(rest_pC)), rest_pC[None], np.ones((1, len(rest_pC)))
+        return cls(model, *charges, unknown, rest_pC=rest_pC, circuit=circuit, known=known)
 
-    def evaluate(self, at: Array) -> Array:
-        """Changes in pC and their slopes, (n, electrodes, 1 + 4), at coordinates `at` (n, 4)."""
+    @property
+    def least(self) -> float:
+        """Logarithm of the model's least force in N."""
+        return self.model.domain.log_force[0]
+
+    @property
+    def log_forces(self) -> tuple[float, float]:
+        """Logarithms of the least and the largest force that are followed."""
+        least, most = self.model.domain.log_force
+        return least - LIGHTEST, most + STRONGEST
+
+    def held_back(self, at: Array) -> Array:
+        """Coordinates (n, 4) within reach, with forces that are followed."""
+        return self._moved(at, ROOM_REACH * self.model.domain.reach_mm, *self.log_forces)
+
+    def linearised(self, at: Array, rows: Indices | None = None) -> Array:
+        """As of a `Problem`."""
         light: Mask = at[:, FORCE] < self.least
-        system = self.problem.linearised(np.maximum(at, [-np.inf, -np.inf, -np.inf, self.least]))
+        system = super().linearised(np.maximum(at, [-np.inf, -np.inf, -np.inf, self.least]), rows)
         if not light.any():
             return system
-        change = system[light, :, 0].copy()
+        which = np.zeros(int(light.sum()), dtype=int) if rows is None else rows[light]
+        spread, charges = self.deviations_pC[which], self.charges_pC[which]
+        change = system[light, :, 0] * spread + charges - self.rest_pC
         total = np.linalg.norm(change + self.rest_pC, axis=1)
         share = np.clip(np.linalg.norm(self.rest_pC) / total, 0.0, 0.95)
         square = (1.0 - share) * np.exp(2.0 * (at[light, FORCE] - self.least))
         tension = share + np.cbrt(square)
-        for _ in range(STEPS):  # from above, where Newton's method comes ever closer
+        for _ in range(SEARCH.max_steps):  # from above, where Newton's method comes ever closer
             slope = 3.0 * np.square(tension) - 2.0 * share * tension
             tension -= (np.square(tension) * (tension - share) - square) / slope
-        growth = (tension - share) / (1.0 - share)
-        system[light] *= growth[:, None, None]
-        rate = 2.0 * square / slope / (1.0 - share)
-        system[light, :, 1 + FORCE] = change * rate[:, None]
+        growth = ((tension - share) / (1.0 - share))[:, None]
+        rate = (2.0 * square / slope / (1.0 - share))[:, None]
+        system[light] *= growth[..., None]
+        system[light, :, 0] = (self.rest_pC + growth * change - charges) / spread
+        system[light, :, 1 + FORCE] = rate * change / spread
         return system
 
     def pressed(self, at: Array, sample: Sample) -> tuple[Array, float]:
         """Coordinates (4,) with the force of a sample at a place, and chi-square of its charges."""
-        at, weights = at[None].copy(), 1.0 / (sample.walked + sample.noise)
-        for _ in range(STEPS):
-            system = self.evaluate(at)[0]
-            misfit, slope = sample.charges - system[:, 0], system[:, 1 + FORCE]
-            step = (weights * slope * misfit).sum() / (weights * slope * slope).sum()
-            at[0, FORCE] = np.clip(at[0, FORCE] + np.clip(step, -1.0, 1.0), *self.log_forces)
-            if abs(step) < SHORT:
-                break
-        return at[0], float((weights * np.square(misfit - slope * step)).sum())
+        charges = (self.rest_pC + sample.charges)[None]
+        spread, force = np.sqrt(sample.walked + sample.noise)[None], np.array([FORCE])
+        of_sample = replace(self, charges_pC=charges, deviations_pC=spread, unknown=force)
+        end = descend(of_sample, at[None], options=SEARCH)
+        return end.at[0], float(end.chi_square[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """The least-squares problem of a touch's place, of the logarithm of its force at each sample,
+    and of an error that all samples share: k coordinates x, y, rotation, forces, error over its
+    deviation."""
+
+    model: ChangeModel
+    charges: Array  #: Changes in pC, (samples, channels).
+    whiten: Array  #: Inverse roots of the covariances of errors, (channels, samples, samples).
+    common: Array  #: Standard deviation of the shared error in pC, (channels,).
+
+    @cached_property
+    def longest(self) -> Array:
+        """Longest steps, (k,)."""
+        place = [1.5, 1.5, 10.0]
+        return np.array([*place, *np.ones(len(self.charges)), np.inf])
+
+    @cached_property
+    def close(self) -> Array:
+        """Distances of places that go on as one, (k,)."""
+        return np.array([*CLOSE[:FORCE], *np.full(len(self.charges) + 1, np.inf)])
+
+    def touches(self, at: Array) -> Array:
+        """Coordinates of the touch at each sample, (n samples, 4)."""
+        count = len(self.charges)
+        place = np.repeat(at[:, None, :FORCE], count, axis=1)
+        return np.concatenate([place, at[:, FORCE:-1, None]], axis=2).reshape(-1, 4)
+
+    def held_back(self, at: Array) -> Array:
+        """Coordinates with places within reach, and forces that are followed."""
+        touches = self.model.held_back(self.touches(at)).reshape(len(at), -1, 4)
+        parts = touches[:, 0, :FORCE], touches[:, :, FORCE], at[:, -1:]
+        return np.concatenate(parts, axis=1)
+
+    @cached_property
+    def _priors(self) -> Array:
+        """What is known without any charge: the model's domain, and the common error, (k,)."""
+        domain = 1.0 / extents(self.model.model)
+        places = np.zeros(FORCE)
+        moving = self.moving
+        places[moving] = domain[moving]
+        return np.array([*places, *np.full(len(self.charges), domain[FORCE]), 1.0])
+
+    @property
+    def moving(self) -> Indices:
+        """Coordinates of the place that are sought, of x, y and rotation."""
+        moving = self.model.moving
+        return moving[moving < FORCE]
+
+    def linearised(self, at: Array, rows: Indices | None = None) -> Array:
+        """Whitened differences of changes, then their slopes, (n, residuals, 1 + k)."""
+        (count, channels), size = self.charges.shape, len(at)
+        changes = self.model.linearised(self.touches(at)).reshape(size, count, channels, 5)
+        changes = changes.swapaxes(1, 2)
+        system = np.zeros((size, channels, count, 1 + at.shape[1]))
+        shared, of_sample = at[:, -1, None, None] * self.common[:, None], np.arange(count)
+        system[..., 0] = changes[..., 0] - self.charges.T + shared
+        system[..., 1 : 1 + FORCE] = changes[..., 1 : 1 + FORCE]
+        system[:, :, of_sample, 1 + FORCE + of_sample] = changes[..., 1 + FORCE]
+        system[..., -1] = self.common[:, None]
+        system = np.matmul(self.whiten, system).reshape(size, channels * count, -1)
+        residuals = np.zeros(at.shape)
+        residuals[:, -1] = at[:, -1]
+        return with_priors(system, residuals, self._priors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,54 +193,21 @@ def fitted(
     """The places near `starts` (n, 4) that explain some samples of a touch, the forces free.
     `errors` (electrodes, samples, samples) are the covariances of the samples' errors by channel,
     and `common` (electrodes,) is the standard deviation of an error that all samples share."""
-    count, channels = len(samples), len(common)
     charges = np.array([sample.charges for sample in samples])
     sizes = np.linalg.norm(charges, axis=1)
-    whiten = np.linalg.inv(np.linalg.cholesky(errors))
-    moving = model.problem.moving[model.problem.moving < FORCE]
-    places, at = len(moving), np.repeat(starts[:, None], count, axis=1)
-    at[:, :, FORCE] += 1.5 * np.log(sizes / sizes[-1])
-    # unknown: place, forces, and the size of the common error, which is 0 ± 1
-    shared, prior = np.zeros(len(at)), np.zeros(places + count + 1)
-    prior[-1] = 1.0
-    damping = prior.copy()
-    damping[:places] = extents(model.problem.model)[moving] ** -2.0
-    design = np.zeros((len(at), channels, count, places + count + 1))
-    design[..., -1] = common[:, None]
-    for _ in range(STEPS):
-        system = model.evaluate(at.reshape(-1, 4)).reshape(len(at), count, channels, 5)
-        system = system.swapaxes(1, 2)
-        design[..., :places] = system[..., 1 + moving]
-        design[..., np.arange(count), places + np.arange(count)] = system[..., 1 + FORCE]
-        misfit = charges.T - system[..., 0] - shared[:, None, None] * common[:, None]
-        rows = np.matmul(whiten, design).reshape(len(at), channels * count, -1)
-        target = np.matmul(whiten, misfit[..., None]).reshape(len(at), -1, 1)
-        normal = np.matmul(rows.swapaxes(1, 2), rows) + np.diag(damping)
-        # a force may have no slope, at the least one that is followed
-        normal += RIDGE * normal.max(axis=(1, 2))[:, None, None] * np.eye(len(prior))
-        right = np.matmul(rows.swapaxes(1, 2), target)[..., 0] - prior * shared[:, None]
-        step = np.linalg.solve(normal, right[..., None])[..., 0]
-        move = np.zeros_like(at)
-        move[:, :, moving], move[:, :, FORCE] = step[:, None, :places], step[:, places:-1]
-        length = np.abs(move / LONGEST).max(axis=(1, 2))
-        part = 1.0 / np.maximum(length, 1.0)
-        at += part[:, None, None] * move
-        shared += part * step[:, -1]
-        reach = ROOM_REACH * model.problem.model.domain.reach_mm
-        distance = np.hypot(at[..., X], at[..., Y])[..., None]
-        at[..., : Y + 1] *= reach / np.maximum(distance, reach)
-        at[:, :, FORCE] = at[:, :, FORCE].clip(*model.log_forces)
-        if length.max() < SHORT:
-            break
-    chi_square = np.square(target).sum(axis=(1, 2)) - (right * step).sum(axis=1) + shared**2
-    inverse = np.linalg.inv(normal)
-    volume = np.linalg.slogdet(inverse[:, :places, :places])[1]
-    covariance = np.zeros((len(at), 4, 4))
-    part = np.array([*range(places), places + count - 1])
-    kept = np.array([*moving, FORCE])
+    course = Course(model, charges, np.linalg.inv(np.linalg.cholesky(errors)), common)
+    forces = starts[:, FORCE:] + 1.5 * np.log(sizes / sizes[-1])
+    none = np.zeros((len(starts), 1))
+    ends = descend(course, np.hstack([starts[:, :FORCE], forces, none]), options=SEARCH)
+    inverse = np.linalg.pinv(np.matmul(ends.slopes.swapaxes(1, 2), ends.slopes))
+    places, kept = course.moving, np.array([*course.moving, FORCE])
+    volume = np.linalg.slogdet(inverse[:, places[:, None], places])[1]
+    part = np.array([*places, ends.at.shape[1] - 2])
+    covariance = np.zeros((len(starts), 4, 4))
     covariance[:, kept[:, None], kept] = inverse[:, part[:, None], part]
-    beyond = np.hypot(at[:, -1, X], at[:, -1, Y]) > model.problem.model.domain.reach_mm
-    return _likely(at[:, -1], covariance, -0.5 * chi_square - BEYOND * beyond, volume)
+    at = np.concatenate([ends.at[:, :FORCE], ends.at[:, -2:-1]], axis=1)
+    beyond = np.hypot(*at[:, :ROTATION].T) > model.model.domain.reach_mm
+    return _likely(at, covariance, -0.5 * ends.chi_square - BEYOND * beyond, volume)
 
 
 def _likely(at: Array, covariance: Array, logs: Array, volume: Array) -> Places:

@@ -46,9 +46,9 @@ def missed_charge(
     first = max(int(np.searchsorted(power, BEGUN * power[-1])) - 1, 0)
     end, step = times[-1], (times[-1] - times[0]) / len(times)
     law = np.tile(at, (2 * POINTS, 1))
-    bounds = model.least - LIGHTEST, model.problem.model.domain.log_force[1]
+    bounds = model.least - LIGHTEST, model.model.domain.log_force[1]
     law[:, FORCE] = np.linspace(*bounds, len(law))
-    charges_by_force = model.evaluate(law)[:, :, 0].T
+    charges_by_force = model.linearised(law)[:, :, 0].T
 
     def course(values: Array) -> tuple[Array, Array]:
         """Charges at the last time, and voltages."""

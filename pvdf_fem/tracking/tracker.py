@@ -18,7 +18,7 @@ from pvdf_fem.response.model import QUANTITIES, Model, period_deg, touch_of
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.solution.solve import rest_charges
 from pvdf_fem.touch.locate import PLACE_AND_FORCE
-from pvdf_fem.touch.mistakes import known_mistakes
+from pvdf_fem.touch.measurement import known_mistakes
 from pvdf_fem.tracking.baseline import WINDOWS, Baseline, Watch
 from pvdf_fem.tracking.circuit import PICO, Circuit
 from pvdf_fem.tracking.contact import BAD, STILL, Contact
@@ -69,7 +69,7 @@ class Tracker:
         circuit = Circuit.of(channels(scene))
         self.touches: list[TouchSummary] = []
         self._names, self._unit, self._stage = response.names, unit, scene.stage or Stage()
-        self._model = ChangeModel(response, circuit, PICO * rest_charges(scene), fixed)
+        self._model = ChangeModel.of(response, circuit, PICO * rest_charges(scene), fixed)
         self._response, self._time = response, -math.inf
         self._restart()
 
@@ -104,6 +104,15 @@ class Tracker:
             row = self._begin_anew(t)
         self._time = t
         return replace(row, missing=" ".join(silent)) if silent else row
+
+    @property
+    def settled_s(self) -> float:
+        """When touches are looked for, if the samples go on as they do; NaN while that is unknown.
+
+        Until then the baseline and its noise are learned, from `SETTLE` samples.
+        """
+        left = SETTLE + int(WINDOWS[-1]) - self._baseline.count - len(self._watch.samples)
+        return self._time + left * self._step if math.isfinite(self._step) else math.nan
 
     def _begin_anew(self, t: float) -> Row:
         """After the first sample, a pause, or a time that did not grow."""

@@ -20,6 +20,7 @@ KINDS: dict[str, tuple[dict[str, Any], ...]] = {
     ),
 }
 TOLERANCES = (1e-2, 3e-3, 1e-3)
+COMPARED = 10.0  #: Tolerance of a drawn scene over the tolerance of the finer one.
 SEED = 11
 MOST_DRAWS = 100  #: Until a scene without overlaps is found.
 
@@ -35,6 +36,11 @@ def drawn_scenes(kind: str, count: int, seed: int = SEED) -> Iterator[Scene]:
         if kind != "pressure":
             changes["numerics.observable"] = "material"
         yield random_scene(random, **changes, **{"numerics.tolerance": _any(random, TOLERANCES)})
+
+
+def finer(scene: Scene) -> Scene:
+    """The scene that a drawn one is compared with."""
+    return scene.with_(**{"numerics.tolerance": scene.numerics.tolerance / COMPARED})
 
 
 def random_scene(rng: np.random.Generator, **changes: object) -> Scene:

@@ -124,7 +124,6 @@ def group_row(of: pd.DataFrame) -> dict[str, str]:
         "charges": str(len(of)),
         f"{LOW:g} to {HIGH:g}": share(of.ratio, LOW, HIGH),
         f"below {LOW:g}": share(of.ratio, 0.0, LOW),
-        "median ratio": f"{of.ratio.median():.2f}",
         "worst error / tolerance": f"{over.max():.2f}",
     }
 

@@ -15,7 +15,8 @@ from pvdf_fem.reporting.kind import Inputs, Kind
 from pvdf_fem.reporting.solved import NothingToShow, Solved
 from pvdf_fem.reporting.task import Rows, Task
 from pvdf_fem.scene.scene import Scene
-from reports.accuracy.cases import FINER, Case, cases
+from reports.accuracy.cases import Case, cases
+from reports.accuracy.drawn import finer
 from reports.accuracy.measure import ByNGSolve, Known, Timed
 
 OURS, PEER = "pvdf_fem", "NGSolve"
@@ -130,11 +131,6 @@ def worst(frame: pd.DataFrame) -> pd.DataFrame:
     by = [name for name in ("case", "code", "tolerance", "order", "mesh") if name in frame]
     converged = frame[frame.true.notna()]
     return converged.loc[converged.groupby(by, dropna=False, sort=False).true.idxmax()]
-
-
-def finer(scene: Scene) -> Scene:
-    """A drawn scene to a finer tolerance."""
-    return scene.with_(**{"numerics.tolerance": scene.numerics.tolerance / FINER})
 
 
 def of_drawn(scene: Scene, solved: Solved) -> pd.DataFrame:

@@ -21,7 +21,7 @@ from pvdf_fem import Response, Scene, build_response, design
 from pvdf_fem.designs.design import Designs, best, table
 from pvdf_fem.output.charts import draw_design
 from pvdf_fem.output.figures import look_of, new_figure
-from pvdf_fem.reporting.drawing import WIDTH_MM, axis_label, value_label
+from pvdf_fem.reporting.drawing import WIDTH_MM, axis_label
 from pvdf_fem.reporting.kind import Content, Inputs, Kind, blamed
 from pvdf_fem.reporting.solved import Solved
 from pvdf_fem.reporting.task import Rows, Task
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 #: Of a preview: every third value of a key, few places, and a coarse model.
 QUICK: dict[str, Any] = {"step_mm": 3.0, "forces_N": (0.5, 2.0), "tolerance": 5e-2}
 EVERY = 3
+DECADE = 10.0  #: Ratio of values of a key above which their axis is logarithmic.
 THESIS = (10.0, 4.0)  #: Radius of the ring in mm, and number of electrodes.
 #: Panels: variables, labels, and factors of what is drawn.
 PANELS = (
@@ -154,11 +155,15 @@ class Deviations(OfDesigns):
                 look = look_of(number) | ({"linestyle": "none"} if self.names else {})
                 ax.plot(x, factor * curve[name], label=of, **look)
             ax.set_ylabel(label)
-            ax.set_ylim(0.0)
+            ax.set_ylim(0.0, 1.08 * factor * float(data[name].max()) or 1.0)
         if self.names:
             names = self.names[:: EVERY if inputs.quick else 1]
             panels[-1].set_xticks(x, names, rotation=25, ha="right")
         else:
+            if x.min() > 0.0 and x.max() >= DECADE * x.min():
+                panels[-1].set_xscale("log")
+                panels[-1].set_xticks(x, map(_shown, x.tolist()))
+                panels[-1].set_xticks([], minor=True)
             panels[-1].set_xlabel(axis_label(data[along].attrs["key"]))
         if family:
             title = axis_label(data[family[0]].attrs["key"])
@@ -224,12 +229,16 @@ class DesignMaps(OfDesigns):
         most_mm = 2.0 * max(float(of.place_deviation_median_mm) for of in chosen)
         for ax, of in zip(panels, chosen, strict=False):
             draw_design(ax, of, most_mm)
-            keys = (of[name] for name in of.coords if "key" in of[name].attrs)
-            words = ", ".join(value_label(key.attrs["key"], key.item()) for key in keys)
+            words = ", ".join(_words(of[name]) for name in of.coords if "key" in of[name].attrs)
             ax.set_title(f"{words}\nmedian {of.place_deviation_median_mm.item():.2f} mm")
         for ax in panels[len(chosen) :]:
             ax.remove()
         return Content(f"Colours: deviation of the place; {self.condition()}.", table(data), figure)
+
+
+def _words(key: xarray.DataArray) -> str:
+    value, unit = _shown(key.item()), key.attrs.get("units")
+    return f"{value} {unit}" if unit else f"{key.name} {value}"
 
 
 def _shown(value: Any) -> str:

@@ -27,7 +27,7 @@ from pvdf_fem.scene.registry import Load
 from pvdf_fem.scene.scene import Numerics, Scene
 from pvdf_fem.scene.scene_file import example_text, examples
 from pvdf_fem.scene.shapes import ELECTRODES, PATCHES, PROBES, RINGS, Layout, Pressing
-from pvdf_fem.scene.stage import Stage
+from pvdf_fem.scene.stage import Stage, WantedModel
 
 #: Tables of a scene file and their models; shapes of one kind stand side by side.
 TABLES: Mapping[str, tuple[type[Section], ...]] = {
@@ -43,6 +43,7 @@ TABLES: Mapping[str, tuple[type[Section], ...]] = {
     "[readout]": (Readout,),
     "[stage]": (Stage,),
     "[air]": (Air,),
+    "[model]": (WantedModel,),
 }
 #: What public names return or take, by headings of the page.
 RESULTS: Mapping[str, tuple[str, ...]] = {

@@ -34,6 +34,7 @@ PROBES: dict[str, dict[str, Any]] = {
 }
 WIDE_MM = 1.25 * WIDTH_MM
 LEVELS_MM = (0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 1.0, 2.0, 5.0)  #: Of the map of the error.
+SHOWN_MM = 14.0  #: Half the width of what is drawn of the film.
 INNER_MM = 7.0  #: Places as near to the centre are inside of the ring of electrodes.
 FAR_MM = 0.5  #: Rivals that are nearer do not count as another place.
 NEAR = 3.0  #: Stated deviations within which all errors are of a pair that is found.
@@ -73,8 +74,9 @@ class OfTouches(OfTasks):
     probe: Literal["triangle", "rectangle", "disc"] = "triangle"
 
     def tasks(self, inputs: Inputs) -> list[Located]:
-        """One task."""
-        scene = self.scene(inputs).with_(probe=Replaced(PROBES[self.probe]))
+        """One task; in a preview the triangle stands for all probes."""
+        probe = "triangle" if inputs.quick else self.probe
+        scene = self.scene(inputs).with_(probe=Replaced(PROBES[probe]))
         if inputs.quick:
             return [Located(scene, 6, 2e-2, 8.0, (0.5, 2.0), 4.0, is_coarse=True)]
         return [Located(scene, self.count, self.tolerance, 12.0, (0.1, 5.0), 2.4)]
@@ -85,13 +87,11 @@ def sort_of(rows: pd.DataFrame, sort: str) -> pd.DataFrame:
     return rows[rows["sort"] == sort].dropna(axis=1, how="all")
 
 
-def found_figure(
-    scene: Scene, reach_mm: float, true: Any, found: Any, pulls: Mapping[str, Any]
-) -> Figure:
+def found_figure(scene: Scene, true: Any, found: Any, pulls: Mapping[str, Any]) -> Figure:
     """True places (n, 2) in mm and those found; shares of errors over their deviations, by name."""
     figure = new_figure(WIDE_MM, 84.0)
     film, shares = figure.subplots(1, 2, width_ratios=[1.2, 1.0])
-    draw_film(film, scene.film.radius_mm, scene.electrode_list, reach_mm)
+    draw_film(film, scene.film.radius_mm, scene.electrode_list, SHOWN_MM)
     both = np.array([np.vstack(true), np.vstack(found)], dtype=float)
     film.plot(*both.transpose(2, 0, 1), color=COLOURS[1], linewidth=0.9)
     film.plot(*both[0].T, "k+", label="true place")
@@ -136,7 +136,7 @@ class ErrorMap(OfTouches):
                 task.scene.film.radius_mm,
             )
             for ax in (upper, lower):
-                draw_film(ax, radius, electrodes, 1.2 * task.reach_mm)
+                draw_film(ax, radius, electrodes, SHOWN_MM)
                 ax.label_outer()
             upper.set_title(f"{layout} electrodes")
         figure.colorbar(shades, ax=axes[0], label="error (mm)", format="%g")
@@ -159,21 +159,22 @@ class FoundPlaces(OfTouches):
         touches["error_mm"] = np.hypot(touches.x_mm_error, touches.y_mm_error)
         touches["force_percent"] = 100.0 * touches.force_N_error.abs()
         is_exact = (touches.error_mm < EXACT_MM) & (touches.force_percent < EXACT_PERCENT)
-        is_noisy, is_four = (touches.noise == NOISE) & ~touches.turned, touches.electrodes == "four"
+        turned, is_four = touches.turned.astype(bool), touches.electrodes == "four"
+        is_noisy = (touches.noise == NOISE) & ~turned
         noisy, four = touches[is_noisy], touches[is_noisy & is_four]
         pulls = {layout: pulls_of(of) for layout, of in noisy.groupby("electrodes", sort=False)}
         true = four[["x_mm", "y_mm"]].to_numpy()
         found = true + four[["x_mm_error", "y_mm_error"]].to_numpy()
-        scene, reach = task.with_electrodes("four"), 1.15 * task.reach_mm
         numbers = {
             **noisy.groupby("electrodes")[["error_mm", "force_percent"]].median(),
             "within": {layout: within(of) for layout, of in pulls.items()},
             "exact": 100.0 * is_exact[is_four & (touches.noise == 0.0)].mean(),
-            "turned": 100.0 * (touches[touches.turned & is_four].rivals > 0).mean(),
+            "turned": 100.0 * (touches[turned & is_four].rivals > 0).mean(),
             "fits": 100.0 * (four.p_value > 0.05).mean(),
             **model[["built_s", "locate_ms", "per_second", "error_bound"]],
         }
-        return touches, found_figure(scene, reach, true, found, pulls), numbers
+        figure = found_figure(task.with_electrodes("four"), true, found, pulls)
+        return touches, figure, numbers
 
 
 def pulls_of(touches: pd.DataFrame) -> Array:
@@ -207,7 +208,7 @@ class Pairs(OfTasks):
             "listed": frame.listed.mean(),
             "seconds": frame.seconds.median(),
         }
-        how = 16.0, true[:, :2], found[:, :2], {"pairs": pulls}
+        how = true[:, :2], found[:, :2], {"pairs": pulls}
         return frame, found_figure(self.scene(inputs), *how), numbers
 
 
@@ -237,7 +238,7 @@ class Calibrated(OfTasks):
             "place_mm": {of: np.median(np.linalg.norm(by, axis=1)) for of, by in apart.items()},
             "seconds": frame.seconds.median(),
         }
-        how = 15.0, first.true, first.found, {"parameters": pulls}
+        how = first.true, first.found, {"parameters": pulls}
         return frame, found_figure(self.scene(inputs), *how), numbers
 
 

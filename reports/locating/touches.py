@@ -160,10 +160,12 @@ class Pair(Task):
         given = np.array([*solved.charges_pC.values()]) * noise
         begun = time.process_time()
         charges = dict(zip(solved.charges_pC, given.tolist(), strict=True))
-        listed = locate(self.scene, charges, self.noise, touches=2)
+        listed = locate(self.scene, charges, self.noise, touches=2).touches
         told = {"pair": self.number, "seconds": time.process_time() - begun, "listed": len(listed)}
         # values and deviations (2, 3), in both orders of the touches
-        found = [[[*of.values.values()], [*of.deviations.values()]] for of in listed]
+        found = [
+            [[of.by_name[name] for name in of.unknown], [*of.deviations.values()]] for of in listed
+        ]
         orders = [np.reshape(of, (2, 2, 3))[:, ::step] for of in found for step in (1, -1)]
         sizes = [np.linalg.norm((of[0] - true)[:, :2], axis=1).max() for of in orders]
         nearest = orders[int(np.argmin(sizes))] if orders else np.full((2, 2, 3), np.nan)

@@ -35,7 +35,7 @@ def ended(scene: Scene) -> tuple[Row, Solution | None]:
     try:
         solution = solve(scene)
     except Exception as error:
-        row = {"status": CRASHED, "reason": f"{type(error).__name__}: {error}"}
+        row: Row = {"status": CRASHED, "reason": f"{type(error).__name__}: {error}"}
         return {**row, "seconds": time.process_time() - start}, None
     row = {"status": str(solution.status), "reason": solution.reason}
     row |= {"seconds": time.process_time() - start, "unknowns": solution.unknowns}

@@ -244,13 +244,13 @@ class Extremes(Kind):
         figure = new_figure(WIDTH_MM, 80.0)
         ax = figure.subplots()
         least = 1e-4
-        for name, column, look in (
-            ("finer solve", "error", {"marker": "o", "color": COLOURS[0]}),
-            ("enlarged scene", "scaled", {"marker": "x", "color": COLOURS[1]}),
+        for name, column, marker, colour in (
+            ("finer solve", "error", "o", COLOURS[0]),
+            ("enlarged scene", "scaled", "x", COLOURS[1]),
         ):
             of = frame[frame[column].notna()]
             x, y = of[column].clip(lower=least), of[f"stated_{column}"].clip(lower=least)
-            ax.plot(x, y, linestyle="none", markersize=4, alpha=0.8, label=name, **look)
+            ax.plot(x, y, marker, color=colour, markersize=4, alpha=0.8, label=name)
         ends = [least, 10.0]
         ax.plot(ends, ends, color=GREY, linewidth=0.8)
         ax.axvline(1.0, color=GREY, linestyle="--", linewidth=0.8)

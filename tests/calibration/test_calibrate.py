@@ -31,7 +31,10 @@ def found():
 
 
 def test_exact_readings_give_the_true_parameters():
-    calibration = calibrate(SCENE, made(), UNKNOWN, sigma=4e-3)
+    told = []
+    calibration = calibrate(SCENE, made(), UNKNOWN, sigma=4e-3, progress=lambda *n: told.append(n))
+    assert [done for done, _ in told] == [*range(1, len(told) + 1)]
+    assert all(done <= total for done, total in told)
     assert (calibration.status, calibration.outliers) == ("calibrated", {})
     for name, true in TRUE.items():
         of = calibration.parameters[name]

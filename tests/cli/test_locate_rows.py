@@ -261,9 +261,9 @@ def test_tables_of_changes_and_volts(file, tmp_path, capsys):
     assert run(file, source, *total) == 3
     out, err = capsys.readouterr()
     remarks = [row["remark"] for row in rows_of(out)]
-    others = sum(remark.startswith("explained as change") for remark in remarks)
+    others = sum("explained if readings are changes by the touch" in text for text in remarks)
     assert others > 0
-    assert f"{others} rows are explained as the other --reading; see their remarks\n" in err
+    assert f"{others} of 6 unexplained rows: explained if readings are changes" in err
     bare = tmp_path / "bare.toml"
     bare.write_text('[probe]\nshape = "rectangle"\n')
     assert run(bare, source, "--unit", "V") == 2
@@ -363,10 +363,13 @@ def test_changes_are_given_by_their_option(file, capsys):
     assert result["reading"] == "change"
     assert result["touches"][0]["force_N"] == pytest.approx(0.7, abs=1e-3)
     assert result["remarks"] == []
-    assert main(["locate", str(file), "--charges", changes, "--sigma", "0.002"]) == 0
-    text = capsys.readouterr().out
-    assert "reading     total charges, up to 48 pC of them without a touch\n" in text
-    assert "remark      wrong reading: as total charges no touch explains what was given" in text
+    wrong = ["locate", str(file), "--charges", changes, "--sigma", "0.002"]
+    assert main([*wrong, "--json"]) == 3
+    result = json.loads(capsys.readouterr().out)
+    assert result["status"] == "unexplained"
+    assert result["explanations"][0]["force_N"] == pytest.approx(0.7, abs=1e-3)
+    assert main(wrong) == 3
+    assert capsys.readouterr().out.startswith("unexplained: ")
 
 
 def test_readings_may_be_in_volts(file, capsys):

@@ -43,7 +43,9 @@ def test_a_row_in_is_a_row_out_and_touches_are_told(files, capsys):
     assert len(rows) == len(signals.read_text().splitlines())
     assert rows[0].startswith("t_s,status,touch,x_mm,y_mm,force_N,rotation_deg,")
     assert any(",touch,1," in row for row in rows)
-    assert printed.err.startswith("touch 1: 0.59")
+    settling, touch = printed.err.splitlines()
+    assert settling.startswith("settling until t_s = 0.3")
+    assert touch.startswith("touch 1: 0.59")
 
 
 def test_json_lines_from_standard_input(files, monkeypatch, capsys):
@@ -60,7 +62,7 @@ def test_json_lines_from_standard_input(files, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("t,A,B\n", "has no column t_s; give the times in s there"),
+        ("t,A,B\n", "has no column t_s or t_ms; give the times"),
         ("t_s,A,A\n", "column A is there twice; rename one"),
         ("t_s\tA\tB\n", "name some of A, B, C, D in its first line; separate columns by commas"),
         ("t_s;A;B;C;D\n0;1;2;3;1,2,3\n", "row 1 has 1,2,3; give 5 numbers"),
@@ -99,6 +101,21 @@ def test_missing_cells_are_missing_readings_and_other_columns_are_left_out(files
     assert second.endswith(",B")
 
 
+def test_times_may_be_in_ms(files, capsys):
+    scene, signals = files
+    assert main(["track", str(scene), str(signals)]) == 0
+    expected = capsys.readouterr()
+    assert "settling until t_s = 0.3" in expected.err
+    heading, *lines = signals.read_text().splitlines()
+    rows = [line.partition(",") for line in lines]
+    scaled = [f"{1e3 * float(t):.12g},{rest}" for t, _, rest in rows]
+    signals.write_text("\n".join([heading.replace("t_s", "t_ms"), *scaled]) + "\n")
+    assert main(["track", str(scene), str(signals)]) == 0
+    told = capsys.readouterr()
+    assert told.err == expected.err
+    assert len(told.out.splitlines()) == len(lines) + 1
+
+
 def test_decimal_commas_between_semicolons_are_read(files, capsys):
     scene, signals = files
     signals.write_text("t_s;A;B;C;D\n0,5;1,25;2;3;\n0,501;-1e-3;,5;3;4\n")
@@ -109,7 +126,7 @@ def test_decimal_commas_between_semicolons_are_read(files, capsys):
 
 @pytest.mark.parametrize(
     ("factor", "said"),
-    [(1e3, "too_strong: the force is far above the model's largest"), (1e-9, "nothing touches")],
+    [(1e3, "unexplained"), (1e-9, "nothing touches")],
 )
 def test_a_wrong_unit_is_asked_for(files, factor, said, capsys):
     scene, signals = files

@@ -130,7 +130,8 @@ def browser() -> Iterator[Browser]:
 
 
 def look_at(path: Path, browser: Browser, *, slack_px: float = 0.7) -> Look:
-    """Check a page at all widths, without scripts of its own, and the SVG figures that it shows.
+    """Check a page at all widths, without scripts of its own, and the SVG figures that it shows, or
+    that are in the folder ``figures`` beside it.
 
     Texts may stick out of their box, or into each other, by `slack_px`: fonts have rims.
     """
@@ -145,10 +146,11 @@ def look_at(path: Path, browser: Browser, *, slack_px: float = 0.7) -> Look:
     pictures: dict[str, bool] = page.evaluate(_PICTURES)
     absent = [picture for picture, is_there in pictures.items() if not is_there]
     look.faults += [Fault("missing", picture, path.name) for picture in absent]
-    for picture in pictures:
-        if picture.endswith(".svg") and picture not in absent:
-            page.goto(picture)
-            _check(look, page.evaluate(_BOXES, False), picture.rpartition("/")[2], slack_px)
+    shown = [name for name, is_there in pictures.items() if is_there and name.endswith(".svg")]
+    beside = [file.as_uri() for file in sorted(path.resolve().parent.glob("figures/*.svg"))]
+    for picture in (*shown, *beside):
+        page.goto(picture)
+        _check(look, page.evaluate(_BOXES, False), picture.rpartition("/")[2], slack_px)
     page.close()
     return look
 

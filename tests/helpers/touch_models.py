@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
 from pvdf_fem import Scene
-from pvdf_fem.response.model import Domain
+from pvdf_fem.response.model import QUANTITIES, Domain
 from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.scene.outlines.polygon import rectangle, triangle
 
@@ -21,6 +22,8 @@ class Bumps:
     They fall off about the electrodes' centres e (n, 2), and have the probe's symmetries.
     """
 
+    quantities: ClassVar = QUANTITIES
+    cheap: ClassVar = True
     scene: Scene
     points_mm: np.ndarray
     electrodes_mm: np.ndarray

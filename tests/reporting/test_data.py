@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pvdf_fem import Scene
+from pvdf_fem import Scene, solve
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.reporting.data import DataSource, read_data
+from pvdf_fem.reporting.solved import Solved
 from pvdf_fem.solution.solve import rest_charges
+from pvdf_fem.sweeps.sweep import solve_all
 
 SCENE = Scene().with_(
     probe={"shape": "circle", "radius_mm": 2.0},
@@ -54,3 +56,17 @@ def test_a_file_is_read_beside_the_script(tmp_path):
     tmp_path.joinpath("touches.csv").write_text("x_mm,A\n1,100\n", encoding="utf-8")
     found = read_data("touches", DataSource(file="touches.csv"), SCENE, tmp_path)
     assert found.charges(found.scenes(SCENE), ["A"], "total") == pytest.approx(100.0)
+
+
+def test_changes_are_of_the_rest_that_was_solved_with_a_record():
+    """A film with a patch has a charge at rest that only a solve tells."""
+    patch = {"shape": "circle", "radius_mm": 2.0, "x_mm": 4.0, "y_mm": 0.0, "thickness_um": 9.0}
+    keys = {"film.radius_mm": 20.0, "electrodes.ring_radius_mm": 8.0, "numerics.tolerance": 1e-2}
+    scene = SCENE.with_(**keys, **{"film.patches": [{**patch, "youngs_modulus_GPa": 3.0}]})
+    scene = scene.model_copy(update={"readout": None})
+    solved, names = Solved({scene: solve_all([scene], processes=1)[0]}), ["C", "A"]
+    fresh = solve(scene)
+    for reading, charges in {"total": fresh.charges_pC, "change": fresh.charge_changes_pC}.items():
+        expected = [[charges[name] for name in names]]
+        np.testing.assert_allclose(solved.charges([scene], names, reading), expected, rtol=1e-9)
+    assert fresh.charges_pC["A"] - fresh.charge_changes_pC["A"] > 1.0

@@ -64,6 +64,14 @@ def test_page_has_all_figures_and_needs_nothing_else(made):
     assert {path.stem for path in made.glob("figures/*.svg")} == set(NAMES)
 
 
+def test_no_text_of_the_page_or_its_figures_is_cut_or_hidden(made):
+    pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with browser_or_skip() as browser:
+        look = look_at(made / "index.html", browser)
+    assert not look.faults
+    assert look.count > 100
+
+
 def test_charges_of_the_figures_are_those_of_fresh_solves(made, scene):
     lines = pd.read_csv(made / "data" / "charge-vs-distance.csv")
     curve = pd.read_csv(made / "data" / "curve.csv")

@@ -34,7 +34,7 @@ def made(kind, **keys):
     rows = {key(task): task.run() for task in item.tasks(INPUTS)}
     scenes = item.scenes(INPUTS)
     records = dict(zip(scenes, solve_all(scenes, processes=1), strict=True))
-    return item.compose(INPUTS, Solved(records, rows))
+    return item.compose(INPUTS, Solved({**records, **rows}))
 
 
 @pytest.mark.parametrize("name", INDEPENDENT)
@@ -83,8 +83,9 @@ def test_true_errors_stand_against_time_and_failures_stand_aside():
 
 def test_stated_errors_are_counted_by_groups():
     content = made("stated-errors", only=["disc of 5 mm"])
-    assert content.shown.scenes.tolist() == ["cases", *list(KINDS)[:2], "all"]
     told = content.frame[content.frame.telling]
+    assert set(content.frame.group) == {"cases", *list(KINDS)[:2]}
+    assert content.shown.scenes.tolist() == [*told.group.unique(), "all"]
     ratio = told.stated / told.true
     good = 100.0 * ((ratio >= 0.3) & (ratio < 3.0)).mean()
     assert content.shown["0.3 to 3"].tolist()[-1] == f"{good:.0f} %"

@@ -24,7 +24,7 @@ def composed(item, inputs, monkeypatch):
     tasks = item.kind.tasks(inputs)
     module = sys.modules[type(tasks[0]).__module__]
     monkeypatch.setattr(module, "model_of", lambda scene, *_: bumps("circle").for_scene(scene))
-    return item.kind.compose(inputs, Solved({}, {key(task): task.run() for task in tasks}))
+    return item.kind.compose(inputs, Solved({key(task): task.run() for task in tasks}))
 
 
 def test_every_task_of_every_size_is_of_designs_that_fit(report):

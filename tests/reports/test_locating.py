@@ -101,9 +101,9 @@ def test_a_pair_is_found_in_either_order(monkeypatch):
             for n in ("x_mm", "y_mm", "force_N")
         }
         far = dict.fromkeys(values, 0.0)
-        ends = [SimpleNamespace(values=of, deviations=far, weight=0.5) for of in (far, values)]
+        how = {"unknown": tuple(values), "deviations": dict.fromkeys(values, 0.1)}
         assert given != charges
-        return tuple(ends)
+        return SimpleNamespace(touches=[SimpleNamespace(by_name=of, **how) for of in (far, values)])
 
     monkeypatch.setattr(touches, "solve", solved)
     monkeypatch.setattr(touches, "locate", located)
@@ -142,6 +142,17 @@ def test_figures_of_a_probe_share_its_task(report):
         assert len(located) == 4
         assert not any(need.scenes for need in needed)
     assert not inputs.quick
+
+
+def test_only_touches_of_known_rotation_count(report, made_up):
+    inputs, needed = report.plan.needs(quick=True)
+    need = next(need for need in needed if need.item.name == "triangle")
+    rows = pd.DataFrame(replace(need.tasks[0], touches=20, reach_mm=12.0, pitch_mm=6.0).run())
+    assert rows[rows.electrodes == "four"].turned.fillna(False).astype(bool).sum() > 10
+    numbers = need.item.kind.drawn(inputs, [rows])[2]
+    assert numbers["fits"] > 75.0  # there is no chi-square where the rotation is sought
+    assert numbers["exact"] > 90.0
+    assert 45.0 < numbers["within"]["four"] < 90.0
 
 
 def test_figures_have_the_numbers_of_their_captions(report, made_up):

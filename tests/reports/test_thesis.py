@@ -245,7 +245,7 @@ def test_reports_are_made_by_their_names(tmp_path, monkeypatch, capsys):
     assert reports.main(["accuracy", "--out", str(tmp_path / "elsewhere")]) == 0
     assert (tmp_path / "elsewhere" / "index.html").is_file()
     assert reports.main(["stability"]) == 2  # has no script there
-    assert "accuracy" in capsys.readouterr().err
+    assert "stability" in capsys.readouterr().err
 
 
 FOUND = """

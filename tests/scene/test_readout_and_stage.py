@@ -8,7 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pvdf_fem import Scene, SceneError
+from pvdf_fem.scene.affects import affecting
 from pvdf_fem.scene.stage import Stage
+from pvdf_fem.sweeps.equivalence import MECHANICS
 from pvdf_fem.sweeps.store import key
 
 READOUT = """
@@ -79,3 +81,23 @@ def test_the_films_centre_and_axes_on_the_stage() -> None:
     places, rotations = stage.to_stage([[0.0, 0.0], [10.0, 0.0]], [0.0, 5.0])
     np.testing.assert_allclose(places, [[1.0, 2.0], [1.0, 12.0]], atol=1e-12)
     assert rotations.tolist() == [90.0, 95.0]
+
+
+@pytest.mark.parametrize(
+    ("table", "told"),
+    [
+        ("force_range_N = [2, 1]", "model.force_range_N"),
+        ("reach_mm = -1", "model.reach_mm"),
+        ('tolerance = "fine"', "model.tolerance"),
+        ("reach = 3", "model.reach"),
+    ],
+)
+def test_a_wanted_model_is_checked_by_key(table, told):
+    with pytest.raises(SceneError, match=told):
+        Scene.parse(f"[model]\n{table}\n")
+
+
+def test_a_wanted_model_changes_no_mechanics():
+    scene = Scene.parse('[model]\nreach_mm = 8\ntolerance = "auto"\n')
+    assert scene.model.tolerance is None
+    assert affecting(scene, *MECHANICS) == affecting(Scene(), *MECHANICS)

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from pvdf_fem import NotConvergedError, Scene, locate, solve
-from pvdf_fem.response.model import Domain
-from pvdf_fem.touch.by_solves import Search, SolveOptions, reach_by_electrodes_mm
-from pvdf_fem.touch.descent import descend
+from pvdf_fem.touch.least_squares import descend
+from pvdf_fem.touch.problem import Problem, extents
+from pvdf_fem.touch.search import location
+from pvdf_fem.touch.solves import SolveOptions, Solves, ordered, reach_by_electrodes_mm
+from pvdf_fem.touch.superposed import SuperposedOptions
 
 DISC = {"shape": "circle", "radius_mm": 2.0}
 EIGHT = Scene().with_(
@@ -24,26 +26,39 @@ PAIR = EIGHT.with_(
 )
 WARM = {**DISC, "x_mm": 8.0, "contact_time_s": 0.1}
 FINGER = Scene().with_(probe=WARM, **{"film.pyroelectric_uC_m2K": -25.0})
-FEW = SolveOptions(pitch_mm=7.5, fine_mm=2.5, starts=3, followed=1, rounds=0, tolerance=1e-3)
+BEGIN = SuperposedOptions(pitch_mm=7.5, fine_mm=2.5, starts=3)
+FEW = SolveOptions(begin=BEGIN, followed=1, rounds=0, tolerance=1e-3)
 
 
 def test_shear_of_a_touch_is_found_with_its_place():
     truth = {"probe.x_mm": 5.0, "probe.y_mm": 3.0, "load.tangential_N": [0.4, -0.2]}
     charges = solve(EIGHT.with_(**truth)).charges_pC
     unknown = ("x_mm", "y_mm", "force_N", "tangential_N")
-    best, *_ = locate(EIGHT, charges, 1e-3, unknown=unknown, options=FEW)
-    assert [*best.values.values()] == pytest.approx([5.0, 3.0, 1.0, 0.4, -0.2], abs=0.03)
-    assert best.deviations["probe[0].force_N"] < 0.01
+    asked = []
+    found = locate(
+        EIGHT, charges, 1e-3, unknown=unknown, options=FEW, progress=lambda *n: asked.append(n)
+    )
+    assert found.best.values == pytest.approx([5.0, 3.0, 0.0, 1.0, 0.4, -0.2], abs=0.03)
+    assert found.deviations["force_N"] < 0.01
+    assert found.to_json()["touches"][0]["tangential_N[1]"] == pytest.approx(-0.2, abs=0.03)
+    assert [done for done, _ in asked] == [*range(1, len(asked) + 1)]
+    assert all(done <= total for done, total in asked)
+
+
+def test_places_are_on_the_stage():
+    """One start beside the touch: what is not sought is the scene's there."""
+    staged = EIGHT.with_(stage={"x_mm": 20.0, "y_mm": -5.0, "rotation_deg": 90.0})
+    charges = solve(EIGHT.with_(**{"probe.y_mm": 3.0})).charges_pC
+    found = locate(staged, charges, 1e-3, options=FEW)
+    assert [found.best.x_mm, found.best.y_mm] == pytest.approx([17.0, -1.0], abs=0.03)
 
 
 def test_a_touch_beyond_reach_is_told():
     charges = solve(EIGHT.with_(**{"probe.x_mm": 7.0})).charges_pC
-    near = replace(FEW, reach_mm=4.0, pitch_mm=4.0)
-    best, *_ = locate(EIGHT, charges, 1e-3, touches=1, options=near)
-    assert best.at_edge == ("reach_mm",)
-    unexplained, beyond = best.remarks
-    assert unexplained.startswith("unexplained")
-    assert "may lie beyond" in beyond
+    near = replace(FEW, reach_mm=4.0, begin=replace(BEGIN, pitch_mm=4.0))
+    found = locate(EIGHT, charges, 1e-3, touches=1, options=near)
+    assert found.best.at_edge == ("reach_mm",)
+    assert found.status == "unexplained"
 
 
 def test_touches_are_sought_about_the_electrodes():
@@ -57,7 +72,19 @@ def test_a_film_that_bears_no_touch_is_told():
     slack = PAIR.with_(**{"film.temperature_change_K": 20.0, "film.bending": False})
     charges = dict.fromkeys("ABCDEFGH", 500.0)
     with pytest.raises(NotConvergedError, match="one touch alone"):
-        locate(slack, charges, 1e-3, touches=2, options=replace(FEW, pitch_mm=15.0))
+        locate(
+            slack,
+            charges,
+            1e-3,
+            touches=2,
+            options=replace(FEW, begin=replace(BEGIN, pitch_mm=15.0)),
+        )
+
+
+def problem_of(model, charges, sigma):
+    sought = np.sort([model.quantities.index(name) for name in model.sought])
+    every = np.arange(len(charges))
+    return Problem(model, every, charges[None], sigma * charges[None], sought)
 
 
 def test_a_warm_touch_is_found_with_its_temperature():
@@ -66,45 +93,56 @@ def test_a_warm_touch_is_found_with_its_temperature():
     last = SolveOptions().tolerance
     touched = FINGER.with_(**truth, **{"numerics.tolerance": last})
     charges = np.array([*solve(touched).charges_pC.values()])
-    listed = FINGER.with_(probe=[{**WARM, "force_N": 1.0, "temperature_K": 0.0}])
-    keys = tuple(f"probe[0].{name}" for name in ("x_mm", "y_mm", "force_N", "temperature_K"))
-    domain = Domain(15.0, (0.1, 10.0))
-    search = Search(listed, keys, domain, last, np.arange(4), charges, 1e-3 * charges)
-    assert {cold.keys for cold in search.of_cold_touches()} == {keys[:3]}
-    assert [len(cold.electrodes) for cold in search.of_cold_touches()] == [4, 3, 3, 3, 3]
-    ends = descend(search, np.array([[8.1, 0.9, 0.02, 5.0]]), options=search.how(FEW))
-    (best,) = search.fits(ends)
-    x, y, force, kelvins = best.values.values()
-    assert [x, y] == pytest.approx([8.0, 1.0], abs=0.01)
-    assert force == pytest.approx(1.0, rel=2e-3)
-    assert kelvins == pytest.approx(10.0, abs=0.1)
+    names = ("x_mm", "y_mm", "force_N", "temperature_K")
+    model = Solves.of(FINGER, 1, names, replace(SolveOptions(), reach_mm=15.0))
+    problem = problem_of(model, charges, 1e-3)
+    start = np.array([[8.1, 0.9, 0.0, 0.02, 5.0]])
+    (best,) = location(problem, descend(problem, start, options=FEW.search)).touches
+    assert [best.x_mm, best.y_mm] == pytest.approx([8.0, 1.0], abs=0.01)
+    assert best.force_N == pytest.approx(1.0, rel=2e-3)
+    assert best.by_name["temperature_K"] == pytest.approx(10.0, abs=0.1)
     # deviations by central differences: a shift changes charges least, so it needs finer solves
     slopes = []
-    for key, step in zip(keys, (0.1, 0.1, 0.03, 3.0), strict=True):
-        scene = best.scene.with_(**{"numerics.tolerance": 2e-5 if key.endswith("_mm") else last})
+    for name, step in zip(names, (0.1, 0.1, 0.03, 3.0), strict=True):
+        tolerance = 2e-5 if name.endswith("_mm") else last
+        scene = replace(model, error_bound=tolerance).scene_of(best.values)
+        key = model.key(name)
         ends = [
-            np.array([*solve(scene.with_(**{key: best.values[key] + h})).charges_pC.values()])
+            np.array([*solve(scene.with_(**{key: best.by_name[name] + h})).charges_pC.values()])
             for h in (step, -step)
         ]
         slopes.append((ends[0] - ends[1]) / (2.0 * step) / (1e-3 * charges))
     normal = np.array(slopes) @ np.transpose(slopes)
-    told = np.linalg.inv(normal + np.diag((4.0 * search.longest) ** -2.0))
+    extent = np.delete(extents(model), 2)
+    told = np.linalg.inv(normal + np.diag(extent**-2.0))
     # measured about this place: within 1.2 % by the last solves of a search, 6 % by coarser ones
     assert [*best.deviations.values()] == pytest.approx(np.sqrt(told.diagonal()), rel=0.03)
 
 
-def test_two_touches_are_found_from_near_by_whatever_their_order():
-    solution = solve(PAIR)
-    keys = tuple(f"probe[{i}].{name}" for i in (0, 1) for name in ("x_mm", "y_mm", "force_N"))
-    charges = np.array(list(solution.charges_pC.values()))
-    search = Search(
-        PAIR, keys, Domain(15.0, (0.1, 10.0)), 1e-3, np.arange(8), charges, 1e-3 * charges
-    )
-    truth = np.array([-7.0, 3.0, np.log(0.4), 5.0, -4.0, np.log(1.1)])
-    start = np.roll(truth, 3) + np.array([0.5, -0.4, 0.1, 0.3, 0.5, -0.1])
-    ends = descend(search, start[None], options=search.how(FEW))
-    (best,) = search.fits(search.distinct(ends, FEW))
-    assert [*best.values.values()] == pytest.approx([-7.0, 3.0, 0.4, 5.0, -4.0, 1.1], abs=0.02)
+@pytest.fixture(scope="module")
+def two():
+    """Two touches from exact charges, sought from near by in the other order."""
+    names = ("x_mm", "y_mm", "force_N")
+    model = Solves.of(EIGHT, 2, names, replace(SolveOptions(), tolerance=1e-3))
+    problem = problem_of(model, np.array([*solve(PAIR).charges_pC.values()]), 1e-3)
+    start = np.array([[5.3, -3.5, 0.0, np.log(1.0), -6.5, 2.6, 0.0, np.log(0.44)]])
+    return location(problem, ordered(problem, descend(problem, start, options=FEW.search)))
+
+
+def test_two_touches_are_found_in_the_order_of_their_places(two):
+    expected = [-7.0, 3.0, 0.0, 0.4, 5.0, -4.0, 0.0, 1.1]
+    assert two.best.values == pytest.approx(expected, abs=0.02)
+    assert two.unknown[0] == "probe[0].x_mm"
+    assert two.status == "located"
+
+
+def test_two_touches_are_told_as_one_is(two):
+    json = two.to_json()
+    assert json["touches"][0]["probe[1].force_N"] == pytest.approx(1.1, abs=0.02)
+    assert json["touches"][0]["standard_deviations"].keys() == set(two.unknown)
+    assert str(two).startswith("located: 1 touch listed")
+    assert "<table" in two._repr_html_()
+    assert len(two.plot().axes) > 0
 
 
 @pytest.mark.parametrize(

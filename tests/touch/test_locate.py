@@ -1,19 +1,17 @@
 """Touches from charges, with made-up models whose symmetries are known."""
 
-from dataclasses import dataclass, field
-from types import SimpleNamespace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
 
-from pvdf_fem import Scene
+from pvdf_fem import Scene, solve
 from pvdf_fem.response.model import QUANTITIES
-from pvdf_fem.solvers.status import Status
-from pvdf_fem.touch.by_solves import SolveOptions
-from pvdf_fem.touch.descent import SearchOptions
-from pvdf_fem.touch.locate import LocateOptions, locate, weigh
+from pvdf_fem.touch.least_squares import SearchOptions
+from pvdf_fem.touch.locate import PolishError, locate, polish, weigh
 from pvdf_fem.touch.locate_many import locate_many
-from pvdf_fem.touch.polish import PolishError, polish
+from pvdf_fem.touch.search import LocateOptions
+from pvdf_fem.touch.solves import SolveOptions
 from pvdf_fem.touch.starts import starts
 from tests.helpers.touch_models import Bumps, bumps, random_touches
 
@@ -371,7 +369,7 @@ def test_charges_that_no_touch_gives_are_flagged():
     noise = np.array([1.2, 1.0, 1.2, 1.0])
     found = locate(model, charges_of(model, touch, noise))
     assert not found.best.explained
-    assert found.remarks[0].startswith("unexplained: ")
+    assert found.status == "unexplained"
     many = locate_many(
         model, np.array([list(charges_of(model, touch, noise).values())]), rotations_deg=np.zeros(1)
     )
@@ -434,34 +432,40 @@ def test_options_of_the_other_route_are_refused():
 # ---------------------------------------------------------------------------------------- polish
 
 
-def solved_by(truth):
-    """A solver whose charges are those of another model."""
-
-    def solver(scene):
-        probe = scene.probe
-        touch = np.array([probe.x_mm, probe.y_mm, probe.rotation_deg, scene.load.force_N])
-        return SimpleNamespace(status=Status.CONVERGED, charges_pC=charges_of(truth, touch))
-
-    return solver
-
-
 def test_polishing_removes_the_error_of_the_model():
     model, truth = bumps("rectangle"), bumps("rectangle", width_mm=9.05)
     touch = np.array([3.0, -4.0, 25.0, 0.7])
     charges = charges_of(truth, touch)
     found = locate(model, charges, 1e-3, known={"rotation_deg": 25.0})
     assert np.hypot(*(found.best.values - touch)[:2]) > 0.01
-    better = polish(model, found, charges, 1e-3, solver=solved_by(truth))
+    better = polish(model, found, charges, 1e-3, better=truth)
     assert better.best.values == pytest.approx(touch, abs=1e-4)
     assert better.best.chi_square < 1e-4 < found.best.chi_square
 
 
 def test_a_failed_solve_is_no_polished_touch():
+    class Unsolved(Bumps):
+        def evaluate(self, touches):
+            charges, slopes = super().evaluate(touches)
+            return np.full_like(charges, 1e15), 0.0 * slopes
+
     model, touch = bumps(), np.array([3.0, -4.0, 0.0, 0.7])
     charges = charges_of(model, touch)
-    failed = SimpleNamespace(status=Status.MAX_ITERATIONS, charges_pC={})
-    with pytest.raises(PolishError, match=r"the solve at \(3, -4\) mm, 0°, 0.7 N ended"):
-        polish(model, locate(model, charges), charges, solver=lambda scene: failed)
+    with pytest.raises(PolishError, match=r"no solve near \(3, -4\) mm, 0.7 N"):
+        polish(model, locate(model, charges), charges, better=Unsolved(**vars(model)))
+
+
+def test_solves_polish_a_touch():
+    """Of a coarse stand-in for a response, whose charges are far off."""
+    scene = Scene.example("triangle").with_(**{"probe.x_mm": 5.0, "probe.y_mm": 2.0})
+    charges = solve(scene).charges_pC
+    model = replace(bumps("triangle"), scene=scene)
+    begun = replace(locate(model, charges, 0.5), touches=())
+    assert polish(model, begun, charges) is begun
+    near = charges_of(model, np.array([5.3, 1.8, 0.0, 0.95]))
+    found = replace(locate(model, near, 1e-3), reading="total")
+    better = polish(model, found, charges, 1e-3, tolerance=1e-3)
+    assert better.best.values == pytest.approx([5.0, 2.0, 0.0, 1.0], abs=0.02)
 
 
 # -------------------------------------------------------------------------------------- mistakes

@@ -7,7 +7,8 @@ import pytest
 
 from pvdf_fem.touch import locate_many as module
 from pvdf_fem.touch.locate import locate
-from pvdf_fem.touch.locate_many import RowStatus, locate_many
+from pvdf_fem.touch.locate_many import locate_many
+from pvdf_fem.touch.touch import TouchStatus
 from tests.helpers.touch_models import bumps, random_touches
 
 BAD = {
@@ -48,7 +49,7 @@ def test_a_bad_row_has_its_status_and_changes_no_other(extra):
     found = locate_many(model, mixed, rotations_deg=known.tolist())
     assert found.status.tolist() == expected.tolist()
     same(found, locate_many(model, charges, rotations_deg=touches[:, 2]), good)
-    others = found.status != RowStatus.LOCATED
+    others = found.status != TouchStatus.LOCATED
     assert np.isnan(found.values[others]).all()
     assert np.isnan(found.covariances[others]).all()
     assert not found.explained[others].any()

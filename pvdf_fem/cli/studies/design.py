@@ -13,6 +13,7 @@ from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_te
 from pvdf_fem.cli.response_model import ModelChoice, model_of, positive
 from pvdf_fem.files import replacing
 from pvdf_fem.scene.scene_file import SceneError, parse_change
+from pvdf_fem.scene.stage import WantedModel
 
 if TYPE_CHECKING:
     import xarray
@@ -85,10 +86,11 @@ def run(options: argparse.Namespace) -> int:
         option = f"--{name.replace('_', '-').removesuffix('-mm')}"
         asked[name] = None if text is None else positive(option, text, wrong, zero=True)
     choice = ModelChoice.of(options, wrong)
-    asked |= {"reach_mm": choice.reach_mm, "force_range_N": choice.force_N}
     wrong += program.output_mistakes(options.output, [".nc", ".csv"], options.scene)
     wrong += program.plot_mistakes(options, options.scene, options.output)
     scene = scene_of(options, *wrong)
+    asked["reach_mm"] = choice.reach_mm or (scene.model and scene.model.reach_mm)
+    asked["force_range_N"] = choice.force_N or (scene.model or WantedModel()).force_range_N
     from pvdf_fem.designs.design import Designs, design
     from pvdf_fem.solution.solution import NotConvergedError
 

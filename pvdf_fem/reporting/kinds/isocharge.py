@@ -19,7 +19,7 @@ from pvdf_fem.reporting.charge_map import ChargeMap
 from pvdf_fem.reporting.drawing import READING_LABELS, RING, WIDTH_MM, listed
 from pvdf_fem.reporting.kind import PLACE, Content, Inputs, differ_in, place_mm
 from pvdf_fem.reporting.kinds.mapped import Mapped
-from pvdf_fem.reporting.solved import Solved, rests
+from pvdf_fem.reporting.solved import Solved
 from pvdf_fem.scene.quantity import Finite, Whole, within
 from pvdf_fem.scene.scene import Scene
 
@@ -79,10 +79,11 @@ class Isocharge(Mapped):
         names, asked = self.names(scene), self.places(scene, inputs)
         made = self.charge_map(asked, solved)
         raster = polar_grid(asked.reach_mm, RADII, ANGLES)
-        rest = rests([scene], made.names)[0] * (reading == "change")
+        # at any place of the probe
+        rest = solved.rests(asked.scenes[:1], made.names)[0] * (reading == "change")
         charges = (made.charges(raster.reshape(-1, 2)) - rest).reshape(*raster.shape[:2], -1)
         by_name = {name: charges[..., made.names.index(name)] for name in names}
-        points = self._points(inputs, made, reading)
+        points = self._points(inputs, made, reading, rest)
         figure = _figure(len(names))
         _draw(figure, raster, by_name, self._levels(by_name, points), scene, points)
         figure.axes[-1].set_ylabel(READING_LABELS[reading])
@@ -111,7 +112,7 @@ class Isocharge(Mapped):
         round_ones = [float(tick) for tick in ticks if low < tick < high]
         return {name: round_ones for name in by_name}
 
-    def _points(self, inputs: Inputs, made: ChargeMap, reading: str) -> pd.DataFrame:
+    def _points(self, inputs: Inputs, made: ChargeMap, reading: str, rest: Array) -> pd.DataFrame:
         """Charges of the data at their places, and their distances from the contours in mm."""
         readings, scene = self.readings(inputs), self.scene(inputs)
         if readings is None:
@@ -120,8 +121,7 @@ class Isocharge(Mapped):
         theirs = readings.charges(scenes, made.names, reading)[rows]
         places = np.array([place_mm(scenes[i]) for i in rows])
         ours, slopes = made.evaluate(np.pad(places, ((0, 0), (0, 2))))
-        apart = ours - rests([scene], made.names)[0] * (reading == "change") - theirs
-        apart = np.abs(apart) / np.linalg.norm(slopes, axis=-1)
+        apart = np.abs(ours - rest - theirs) / np.linalg.norm(slopes, axis=-1)
         table = [
             (made.names[j], *places[i].tolist(), theirs[i, j], apart[i, j])
             for i, j in zip(*np.nonzero(np.isfinite(theirs)), strict=True)

@@ -1,8 +1,12 @@
-"""Levenberg-Marquardt searches for the least chi-square of a `Problem`, many at once.
+"""The one room for least squares: Levenberg-Marquardt searches, many at once.
 
-All searches make their steps together, so that the model is asked for all of them in one call:
+All searches make their steps together, so that the problem is asked for all of them in one call:
 `scipy.optimize.least_squares` takes five times as long for the starts of one touch, and more than
 30 times as long for many touches.
+
+A problem gives its residuals whitened: over standard deviations, or multiplied by the inverse root
+of a covariance. A prior is a row more (`with_priors`), a robust loss a weight and a row more
+(`robust`), a bound is where `held_back` brings coordinates.
 """
 
 from __future__ import annotations
@@ -15,27 +19,21 @@ import numpy as np
 
 from pvdf_fem.arrays import Array, Indices, Mask
 
-Coordinates = tuple[float, ...]
-
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """When searches end, and how far they go in a step, by x, y, rotation and log of the force."""
+    """When searches end, and how they are damped."""
 
     max_steps: int = 60  #: Steps after which a search is given up.
     #: Decrease of chi-square that makes a step the last one, which is taken: at 1e-2 it is of 0.1
     #: standard deviations, and what is left is of the order of its square.
     arrived: float = 1e-2
-    #: The last step is also shorter than this share of the longest, as charges may hardly change
+    #: The last step is also shorter than this share of the longest, as residuals may hardly change
     #: along it.
     short: float = 1e-2
-    #: Along the edge of the domain a search ends when a step lowers chi-square by less than this
-    #: share, or raises it.
+    #: Along a bound a search ends when a step lowers chi-square by less than this share, or raises
+    #: it.
     held_gain: float = 1e-2
-    #: Longest steps, in reaches, degrees and 1: longer ones lead from one valley into another.
-    longest: Coordinates = (0.25, 0.25, 5.0, 1.0)
-    #: Searches for one touch that are this close, in mm, degrees and 1, go on as one.
-    close: Coordinates = (0.1, 0.1, 0.5, 0.03)
     #: Marquardt's damping at the start, and after a first step uphill.
     least_damping: float = 1e-10
     damping: float = 1e-3
@@ -47,27 +45,33 @@ DEFAULTS = SearchOptions()
 
 
 class LeastSquares(Protocol):
-    """What `descend` asks of a problem; k coordinates, of which a `Problem` has four."""
+    """What `descend` asks of a problem with k coordinates."""
 
     @property
-    def scale(self) -> Array:
-        """Units of the longest steps, (k,)."""
+    def longest(self) -> Array:
+        """Longest steps (k,): longer ones lead from one valley into another."""
+
+    @property
+    def close(self) -> Array:
+        """Searches for one minimum with coordinates this close, (k,), go on as one."""
+        return np.zeros(len(self.longest))
 
     def held_back(self, at: Array) -> Array:
-        """Coordinates (n, k) brought to where searches may go."""
+        """Coordinates (n, k) brought to where searches may go: by default there are no bounds."""
+        return at
 
-    def linearised(self, at: Array, touch: Indices | None = None) -> Array:
-        """Differences, then their slopes, over deviations, (n, electrodes, 1 + k)."""
+    def linearised(self, at: Array, rows: Indices | None = None) -> Array:
+        """Whitened residuals, then their slopes, (n, residuals, 1 + k). Searches may be for
+        different `rows` (n,) of what was measured; by default all are for the first."""
 
 
 @dataclass(frozen=True, eq=False)
 class Descent:
     """Where searches ended."""
 
-    at: Array  #: Coordinates, (n, 4).
-    #: Slopes (n, electrodes, 4) of the charges over their deviations; zero by what is known.
-    slopes: Array
-    chi_square: Array  #: Chi-square, (n,).
+    at: Array  #: Coordinates, (n, k).
+    slopes: Array  #: Slopes of the whitened residuals, (n, residuals, k); zero by what is known.
+    chi_square: Array  #: Sums of the squared residuals, (n,).
     #: Whether there is nowhere better nearby, (n,); False where a search was given up.
     arrived: Mask
 
@@ -96,63 +100,85 @@ def joined(descents: Sequence[Descent]) -> Descent:
 def descend(
     problem: LeastSquares,
     starts: Array,
-    touch: Indices | None = None,
+    rows: Indices | None = None,
     *,
     hopeless: float = np.inf,
     options: SearchOptions = DEFAULTS,
 ) -> Descent:
-    """Levenberg-Marquardt searches from all `starts` (n, 4) at once. Coordinates that are not
-    sought keep their values. `touch` (n,) is the row of the problem's charges that each search is
-    for; by default all are for the first row. Then searches that come close to a better one are
-    given up, and those that cannot fall below the least chi-square by now plus `hopeless`."""
-    longest, close = np.array(options.longest) * problem.scale, np.array(options.close)
+    """Levenberg-Marquardt searches from all `starts` (n, k) at once. Coordinates without slopes
+    keep their values. `rows` (n,) are those that the searches are for. Without them searches that
+    come close to a better one are given up, and those that cannot fall below the least chi-square
+    by now plus `hopeless`."""
+    longest, close = problem.longest, problem.close
     at = problem.held_back(np.array(starts))
     damping, arrived = np.full(len(at), options.least_damping), np.zeros(len(at), dtype=bool)
-    system = problem.linearised(at, touch)
-    normal, least, rows = products(system), np.inf, np.arange(len(at))
+    system = problem.linearised(at, rows)
+    normal, least, going = products(system), np.inf, np.arange(len(at))
     chi_square = normal[:, 0, 0]
     for _ in range(options.max_steps):
-        step, promised = damped_steps(normal[rows], damping[rows, None])
+        step, promised = damped_steps(normal[going], damping[going, None])
         length = np.abs(step / longest).max(axis=1)
-        aim = at[rows] + step / np.maximum(length, 1.0)[:, None]
-        ahead, now = problem.held_back(aim), chi_square[rows]
+        aim = at[going] + step / np.maximum(length, 1.0)[:, None]
+        ahead, now = problem.held_back(aim), chi_square[going]
         leave = last = (promised < options.arrived) & (length < options.short)
-        if touch is None and len(at) > 1:
+        if rows is None and len(at) > 1:
             least = min(least, np.min((now - promised)[last], initial=np.inf))
             # four times the promise is beyond what further steps gain
             leave = last | (now - 4.0 * promised > least + hopeless)
             leave |= repeated(ahead, now, close, at[arrived])
         if leave.any():
-            ended = rows[leave]
+            ended = going[leave]
             at[ended], arrived[ended] = ahead[leave], last[leave]
             chi_square[ended] -= promised[leave]
-            rows, aim, ahead, now, promised = (v[~leave] for v in (rows, aim, ahead, now, promised))
-        if not rows.size:
+            go = ~leave
+            going, aim, ahead, now, promised = (v[go] for v in (going, aim, ahead, now, promised))
+        if not going.size:
             break
-        there = problem.linearised(ahead, None if touch is None else touch[rows])
+        there = problem.linearised(ahead, None if rows is None else rows[going])
         products_there = products(there)
         gain = now - products_there[:, 0, 0]
-        less = np.maximum(options.relief * damping[rows], options.least_damping)
-        more = np.maximum(damping[rows] / options.relief, options.damping)
-        damping[rows] = np.where(gain >= 0.5 * promised, less, more)
+        less = np.maximum(options.relief * damping[going], options.least_damping)
+        more = np.maximum(damping[going] / options.relief, options.damping)
+        damping[going] = np.where(gain >= 0.5 * promised, less, more)
         better: Mask = gain >= 0.0
-        moved = rows[better]
+        moved = going[better]
         at[moved], system[moved], normal[moved] = (
             ahead[better],
             there[better],
             products_there[better],
         )
-        # along the edge chi-square falls ever more slowly
+        # along a bound chi-square falls ever more slowly
         stuck = (gain < options.held_gain * now) & (ahead != aim).any(axis=1)
-        arrived[rows[stuck]] = True
-        rows = rows[~stuck]
-        if not rows.size:
+        arrived[going[stuck]] = True
+        going = going[~stuck]
+        if not going.size:
             break
     return Descent(at, system[:, :, 1:], chi_square, arrived)
 
 
+def with_priors(system: Array, residuals: Array, slopes: Array) -> Array:
+    """The system (n, residuals, 1 + k) with a row more for each coordinate: the prior's residual
+    (..., k), and its slope by the coordinate (k,), which is 1 over the prior's deviation."""
+    rows = np.zeros((len(system), len(slopes), 1 + len(slopes)))
+    rows[:, :, 0] = residuals
+    rows[:, np.arange(len(slopes)), 1 + np.arange(len(slopes))] = slopes
+    return np.concatenate([system, rows], axis=1)
+
+
+def robust(system: Array, limits: Array) -> Array:
+    """The system (groups, residuals, 1 + k) of one search with a loss that grows as the logarithm
+    of the squared length of a group's residuals where that is above a limit (groups,), which may be
+    infinite. A group's further row is what its loss is above its weighted square, and has no
+    slopes."""
+    over = np.maximum(np.square(system[:, :, 0]).sum(axis=1) / limits, 1.0)
+    more = np.zeros((len(system), 1, system.shape[2]))
+    more[:, 0, 0] = np.sqrt(np.where(over > 1.0, limits, 0.0) * np.log(over))
+    weighted = system / np.sqrt(over)[:, None, None]
+    return np.concatenate([weighted, more], axis=1).reshape(1, -1, system.shape[2])
+
+
 def products(system: Array) -> Array:
-    """Products (n, 1 + 4, 1 + 4) of the columns of `Problem.linearised`."""
+    """Products (n, 1 + k, 1 + k) of the columns of a system."""
     return np.matmul(system.swapaxes(1, 2), system)
 
 
@@ -162,7 +188,7 @@ def damped_steps(normal: Array, damping: Array | float) -> tuple[Array, Array]:
     damped = normal[:, 1:, 1:].copy()
     diagonal = np.einsum("nii->ni", damped)  # a view
     diagonal *= 1.0 + damping
-    # coordinates that charges do not depend on stay
+    # coordinates that residuals do not depend on stay
     diagonal += diagonal == 0.0
     gradient = normal[:, 1:, :1]
     step = np.asarray(np.linalg.solve(damped, gradient), dtype=float)
@@ -170,7 +196,7 @@ def damped_steps(normal: Array, damping: Array | float) -> tuple[Array, Array]:
 
 
 def repeated(at: Array, chi_square: Array, close: Array, ends: Array | None = None) -> Mask:
-    """Which of the places `at` (n, 4) are `close` to a better one, or to one of the ends (m, 4)."""
+    """Which of the places `at` (n, k) are `close` to a better one, or to one of the ends (m, k)."""
     ends = at[:0] if ends is None else ends
     better = np.ones((len(at), len(at) + len(ends)), dtype=bool)
     better[:, : len(at)] = chi_square < chi_square[:, None]

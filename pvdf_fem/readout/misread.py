@@ -1,0 +1,71 @@
+"""Mistakes that people make with readings, and what undoes each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations, permutations
+
+import numpy as np
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.readout.channel import Channel, units_pC
+
+#: All orders of this number of channels are mistakes; of more, only two are exchanged.
+MOST_PERMUTED = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Misreading:
+    """A mistake: the readings of channels in other columns, in another unit, or of another sign."""
+
+    kind: str  #: ``swapped_channels``, ``wrong_unit``, ``wrong_sign``.
+    text: str
+    order: tuple[int, ...]  #: The column of each channel.
+    factors: Array  #: Of the right readings over those given, (channels,).
+
+    @property
+    def exchanged(self) -> int:
+        """Number of channels that are in columns of others."""
+        return sum(i != j for i, j in enumerate(self.order))
+
+    def undone(self, readings: Array) -> Array:
+        """The right readings (..., channels)."""
+        return np.asarray(readings[..., self.order] * self.factors)
+
+
+def misreadings(channels: Sequence[Channel], unit: str) -> Iterator[Misreading]:
+    """Mistakes in readings that should be those of some channels in a unit of `units_pC`."""
+    names, straight, ones = (
+        [c.name for c in channels],
+        tuple(range(len(channels))),
+        units_pC(channels)["pC"],
+    )
+    for order in _orders(len(names)):
+        moved = [(names[i], names[j]) for i, j in enumerate(order) if i != j]
+        text = f"channels {' and '.join(name for name, _ in moved)} are swapped"
+        if len(moved) > 2:
+            text += f": they are in columns {', '.join(column for _, column in moved)}"
+        yield Misreading("swapped_channels", text, order, ones)
+    units = units_pC(channels)
+    for other in units:
+        ratio = units[other] / units[unit]
+        if not np.allclose(ratio, 1.0):
+            text = f"readings are in {other}, not in {unit}"
+            yield Misreading("wrong_unit", text, straight, ratio)
+    yield Misreading("wrong_sign", "readings have the wrong sign", straight, -ones)
+    for j, name in enumerate(names):
+        text = f"channel {name} has the wrong sign"
+        yield Misreading(
+            "wrong_sign", text, straight, np.where(np.arange(len(names)) == j, -1.0, 1.0)
+        )
+
+
+def _orders(count: int) -> Iterator[tuple[int, ...]]:
+    if count <= MOST_PERMUTED:
+        yield from list(permutations(range(count)))[1:]
+        return
+    for a, b in combinations(range(count), 2):
+        order = list(range(count))
+        order[a], order[b] = b, a
+        yield tuple(order)

@@ -1,0 +1,132 @@
+"""Searches for a touch: from everywhere, about what charges determine least, and what they found.
+
+At a fold of the charges two touches close together have almost the same charges, and a search on
+one side of the fold does not see the touch on the other side. A fold is near where the longest step
+along some direction changes the charges by less than a small share of themselves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.response.model import ROTATION, periods_deg
+from pvdf_fem.touch.least_squares import Descent, SearchOptions, descend, joined
+from pvdf_fem.touch.location import Location
+from pvdf_fem.touch.problem import Problem, extents, rows_of
+from pvdf_fem.touch.starts import starts
+from pvdf_fem.touch.touch import Touch, p_values
+
+
+@dataclass(frozen=True)
+class LocateOptions:
+    """Which touches are listed, and how they are searched for."""
+
+    #: A touch is listed unless its chi-square exceeds the least by more than this: at 25 it is e^12
+    #: times less likely.
+    listed: float = 25.0
+    #: Two ends of searches are one touch if chi-square, by its slopes at the better end, and the
+    #: rotation differ by less than these between them.
+    same: float = 0.1
+    same_deg: float = 8.0
+    fold: float = 0.02  #: Share of the charges by which the longest step changes them near a fold.
+    #: Standard deviations that this share must exceed to tell one side of the fold from the other.
+    resolved: float = 10.0
+    #: Starts about the fold, in longest steps along the direction.
+    offsets: tuple[float, ...] = (-0.3, -0.1, -0.03, 0.0, 0.03, 0.1, 0.3)
+    #: Of the searches, and of those about a fold, where steps shrink slowly.
+    search: SearchOptions = field(default_factory=SearchOptions)
+    fold_search: SearchOptions = field(default_factory=lambda: SearchOptions(short=1e-4))
+
+
+DEFAULTS = LocateOptions()
+
+
+def search(problem: Problem, known: Mapping[int, float], options: LocateOptions) -> Descent:
+    """Searches from everywhere for the touch of a problem. `known` are coordinates by their index
+    in `QUANTITIES`. A sought rotation is held at first, at many values: a few degrees change
+    charges by less than the pitch of the table of starts does."""
+    charges, spread = problem.charges_pC[0], problem.deviations_pC[0]
+    at = starts(problem.model, charges, spread, problem.electrodes, known)
+    without_rotation = problem.unknown[problem.unknown != ROTATION]
+    if 0 < len(without_rotation) < len(problem.unknown):
+        at = descend(replace(problem, unknown=without_rotation), at, options=options.search).at
+    ends = descend(problem, at, hopeless=options.listed, options=options.search)
+    # each on its own, as searches that come close to each other would go on as one
+    about_fold = _starts_about_fold(problem, ends, options)[:, None]
+    return joined([ends, *(descend(problem, at, options=options.fold_search) for at in about_fold)])
+
+
+def _starts_about_fold(problem: Problem, ends: Descent, options: LocateOptions) -> Array:
+    """Starts (n, 4) on both sides of a fold of the charges, if one is near the best end."""
+    none, moving = ends.at[:0], problem.moving
+    size = float(np.linalg.norm(problem.charges_pC / problem.deviations_pC))
+    resolved = options.fold * size >= options.resolved and len(problem.electrodes) > len(moving)
+    if not resolved or not ends.arrived.any():
+        return none
+    best = ends.take(np.array([ends.ranking.argmin()]))
+    _, values, _ = np.linalg.svd(best.slopes[0][:, moving] * problem.longest[moving])
+    if values[-1] > options.fold * size:
+        return none
+    return best.at + np.outer(options.offsets, weakest(problem, best))
+
+
+def weakest(problem: Problem, ends: Descent) -> Array:
+    """A longest step (k,) along what the charges determine least at the first of some ends."""
+    longest = problem.longest * np.isin(np.arange(ends.at.shape[1]), problem.moving)
+    weak = np.linalg.svd(ends.slopes[0][:, problem.moving] * longest[problem.moving])[2][-1]
+    step = np.zeros(len(longest))
+    step[problem.moving] = longest[problem.moving] * weak / np.abs(weak).max()
+    return step
+
+
+def location(problem: Problem, ends: Descent, options: LocateOptions = DEFAULTS) -> Location:
+    """The location whose touches are the distinct ends of searches for one touch."""
+    ends = ends.take(distinct(problem, ends, options))
+    quantities = problem.model.quantities
+    names = tuple(quantities[i] for i in problem.unknown.tolist())
+    freedom = len(problem.electrodes) - len(names)
+    if not ends.arrived.size:
+        return Location((), names, freedom, -np.inf, problem)
+    extent = extents(problem.model)
+    # likelihood times a normal prior of the domain's extents, integrated by Laplace's method
+    slopes = ends.slopes * extent
+    normal = np.matmul(slopes.swapaxes(1, 2), slopes) + np.eye(len(extent))
+    logs = -0.5 * (ends.chi_square + np.log(np.linalg.det(normal)))
+    total = float(np.logaddexp.reduce(logs))
+    values = problem.touches(ends.at)
+    scale = problem.per_coordinate(values)
+    columns = (
+        (ends.slopes / scale[:, None]).take(problem.unknown, axis=2),
+        (extent * scale).take(problem.unknown, axis=1),
+        ends.chi_square.tolist(),
+        p_values(ends.chi_square, freedom).tolist(),
+        np.exp(logs - total).tolist(),
+        problem.edges(ends.at),
+    )
+    touches = (
+        Touch(quantities, touch, names, *attributes)
+        for touch, *attributes in zip(values, *columns, strict=True)
+    )
+    spread = math.log(2.0 * math.pi) / 2.0 + np.log(problem.deviations_pC[0])
+    return Location(tuple(touches), names, freedom, total - float(spread.sum()), problem)
+
+
+def distinct(problem: Problem, ends: Descent, options: LocateOptions) -> Indices:
+    """The likely ends of searches that do not repeat a better one, the best first."""
+    ranking, turns = ends.ranking, rows_of(problem.model, ROTATION)
+    order = ranking.argsort(kind="stable")
+    rows = order[ranking[order] <= ranking.min() + options.listed]
+    rows = rows[ends.arrived[rows]]
+    periods, kept = periods_deg(problem.model), rows[:0]
+    while len(rows) > 1:
+        apart = ends.at[rows] - ends.at[rows[0]]
+        apart[:, turns] -= periods * np.rint(apart[:, turns] / periods)
+        same = np.square(apart @ ends.slopes[rows[0]].T).sum(axis=1) < options.same
+        same &= (np.abs(apart[:, turns]) < options.same_deg).all(axis=1)
+        kept, rows = np.append(kept, rows[0]), rows[~same]
+    return np.append(kept, rows)

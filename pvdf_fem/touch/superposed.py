@@ -1,0 +1,113 @@
+"""Where searches by full solves start: charges of single touches, added up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations, product
+
+import numpy as np
+from scipy.interpolate import RBFInterpolator
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.film.loads.profiles import pinned
+from pvdf_fem.response.model import FORCE, ROTATION, probes_of
+from pvdf_fem.scene.outlines.shape import HEAT
+from pvdf_fem.scene.scene import Numerics, Scene
+from pvdf_fem.scene.shapes import Pressing
+from pvdf_fem.scene.stage import Stage
+from pvdf_fem.solution.solution import NotConvergedError
+from pvdf_fem.sweeps.sweep import solve_all
+from pvdf_fem.touch.measurement import rest_of
+from pvdf_fem.touch.problem import Problem
+
+#: Charges of touches are those of single ones, added up, with each force times this power of the
+#: sum of all shares: their common tension makes the film stiffer.
+STIFFENING = 0.35
+
+
+@dataclass(frozen=True)
+class SuperposedOptions:
+    """How many starts there are, and how finely places are compared."""
+
+    #: Distance in mm of the places of single touches that are solved, and that are compared.
+    pitch_mm: float = 2.5
+    fine_mm: float = 1.0
+    starts: int = 25
+    apart_mm: float = 3.0  #: Least distance of starts.
+
+
+def superposed(problem: Problem, touch: Array, options: SuperposedOptions) -> Array:
+    """Starts (n, k) where charges of single touches, added up, are most like those measured. What
+    is not sought is that of a `touch` (k,)."""
+    model, reach_mm = problem.model, problem.model.domain.reach_mm
+    electrodes, spread = problem.electrodes, problem.deviations_pC[0]
+    rest = np.nan_to_num(rest_of(model.scene)[0, electrodes])
+    singles = pinned(pressed_alone(model.scene, i) for i in range(probes_of(model)))
+    tables = [_single(one, reach_mm, options.pitch_mm, options.fine_mm) for one in singles]
+    changes = np.concatenate([(c[:, electrodes] - rest) for _, c in tables]) / spread
+    places = np.concatenate([p for p, _ in tables])
+    count, alike = len(tables[0][0]), tables[0] is tables[-1]
+    sets = [range(count), range(count, len(places))][: len(tables)]
+    chosen = np.array([*(combinations(sets[0], len(sets)) if alike else product(*sets))])
+    gram, right = changes @ changes.T, changes @ ((problem.charges_pC[0] - rest) / spread)
+    normal = gram[chosen[:, :, None], chosen[:, None, :]]
+    normal = normal + 1e-9 * gram.diagonal().mean() * np.eye(len(sets))
+    shares = np.linalg.solve(normal, right[chosen][:, :, None])[:, :, 0]
+    explained = (right[chosen] * shares).sum(axis=1)
+    pressing = (shares > 0.03 * np.abs(shares).sum(axis=1, keepdims=True)).all(axis=1)
+    order = np.argsort(-np.where(pressing, explained, -np.inf))[: pressing.sum()]
+    kept: list[int] = []
+    for row in order.tolist():
+        apart = np.abs(places[chosen[kept]] - places[chosen[row]]).max(axis=(1, 2), initial=0.0)
+        if (apart >= options.apart_mm).all():
+            kept.append(row)
+        if len(kept) == options.starts:
+            break
+    at = np.tile(problem.coordinates(touch[None]), (len(kept), 1))
+    of_probes, share = problem.of_probes(at), shares[kept]
+    starts = of_probes.copy()
+    stage = model.scene.stage or Stage()
+    starts[..., :ROTATION] = places[chosen[kept]] @ stage.turn.T
+    starts[..., FORCE] = np.log(share) + STIFFENING * np.log(share.sum(axis=1))[:, None]
+    sought = np.isin(np.arange(at.shape[1]), problem.unknown)
+    of_probes[...] = np.where(problem.of_probes(np.tile(sought, (len(at), 1))), starts, of_probes)
+    return at
+
+
+@lru_cache(maxsize=8)
+def _single(scene: Scene, reach_mm: float, pitch_mm: float, fine_mm: float) -> tuple[Array, Array]:
+    """Places (n, 2) within reach, and charges (n, electrodes) of a touch there.
+
+    Those of a probe turned with its place, which a round film gives by few solves, interpolated.
+    """
+    places = []
+    for radius in np.linspace(0.0, reach_mm, round(reach_mm / pitch_mm) + 1):
+        count = max(1, round(2.0 * np.pi * radius / pitch_mm))
+        places += [(radius, 360.0 * i / count) for i in range(count)]
+    radii, turns = np.array(places).T
+    solved = radii[:, None] * np.stack([np.cos(np.radians(turns)), np.sin(np.radians(turns))], -1)
+    keys = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg")
+    rows = np.column_stack([solved, turns]).tolist()
+    scenes = [scene.with_(**dict(zip(keys, row, strict=True))) for row in rows]
+    records = solve_all(scenes, processes=1)
+    good = [i for i, record in enumerate(records) if record.converged]
+    if len(good) < 3:
+        raise NotConvergedError(f"{records[0].status}: one touch alone: {records[0].reason}")
+    reads = scene.film.d31_pC_N, scene.film.d32_pC_N, scene.numerics.observable
+    charges = np.array([[*records[i].charges_pC(*reads).values()] for i in good])
+    ticks = np.arange(-reach_mm, reach_mm + 0.5 * fine_mm, fine_mm)
+    grid = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
+    grid = grid[np.hypot(*grid.T) <= reach_mm]
+    return grid, RBFInterpolator(solved[good], charges)(grid)
+
+
+def pressed_alone(scene: Scene, number: int) -> Scene:
+    """One of a scene's probes on the centre, under 1 N and cold."""
+    touch = scene.loaded_probes[number]
+    place = dict.fromkeys(("x_mm", "y_mm", "rotation_deg"), 0.0)
+    unsaid = dict.fromkeys((*Pressing.model_fields, *HEAT))
+    probe = touch.probe.model_copy(update=place | unsaid)
+    load = touch.load.model_copy(update={"force_N": 1.0, "tangential_N": None})
+    numerics = Numerics(tolerance=1e-2, observable=scene.numerics.observable)
+    return scene.with_(probe=probe, load=load, numerics=numerics, readout=None)
