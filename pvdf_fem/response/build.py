@@ -96,7 +96,7 @@ class ResponseOptions:
     def cell_mm(self, scene: Scene, domain: Domain) -> float:
         """Cell of the table of a scene's probe, or of a tip's least contact."""
         assert scene.single_probe is not None
-        round_cell = self.tip_cell if scene.load.kind == "contact" else self.disc_cell
+        round_cell = self.tip_cell if scene.tips else self.disc_cell
         share = self.cell if scene.single_probe.period_deg else round_cell
         size_mm = 1e3 * float(np.sqrt(pressed_outline(scene, domain.force_N[0]).area))
         return min(share * size_mm, self.largest_cell_mm)
