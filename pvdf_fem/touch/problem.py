@@ -212,10 +212,10 @@ class Problem:
         """Which limits of the domain each of the touches `at` (n, k) is at, or beyond."""
         (reach_mm, lowest, highest), sought = self._domain, self.unknown.tolist()
         each, force = self.of_probes(at), at[:, self.forces]
-        far: Mask = (np.hypot(each[..., X], each[..., Y]) >= reach_mm).any(axis=1)
-        extreme: Mask = ((force <= lowest) | (force >= highest)).any(axis=1)
-        far = far & (X in sought or Y in sought)
-        extreme = extreme & (FORCE in sought)
+        beyond = np.hypot(each[..., X], each[..., Y]) >= reach_mm
+        far = np.asarray(beyond.any(axis=1) & (X in sought or Y in sought))
+        outside = (force <= lowest) | (force >= highest)
+        extreme = np.asarray(outside.any(axis=1) & (FORCE in sought))
         pairs = zip(far.tolist(), extreme.tolist(), strict=True)
         return [("reach_mm",) * wide + ("force_N",) * strong for wide, strong in pairs]
 
