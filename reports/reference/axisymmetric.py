@@ -12,49 +12,26 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import ArrayLike
 
-from pvdf_fem.arrays import Array, Mask
+from pvdf_fem.arrays import Array
 from reports.reference.closed_form import require_taut
+from reports.reference.spectral_grid import (
+    ORDER,
+    Piece,
+    SpectralGrid,
+    grid_of,
+    legendre_series,
+    pieces_of,
+)
 
 Kind = Literal["dead", "follower", "rigid"]
 Contact = Literal["sliding", "stuck"]
 Strain = Literal["green-lagrange", "foeppl-von-karman"]
-
-# Degree of the polynomials on a piece; 12 already gives nine digits.
-_ORDER = 24
-
-
-@dataclass(frozen=True)
-class _Piece:
-    """Interval of the radius, mapped to xi in [-1, 1] so that the solution is smooth in xi.
-
-    Around the centre the solution is even in r and analytic in r^2, which xi is there. Outside of
-    the load the solution is close to r^(2/3) or ln r and smooth in ln r, which xi is there.
-    """
-
-    inner: float
-    outer: float
-
-    def radius(self, xi: Array) -> Array:
-        if self.inner == 0:
-            return self.outer * np.sqrt((1 + xi) / 2)
-        return self.inner * (self.outer / self.inner) ** ((1 + xi) / 2)
-
-    def coordinate(self, radius: Array) -> Array:
-        if self.inner == 0:
-            return 2 * (radius / self.outer) ** 2 - 1
-        return 2 * np.log(radius / self.inner) / math.log(self.outer / self.inner) - 1
-
-    def rate(self, radius: Array) -> Array:
-        if self.inner == 0:
-            return 4 * radius / self.outer**2
-        return 2 / (radius * math.log(self.outer / self.inner))
 
 
 class _Fields(NamedTuple):
@@ -81,7 +58,7 @@ class AxisymmetricMembrane:
         Number of Newton iterations of the solution.
     """
 
-    pieces: tuple[_Piece, ...]
+    pieces: tuple[Piece, ...]
     stretch_series: Array  # Legendre coefficients of u/r, (pieces, degree + 1)
     deflection_series: Array  # Legendre coefficients of w, (pieces, degree + 1)
     poisson_ratio: float
@@ -203,9 +180,9 @@ def axisymmetric_membrane(
     # order one: w = scale W, u = scale^2 U, N = scale^2 n. With Green-Lagrange strains, scale^2
     # remains as a factor of the squares of U.
     scale = force ** (1 / 3)
-    pieces = _pieces(patch_radius)
+    pieces = pieces_of(patch_radius)
     problem = _ScaledProblem(
-        grid=_grid(pieces),
+        grid=grid_of(pieces),
         patch_radius=patch_radius,
         poisson_ratio=poisson_ratio,
         pretension=pretension / scale**2,
@@ -217,8 +194,8 @@ def axisymmetric_membrane(
     stretch, deflection = unknowns.reshape(2, -1)
     return AxisymmetricMembrane(
         pieces=pieces,
-        stretch_series=_legendre_series(scale**2 * stretch, len(pieces)),
-        deflection_series=_legendre_series(scale * deflection, len(pieces)),
+        stretch_series=legendre_series(scale**2 * stretch, len(pieces)),
+        deflection_series=legendre_series(scale * deflection, len(pieces)),
         poisson_ratio=poisson_ratio,
         pretension=pretension,
         nonlinearity=exact,
@@ -257,71 +234,16 @@ def _elastic(strains: Array, poisson_ratio: float) -> Array:
     return (strains + poisson_ratio * strains[::-1]) / (1 - poisson_ratio**2)
 
 
-@dataclass(frozen=True)
-class _SpectralGrid:
-    """Quadrature points (q,) and the shape functions of n nodes there."""
-
-    node_radius: Array  # (n,)
-    radius: Array  # (q,)
-    weight: Array  # weights of r dr, (q,)
-    value: Array  # shape functions, (q, n)
-    gradient: Array  # their derivatives by r, (q, n)
-    in_patch: Mask  # whether a point is under the load, (q,)
-
-
-def _pieces(patch_radius: float) -> tuple[_Piece, ...]:
-    """The patch, and rings of equal ratios of radii, of about e^1.5, around it."""
-    count = math.ceil(-math.log(patch_radius) / 1.5)
-    breaks = np.geomspace(patch_radius, 1.0, count + 1) if count else np.array([1.0])
-    return tuple(_Piece(*ends) for ends in zip([0.0, *breaks[:-1]], breaks, strict=True))
-
-
-@cache
-def _nodal_to_legendre() -> Array:
-    """Legendre coefficients of the shape functions on the Chebyshev-Lobatto points."""
-    return np.asarray(np.linalg.inv(legendre.legvander(_lobatto(), _ORDER)), dtype=float)
-
-
-def _lobatto() -> Array:
-    """Chebyshev-Lobatto points, (degree + 1,)."""
-    return -np.cos(np.pi * np.arange(_ORDER + 1) / _ORDER)
-
-
-def _legendre_series(nodal: Array, pieces: int) -> Array:
-    """Legendre coefficients (pieces, degree + 1) of nodal values (n,)."""
-    nodes = np.arange(pieces)[:, None] * _ORDER + np.arange(_ORDER + 1)
-    return np.asarray(nodal[nodes] @ _nodal_to_legendre().T)
-
-
-def _grid(pieces: tuple[_Piece, ...]) -> _SpectralGrid:
-    """The grid of all pieces; neighbours share a node."""
-    xi, weight = legendre.leggauss(2 * _ORDER + 2)
-    value = legendre.legvander(xi, _ORDER) @ _nodal_to_legendre()
-    slope = legendre.legvander(xi, _ORDER - 1) @ legendre.legder(_nodal_to_legendre())
-    rows, nodes = len(xi), len(pieces) * _ORDER + 1
-    values, gradients = np.zeros((2, len(pieces) * rows, nodes))
-    radii, weights = np.empty((2, len(pieces), rows))
-    for i, piece in enumerate(pieces):
-        radii[i] = piece.radius(xi)
-        rate = piece.rate(radii[i])
-        weights[i] = weight * radii[i] / rate
-        block = np.s_[i * rows : (i + 1) * rows, i * _ORDER : (i + 1) * _ORDER + 1]
-        values[block], gradients[block] = value, rate[:, None] * slope
-    in_patch = np.arange(len(pieces) * rows) < rows
-    node_radius = np.concatenate([[0.0], *(piece.radius(_lobatto()[1:]) for piece in pieces)])
-    return _SpectralGrid(node_radius, radii.ravel(), weights.ravel(), values, gradients, in_patch)
-
-
 def _free_unknowns(pieces: int, *, rigid: bool, stuck: bool) -> Array:
     """Matrix (2 n, m) that takes the free unknowns to u/r and w at the nodes."""
-    nodes = pieces * _ORDER + 1
+    nodes = pieces * ORDER + 1
     columns = np.eye(2 * nodes)
     stretch, deflection = columns[:, : nodes - 1], columns[:, nodes:-1]  # the rim is clamped
     if rigid:
-        face = deflection[:, : _ORDER + 1].sum(axis=1, keepdims=True)
-        deflection = np.hstack([face, deflection[:, _ORDER + 1 :]])
+        face = deflection[:, : ORDER + 1].sum(axis=1, keepdims=True)
+        deflection = np.hstack([face, deflection[:, ORDER + 1 :]])
         if stuck:
-            stretch = stretch[:, _ORDER + 1 :]
+            stretch = stretch[:, ORDER + 1 :]
     return np.hstack([stretch, deflection])
 
 
@@ -332,7 +254,7 @@ class _ScaledProblem:
     A rigid punch is the dead load on unknowns that let the patch move as a whole.
     """
 
-    grid: _SpectralGrid
+    grid: SpectralGrid
     patch_radius: float
     poisson_ratio: float
     pretension: float

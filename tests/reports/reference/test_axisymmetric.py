@@ -6,8 +6,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from reports.reference.axisymmetric import _grid, _pieces, _ScaledProblem, axisymmetric_membrane
+from reports.reference.axisymmetric import _ScaledProblem, axisymmetric_membrane
 from reports.reference.closed_form import hencky
+from reports.reference.spectral_grid import grid_of, pieces_of
 
 FVK = "foeppl-von-karman"
 FORCE = 4.444e-4  # F/(E h a): 1 N on the 25 um film of 45 mm radius
@@ -176,7 +177,7 @@ def test_patch_that_grows_to_the_rim_is_hencky():
 
 def test_follower_tangent_is_the_derivative_of_the_load():
     problem = _ScaledProblem(
-        grid=_grid(_pieces(0.3)),
+        grid=grid_of(pieces_of(0.3)),
         patch_radius=0.3,
         poisson_ratio=0.3,
         pretension=0.1,
