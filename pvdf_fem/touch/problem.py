@@ -212,12 +212,12 @@ class Problem:
         """Which limits of the domain each of the touches `at` (n, k) is at, or beyond."""
         (reach_mm, lowest, highest), sought = self._domain, self.unknown.tolist()
         each, force = self.of_probes(at), at[:, self.forces]
-        far = (np.hypot(each[..., X], each[..., Y]) >= reach_mm).any(axis=1)
-        extreme = ((force <= lowest) | (force >= highest)).any(axis=1)
-        far &= X in sought or Y in sought
-        extreme &= FORCE in sought
-        pairs = zip(far.tolist(), extreme.tolist(), strict=True)
-        return [("reach_mm",) * wide + ("force_N",) * strong for wide, strong in pairs]
+        placed, pressed = X in sought or Y in sought, FORCE in sought
+        beyond: Mask = (np.hypot(each[..., X], each[..., Y]) >= reach_mm).any(axis=1)
+        extreme: Mask = ((force <= lowest) | (force >= highest)).any(axis=1)
+        far, strong = (beyond & placed).tolist(), (extreme & pressed).tolist()
+        pairs = zip(far, strong, strict=True)
+        return [("reach_mm",) * wide + ("force_N",) * much for wide, much in pairs]
 
     @cached_property
     def longest(self) -> Array:
