@@ -75,11 +75,12 @@ def force_rates(solution: Solution, keys: Sequence[str]) -> Array:
     goals = [replace(goal, d=d) for goal in goals_of(solution.scene) for d in units]
     solved, q, factors = factorised(solution)
     adjoint = Adjoint.of(solved, goals, q, factors)
-    return np.reshape([rate_of(adjoint, key) for key in keys], (len(keys), -1, 2))
+    rates = [rate_of(adjoint, key, with_heat=False) for key in keys]
+    return np.reshape(rates, (len(keys), -1, 2))
 
 
-def rate_of(adjoint: Adjoint, key: str) -> Array:
-    """dQ/dθ in C per unit of the key, (electrodes,)."""
+def rate_of(adjoint: Adjoint, key: str, *, with_heat: bool = True) -> Array:
+    """dQ/dθ in C per unit of the key, (electrodes,), with the pyroelectric charge or without it."""
     scene = adjoint.equilibrium.scene
     if key in COEFFICIENTS:
         return 1e-12 * adjoint.forces[:, COEFFICIENTS.index(key)]
@@ -92,16 +93,18 @@ def rate_of(adjoint: Adjoint, key: str) -> Array:
                 return swept
     placed = any(name in (*PLACE_NAMES, HEAT) for _, _, name in touches)
     value = 1.0 if placed else abs(number_at(scene, key)) or 1.0
-    return swept + _differenced(adjoint, key, STEP * value)
+    return swept + _differenced(adjoint, key, STEP * value, with_heat)
 
 
-def _differenced(adjoint: Adjoint, key: str, step: float) -> Array:
+def _differenced(adjoint: Adjoint, key: str, step: float, with_heat: bool) -> Array:
     """dQ/dθ on a mesh that stays, (electrodes,), from central differences of the fourth order of Q
     and R at the unknowns that stay."""
     equilibrium, rate = adjoint.equilibrium, np.zeros(len(adjoint.goals))
     for weight, change in ((8.0, step), (-8.0, -step), (-1.0, 2.0 * step), (1.0, -2.0 * step)):
         moved = equilibrium.with_(scene=_changed(equilibrium.scene, key, change))
-        charges = adjoint.in_other(moved) + heat_charges(moved.scene, equilibrium)
+        charges = adjoint.in_other(moved)
+        if with_heat:
+            charges = charges + heat_charges(moved.scene, equilibrium)
         rate += weight / (12.0 * step) * charges
     return rate
 

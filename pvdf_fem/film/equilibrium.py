@@ -170,15 +170,12 @@ class Equilibrium:
         actions = (term.element_action(state, x) for term in self.terms)
         return reduce(add, (action for action in actions if action is not None))
 
-    def film_action(self, state: State, x: Array) -> Array:
-        """The film's tangent times a small change of the dofs, (dofs,)."""
-        actions = (term.action(state, x) for term in self.terms)
-        return reduce(add, (force for force in actions if force is not None))
-
     def action(self, state: State, step: Array) -> Array:
         """The tangent, less that of a load that follows, times a step, (unknowns,)."""
         x, unknowns = self.step(state, step), self.unknowns
-        forces = unknowns.balanced(state, self.film_action(state, x))
+        actions = (term.action(state, x) for term in self.terms)
+        pulls = reduce(add, (force for force in actions if force is not None))
+        forces = unknowns.balanced(state, pulls)
         if unknowns.seats:
             forces += unknowns.turned(state, self.film_forces(state), x)
         return forces

@@ -78,22 +78,21 @@ class Membrane(Laminate, Term):
 
     @cached_property
     def _in_balance(self) -> Array:
-        """The part of the flat film's stress that balances itself inside of the rim: all of a
-        stress that is the same everywhere, otherwise its mean, (elements, points, 3)."""
+        """Forces (dofs,) of the part of the flat film's stress that balances itself inside of the
+        rim: all of a stress that is the same everywhere, otherwise its mean."""
         flat = self.resultant(np.zeros((*self.volumes.shape, 3)))
         mean = np.einsum("epi,ep->i", flat, self.volumes) / self.volumes.sum()
         even = np.abs(flat - mean).max() <= BALANCED * np.abs(mean).max()
-        return flat if even else np.broadcast_to(mean, flat.shape)
+        balanced = flat if even else np.broadcast_to(mean, flat.shape)
+        flux = self._first_piola(np.broadcast_to(IDENTITY, (*self.volumes.shape, 3, 2)), balanced)
+        return self.space.sum(self.space.forces(flux))
 
     def residual(self, state: State) -> Array:
         """Internal forces in N, (dofs,), without those of the flat film that are in balance.
 
         Added up, these would leave rounding that drowns a small load and moves a flat film.
         """
-        F, flat = state.deformation_gradient, self._in_balance
-        stretched = self._first_piola(F, self.own_stress(state) - flat)
-        turned = self._first_piola(F - IDENTITY, flat)
-        return self.space.sum(self.space.forces(stretched + turned))
+        return self.internal_forces(state) - self._in_balance
 
     def internal_forces(self, state: State) -> Array:
         """All internal forces in N, (dofs,), of the strain's stress."""

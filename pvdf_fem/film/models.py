@@ -139,8 +139,7 @@ class FilmModel:
     def _remedy(self) -> str:
         if self.scene.film.patches:
             return "thinner film.patches, or both_sides = true"
-        tips = any(touch.load.kind == "contact" for touch in self.scene.loaded_probes)
-        return 'another load.kind than "contact"' if tips else "film.bending = true"
+        return 'another load.kind than "contact"' if self.scene.tips else "film.bending = true"
 
     def compression_remarks(self, smallest: Array, largest: Array) -> Iterator[tuple[str, Array]]:
         """Texts with a place for an area, and where that is, from the principal stresses."""
@@ -249,7 +248,7 @@ def film_model(scene: Scene) -> FilmModel:
     film = scene.film
     if film.compression == "tension-field":
         return TensionFieldModel(scene)
-    bends, tips = film.bending, [t for t in scene.loaded_probes if t.load.kind == "contact"]
+    bends = film.bending
     if bends == "auto":
-        bends = not tips and bending_effect(scene).change > scene.numerics.tolerance
+        bends = not scene.tips and bending_effect(scene).change > scene.numerics.tolerance
     return PlateModel(scene) if bends else MembraneModel(scene)

@@ -96,7 +96,7 @@ class ResponseOptions:
     def cell_mm(self, scene: Scene, domain: Domain) -> float:
         """Cell of the table of a scene's probe, or of a tip's least contact."""
         assert scene.single_probe is not None
-        round_cell = self.tip_cell if scene.load.kind == "contact" else self.disc_cell
+        round_cell = self.tip_cell if scene.tips else self.disc_cell
         share = self.cell if scene.single_probe.period_deg else round_cell
         size_mm = 1e3 * float(np.sqrt(pressed_outline(scene, domain.force_N[0]).area))
         return min(share * size_mm, self.largest_cell_mm)
@@ -155,6 +155,7 @@ def build_response(
         For a scene that has no such response, for a file or directory that cannot be written, and
         when the film about the probe, or half of the touches held out, have no solution.
     """
+    mechanics_of(scene)  # refuses what no response is of
     wanted, known = wanted_model(scene)
     reach_mm = wanted.reach_mm if reach_mm is None else reach_mm
     domain = Domain(reach_mm, wanted.force_N if force_N is None else force_N)
@@ -231,7 +232,7 @@ def refuse(
     """Raise `ValueError` for a scene, a domain or a tolerance without a response."""
     low, high = domain.force_N
     options = options or ResponseOptions()
-    mechanics_of(scene)  # refuses what no response is of
+    mechanics_of(scene)
     if not LEAST_TOLERANCE <= tolerance < np.inf:
         raise ValueError(
             f"tolerance: {tolerance} is below {LEAST_TOLERANCE:g}, or no number; full solves could"

@@ -89,7 +89,7 @@ def mean_stress_about_probe(
         return lambda stress: np.asarray(sample @ project(stress))
 
     try:
-        if scene.load.kind == "contact":
+        if scene.tips:
             solved = _stresses_on_tip(scene, forces, elements)
         else:
             equilibrium = Equilibrium(scene, elements.mesh(scene), elements.order)

@@ -42,11 +42,11 @@ def misplacements(
     yield from _overlapping(probes)
 
 
-def clashes(
-    film: Film, observable: str, probes: Mapping[str, Any], kinds: Mapping[str, str]
-) -> Iterator[str]:
-    """Complaints about effects that no film model has together. Probes, and the kinds of their
-    loads, are given by the probes' keys."""
+def clashes(film: Film, observable: str, probes: Mapping[str, Any], load: Load) -> Iterator[str]:
+    """Complaints about effects that no film model has together. Probes are given by their keys,
+    and have the scene's load where they do not say their own."""
+    own = {key: getattr(probe, "load", None) for key, probe in probes.items()}
+    kinds = {key: (said and said.kind) or load.kind for key, said in own.items()}
     tips = {k: said_at(k, probes[k], "kind") for k, kind in kinds.items() if kind == "contact"}
     outlines = [patch.outline for patch in film.patches or ()]
     pressed = film.d33_pC_N and any(
@@ -83,6 +83,9 @@ def clashes(
         for key in others:
             if present and given[key]:
                 yield problem(key, given[key], f"is not for {feature}; change it or remove that")
+    if film.coupling and film.clamped_permittivity <= 0.0:
+        reason = "is not for d31, d32 so large at film.permittivity; change those or remove it"
+        yield problem("film.coupling", film.coupling, reason)
     if film.bending is True and tips:
         reason = 'is not for tips; give "auto" or false, and its effect is estimated'
         yield problem("film.bending", True, reason)

@@ -171,12 +171,8 @@ class Scene(Section):
             self.load,
             self.numerics.observable,
         )
-        film = self.film
-        if film.coupling and film.clamped_permittivity <= 0.0:
-            reason = "is not for d31, d32 so large at film.permittivity; change those or remove it"
-            complaints = chain(complaints, [problem("film.coupling", film.coupling, reason)])
-        kinds = self._kinds
-        complaints = chain(complaints, clashes(film, self.numerics.observable, self._probes, kinds))
+        unlike = clashes(self.film, self.numerics.observable, self._probes, self.load)
+        complaints = chain(complaints, unlike)
         if self.readout is not None:
             names = [electrode.name for electrode in self.electrode_list]
             complaints = chain(complaints, self.readout.mistakes(names))
@@ -216,12 +212,6 @@ class Scene(Section):
         return {"probe": self.probe} if self.probe else {}
 
     @property
-    def _kinds(self) -> dict[str, str]:
-        """The kinds of the probes' loads by the keys of the probes."""
-        own = {key: getattr(probe, "load", None) for key, probe in self._probes.items()}
-        return {key: (load and load.kind) or self.load.kind for key, load in own.items()}
-
-    @property
     def warm_probes(self) -> dict[str, Probe]:
         """The warm probes by the keys of their temperatures."""
         return {f"{key}.temperature_K": p for key, p in self._probes.items() if p.temperature_K}
@@ -241,6 +231,11 @@ class Scene(Section):
             LoadedProbe(f"probe[{i}]", f"probe {i + 1}", probe, probe.load_in(self.load))
             for i, probe in enumerate(self.probe)
         )
+
+    @property
+    def tips(self) -> tuple[LoadedProbe, ...]:
+        """The loaded probes that are rigid tips, on which the film rests."""
+        return tuple(touch for touch in self.loaded_probes if touch.load.kind == "contact")
 
     def loaded(self, touches: Sequence[LoadedProbe]) -> Scene:
         """The scene with other `loaded_probes`, or with some of them; their values go unchecked."""
@@ -265,7 +260,7 @@ class Scene(Section):
 
     def require_no_tips(self, what: str) -> None:
         """SceneError for a scene with tips, whose contact has to be found, which `what` cannot."""
-        if any(touch.load.kind == "contact" for touch in self.loaded_probes):
+        if self.tips:
             reason = f"is not for {what}, which does not find where a tip touches; give another"
             raise SceneError([problem("load.kind", "contact", reason)])
 

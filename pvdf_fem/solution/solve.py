@@ -235,7 +235,7 @@ def _on_part(problem: Problem) -> Solution | None:
     """The solution on a part of a symmetric film; None where it is not that of the film."""
     scene, pressure = problem.scene, problem.posed.pressure
     loads = [touch.load for touch in scene.loaded_probes]
-    leaning = any(load.kind == "contact" or load.tilt == "free" for load in loads)
+    leaning = scene.tips or any(load.tilt == "free" for load in loads)
     model = film_model(scene)
     whole = leaning or pressure or not (model.solved_on_parts and model.electrodes_only_read)
     part = WHOLE if whole else part_of(scene)

@@ -24,8 +24,7 @@ def guessed_force(load: Load, film: Film) -> float:
 
 def first_contacts(scene: Scene) -> dict[str, Outline]:
     """Guessed contacts with a scene's tips, by patch name."""
-    tips = (touch for touch in scene.loaded_probes if touch.load.kind == "contact")
-    return {t.patch: t.tip.grown(guessed_width(t, scene.film)) for t in tips}
+    return {t.patch: t.tip.grown(guessed_width(t, scene.film)) for t in scene.tips}
 
 
 def guessed_press(scene: Scene, touch: LoadedProbe) -> tuple[Outline, float]:
@@ -41,8 +40,7 @@ def face_patch(touch: LoadedProbe) -> str:
 
 def faces(scene: Scene) -> dict[str, Outline]:
     """Outlines of the flat faces of a scene's tips, by patch name."""
-    tips = (touch for touch in scene.loaded_probes if touch.load.kind == "contact")
-    outlines = {face_patch(touch): touch.tip.face for touch in tips}
+    outlines = {face_patch(touch): touch.tip.face for touch in scene.tips}
     return {name: face for name, face in outlines.items() if face is not None}
 
 

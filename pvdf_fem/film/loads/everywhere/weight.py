@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from scipy.constants import g
-
 from pvdf_fem.film.loads.everywhere.spread import Spread
 from pvdf_fem.film.remarks import two_digits
 from pvdf_fem.scene.scene import Scene
+
+STANDARD_GRAVITY = 9.80665  #: In m/s².
 
 
 class Weight(Spread):
@@ -26,7 +26,7 @@ def weight_effect(scene: Scene) -> float:
     At the distance r from a probe of force F a linear film has the slope F/(2 pi r N), and by its
     weight q the slope q r/(2 N); the strain has twice their product over the square of the former.
     """
-    q = scene.film.density * scene.film.thickness * g
+    q = scene.film.density * scene.film.thickness * STANDARD_GRAVITY
     changes = [0.0]
     for touch in scene.loaded_probes:
         force = math.hypot(*touch.load.components)
