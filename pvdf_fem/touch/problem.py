@@ -213,8 +213,8 @@ class Problem:
         (reach_mm, lowest, highest), sought = self._domain, self.unknown.tolist()
         each, force = self.of_probes(at), at[:, self.forces]
         placed, pressed = X in sought or Y in sought, FORCE in sought
-        beyond: Mask = (np.hypot(each[..., X], each[..., Y]) >= reach_mm).any(axis=1)
-        extreme: Mask = ((force <= lowest) | (force >= highest)).any(axis=1)
+        beyond = np.any(np.hypot(each[..., X], each[..., Y]) >= reach_mm, axis=1)
+        extreme = np.any((force <= lowest) | (force >= highest), axis=1)
         far, strong = (beyond & placed).tolist(), (extreme & pressed).tolist()
         pairs = zip(far, strong, strict=True)
         return [("reach_mm",) * wide + ("force_N",) * much for wide, much in pairs]
