@@ -47,10 +47,11 @@ def misreadings(channels: Sequence[Channel], unit: str) -> Iterator[Misreading]:
         if len(moved) > 2:
             text += f": they are in columns {', '.join(column for _, column in moved)}"
         yield Misreading("swapped_channels", text, order, ones)
-    units = units_pC(channels)
+    units, known = units_pC(channels), [ones]
     for other in units:
         ratio = units[other] / units[unit]
-        if not np.allclose(ratio, 1.0):
+        if not any(np.allclose(ratio, same, atol=0.0) for same in known):
+            known.append(ratio)
             text = f"readings are in {other}, not in {unit}"
             yield Misreading("wrong_unit", text, straight, ratio)
     yield Misreading("wrong_sign", "readings have the wrong sign", straight, -ones)
