@@ -116,6 +116,7 @@ SAMPLES: dict[str, Any] = {
     "radius_mm": 3.2,
     "film.radius_mm": 40.0,
     "reading": "total",
+    "reach_mm": 5.0,
     "readout": {"kind": "voltage"},
     "readout.kind": "voltage",
     "rim_displacement_um": [3.0],
