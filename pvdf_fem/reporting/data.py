@@ -57,13 +57,14 @@ class DataSource(Section):
     keys of a scene (``x_mm``, ``force_N``, ``film.thickness_um``, ...), electrodes, or named in
     `labels`. ``error_mm`` is the error of a place that others found. `where` keeps the rows with
     these values of some columns, and `set` has changes of the scene for all rows. `unit` and
-    `reading` say what the readings are, `what` how the page calls them.
+    `reading` say what the readings are, by default in pC and as the scene's `[readout]` reads
+    them, or in total. `what` is how the page calls them.
     """
 
     file: str | None = None
     table: str | None = None
     unit: Literal["pC", "V"] = "pC"
-    reading: Literal["total", "change"] = "total"
+    reading: Literal["total", "change"] | None = None
     what: Annotated[str, Field(min_length=1, max_length=40)] = "measured"
     labels: tuple[str, ...] = ()
     where: dict[str, Any] = Field(default_factory=dict)
@@ -78,6 +79,7 @@ class Readings:
     source: DataSource
     frame: pd.DataFrame
     names: tuple[str, ...]  #: Electrodes that have readings.
+    reading: str = "total"  #: What the readings are, `total` or `change`.
 
     def scenes(self, base: Scene) -> list[Scene]:
         """The scene of each row; SceneError with the mistakes of the rows."""
@@ -97,13 +99,13 @@ class Readings:
     def charges(self, scenes: Sequence[Scene], names: Sequence[str], reading: str) -> Array:
         """Charges (rows, names) in pC, in total or as changes, NaN where there is no reading;
         `scenes` are the scenes of the rows."""
-        charges = self.frame.reindex(columns=list(names)).to_numpy(float)
+        charges = self.frame.reindex(columns=list(names)).to_numpy(float, copy=True)
         if self.source.unit == "V":  # what the amplifiers do, undone
             for row, scene in zip(charges, scenes, strict=True):
                 for c in channels(scene):
                     j = list(names).index(c.name) if c.name in names else slice(0)
                     row[j] = 1e12 * c.capacitance * (row[j] - c.offset) / c.gain
-        if reading == self.source.reading:
+        if reading == self.reading:
             return charges
         sign = 1.0 if reading == "total" else -1.0
         return charges + sign * _rests(scenes, names)
@@ -152,10 +154,14 @@ def read_data(name: str, source: DataSource, scene: Scene, folder: Path) -> Read
             reason = f"is no key of a scene and no electrode; {choose(column, known)}"
             reason += ", or name it in `labels`"
             problems.append(problem(f"{where}.columns", column, reason))
+    if source.unit == "V" and any(row.readout is None for row in rows[1:]):
+        reason = 'is of readings, and the scene has no [readout]; add one, or give "pC"'
+        problems.append(problem(f"{where}.unit", source.unit, reason))
     if problems:
         raise SceneError(problems[:MOST_MISTAKES])
+    reading = source.reading or (scene.readout.reading if scene.readout else "total")
     names = tuple(electrode for electrode in electrodes if electrode in frame.columns)
-    return Readings(name, source, frame.reset_index(drop=True), names)
+    return Readings(name, source, frame.reset_index(drop=True), names, reading)
 
 
 def _kept(where: str, source: DataSource, frame: pd.DataFrame) -> pd.DataFrame:

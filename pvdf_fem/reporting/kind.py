@@ -128,7 +128,7 @@ class Kind(Section):
     def read_as(self, inputs: Inputs) -> str:
         """What is drawn, of `total` and `change`."""
         readings = self.readings(inputs)
-        return self.reading or (readings.source.reading if readings else "total")
+        return self.reading or (readings.reading if readings else "total")
 
     def rings(self, inputs: Inputs) -> str:
         """What the caption says of the data."""

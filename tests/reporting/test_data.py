@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pvdf_fem import Scene, solve
+from pvdf_fem import Scene, SceneError, solve
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.reporting.data import DataSource, read_data
 from pvdf_fem.reporting.solved import Solved
@@ -24,7 +24,7 @@ def readings(tmp_path, table, **keys):
 
 def test_a_row_is_a_scene(tmp_path):
     table = "x_mm; load.force_N; film.thickness_um; A\n1,5; 2; 9; 100,25\n-3; ; 25; 80\n"
-    found = readings(tmp_path, table, set={"film": {"d31_pC_N": 18.0}})
+    found = readings(tmp_path, table, set={"film": {"d31_pC_N": 18.0}}, reading="total")
     one, two = found.scenes(SCENE)
     assert (one.probe.x_mm, one.load.force_N, one.film.thickness_um) == (1.5, 2.0, 9.0)
     assert (two.probe.x_mm, two.load.force_N, two.film.d31_pC_N) == (-3.0, 1.0, 18.0)
@@ -39,10 +39,19 @@ def test_voltages_are_charges_through_the_channels(tmp_path):
     change = 1e-12 * (charges - rest)[0]
     volts = [c.reading(q) for c, q in zip(channels(SCENE), change, strict=True)]
     table = "x_mm,A,B,C,D\n1," + ",".join(f"{float(v)!r}" for v in volts)
-    found = readings(tmp_path, table, unit="V", reading="change")
-    scenes, names = found.scenes(SCENE), list("ABCD")
-    np.testing.assert_allclose(found.charges(scenes, names, "total"), charges)
-    np.testing.assert_allclose(found.charges(scenes, names, "change"), charges - rest)
+    found = readings(tmp_path, table, unit="V")  # changes, as the scene's readout reads them
+    scenes = found.scenes(SCENE)
+    for names in ("ABCD", "B"):
+        columns = ["ABCD".index(name) for name in names]
+        for reading, known in (("total", charges), ("change", charges - rest)):
+            found_pC = found.charges(scenes, list(names), reading)
+            np.testing.assert_allclose(found_pC, known[:, columns])
+
+
+def test_volts_need_a_readout(tmp_path):
+    source = DataSource(table="x_mm,A\n1,0.2\n", unit="V")
+    with pytest.raises(SceneError, match=r"data\.touches\.unit"):
+        read_data("touches", source, SCENE.model_copy(update={"readout": None}), tmp_path)
 
 
 def test_where_keeps_rows_and_labels_name_them(tmp_path):
@@ -54,7 +63,8 @@ def test_where_keeps_rows_and_labels_name_them(tmp_path):
 
 def test_a_file_is_read_beside_the_script(tmp_path):
     tmp_path.joinpath("touches.csv").write_text("x_mm,A\n1,100\n", encoding="utf-8")
-    found = read_data("touches", DataSource(file="touches.csv"), SCENE, tmp_path)
+    source = DataSource(file="touches.csv", reading="total")
+    found = read_data("touches", source, SCENE, tmp_path)
     assert found.charges(found.scenes(SCENE), ["A"], "total") == pytest.approx(100.0)
 
 
