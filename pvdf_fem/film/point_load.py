@@ -43,6 +43,8 @@ def _tension(rest: float, cube: float) -> float:
 
     Newton's method from above, where the cubic is convex, comes down monotonically.
     """
+    if cube == 0.0:  # squares of the least tensions vanish, too
+        return max(rest, 0.0)
     N = max(rest, 0.0) + math.cbrt(cube)
     while N > 0.0:
         lower = N - (N * N * (N - rest) - cube) / (N * (3.0 * N - 2.0 * rest))
