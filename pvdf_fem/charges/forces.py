@@ -41,7 +41,7 @@ class Forces:
 
     @classmethod
     def unknown(cls, goals: int) -> Forces:
-        """NaN for each of a number of electrodes."""
+        """NaN as forces and errors of `goals` electrodes."""
         return cls(np.full((goals, 2), np.nan), np.full((goals, 2), np.nan))
 
     def of(self, rows: Selection | Sequence[int]) -> Forces:

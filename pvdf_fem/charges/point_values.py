@@ -30,7 +30,7 @@ class PointValues:
     stress_MPa: Array
     #: d31 S11 + d32 S22, which is also that of the film outside of electrodes, (...).
     charge_density_pC_mm2: Array
-    #: Distance along the line from its start; None of points that are on no line, (...).
+    #: Distance along the line from its start, (...); None for points without a line.
     distance_mm: Array | None = None
 
     @property

@@ -79,7 +79,7 @@ def edge_samplings(goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
 
 
 def _by_mesh(goals: Sequence[Goal]) -> tuple[Indices, Indices]:
-    """Indices of the electrodes that the mesh follows, and of the others."""
+    """Indices of the electrodes with edges along the mesh, and of electrodes without."""
     follows = np.array([goal.patch is not None for goal in goals], dtype=bool)
     return np.flatnonzero(follows), np.flatnonzero(~follows)
 

@@ -128,8 +128,8 @@ def _finer(found: Gradients, tolerance: float, least: float = 2e-8) -> Solution:
 def _gradients_of(solution: Solution, wanted: Sequence[str]) -> Gradients:
     """Derivatives of the solution's charges, and what the next order changes as their errors.
 
-    All are of one displacement and share its error, so one that nearly vanishes does so by chance:
-    none is taken for much smaller, over its `unit`, than the mean of its electrode and of all.
+    The derivatives share the displacement's error, so a tiny error is chance: an error over its
+    `unit` counts as at least `CHANCE` times the mean of its electrode, and times the overall mean.
     """
     scene, keys = solution.scene, parameters_of(solution.scene, solution.pressure)
     adjoint, rich = adjoints(solution)

@@ -63,7 +63,7 @@ Pencil = tuple[sp.csc_matrix, Any]  #: Stiffness and mass; that of air is a `Rai
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Frequencies, their errors, eigenvectors; the equations and unknowns that they are of."""
+    """Frequencies, errors and eigenvectors, with the equilibrium and its unknowns `q`."""
 
     equilibrium: Equilibrium
     q: Array
@@ -355,7 +355,7 @@ def _eigen(
     except RuntimeError:  # SuperLU: exactly singular
         return Status.SINGULAR
     inverse = LinearOperator(stiffness.shape, matvec=factors.solve, dtype=float)
-    # a fixed start, so that results repeat; random, so that it is orthogonal to no mode
+    # a fixed seed repeats results; a random start is orthogonal to no mode
     start = np.random.default_rng(0).standard_normal(stiffness.shape[0])
     how = {"M": mass, "sigma": 0.0, "OPinv": inverse, "v0": start}
     solver: Any = eigsh if symmetric else eigs  # shift-invert Lanczos or Arnoldi

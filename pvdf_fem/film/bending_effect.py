@@ -97,8 +97,8 @@ class BendingEffect:
 
 
 def bending_effect(scene: Scene) -> BendingEffect:
-    """What bending changes in a scene; nothing in one without load. Of several probes it is the
-    effect of the one that alone makes the largest."""
+    """Effect of bending in a scene; zero without load. Several probes have the effect of the probe
+    with the largest effect when pressed alone."""
     effects = [_effect_of(scene, touch) for touch in scene.loaded_probes or (None,)]
     return max(effects, key=lambda effect: effect.change)
 
@@ -176,9 +176,9 @@ def _by_patch(scene: Scene, layer: Layer, force: float, probe: Outline | None) -
 
     The tension N off the laminate's neutral axis by e bends a strip of half width b by
     κ = N e/D cosh(x/l)/cosh(b/l), which adds κ e to the film's strain N/A, as does the curvature
-    F/(2π N r²) of the load's deflection where the layer is not too stiff to follow. Electrodes
-    beside a patch have of the former what falls with the square of the distance. It stretches them
-    one way as much as it shrinks them the other.
+    F/(2π N r²) of the load's deflection where the layer is not too stiff to follow. Beside a
+    patch, the strain κ e falls with the square of the distance, and two perpendicular directions
+    have equal strains of opposite sign.
     """
     film, outline, (D, A, e) = scene.film, layer.patch.outline, _laminate(scene.film, layer)
     r = film.radius

@@ -63,7 +63,7 @@ class Equilibrium:
         return Equilibrium(**(own | changes))
 
     def with_terms(self, terms: Iterable[Term]) -> Equilibrium:
-        """The equations of other terms, of which the membrane stays the first."""
+        """The equilibrium equations of other terms; the membrane term must stay first."""
         other = copy(self)
         for name in ("unknowns", "assembly", "flat_forces"):
             other.__dict__.pop(name, None)

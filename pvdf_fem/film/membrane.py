@@ -132,9 +132,9 @@ class Membrane(Laminate, Term):
         return ALL, self.tangent_matrices(state)
 
     def tangent_matrices(self, state: State) -> Array:
-        """Tangents in N/m, (elements, dofs of an element, dofs of an element). Those of a film that
-        wrinkles are damped, so that they are regular where it is slack; the residual is exact, and
-        the damping changes no solution."""
+        """Tangents in N/m, (elements, dofs of an element, dofs of an element). Damping keeps the
+        tangents of a wrinkling film regular where the film is slack; the residual is exact, and the
+        damping changes no solution."""
         count, functions = len(self.space.gradient_rows), self.space.gradient_rows.shape[-1]
         blocks, moduli = np.empty((count, functions, 3, functions, 3)), self.moduli(state)
         for first in range(0, count, CHUNK):

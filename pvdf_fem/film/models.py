@@ -97,7 +97,7 @@ class FilmModel:
     def others(
         self, space: Space, part: MirroredPart = WHOLE, posed: Posed = NOTHING
     ) -> list[Term]:
-        """The other terms of the film's energy on a space of a part of it."""
+        """Loads and electrode coupling: the terms beside the membrane, on the space of `part`."""
         loads = loads_on(self.scene, space, part, posed)
         return [*loads, *(Coupling(electrode, space) for electrode in self.floating)]
 

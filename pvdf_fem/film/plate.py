@@ -45,18 +45,18 @@ class Penalty:
 
     #: tau over D_nn times the mean of |e|/area of both sides. The form is positive definite from 3
     #: on for order 3 and from 6 on for order 4 (measured, isotropic to E1/E2 = 50; inverse
-    #: inequalities bound them by 9 and 18). One number for all orders, so that the energy of a
-    #: function is the same in a space of higher order that contains it. A larger one clamps too
-    #: stiffly where an element of the rim is larger than the bending length.
+    #: inequalities bound them by 9 and 18). The number is independent of the order, so a
+    #: function keeps its energy in a space of higher order. A larger number clamps too stiffly
+    #: where an element of the rim is larger than the bending length.
     regular: float = 9.0
     #: Elements whose area is compressed to less than this part somewhere, the few curved ones
     #: beside a cusp, get the penalty that makes their own form semidefinite.
     distorted_below: float = 0.8
     reserve: float = 1.2  #: Factor on that penalty.
     #: Functions of order 3 turn within an element of height H, beside a clamped edge, more easily
-    #: than the film outside of its layer of length l. The penalty that makes up for it is that of
-    #: the layer over 1 - turning l/H, within 6 % for all l/H (measured; without it up to 20 % of
-    #: the layer's effect are missing at H = 20 l).
+    #: than the film outside of its layer of length l. The layer's penalty divided by
+    #: 1 - turning l/H corrects the energy, within 6 % for all l/H (measured; without the correction
+    #: up to 20 % of the layer's effect are missing at H = 20 l).
     turning: float = 5.5
     most_turning: float = 0.75  #: Where turning l/H is larger, the regular penalty takes over.
 
@@ -282,7 +282,7 @@ def _steepest(edges: _Edges, elements: Indices, roots: Array) -> Array:
 
 
 def _edges_by_sides(mesh: MeshTri2, elements: Indices) -> list[Indices]:
-    """Sides (edges, 1) of the edges of one of the elements, and (edges, 2) of those of two."""
+    """Sides (edges, 1) of edges on the border of the elements; (edges, 2) of edges between two."""
     sides = (np.arange(3)[:, None] * mesh.nelements + elements).ravel()
     facets = mesh.t2f[:, elements].ravel()
     order = np.argsort(facets, kind="stable")

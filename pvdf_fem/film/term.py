@@ -16,7 +16,7 @@ from pvdf_fem.scene.film import Film
 
 @dataclass(frozen=True)
 class State:
-    """The fields of one displacement at the quadrature points of all elements."""
+    """Deformation, strain and stress of a displacement at the quadrature points of the elements."""
 
     #: (elements, points, 3, 2)
     deformation_gradient: Array
@@ -85,7 +85,7 @@ class Seat(Protocol):
 
 
 class Term(ABC):
-    """One summand of the potential energy, or the forces of one load.
+    """A summand of the potential energy, or a load given by its forces.
 
     All arrays of the size of the dofs are forces in N or displacements in m of the film's `Space`;
     which of the dofs are free is the equilibrium's business. The defaults are those of a load that
@@ -97,7 +97,7 @@ class Term(ABC):
     conservative: bool = True
     #: Dofs that the term holds at zero, (n,).
     fixed_dofs: Indices = np.empty(0, dtype=np.int64)
-    #: Groups of dofs that it lets move by one common value each.
+    #: Groups of dofs; the dofs within a group move by a common value.
     shared_dofs: tuple[Indices, ...] = ()
     #: Dofs that it lets move by sums of functions: (n,), and the functions' values there, (n, m).
     modes: tuple[tuple[Indices, Array], ...] = ()
@@ -116,7 +116,7 @@ class Term(ABC):
         return None
 
     def held(self) -> Term:
-        """A conservative term near this one, whose equilibrium is a start for this one's."""
+        """A conservative approximation of the term, whose equilibrium starts the solve."""
         return self
 
     @property
@@ -125,7 +125,7 @@ class Term(ABC):
         return None
 
     def loose(self, film: Film) -> Term:
-        """A load near this one that holds no dofs, whose equilibrium is a start for this one's."""
+        """An approximation of the load without held dofs, whose equilibrium starts the solve."""
         return self
 
     def lagged(self) -> Term:
@@ -169,8 +169,8 @@ class Term(ABC):
     def element_action(self, state: State, x: Array) -> Array | None:
         """The film's tangent times the dofs `x`, (elements, dofs of an element), in N.
 
-        None of a load: the small tangent of one that follows the film is left out, so that the sum
-        of all terms is symmetric.
+        None for a load: the small tangent of a follower load is left out to keep the sum of the
+        tangents symmetric.
         """
         return None
 

@@ -28,10 +28,10 @@ ROUNDING = 1e-13
 class Unknowns:
     """The map from unknowns to dofs that the rim, mirror lines and terms leave.
 
-    `fixed` dofs are zero. Each group of `shared` ones has one common value, the last unknowns; a
-    group is zero if one of its dofs is. `of_dof` has the unknown of each dof. Only dofs of `modes`,
-    which are sums of functions, have `places` of their own there, behind those of all others: the
-    matrix `sums` takes unknowns to places, and `means` takes them back.
+    `fixed` dofs are zero. The dofs of a `shared` group have a common value, an unknown behind the
+    others; a group with a fixed dof is zero. `of_dof` has the unknown of each dof. Only dofs of
+    `modes`, which are sums of functions, have `places` of their own there, behind the other places:
+    the matrix `sums` takes unknowns to places, and `means` takes places to unknowns.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class Unknowns:
         return matrix if self.sums is None else matrix @ self.sums
 
     def expansion_at(self, state: State | None) -> sp.csr_matrix:
-        """Derivative of `expand` as a matrix (dofs, unknowns); on a tip it is that of a state."""
+        """Derivative of `expand`, (dofs, unknowns), at `state` where the film rests on a tip."""
         matrix = self.expansion
         for seat in self.seats:
             assert state is not None
@@ -105,7 +105,7 @@ class Unknowns:
         return self.expansion.T @ pulled if pulled.ndim > 1 else self.fold(pulled)
 
     def balanced(self, state: State, forces: Array) -> Array:
-        """`pulled` forces less what friction of tips bears of them."""
+        """`pulled` forces less the forces borne by friction on the tips."""
         return self.fold(reduce(lambda f, seat: seat.balanced(f, state), self.seats, forces))
 
     def turned(self, state: State, forces: Array, x: Array) -> Array:
@@ -198,8 +198,8 @@ def prolonged(coarse: Discrete, rich: Discrete, q: Array) -> Array:
 
 
 def prolongation(coarse: Discrete, rich: Discrete, state: State | None = None) -> sp.csr_matrix:
-    """Matrix (rich unknowns, coarse unknowns) of the change of `prolonged` by that of `q`; on a tip
-    it is that of a `state` of `coarse`."""
+    """Prolongation matrix (rich unknowns, coarse unknowns): derivative of `prolonged` by `q`, at a
+    `state` of `coarse` where the film rests on a tip."""
     fine = rich.unknowns
     node, component = np.divmod(_first_places(fine.of_dof, fine.places), 3)
     values, nodes, matters, ends = _representatives(coarse.space, rich.space, node)

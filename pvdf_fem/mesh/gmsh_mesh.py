@@ -362,7 +362,7 @@ def _read(
 
 
 def _triangles(row: Indices) -> tuple[Indices, dict[int, Indices]]:
-    """All triangles (elements, 6), and which of them are in each surface, by its tag."""
+    """Nodes of the triangles, (elements, 6), and the elements in each surface, by gmsh's tag."""
     blocks, surface_elements, count = [], {}, 0
     for _, surface in gmsh.model.getEntities(2):
         _, _, nodes = gmsh.model.mesh.getElements(2, surface)

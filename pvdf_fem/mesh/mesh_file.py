@@ -213,7 +213,7 @@ def _require_disc(mesh: MeshTri2, lines: int, radius: float, slack: float) -> No
 
 
 def _inside(mesh: MeshTri2, shapes: dict[str, Outline]) -> dict[str, Indices]:
-    """The elements whose middles lie inside of each outline."""
+    """Elements with their centroids inside an outline, by the outline's name."""
     middles = mesh.mapping().F(np.full((2, 1), 1.0 / 3.0))[:, :, 0].T
     return {
         name: np.flatnonzero(shape.signed_distance(middles) < 0.0) for name, shape in shapes.items()
@@ -221,7 +221,7 @@ def _inside(mesh: MeshTri2, shapes: dict[str, Outline]) -> dict[str, Indices]:
 
 
 def _border(mesh: MeshTri2, elements: Indices) -> Indices:
-    """The sides of a patch's elements that no two of them share."""
+    """The sides along the border of a patch: sides of a single element of the patch."""
     facets, count = np.unique(mesh.t2f[:, elements], return_counts=True)
     return np.asarray(facets[count == 1])
 

@@ -17,7 +17,7 @@ def nearest_elements(
 ) -> tuple[Indices, Array]:
     """Elements (n,) of points (2, n), and the points' local coordinates (2, n) there. Elements
     count as straight-sided. A point is sought in the `candidates` with the nearest centroids; a
-    point in none of them gets the one whose sides it oversteps least, with coordinates outside."""
+    point outside the candidates gets the candidate with the least negative local coordinate."""
     from scipy.spatial import cKDTree  # many scenes are solved without
 
     corners = mesh.p[:, mesh.t]

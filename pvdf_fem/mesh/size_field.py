@@ -72,7 +72,7 @@ class SizeField:
 
     @property
     def elements(self) -> float:
-        """Estimated number of elements of a mesh of these sizes."""
+        """Estimated number of elements in a mesh with the field's sizes."""
         mean = self.sizes[self.mesh.t].mean(axis=0)
         return float(((SPARE * element_sizes(self.mesh) / mean) ** 2).sum())
 

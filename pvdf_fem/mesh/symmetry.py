@@ -35,10 +35,10 @@ class MirroredPart:
     frame: Array = field(default_factory=lambda: np.eye(2))
     #: Coordinates, 0 or 1, whose signs the mirror images change: they are positive in the part.
     mirrored: tuple[int, ...] = ()
-    #: For each image, the names of what it brings each electrode onto where that is another one: an
-    #: electrode of the scene, or one of `images`.
+    #: For each mirror image, from an electrode's name to the name at the mirrored place: an
+    #: electrode of the scene, or a key of `images`; empty for the identity.
     swaps: tuple[Mapping[str, str], ...] = ({},)
-    #: For each image, what it brings the mesh's patch of each probe, or patch of the film, onto.
+    #: For each mirror image, from the mesh's patch of a probe, or patch of the film, to its image.
     patch_swaps: tuple[Mapping[str, str], ...] = ({},)
     #: Outlines, in the part's axes, of electrodes' images where the scene has no electrode, with
     #: the electrodes' names.

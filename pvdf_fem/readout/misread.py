@@ -1,4 +1,4 @@
-"""Mistakes that people make with readings, and what undoes each of them."""
+"""Common mistakes with readings, and their corrections."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.readout.channel import Channel, units_pC
 
-#: All orders of this number of channels are mistakes; of more, only two are exchanged.
+#: Up to this number of channels any permutation is tried; with more, only exchanges of two.
 MOST_PERMUTED = 4
 
 
@@ -26,7 +26,7 @@ class Misreading:
 
     @property
     def exchanged(self) -> int:
-        """Number of channels that are in columns of others."""
+        """Number of channels in the column of another channel."""
         return sum(i != j for i, j in enumerate(self.order))
 
     def undone(self, readings: Array) -> Array:

@@ -99,7 +99,7 @@ def change(tables: dict[str, Any], changes: Mapping[str, Any]) -> list[str]:
 
 
 def leaves(steps: tuple[Any, ...], value: Any) -> Iterator[tuple[tuple[Any, ...], Any]]:
-    """A change by its steps; of a table that is merged, the change of each of the table's keys."""
+    """Steps and value of a change; a merged table is followed by the changes of its keys."""
     if isinstance(value, Mapping) and not isinstance(value, Replaced):
         yield steps, _TABLE
         for key, item in value.items():

@@ -50,7 +50,7 @@ Capacitance = Annotated[Finite, within(1e-6, 1e12, "pF")]
 Resistance = Annotated[Finite, within(1e-9, 1e12, "MOhm")]
 Voltage = Annotated[Finite, within(-1e6, 1e6, "V")]
 
-#: Keys that only one kind of channel has.
+#: The kind of channel to which a key belongs.
 KEYS_OF_KIND = {
     "feedback_capacitance_pF": "charge",
     "feedback_resistance_MOhm": "charge",

@@ -45,7 +45,7 @@ LAW_CLASSES = {
 
 
 class ProfileEntry(NamedTuple):
-    """The class of a profile; whether it is of ellipses only, and as symmetric as its outline."""
+    """Class of a pressure profile; whether it needs an ellipse, and has its outline's symmetry."""
 
     path: str
     needs_ellipse: bool = False
@@ -84,7 +84,7 @@ Depth = Annotated[Finite, within(1e-6, 1e3, "mm")]
 Force = Annotated[Finite, within(0.0, 1e6, "N")]
 _InPlane = Annotated[Finite, within(-1e6, 1e6, "N")]
 Tangential = tuple[_InPlane, _InPlane]
-#: Keys of a load, and the other key with its value that they need.
+#: Keys of a load, and the (key, value) needed beside a key.
 _NEEDS = {
     "contact": ("kind", "rigid"),
     "depth_mm": ("kind", "contact"),
@@ -93,9 +93,9 @@ _NEEDS = {
     "profile": ("kind", "dead"),
     "profile_width_mm": ("profile", "gaussian"),
 }
-#: Keys of any table, and the other key with its value that they need.
+#: Keys of loads and channels, and the (key, value) needed beside a key.
 _ALL_NEEDS = {**_NEEDS, **{key: ("kind", kind) for key, kind in KEYS_OF_KIND.items()}}
-#: Keys of a table of which one takes the place of the other.
+#: Pairs of keys of a table; a key with a value removes its rival.
 RIVALS = {"depth_mm": "force_N", "temperature_change_K": "pretension_N_m"}
 RIVALS |= {rival: key for key, rival in RIVALS.items()}
 #: Keys of a load that a probe of a list has beside its shape; a file may have them in `load`, too.

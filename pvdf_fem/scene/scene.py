@@ -253,7 +253,7 @@ class Scene(Section):
         return self.model_copy(update={"probe": probes, "load": Load()})
 
     def unheeded(self, keys: Iterable[str]) -> list[str]:
-        """Those of the keys that are of the scene's load, and that no probe of a list has."""
+        """Keys of the scene's load, among `keys`, without effect on any probe of the list."""
         probes = self.probe if isinstance(self.probe, tuple) else ()
         of_load = {key: key.removeprefix("load.") for key in keys if key.startswith("load.")}
         return [k for k in of_load if probes and not any(p.heeds(of_load[k]) for p in probes)]

@@ -59,7 +59,7 @@ def examples() -> dict[str, str]:
 
 
 def example_text(name: str, files: Mapping[str, str]) -> str:
-    """The text of one of the example files; SceneError, which names the others, for none."""
+    """The text of an example file; SceneError with a suggestion for an unknown `name`."""
     if name not in files:
         raise SceneError([f"{quote(name)}: is no example; {choose(name, list(files))}"])
     return files[name]

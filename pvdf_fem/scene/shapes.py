@@ -126,7 +126,7 @@ class Pressing(Section):
 
     @property
     def said(self) -> dict[str, Any]:
-        """What it says of its load, its kind first."""
+        """Keys of the load given by the probe itself, `kind` first."""
         forces = self.model_dump(include=set(Pressing.model_fields), exclude_none=True)
         return {**forces.pop("load", {}), **forces}
 
@@ -153,16 +153,16 @@ def _over(table: dict[str, Any], said: Mapping[str, Any]) -> dict[str, Any]:
 if TYPE_CHECKING:
 
     class Probe(Shape):
-        """Any shape of a probe."""
+        """A probe, whatever its shape."""
 
     class PressingProbe(Probe, Pressing):
-        """Any shape of a probe of a list."""
+        """A probe of a list, whatever its shape."""
 
     class Electrode(Shape, _Named):
-        """Any shape of an electrode."""
+        """An electrode, whatever its shape."""
 
     class Patch(Shape, Bonded):
-        """Any shape of a patch of the film."""
+        """A patch of the film, whatever its shape."""
 
 
 def _made(name: str, base: Any, doc: str | None, **fields: Any) -> Any:
@@ -180,9 +180,9 @@ def _pressing(shape: type[Shape]) -> Any:
 
 
 def _flat(shape: type[Shape], base: type[_Flat], kind: str) -> Any:
-    """The model of electrodes or patches of a shape, without default for place and sizes. The
-    default sizes of a shape are those of the thesis's probe; only those of a shape that is no
-    probe's are those of the thesis's electrodes."""
+    """The model of electrodes or patches of a shape, without default for place and sizes. A shape
+    of probes has the sizes of the thesis's probe by default, so electrodes and patches must give
+    their sizes; the square keeps its default, the size of the thesis's electrodes."""
     required = {"x_mm", "y_mm"}
     if shape not in _OF_ELECTRODES_ONLY:
         required |= shape.model_fields.keys() - Shape.model_fields.keys()
@@ -257,8 +257,8 @@ _ANGLES_DEG = {
 class Ring(Section):
     """Electrodes of one shape, evenly on a ring: A at the first angle, B, C, ... counter-clockwise.
 
-    None of them is turned: all have the axes of the film, as the thesis's. `centre` puts one more,
-    the last, on the film's centre.
+    No electrode is turned: its axes are the film's, as in the thesis. `centre` adds a last
+    electrode on the film's centre.
     """
 
     layout: Literal["ring"] = "ring"

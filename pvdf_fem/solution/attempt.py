@@ -295,7 +295,7 @@ def refined(attempt: Attempt, tolerance: float, most_unknowns: float) -> SizeFie
 def _sizes_at_corners(
     attempt: Attempt, shares: Array, reduction: float, smallest: float = 0.01
 ) -> Array:
-    """Sizes of the elements at a punch's corners, m, and infinite ones of all others.
+    """Element sizes in m at a punch's corners; infinite elsewhere, (elements,).
 
     A plate clamped along the edges of a corner has moments that grow to it as the root of the
     distance falls, so that an element's share is only proportional to its size. The elements at the

@@ -180,7 +180,7 @@ def duals(correction: Correction, factors: SuperLU, goals: Array) -> Array:
 
 
 def indicators(correction: Correction, dual: Array, goals: Array) -> Array:
-    """Share of each element in the error of each goal, (elements, goals).
+    """Absolute contributions of elements to the errors of the goals, (elements, goals).
 
     Dual-weighted: the error's element energy against the part of the dual solution that the
     coarse space lacks, the latter from one Jacobi step on the dual residual.

@@ -26,7 +26,7 @@ from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
 class Fields:
     """A discrete solution: equations, unknowns, and the electrodes' forces with their errors."""
 
-    #: The equations that were solved, which may be those of a part of the film.
+    #: The solved equilibrium equations, for the film or a mirrored part of the film.
     solved: Equilibrium
     #: Their unknowns, (unknowns,).
     q: Array

@@ -33,7 +33,7 @@ class Attempted(Protocol):
 
     @property
     def bound(self) -> float:
-        """What of it the tolerance is compared with."""
+        """Largest likely error, to compare with the tolerance."""
 
     @property
     def unknowns(self) -> int: ...
@@ -144,7 +144,7 @@ class MeshLoop(Generic[T]):
         return attempt, Stop.ACCURATE if converged else Stop.NO_EQUILIBRIUM
 
     def _affordable(self, attempt: T, seconds: float) -> tuple[float, Stop]:
-        """Unknowns of the next mesh after one that took this work, and what limits them."""
+        """Most unknowns of the next mesh after `attempt` took `seconds` of work, and the limit."""
         work = self.budget.left_seconds / seconds
         by_work = work**self.rules.work_exponent * attempt.unknowns
         most = min(self.rules.growth * attempt.unknowns, self.budget.max_unknowns, by_work)

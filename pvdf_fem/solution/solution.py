@@ -109,8 +109,8 @@ class Solution:
 
     @property
     def rest_charges_pC(self) -> dict[str, float]:
-        """Charge of each electrode of the untouched film before it warms; NaN, as changes then are,
-        where that film has no result, of which a warning tells."""
+        """Electrode charges of the untouched film before warming; NaN, like the changes, where the
+        untouched film has no result (a warning reports the failure)."""
         return self._by_electrode(self._rest.charges(self._coefficients))
 
     @property
@@ -140,9 +140,9 @@ class Solution:
 
     @property
     def readings_V(self) -> dict[str, float]:
-        """What each channel of ``[readout]`` reads of a touch that comes at once.
+        """Reading in V of each channel of ``[readout]`` just after a sudden touch.
 
-        It decays with the channel's time constant; see `pvdf_fem.readout.channel.Channel`.
+        The reading decays with the channel's time constant; see `pvdf_fem.readout.channel.Channel`.
         """
         readout = self.scene.readout
         total = readout is not None and readout.reading == "total"

@@ -172,7 +172,7 @@ def solve_goals(
     budget: Budget | None = None,
     posed: Posed = NOTHING,
 ) -> Solution:
-    """`solve` for other charges than those of the scene's electrodes.
+    """`solve` for the charges of `goals` instead of the scene's electrodes.
 
     The charges that meet the tolerance, and the `forces` of the solution's `fields`, are those of
     the goals; a solution's charges by electrode have no meaning here.
@@ -232,7 +232,7 @@ def _mesh_loop(problem: Problem, part: MirroredPart) -> MeshLoop[Attempt]:
 
 
 def _on_part(problem: Problem) -> Solution | None:
-    """The solution on a part of a symmetric film; None where it is not that of the film."""
+    """The solution on a mirrored part of a film; None if only the whole film can be solved."""
     scene, pressure = problem.scene, problem.posed.pressure
     loads = [touch.load for touch in scene.loaded_probes]
     leaning = scene.tips or any(load.tilt == "free" for load in loads)
@@ -263,7 +263,7 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
     model = film_model(scene)
     by_stress = fields.forces.charges((scene.film.d31_pC_N, scene.film.d32_pC_N)).tolist()
     names = [electrode.name for electrode in scene.electrode_list]
-    # scenes of a sweep that are solved as one have the goals of all
+    # scenes of a sweep solved together share a list of goals, longer than the electrodes
     charges_pC = dict(zip(names, by_stress, strict=True)) if len(names) == len(by_stress) else None
     remarks = [model.remark, *coupling_remarks(scene)]
     remarks += thickness_remarks(scene, charges_pC, problem.posed)

@@ -242,7 +242,7 @@ def equilibrate(
 
 
 def climb(task: Task) -> NewtonResult:
-    """The result of the first rung that converges, or of the last one that applies."""
+    """The result of the first converging rung, or else of the last applicable rung."""
     for rung in LADDER:
         if not rung.applies(task):
             continue

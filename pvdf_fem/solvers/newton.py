@@ -68,7 +68,7 @@ class NewtonResult:
 
     @property
     def fresh_count(self) -> int:
-        """Number of tangents that were factorised, those of earlier tries included."""
+        """Number of factorised tangents, earlier tries included."""
         return sum(earlier.tangents for earlier in self.tried) + self._tangents
 
     @property
@@ -76,7 +76,7 @@ class NewtonResult:
         return sum(row.fresh for row in self.iterations)
 
     def as_tried(self, solver: str) -> tuple[Tried, ...]:
-        """What a later result says of this one, and of what was tried before it."""
+        """Records of earlier tries and of this result, for the `tried` of a later result."""
         return (*self.tried, Tried(solver, self.status, len(self.iterations), self._tangents))
 
 
@@ -167,7 +167,7 @@ class Step:
 
 
 class Variant(ABC):
-    """What distinguishes one variant of Newton's method from another."""
+    """Tangent, step length and end of a variant of Newton's method."""
 
     max_iterations = 60
     factors: SuperLU | None = None  #: Factorised tangent of the solution, once it is found.
@@ -283,7 +283,7 @@ class DeferredNewton(Variant):
         return saved > self.options.tangent_cost and now <= later + 1.0
 
     def _steps_left(self, step: float, rate: float) -> float:
-        """Number of steps after one of this size that end the search, if they shrink at a rate."""
+        """Number of steps still needed after `step`, if step sizes shrink by the factor `rate`."""
         return float(np.log(self.options.tolerance**2 / step) / np.log(rate))
 
     def _fresh_tangent(self, state: State, size: float) -> Tangent:

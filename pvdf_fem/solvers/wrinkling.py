@@ -176,7 +176,7 @@ class PredictedStress(Variant):
         self._predicted = self.equilibrium.membrane.resultant(step.state.strain + rate)
 
     def _next_stiffer(self, length: float) -> float:
-        """The damping of the next step over the usual one, from that of a step of this length."""
+        """Factor on the damping of the next step, after a step of this `length`."""
         if length < self.options.stalled:
             return self.options.stiffening * self._stiffer
         return max(self._stiffer / self.options.stiffening, 1.0) if length == 1.0 else self._stiffer

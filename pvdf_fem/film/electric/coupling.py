@@ -138,7 +138,7 @@ def floating(scene: Scene) -> tuple[Floating, ...]:
 
 
 def coupled(scene: Scene) -> tuple[Floating, ...]:
-    """Those whose coupling is part of the model; ``film.coupling = "auto"`` is resolved here."""
+    """The floating electrodes coupled to the film; ``film.coupling = "auto"`` is resolved here."""
     coupling = scene.film.coupling
     joins = coupling_effect(scene) > scene.numerics.tolerance if coupling == "auto" else coupling
     return floating(scene) if joins else ()

@@ -74,7 +74,7 @@ class TensionField(Hooke):
         return 0.5 * np.asarray((elastic * self.stress(elastic)).sum(axis=-1))
 
     def _wrinkled(self, strain: Array) -> Array:
-        """S of strains (n, 3), all of them wrinkled. With y = V^-1 S and f = V^T e,
+        """Stress S in Pa at strains (n, 3) of wrinkled film. With y = V^-1 S and f = V^T e,
         y_i (1 - lambda mu_i) = f_i. On the cone sqrt(mu_3) y_3 = |(sqrt(-mu_i) y_i), i = 1, 2|, and
         x = -lambda mu_1/(1 - lambda mu_1) makes lambda in [0, inf) an x in [0, 1)."""
         f = strain @ self._vectors

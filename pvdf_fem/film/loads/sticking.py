@@ -34,8 +34,8 @@ class Sticking:
 
     At the radius r it is U with d(r U)/dr = r `stretch`, and zero on the core. The stretch, by the
     distance d in m from the core, has the factors of e^(i m angle), (modes,). `less_exact` has a
-    stretch that is linear between the steps and off by its scatter along their edges. The error is
-    `SHARE` of what that changes.
+    stretch that is linear between the steps and off by its scatter along their edges. The error of
+    a result is `SHARE` times its change by `less_exact`.
     """
 
     tip: DiscTip

@@ -45,7 +45,7 @@ class Touchdown:
 
     @classmethod
     def of(cls, equilibrium: Equilibrium, contact: Contact, edge: Edge, state: State) -> Self:
-        """The touchdown of one of the tips of an equilibrium."""
+        """The touchdown on the tip of a contact in equilibrium."""
         x = state.dofs.reshape(-1, 3)[contact.nodes]
         depth, forces = contact.depth_of(state.dofs), equilibrium.film_forces(state)
         fx, fy, fz = forces.reshape(-1, 3)[contact.nodes].T

@@ -39,7 +39,7 @@ class Shape(Section):
 
     @property
     def rounding_mm(self) -> float | None:
-        """Radius of a tip's rounded edge; None of a shape with a sharp one."""
+        """Radius of a tip's rounded edge; None for a sharp edge."""
         return self.edge_radius_mm
 
     @property

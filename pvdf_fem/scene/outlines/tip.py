@@ -192,7 +192,7 @@ class PolygonTip(Tip):
 
 
 def tip_of(probe: Shape) -> Tip:
-    """The rigid tip that a probe is; raises `ValueError`, which says why, for one that is none."""
+    """The rigid tip of a probe's shape; raises `ValueError` with the reason for other shapes."""
     outline, radius = probe.outline, (probe.rounding_mm or 0.0) / 1e3
     if not radius:
         raise ValueError("has a sharp edge")

@@ -22,7 +22,7 @@ from pvdf_fem.solvers.status import Status
 
 #: A mesh whose edge of a contact has more than this part of the overlap before is not moved again.
 NEARER = 0.5
-#: Nor one whose edge makes errors of charges below this part of the tolerance.
+#: Edges with charge errors below this part of the tolerance are not moved again.
 MATTERS = 0.1
 #: Reach of a contact over the film's radius from which a tip meets the clamped rim.
 NEAR_RIM = 0.99

@@ -34,8 +34,8 @@ SLIDING_STEPS = 4
 FIRST = 0.25
 #: The same of the parts of a load that sticks, as a power of the part of the steps that are done.
 GROWTH = 1.5
-#: Tolerance of the steps of a load that sticks. They leave one error at any tolerance of the scene,
-#: so that a tolerance above that error is met.
+#: Tolerance of the load steps of sticking film. The error by the steps is independent of the
+#: scene's tolerance, and a scene's tolerance above the error is met.
 FINE = 1e-3
 #: Change of what sticks, over its largest value, at which a step ends.
 SETTLED = 1e-2
