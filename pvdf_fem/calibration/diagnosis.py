@@ -1,8 +1,8 @@
 """What is wrong with touches that no sensor like the scene's explains.
 
-Each mistake that people make with such files is a change of the touches that undoes it. Changes of
-readings are ranked by the solves at hand; those of places and forces, which are tried where none of
-readings explains the touches for sure, by solves of a few touches. The best are fitted in full.
+A common mistake in files of touches is undone by a change of the touches. Changes of readings are
+ranked by the solves at hand. Changes of places and forces, tried where no change of readings
+explains the touches for sure, are ranked by solves of a few touches. The best are fitted in full.
 """
 
 from __future__ import annotations

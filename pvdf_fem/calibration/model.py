@@ -64,7 +64,7 @@ class TouchModel:
         self.errors = np.zeros(shape)  #: Estimated relative errors of the solved charges.
 
     def changed(self, touches: Touches, reading: str) -> TouchModel:
-        """A model of other touches; where only readings differ, it has the solves of this one."""
+        """A model of changed touches; solves are copied if only readings differ."""
         other = replace(self, touches=touches, reading=reading, failures={})
         if np.array_equal(touches.touches, self.touches.touches):
             other.at, other.errors, other.rest = self.at.copy(), self.errors.copy(), self.rest

@@ -1,7 +1,7 @@
 """What a calibration seeks: parameters with start values and priors, and scenes that have them.
 
-A prior is a normal distribution about the scene's value. It decides what the readings cannot tell,
-and hardly moves what they tell better than it does.
+A prior is a normal distribution about the scene's value. The prior decides parameters that the
+readings leave undetermined, and hardly moves parameters that the readings determine better.
 """
 
 from __future__ import annotations

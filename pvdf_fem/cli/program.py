@@ -146,8 +146,8 @@ def add_texts(parser: Any, *options: tuple[str, str, str | None, str]) -> None:
 def output_mistakes(
     path: Path | None, extensions: Sequence[str], *others: Path | None
 ) -> list[str]:
-    """Reasons for which a file could not be written. `extensions` are those of known formats, and
-    `others` are files that it must not overwrite."""
+    """Reasons for which a file could not be written. `extensions` are the extensions of known
+    formats, and `others` are files not to be overwritten."""
     if path is None:
         return []
     if path.suffix.lower() not in extensions:

@@ -24,7 +24,7 @@ Row = tuple[dict[str, Any], bool]  #: Values by column, and whether there is one
 
 
 def form(path: Path | None, as_json: bool) -> str:
-    """The form of a file, one of `ENDINGS`; that of a pipe for None."""
+    """The format of a file, from `ENDINGS`; None is a pipe."""
     if path is None:
         return ".json" if as_json else ".csv"
     return path.suffix.lower() if path.suffix.lower() in ENDINGS else ".csv"
@@ -168,6 +168,6 @@ def _lines(stream: BinaryIO, name: str) -> Iterator[list[str]]:
 
 
 def _text(line: bytes) -> str:
-    # other encodings are passed through as they are
+    # bytes that are not UTF-8 are kept as surrogates
     text = line.decode("utf-8", "surrogateescape")
     return text.removesuffix("\r").removeprefix("\ufeff")

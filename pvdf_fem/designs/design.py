@@ -1,8 +1,8 @@
 """How well designs of a sensor tell touches: deviations of place and force over the film.
 
 By the Cramér-Rao bound no unbiased estimate of a touch has a smaller covariance than (JᵀΣ⁻¹J)⁻¹,
-with the derivatives J of the charges and the covariance Σ of their noise. `locate` states this
-covariance at each touch that it lists. So charges of every place, without noise, are located: the
+with the derivatives J of the charges and the covariance Σ of their noise. `locate` states the bound
+(JᵀΣ⁻¹J)⁻¹ for its listed touches. So charges of every place, without noise, are located: the
 touch found at the place has the bounds, and other touches as likely make the place ambiguous.
 """
 

@@ -61,7 +61,7 @@ class Scale(NamedTuple):
 
 
 class FilmFigure:
-    """The figure, and the columns of what it shows."""
+    """The figure of the film, and its data sources."""
 
     def __init__(self) -> None:
         self.drawn: tuple[float, tuple[Electrode, ...]] = 0.0, ()

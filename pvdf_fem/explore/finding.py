@@ -29,7 +29,7 @@ from pvdf_fem.touch.posterior import deviation_ellipse
 
 TOLERANCE = 1e-2  #: Error bound of the response that is built for the page.
 LINE_STEP_MM = 0.5  #: Distance of the places between which isocharge lines are interpolated.
-#: Coarser than those of `pvdf-fem locate`, which take four times as long.
+#: Coarser than the options of `pvdf-fem locate`: the build takes a quarter of the time.
 OPTIONS = ResponseOptions(
     cell=0.2, largest_cell_mm=1.0, held_out=8, elements=ProbeMesh().scaled(1.5)
 )
@@ -64,7 +64,7 @@ def domain_of(scene: Scene) -> Domain:
 
 
 def response_file(scene: Scene, folder: Path) -> Path | None:
-    """The file of a scene's response in a folder; None of a scene that can have none."""
+    """The file of a scene's response in a folder; None where no response can be built."""
     try:
         return folder / response_key(scene, domain_of(scene), TOLERANCE)
     except ValueError:  # of several probes, and of loads that are no force

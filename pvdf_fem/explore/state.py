@@ -67,7 +67,7 @@ def _profile_files(scene: Scene) -> set[str]:
 
 @dataclass(frozen=True)
 class History:
-    """The view that is shown, those before it, and those that were undone, the next one last."""
+    """The current view, the views before, and the undone views, the next last."""
 
     view: View
     past: tuple[View, ...] = ()

@@ -105,7 +105,7 @@ def likelihood_map(location: Location) -> Figure:
 
 
 def _places(location: Location) -> list[str]:
-    """Names of the x of places that were sought."""
+    """Names of x coordinates for places with x and y unknown."""
     sought = location.unknown
     return [n for n in sought if n.endswith("x_mm") and f"{n[:-4]}y_mm" in sought]
 

@@ -78,7 +78,7 @@ class MapPlaces:
 
 @dataclass(frozen=True, eq=False)
 class ChargeMap:
-    """Interpolated charges: a `Model` of touches of one force and one rotation."""
+    """Interpolated charges: a `Model` of touches with a fixed force and rotation."""
 
     quantities: ClassVar[tuple[str, ...]] = QUANTITIES
     cheap: ClassVar[bool] = True

@@ -2,7 +2,7 @@
 
 For each three electrodes the contours of two of them cross in three points; their mean is the place
 by these electrodes, and the mean over all threes that have one is the place (section 3.1 of the
-thesis). Contours that pass each other at a small distance count as crossing midway between them.
+thesis). Two contours with a small gap count as crossing at the middle of the gap.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pvdf_fem.reporting.charge_map import ChargeMap
 
 #: Rows of the raster on which contours are sought; chords leave a contour by less than 1e-3 of it.
 RASTER = 201
-#: Contours that pass each other no farther apart than this share of the reach count as crossing.
+#: Largest gap between two contours that count as crossing, over the reach.
 TOUCHING = 0.02
 
 
@@ -81,7 +81,7 @@ def _meetings(a: shapely.Geometry, b: shapely.Geometry, touching_mm: float) -> A
 
 
 def _nearest(pairs: list[Array]) -> Array | None:
-    """The crossing of each pair that are nearest to each other, (3, 2); none if a pair has none."""
+    """Crossings, one per pair, with the least spread, (3, 2); None if a pair does not cross."""
     choices = [np.array(corners) for corners in product(*pairs)]
     spreads = [np.linalg.norm(c - np.roll(c, 1, axis=0), axis=1).max() for c in choices]
     return choices[int(np.argmin(spreads))] if choices else None

@@ -122,7 +122,7 @@ class Readings:
         return [", ".join(text for text in row if text) for row in texts]
 
     def thinned(self) -> Self:
-        """Every so many rows, about `PREVIEW_ROWS` of them."""
+        """Rows at equal intervals, about `PREVIEW_ROWS` in total."""
         return self.taken(range(0, len(self.frame), max(1, round(len(self.frame) / PREVIEW_ROWS))))
 
     def taken(self, rows: Sequence[int]) -> Self:

@@ -127,7 +127,7 @@ def _draw_strips(
     frames: Sequence[pd.DataFrame],
     colours: Mapping[str, Any],
 ) -> None:
-    """Differences of the data below each panel that has any."""
+    """Draw the differences from the data below the panels with data."""
     drawn = [bool(frame.charge_pC.notna().any()) for frame in frames]
     strips[drawn.index(True)].set_ylabel("diff. (%)")
     for main, strip, frame, is_drawn in zip(mains, strips, frames, drawn, strict=True):
@@ -181,7 +181,7 @@ def _smooth(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def label_points(ax: Axes, ends: Sequence[End]) -> None:
-    """Write names right of points, above each other where they would overlap."""
+    """Write names right of points, staggered vertically to avoid overlaps."""
     if not ends:
         return
     figure, size = figure_of(ax), LABEL_SIZE - 0.5

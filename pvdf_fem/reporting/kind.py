@@ -1,4 +1,4 @@
-"""What a kind of figure or table is: which scenes it needs, and what it makes of their charges.
+"""Kinds of figures and tables: the scenes to solve, and the content made from their charges.
 
 A kind is a class in a file of `kinds/` and a line of `registry.py`. Its fields are the keys that a
 report script may give it. `scenes` and `tasks` are asked before any solve, `compose` when all
@@ -33,7 +33,7 @@ PLACE = ("probe.x_mm", "probe.y_mm")  #: Keys of the place of the probe.
 
 @contextmanager
 def blamed(key: str) -> Iterator[None]:
-    """A context in which mistakes of scenes are told as those of a key."""
+    """Report mistakes of scenes within the context as mistakes of a report script's key."""
     try:
         yield
     except SceneError as error:
@@ -44,7 +44,7 @@ def blamed(key: str) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Inputs:
-    """What all figures and tables of a report share."""
+    """Inputs common to the figures and tables of a report."""
 
     scene: Scene
     data: Mapping[str, Readings]

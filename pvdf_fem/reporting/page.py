@@ -109,7 +109,7 @@ def _template(name: str) -> Template:
 
 
 def verdict(entries: Sequence[Entry]) -> str:
-    """One sentence of what is found, with its numbers; empty while nothing is."""
+    """Up to two claims of finished items, as a sentence; empty before the first claim."""
     told = [(e.item.kind, e.content.claim) for e in entries if e.content and e.content.claim]
     judging = [claim for kind, claim in told if getattr(kind, "kind", "") in JUDGING]
     text = "; ".join((judging or [claim for _, claim in told])[:2])

@@ -173,7 +173,7 @@ class _Work:
         self._show()
 
     def _show(self) -> None:
-        """Write the page as far as it is."""
+        """Write the page and the verdict with the results so far."""
         entries = [self.parts[item.name].entry for item in self.plan.items]
         state = {"done": len(self.found), "total": self.total, "is_preview": self.inputs.quick}
         write(self.out / PAGE, page_of(self.plan, entries, self.out, **state))

@@ -98,7 +98,7 @@ class Need(NamedTuple):
 
 @dataclass(frozen=True)
 class Plan:
-    """A script that is valid: what it shows, of which scene and data."""
+    """A validated report script: its scene, data, sections and items."""
 
     script: Script
     scene: Scene
@@ -126,7 +126,7 @@ class Plan:
 
     @property
     def summary(self) -> list[Item]:
-        """The items of the first screen: those that ask for it, then one of each kind."""
+        """Up to `PICTURES` items: first with `summary`, then the first per rank, then the rest."""
         asked = [item for item in self.items if item.kind.summary]
         ranked = sorted(self.items, key=lambda item: item.kind.rank)
         first = {item.kind.rank: item for item in reversed(ranked)}
@@ -154,7 +154,7 @@ def load(path: Path, kinds: Kinds) -> Plan:
 
 @dataclass
 class _Reader:
-    """Reads the tables of a script as far as they are valid; mistakes join `problems`."""
+    """Reads the valid tables of a script; mistakes join `problems`."""
 
     known: Mapping[str, Kinds]  #: Kinds by form, figure or table.
     files: list[Path]  #: What was read, the script first.

@@ -102,8 +102,8 @@ def _code_of(name: str, path: str) -> str:
 def done(
     tasks: Mapping[str, Task], store: Store, processes: int
 ) -> Iterator[tuple[str, Rows | Died]]:
-    """Keys of tasks with their rows, as they come; the rows join the store. `Died` stands for the
-    rows of a task that raised, or killed its process."""
+    """Keys and rows of tasks in the order of completion; the rows join the store. `Died` stands for
+    the rows of a task that raised, or killed its process."""
     names = list(tasks)
     for number, found in on_processes(_rows_of, enumerate(tasks.values()), processes):
         if not isinstance(found, Died):

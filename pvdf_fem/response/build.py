@@ -173,7 +173,7 @@ def build_response(
 
 @contextmanager
 def _unfinished(file: Path | None) -> Iterator[Path]:
-    """The directory of what is solved, which goes when all is; `FileError` without one."""
+    """Directory for solved scenes, removed on success; `FileError` if it cannot be made."""
     if file is None:
         with TemporaryDirectory() as temporary:
             yield Path(temporary)

@@ -50,7 +50,7 @@ class HeldOut:
     ) -> HeldOut:
         """Solve touches to a tolerance; those that have no solution are left out.
 
-        Raises `NotConvergedError` when fewer than half of them have one.
+        Raises `NotConvergedError` when fewer than half of the touches have a solution.
         """
         from pvdf_fem.solution.solution import NotConvergedError  # with gmsh
         from pvdf_fem.sweeps.sweep import silent, solve_all

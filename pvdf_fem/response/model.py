@@ -24,7 +24,7 @@ X = 0
 Y = 1
 ROTATION = 2
 FORCE = 3
-#: Keys of a scene that hold these quantities.
+#: Scene keys in the order of `QUANTITIES`.
 SCENE_KEYS = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg", "load.force_N")
 #: Largest distance of touches from the centre in mm where none is asked for, and over the film's
 #: radius; and the part of the radius where touches by probes of any width are sought.
@@ -54,7 +54,7 @@ class Domain:
         return math.log(lowest), math.log(highest)
 
     def covers(self, other: Domain) -> bool:
-        """Whether all touches of another domain are in this one."""
+        """Whether this domain contains another domain."""
         (low, high), (lowest, highest) = self.force_N, other.force_N
         return other.reach_mm <= self.reach_mm and low <= lowest and highest <= high
 

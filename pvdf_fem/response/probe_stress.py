@@ -149,8 +149,8 @@ def _stresses_on_tip(
 ) -> Iterator[tuple[Space, Array]]:
     """Stress and space of a tip's forces, each on a mesh that follows the edge of its contact.
 
-    The first mesh of a force is coarse, to find the edge. It has the contact of the force before,
-    grown as guesses of it grow.
+    The first mesh of a force is coarse, to find the edge. Its contact is the previous force's
+    contact, with the width scaled by the ratio of the guessed widths.
     """
     known: _Rested | None = None
     meshes = [replace(elements.scaled(COARSER), order=elements.order - 1), *[elements] * most_fits]

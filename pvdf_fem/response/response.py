@@ -42,7 +42,7 @@ ROUNDING = 1e-9  #: Share by which a touch may exceed the domain, as rounding ma
 # Rows of the products (value and derivatives by x, y, rotation) x (value and derivative by force):
 # the value, and the derivatives by x, y, rotation and force.
 _VALUE_AND_SLOPES: Indices = np.array([0, 2, 4, 6, 1])
-# Fields that a file has as they are.
+# Fields copied unchanged between a response and its file.
 _KEPT = ("scene", "domain", "error_bound", "error_rms", "tolerance", "remarks", "at_rest_pC")
 
 
@@ -113,7 +113,7 @@ class Response:
     error_bound: float
     error_rms: float
     #: Over x in mm, y in mm and rotation in degrees: coefficients in pC of Chebyshev polynomials
-    #: of the force, for each of them by electrode, (polynomials electrodes,).
+    #: in the force, ordered by polynomial, then by electrode, (polynomials electrodes,).
     spline: UniformSpline
     #: The error bound that was asked for.
     tolerance: float = 1e-3

@@ -165,7 +165,7 @@ def _rows(axis: UniformAxis) -> int:
 
 
 def write(path: Path, contents: Contents, arrays: Sequence[NDArray[np.floating]]) -> None:
-    """Write a response with those arrays that it has; `FileError` when that is not possible."""
+    """Write a response's contents and nonempty arrays; `FileError` if the file is not writable."""
     kinds = [kind for kind, shape in contents.arrays() if math.prod(shape)]
     content = contents.model_dump_json().encode() + b"\n"
     for array, kind in zip(arrays, kinds, strict=True):

@@ -3,8 +3,8 @@
 A probe at x, turned by R, sees the film's centre at c = -R^T x. The stress about the probe is known
 for c on a polar grid: n distances |c| = r cos((2 i + 1) π / (4 n)), the Chebyshev points of a reach
 r, and 2 (2 n - 1) angles. Between them it is interpolated by polynomials along diameters and by a
-Fourier series of the angle. Both converge faster the farther the rim is. The symmetries of a probe
-make most of these places images of others, so that few of them have to be solved.
+Fourier series of the angle. Both converge faster the farther the rim is. By the probe's symmetries
+most places are images of a few places, and only the few are solved.
 
 In a film that is stiffer in one direction the stress depends on R besides. It is then known for a
 few rotations in half a turn, with a Fourier series between them. Under a disc, whose rotation does
@@ -29,7 +29,7 @@ from pvdf_fem.response.uniform_spline import UniformSpline
 from pvdf_fem.scene.outlines.outline import Outline, turn
 from pvdf_fem.scene.scene import Probe
 
-#: Gauss's points along a side of an electrode, at least; else one for each step of the raster.
+#: Least number of Gauss points on a side of an electrode; more if the raster is finer.
 LEAST_POINTS = 6
 CHUNK = 2000  #: Positions whose integrals are one sparse matrix.
 
@@ -110,7 +110,7 @@ class RimPlaces:
 
     @cached_property
     def unique(self) -> list[tuple[int, int]]:
-        """Indices of rotations and angles whose places are not images of others."""
+        """Indices (rotation, angle) of the places to solve, a single place per set of images."""
         return sorted({self.image(*at)[:2] for at in np.ndindex(self.rotations, self.angles)})
 
     def image(self, rotation: int, angle: int) -> Image:

@@ -18,7 +18,7 @@ from pvdf_fem.sweeps.grid import Grid
 from pvdf_fem.sweeps.plan import SweepPlan
 from pvdf_fem.sweeps.store import Record
 
-# Endings of keys, and the units that they stand for where these are others.
+# Units by the ending of a key; None where the ending itself is the unit.
 _UNITS = dict.fromkeys(("MOhm", "pF", "mm", "um", "GPa", "pC", "K", "N", "V"))
 _UNITS |= {"pC_N": "pC/N", "kg_m3": "kg/m3", "per_K": "1/K", "N_m": "N/m", "deg": "degree"}
 

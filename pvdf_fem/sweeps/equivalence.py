@@ -1,4 +1,4 @@
-"""Scenes whose films deform alike, so that one solution has the charges of all of them.
+"""Equivalence of scenes: scenes whose films deform alike share a solution.
 
 - Where electrodes and piezoelectric coefficients only read the stress, they do not change it.
 - A clamped round film that is equally stiff and tight in all directions may be turned and mirrored

@@ -196,7 +196,7 @@ class Grid:
 def _axis(
     where: str, table: Mapping[str, Any], scene: Scene, problems: list[str]
 ) -> SweepAxis | None:
-    """The axis that a table describes; None if it has mistakes, which join the problems."""
+    """The axis described by a table; None after mistakes, which join `problems`."""
     count = len(problems)
     varied = dict(table)
     name = varied.pop("name", None)
@@ -243,7 +243,7 @@ def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any
 
 
 def _values(where: str, value: Any, problems: list[str]) -> tuple[Any, ...] | Range:
-    """The values of a key along an axis; none if they have mistakes, which join the problems."""
+    """The values of a key along an axis; empty after mistakes, which join `problems`."""
     if isinstance(value, Mapping):
         try:
             numbers = Range.model_validate(value)

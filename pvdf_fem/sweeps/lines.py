@@ -56,7 +56,7 @@ class MappingScheme:
 
     @property
     def scenes(self) -> list[Scene]:
-        """The scenes of all lines, one after another, outwards on each."""
+        """The scenes line by line, ordered outwards along a line."""
         return placed(self.scene, np.concatenate(self.positions_mm))
 
     def distances_on(self, angle_deg: float) -> Array:

@@ -1,4 +1,4 @@
-"""Which solves a set of scenes needs: one for all scenes whose films deform alike."""
+"""Plan of the solves for a set of scenes: scenes whose films deform alike share a solve."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Records of scenes from the solution that they share."""
+"""Records of scenes from their common solution."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def _records(
     scenes: Sequence[Scene],
     indices: Sequence[Sequence[int]],
 ) -> list[Record]:
-    """Records of scenes, for each of which `indices` are those of its electrodes in `goals`."""
+    """Records of scenes; `indices` are, by scene, the positions of its electrodes in `goals`."""
     names = [tuple(electrode.name for electrode in scene.electrode_list) for scene in scenes]
     converged = solution.status is Status.CONVERGED
     shared = Record(

@@ -3,7 +3,7 @@
 Each scene has a row. The row's key is a hash of what is solved of the scene, with its numerics and
 the content of its files, and of the source of every module that numbers depend on, so that results
 of older code are never taken for new ones.
-Rows are committed as soon as their scenes are solved, those of one solve together.
+The rows of a solve are committed together, right after the solve.
 
 Programs that use a store at the same time claim a solve before they begin it. A claim is a lock on
 a byte of a file beside the store, so the system ends it together with its process.
@@ -180,11 +180,11 @@ class Store:
         return self.get(scene) is not None
 
     def put(self, records: Iterable[tuple[Scene, Record]]) -> None:
-        """Add the records of scenes, all of them or none."""
+        """Add the records of scenes in a single transaction."""
         self.keep({self._code + key(scene): vars(record) for scene, record in records})
 
     def keep(self, values: Mapping[str, Any]) -> None:
-        """Add what JSON can hold, by keys, all of it or none."""
+        """Add values for JSON, by key, in a single transaction."""
         with self._writing():
             for name, value in values.items():
                 text = zlib.compress(json.dumps([name, value]).encode())
@@ -224,7 +224,7 @@ class Store:
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        """A transaction, of which all is kept or nothing."""
+        """A transaction, rolled back on an error."""
         with self._told(), self._rows:
             self._execute("BEGIN IMMEDIATE")
             yield
@@ -271,7 +271,7 @@ def _locked(file: BinaryIO, count: int = 0, start: int = 0) -> bool:
 
 
 def key(scene: Scene, folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> str:
-    """Hash of what is solved of a scene, and of the code in some folders that solves it."""
+    """Hash of the scene's fields that affect a record, and of the code in `folders`."""
     (scene,) = pinned([scene])
     # with coupling, amplifiers and the permittivity act on the film
     effects = [*Affects] if scene.film.coupling else set(Affects) - {Affects.INSTRUMENT}

@@ -90,7 +90,7 @@ def sweep(
     axes : sequence of mapping
         See `pvdf_fem.sweeps.grid.Grid.of`: ``[{"film.thickness_um": [9, 25, 110]}, ...]``.
     store : Store or path of its file, optional
-        Scenes in the store are not solved; the others join it, but for those that crashed.
+        Scenes in the store are not solved; new records join the store, but not after a crash.
     processes : int
         Number of processes, -1 for all cores; 1 solves in this one.
     scheduler : str, optional

@@ -43,11 +43,11 @@ class Died:
 def on_processes(
     function: Callable[[Task], Result], tasks: Iterable[tuple[int, Task]], processes: int
 ) -> Iterator[tuple[int, Result | Died]]:
-    """Numbers of tasks and their results as they come. When a process dies, all processes are
-    replaced, and each task without a result is done again, with no other beside it. A task that
+    """Numbers and results of tasks in the order of completion. When a process dies, all processes
+    are replaced, and each task without a result is done again, with no other beside it. A task that
     kills its process then, too, ends as `Died`. Of errors `GmshMissingError` alone is raised. Tasks
-    are read as far as processes are free. There are as many processes as cores if their number is
-    -1; with 1 this one works. Each has one thread of linear algebra, and ends with this one."""
+    are read as far as processes are free. `processes` = -1: a process per core; 1: no new process.
+    New processes run linear algebra on a single thread, and end with the calling process."""
     count = joblib.effective_n_jobs(processes)
     if count == 1:
         for number, task in tasks:

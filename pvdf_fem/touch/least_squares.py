@@ -80,7 +80,7 @@ class Descent:
         return Descent(*(values[rows] for values in vars(self).values()))
 
     def improve(self, rows: Indices, others: Descent) -> None:
-        """Replace the ends of some searches by those of others that are better."""
+        """Replace the results of some searches (`rows`) where `others` have a lower chi-square."""
         better = others.ranking < self.ranking[rows]
         for values, new in zip(vars(self).values(), vars(others).values(), strict=True):
             values[rows[better]] = new[better]
@@ -92,7 +92,7 @@ class Descent:
 
 
 def joined(descents: Sequence[Descent]) -> Descent:
-    """The ends of several sets of searches, one after the other."""
+    """Concatenated results of several sets of searches."""
     columns = zip(*(vars(descent).values() for descent in descents), strict=True)
     return Descent(*(np.concatenate(column) for column in columns))
 

@@ -66,7 +66,7 @@ def locate(
         Standard deviations, one for all or one by electrode: over the charge or the change that is
         read, and in pC besides, by default that of the readout.
     unknown : sequence of str
-        What is sought of each probe, of `QUANTITIES`.
+        Unknown quantities of every probe, from `QUANTITIES`.
     known : mapping, optional
         Values of the other quantities in the frame of the scene's stage; by default the scene's.
         With a scene they are the scene's.

@@ -59,7 +59,7 @@ class Touches:
 
     @classmethod
     def empty(cls, status: NDArray[np.object_], unknown: tuple[str, ...], reading: str) -> Touches:
-        """Room for touches, none of which is located."""
+        """Results to be filled: NaN for numbers, false for flags."""
         n, k = len(status), len(unknown)
         values, covariances, deviations, alternatives, chi_square, p_value = (
             np.full((n, *shape), np.nan) for shape in ((4,), (k, k), (k,), (), (), ())

@@ -32,7 +32,7 @@ class Explanation(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Location:
-    """All touches that may have given some charges, each of one probe or of two at once."""
+    """Candidate touches for measured charges; a touch is by a single probe or by two at once."""
 
     touches: tuple[Touch, ...]  #: The likeliest first; empty when no search ended.
     unknown: tuple[str, ...]  #: What was sought.
@@ -54,7 +54,7 @@ class Location:
         return told_html(*self._parts())
 
     def _parts(self) -> tuple[str, list[str], list[Grid], list[str]]:
-        """Status, what it means, a table of each touch, and notes below them."""
+        """Status, number of touches with remarks, a table per touch, and footnotes."""
         grids = [self._grid(number, touch) for number, touch in enumerate(self.touches, 1)]
         how = f"{len(self.touches)} {'touch' if len(self.touches) == 1 else 'touches'} listed"
         notes = ["± : the true value is within, with a probability of 68 %"] if grids else []
@@ -106,7 +106,7 @@ class Location:
 
         As much as it is off, or less, with a probability of 68.3 %: one standard deviation if the
         errors are normal. All touches count, those on a ridge of the likelihood and about its
-        other maxima, too. Where each charge takes a solve, they are those of `Touch.covariance`.
+        other maxima, too. A model by full solves (not `cheap`) gives `Touch.deviations` instead.
         """
         return self.deviations_of(self.best)
 
@@ -133,12 +133,12 @@ class Location:
 
     @property
     def alternatives(self) -> int:
-        """Number of other touches that are likely as well."""
+        """Number of touches besides the best with a weight above `SHARE`."""
         return sum(touch.weight > SHARE for touch in self.touches[1:])
 
     @property
     def ambiguous(self) -> bool:
-        """Whether there are any."""
+        """Whether there are alternatives."""
         return self.alternatives > 0
 
     @property

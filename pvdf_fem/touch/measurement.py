@@ -52,8 +52,8 @@ class Measurement:
         noise_pC: Deviations | None,
         reading: str | None,
     ) -> Measurement:
-        """That of readings by name; what is None is that of the scene's readout. Raises `RestError`
-        for changes of a film without charges at rest."""
+        """Measurement of named electrodes; `noise_pC` and `reading` are by default the readout's.
+        Raises `RestError` for changes of a film without charges at rest."""
         electrodes = np.array([model.names.index(name) for name in names])
         by_name = electrode_columns(model.scene)
         gains, offsets, noise = np.array([by_name[name] for name in names]).T

@@ -8,9 +8,9 @@ touches, whatever the likelihood's shape (Rubin, Ann. Statist. 12, 1984).
 
 The integrals are sums over draws, each weighing likelihood over density (importance sampling:
 Geweke, Econometrica 57, 1989). The first draws are from Student's distributions about the
-likelihood's maxima, which hardly reach the ends of a bent ridge. Later ones are from such
-distributions about draws that weigh much, each as wide as the likelihood's curvature there makes
-it. All draws are weighed by the density of all distributions together (Cornuet et al., Scand. J.
+likelihood's maxima, which hardly reach the ends of a bent ridge. Later draws are from Student's
+distributions about draws of large weight, with covariances from the likelihood's curvature there.
+All draws are weighed by the density of all distributions together (Cornuet et al., Scand. J.
 Statist. 39, 2012).
 """
 

@@ -123,7 +123,7 @@ class Problem:
     centre_mm: tuple[float, float] = (0.0, 0.0)
 
     def row(self, row: int) -> Problem:
-        """The problem of one row of the charges."""
+        """The problem with a single row of the charges."""
         charges, spread = self.charges_pC[[row]], self.deviations_pC[[row]]
         return replace(self, charges_pC=charges, deviations_pC=spread)
 

@@ -29,8 +29,8 @@ class LocateOptions:
     #: A touch is listed unless its chi-square exceeds the least by more than this: at 25 it is e^12
     #: times less likely.
     listed: float = 25.0
-    #: Two ends of searches are one touch if chi-square, by its slopes at the better end, and the
-    #: rotation differ by less than these between them.
+    #: Two minima are duplicates if the squared change of the residuals between them, by the
+    #: Jacobian at the better minimum, is below `same`, and the rotation's change below `same_deg`.
     same: float = 0.1
     same_deg: float = 8.0
     fold: float = 0.02  #: Share of the charges by which the longest step changes them near a fold.
@@ -56,7 +56,7 @@ def search(problem: Problem, known: Mapping[int, float], options: LocateOptions)
     if 0 < len(without_rotation) < len(problem.unknown):
         at = descend(replace(problem, unknown=without_rotation), at, options=options.search).at
     ends = descend(problem, at, hopeless=options.listed, options=options.search)
-    # each on its own, as searches that come close to each other would go on as one
+    # in separate calls: within a call, searches close to each other are merged
     about_fold = _starts_about_fold(problem, ends, options)[:, None]
     return joined([ends, *(descend(problem, at, options=options.fold_search) for at in about_fold)])
 

@@ -233,8 +233,8 @@ def search_by_solves(problem: Problem, model: Solves, options: SolveOptions) -> 
 
 
 def _cold(problem: Problem) -> Iterator[Problem]:
-    """The problems that give starts: itself, or those by the charges of cold touches, all of them
-    and all but one, which may be that of an electrode under a warm touch."""
+    """Problems for starts, with cold touches: by the charges of all electrodes, then, if a
+    temperature is unknown, without each electrode in turn, since a warm touch may be above it."""
     names = problem.model.quantities
     cold = np.array([i for i in problem.unknown if _quantity(names[i]) != "temperature_K"])
     yield replace(problem, unknown=cold)
@@ -268,7 +268,7 @@ def ordered(problem: Problem, ends: Descent) -> Descent:
 
 
 def _swapped(problem: Problem, name: str) -> int:
-    """Where a quantity of the other one of two probes is."""
+    """Index of a quantity's counterpart at the other probe."""
     other = f"probe[{1 - _probe(name)}]"
     return problem.model.quantities.index(other + name[len(other) :])
 
@@ -318,5 +318,5 @@ def _quantity(name: str) -> str:
 
 
 def _probe(name: str) -> int:
-    """Number of the probe that a quantity is of."""
+    """Index of the probe in a quantity's name."""
     return int(steps_of(name)[1]) if name.startswith("probe[") else 0

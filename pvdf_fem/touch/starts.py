@@ -2,9 +2,9 @@
 
 At every place and rotation of the table's lattice, the best force is found on the tangents of the
 charges at tabulated forces. From the places where chi-square then has a local minimum, a
-Gauss-Newton step with tabulated slopes leads to the starts, of which the best are kept. So each
-valley wider than the lattice's pitch has one. A ring on the edge of the reach is added, since
-valleys there may be narrower.
+Gauss-Newton step with tabulated slopes leads to the starts, of which the best are kept. Valleys of
+chi-square wider than the lattice's pitch thus have a start. A ring on the edge of the reach is
+added, since valleys there may be narrower.
 
 Many touches are sought from one start each: the touch of the table whose charges have about the
 same ratios (`nearest_starts`).

@@ -20,8 +20,8 @@ from pvdf_fem.solution.solution import NotConvergedError
 from pvdf_fem.sweeps.sweep import solve_all
 from pvdf_fem.touch.problem import Problem
 
-#: Charges of touches are those of single ones, added up, with each force times this power of the
-#: sum of all shares: their common tension makes the film stiffer.
+#: Charges of single touches are superposed. A probe's force is its share times this power of the
+#: sum of the shares: the common tension makes the film stiffer.
 STIFFENING = 0.35
 
 

@@ -83,7 +83,7 @@ class Touch:
     values: Array  #: The touch as a model takes it, (k,): mm, degrees, from 0 to the period, and N.
     unknown: tuple[str, ...]  #: The quantities that were sought; the order of all matrices.
     jacobian: Array  #: Slopes of the charges over their standard deviations, (electrodes, unknown).
-    #: Size (unknown,) of the domain in each unknown: what is known of it without any charge.
+    #: Size of the domain (unknown,): standard deviations without any charge.
     extent: Array
     chi_square: float  #: Sum of the squared residuals, each divided by its standard deviation.
     #: Probability of a larger chi-square if the model is right; NaN if there are no more charges
@@ -125,15 +125,15 @@ class Touch:
     def covariance(self) -> Array:
         """Covariance (unknown, unknown) by the curvature of the likelihood at this touch.
 
-        That of the errors where the charges are as good as linear over them; if not, see
-        `Location.covariance`. Along a direction that the charges do not determine, that of the
-        domain is added: its extent is a standard deviation.
+        Covariance of the errors where the charges are nearly linear over the errors; if not, see
+        `Location.covariance`. Along a direction that the charges do not determine, a prior is
+        added, with the domain's extent as standard deviation.
         """
         return self.root @ self.root.T
 
     @property
     def deviations(self) -> dict[str, float]:
-        """Standard deviation of each unknown by this covariance; see `Location.deviations`."""
+        """Standard deviations of the unknowns by `covariance`; see `Location.deviations`."""
         return dict(zip(self.unknown, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
     @property

@@ -13,7 +13,7 @@ from pvdf_fem.tracking.circuit import LEAST_NOISE, Circuit
 
 #: Samples over which deviations are summed up to see a touch.
 WINDOWS = np.array([1, 2, 4, 8, 16, 32, 64])
-#: Probability of a false alarm in a sample. Windows share it evenly, which is more than enough.
+#: Bound on the probability of a false alarm in a sample, split evenly over the windows.
 FALSE_ALARM = 1e-7
 LEFT = 0.1  #: Share of voltages that are left of a touch when they stay.
 #: First samples, whose deviations from the line through those before tell nothing of the noise.

@@ -17,7 +17,7 @@ LEAST_NOISE = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class Circuit:
-    """The channels of all electrodes as arrays, (electrodes,)."""
+    """Readout channels as arrays over the electrodes, (electrodes,)."""
 
     capacitance: Array  #: In pF, so that charges are in pC.
     leak: Array  #: Over the resistance, in pA/V; zero where nothing discharges the capacitance.

@@ -120,7 +120,7 @@ class Course:
 
     @cached_property
     def close(self) -> Array:
-        """Distances of places that go on as one, (k,)."""
+        """Differences of coordinates, (k,), below which two searches are merged."""
         return np.array([*CLOSE[:FORCE], *np.full(len(self.charges) + 1, np.inf)])
 
     def touches(self, at: Array) -> Array:
@@ -211,8 +211,8 @@ def fitted(
 
 
 def _likely(at: Array, covariance: Array, logs: Array, volume: Array) -> Places:
-    """Places in the order of their likelihood, without repeated and unlikely ones. They weigh as
-    much as the likelihood about them, integrated; `volume` is twice its logarithm."""
+    """Places in the order of their likelihood, without repeated and unlikely ones. Weights are the
+    integrated likelihood (Laplace's method); `volume` is the covariances' log-determinant."""
     order = np.argsort(-logs, kind="stable")
     order = order[~repeated(at[order], np.arange(len(order), dtype=float), CLOSE)]
     masses = logs[order] + 0.5 * volume[order]

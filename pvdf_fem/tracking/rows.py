@@ -27,12 +27,12 @@ class Row:
     y_mm: float = math.nan
     force_N: float = math.nan
     rotation_deg: float = math.nan
-    #: Standard deviations. That of the place counts all places that may be touched.
+    #: Standard deviations about this place, over the mixture of the likely places.
     x_deviation_mm: float = math.nan
     y_deviation_mm: float = math.nan
     force_deviation_N: float = math.nan
     rotation_deviation_deg: float = math.nan
-    #: Of the charges of this sample, with one degree of freedom less than there are channels.
+    #: Chi-square of the sample's charges; degrees of freedom: number of channels less 1.
     chi_square: float = math.nan
     alternatives: int = 0  #: Number of places with a hundredth of the likelihood or more.
     missing: str = ""  #: Channels without a reading, by name: ``A C``.

@@ -31,7 +31,7 @@ PAUSE = 50  #: A pause in samples after which a touch is lost.
 
 
 class Tracker:
-    """Follows touches from sample to sample; `touches` are the summaries of those that have ended.
+    """Follows touches from sample to sample; `touches` are summaries of the ended touches.
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ class Along(OfElectrodes):
         """The place along a curve of a scene, or None if it is not on the curve."""
 
     def scenes(self, inputs: Inputs) -> list[Scene]:
-        """The scenes of all curves, and of the data on them."""
+        """Scenes of the curves, then scenes of the data rows on a curve."""
         series = self.series(inputs)
         data = self._data(inputs, series)
         self.require_rows(data, self.lack)
@@ -70,7 +70,7 @@ class Along(OfElectrodes):
         return list(taken.values())
 
     def frame(self, inputs: Inputs, solved: Solved) -> pd.DataFrame:
-        """The charges of all curves, then those of the data on them."""
+        """Charges of the curves, then charges for the data rows on a curve."""
         series, reading = self.series(inputs), self.read_as(inputs)
         tables = [self._table(solved, one, reading) for one in series]
         on_curves = [self._table(solved, one, reading) for one in self._data(inputs, series)]

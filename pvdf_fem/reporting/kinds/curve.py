@@ -82,12 +82,12 @@ class Curve(Along):
         return found
 
     def where_on(self, series: Series, scene: Scene) -> float | None:
-        """The value of `x` of a scene that differs in it only."""
+        """The scene's value of `x` if the scene differs from the curve's in `x` only, else None."""
         is_on = differ_in([self.full_key], series.scene, scene)
         return number_at(scene, self.full_key) if is_on else None
 
     def compose(self, inputs: Inputs, solved: Solved) -> Content:
-        """A panel for each electrode, or one for all."""
+        """A panel per electrode, or a single panel."""
         label = drawing.axis_label(self.full_key)
         log = getattr(self.values, "spacing", "") == "log"
         text = f"Charges against {label}; dots are solved."
