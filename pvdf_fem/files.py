@@ -154,7 +154,7 @@ def same_file(path: Path, other: Path) -> bool:
 
 
 def make_directory(path: Path, first: str, *others: Path) -> None:
-    """Make a directory, and those above it, for files none of which is to overwrite `others`.
+    """Make a directory and its parents for files that may not overwrite `others`.
 
     Raises `FileError` when the directory cannot be made or holds one of `others`, or when the file
     named `first` could not be written in it.

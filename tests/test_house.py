@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import graphlib
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -232,6 +233,33 @@ def test_no_module_hides_a_public_name():
     """Importing a sub-package or module sets it as an attribute of `pvdf_fem`."""
     at_root = {path.stem for path in ROOT.joinpath("pvdf_fem").iterdir()}
     assert not at_root & set(PUBLIC)
+
+
+#: Words without a meaning of their own, and the part of a riddle that they are.
+GLUE = re.compile(
+    r"\b(that|which|those|what|than|these|it|one|ones|so|such|whose|others|other|as|they|them|of|this"
+    r"|any|all|none|each)\b",
+    re.IGNORECASE,
+)
+RIDDLE, FEWEST_WORDS, MOST_RIDDLES = 1 / 3, 8, 0.01
+
+
+def sentences_of(path: Path) -> Iterator[str]:
+    """Sentences of docstrings and comments that have enough words."""
+    text = path.read_text(encoding="utf-8")
+    documented = ast.Module | ast.ClassDef | ast.FunctionDef
+    nodes = (node for node in ast.walk(ast.parse(text)) if isinstance(node, documented))
+    blocks = [*filter(None, map(ast.get_docstring, nodes))]
+    blocks += re.findall(r"(?m)^\s*#:? ?(.*)$", text)
+    for block in blocks:
+        sentences = re.split(r"(?<=[.;])\s+", " ".join(block.split()))
+        yield from (s for s in sentences if len(s.split()) >= FEWEST_WORDS)
+
+
+def test_sentences_name_what_they_mean():
+    sentences = [s for path in ROOT.glob("pvdf_fem/**/*.py") for s in sentences_of(path)]
+    riddles = [s for s in sentences if len(GLUE.findall(s)) >= RIDDLE * len(s.split())]
+    assert len(riddles) <= MOST_RIDDLES * len(sentences), riddles
 
 
 def run(script: str) -> str:
