@@ -12,13 +12,13 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.calibration.diagnosis import CalibrationStatus
 from pvdf_fem.calibration.fit import Fit
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.summary import Grid, rounded, told, told_html
+from pvdf_fem.solution.summary import Grid, Told, rounded
 
 PART = 0.15  #: Parts of a direction, over its largest, that are told.
 
 
-@dataclass(frozen=True, eq=False)
-class Calibration:
+@dataclass(frozen=True, eq=False, repr=False)
+class Calibration(Told):
     """How a calibration ended, and the calibrated scene."""
 
     status: CalibrationStatus
@@ -108,14 +108,6 @@ class Calibration:
             "reading": fit.model.reading,
             "unit": fit.model.unit,
         }
-
-    def __str__(self) -> str:
-        return told(*self._parts())
-
-    __repr__ = __str__
-
-    def _repr_html_(self) -> str:
-        return told_html(*self._parts())
 
     def _parts(self) -> tuple[str, list[str], list[Grid], list[str]]:
         """Status, reason, the table of parameters, and what is said below it."""

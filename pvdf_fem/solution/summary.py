@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
@@ -61,6 +62,23 @@ def told_html(
     texts = ["".join(f"<p>{escape(line)}</p>" for line in some) for some in (reasons[1:], notes)]
     head = f"<p><b>{status}</b>: {escape(reasons[0])}</p>{texts[0]}"
     return head + "".join(table.html() for table in tables if table.rows) + texts[1]
+
+
+class Told(ABC):
+    """A result that is printed as text, and shown in notebooks as HTML."""
+
+    def __str__(self) -> str:
+        return told(*self._parts())
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    def _repr_html_(self) -> str:
+        return told_html(*self._parts())
+
+    @abstractmethod
+    def _parts(self) -> tuple[str, list[str], list[Grid], list[str]]:
+        """Status, reasons, tables, and notes, as `told` takes them."""
 
 
 def _head(result: dict[str, Any]) -> tuple[str, list[str]]:

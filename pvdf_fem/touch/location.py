@@ -11,7 +11,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.readout.channel import READINGS
-from pvdf_fem.solution.summary import Grid, rounded, told, told_html
+from pvdf_fem.solution.summary import Grid, Told, rounded
 from pvdf_fem.touch.posterior import Posterior, posterior
 from pvdf_fem.touch.problem import Problem
 from pvdf_fem.touch.touch import EXPLAINED, Touch, TouchStatus
@@ -30,8 +30,8 @@ class Explanation(NamedTuple):
     touch: Touch
 
 
-@dataclass(frozen=True, eq=False)
-class Location:
+@dataclass(frozen=True, eq=False, repr=False)
+class Location(Told):
     """Candidate touches for measured charges; a touch is by a single probe or by two at once."""
 
     touches: tuple[Touch, ...]  #: The likeliest first; empty when no search ended.
@@ -44,14 +44,6 @@ class Location:
     reading: str = "total"  #: What the readings were taken for, of `READINGS`.
     #: Mistakes in readings that would explain them, where no touch does.
     explanations: tuple[Explanation, ...] = ()
-
-    def __str__(self) -> str:
-        return told(*self._parts())
-
-    __repr__ = __str__
-
-    def _repr_html_(self) -> str:
-        return told_html(*self._parts())
 
     def _parts(self) -> tuple[str, list[str], list[Grid], list[str]]:
         """Status, number of touches with remarks, a table per touch, and footnotes."""
