@@ -16,11 +16,7 @@ import numpy as np
 
 from pvdf_fem.arrays import ALL, Array, Selection, components_first, components_last, times
 from pvdf_fem.film.laws.laminate import Laminate
-from pvdf_fem.film.laws.law import Law
-from pvdf_fem.film.loads.heat import AddedStrain
-from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State, Term
-from pvdf_fem.scene.film import Film
 
 #: Number of elements whose tangents are made together, so that they stay in the processor's cache.
 CHUNK = 128
@@ -41,18 +37,12 @@ class Membrane(Laminate, Term):
     States have the resultant of all plies over the film's thickness.
     """
 
-    def __init__(
-        self,
-        space: Space,
-        film: Film,
-        law: Law | None = None,
-        added: AddedStrain | None = None,
-        frame: Array = IDENTITY[:2],
-    ) -> None:
-        super().__init__(space, film, law, added, frame)
-        #: Quadrature weights times area times thickness in m^3, (elements, points).
-        self.volumes: Array = film.thickness * space.weights
-        self._last_moduli: tuple[State, Array] | None = None
+    _last_moduli: tuple[State, Array] | None = None
+
+    @cached_property
+    def volumes(self) -> Array:
+        """Quadrature weights times area times thickness in m^3, (elements, points)."""
+        return self.film.thickness * self.space.weights
 
     def state(self, x: Array) -> State:
         """Fields of the dofs `x` in m."""
