@@ -11,7 +11,7 @@ from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
@@ -105,10 +105,6 @@ class Kind(Section):
     def compose(self, inputs: Inputs, solved: Solved) -> Content:
         """What it draws of ``solved.charges(...)`` and ``solved.rows(task)``; raises
         `NothingToShow` where too many of its scenes have no charges, or a task has no rows."""
-
-    def at_full(self) -> Self:
-        """The kind with the values of `full`."""
-        return self.model_validate({**self.model_dump(exclude_unset=True), **self.full})
 
     def scene(self, inputs: Inputs) -> Scene:
         """The report's scene with the changes of `set`."""
