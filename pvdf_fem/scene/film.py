@@ -29,7 +29,7 @@ NumberOrPair = Annotated[
     Discriminator(lambda value: "<pair>" if isinstance(value, list | tuple) else "<number>"),
 ]
 #: A coefficient of the charge by stress.
-COEFFICIENT = Key("pC/N", (-1e6, 1e6), Affects.READING, usual=(1e-6, 1e6), mistaken={"C/N": 1e12})
+COEFFICIENT = Key("pC/N", (-1e5, 1e5), Affects.READING, usual=(1e-6, 1e5), mistaken={"C/N": 1e12})
 
 
 class Layer(NamedTuple):
@@ -47,12 +47,12 @@ class Film(Section):
 
     radius_mm: Annotated[
         float,
-        Key("mm", (1e-6, 1e6), usual=(0.3, 1e6), mistaken={"m": 1e3}),
+        Key("mm", (1e-3, 1e5), usual=(0.3, 1e5), mistaken={"m": 1e3}),
     ] = 45.0
     """Radius of the clamped rim."""
     thickness_um: Annotated[
         float,
-        Key("µm", (1e-3, 1e6), Affects.SCALE, usual=(0.5, 1e6), mistaken={"mm": 1e3, "m": 1e6}),
+        Key("µm", (1e-3, 1e5), Affects.SCALE, usual=(0.5, 1e5), mistaken={"mm": 1e3, "m": 1e6}),
     ] = 25.0
     """Thickness."""
     youngs_modulus_GPa: Annotated[NumberOrPair[float], MODULUS] = 2.0
@@ -60,7 +60,7 @@ class Film(Section):
     poisson_ratio: Annotated[float, Field(validate_default=True), Key("", (-10.0, 10.0))] = 0.34
     """Poisson's ratio, from 0 to less than 0.5; of an orthotropic film ν12, where ν21 is
     ν12 E2/E1 and ν12 ν21 is below 1."""
-    shear_modulus_GPa: Annotated[float | None, MODULUS] = None
+    shear_modulus_GPa: Annotated[float | None, replace(MODULUS, example=0.746)] = None
     """Shear modulus; by default Huber's estimate √(E1 E2)/(2(1 + √(ν12 ν21))), which is
     E/(2(1 + ν)) for an isotropic film."""
     density_kg_m3: Annotated[
@@ -108,31 +108,31 @@ class Film(Section):
     d33_pC_N: Annotated[float | None, replace(COEFFICIENT, affects=None, example=-15.0)] = None
     """Charge per stress across the thickness, of PVDF negative: what a probe's pressure makes on an
     electrode under it; left out when not given."""
-    warming_K: Annotated[float | None, Key("K", (-1e4, 1e4), example=1.0)] = None
+    warming_K: Annotated[float | None, Key("K", (-500.0, 500.0), example=1.0)] = None
     """By how much the film at rest has warmed since it was zeroed: that loosens the film."""
     rim_displacement_um: Annotated[
-        tuple[float, ...] | None, Key("µm", (-1e6, 1e6), example=[0.0, 0.0, 0.0, 1.0, 0.0])
+        tuple[float, ...] | None, Key("µm", (-1e4, 1e4), example=[0.0, 0.0, 0.0, 1.0, 0.0])
     ] = None
     """How the rim is then moved outwards, with film and patches: coefficients of 1, cos θ, sin θ,
     cos 2θ, sin 2θ ... The disc, electrodes and probe stay in their places: an error of second
     order, of 3e-4 in charges for 9 µm on 45 mm."""
     pyroelectric_uC_m2K: Annotated[
-        float | None, Key("µC/(m² K)", (-1e6, 1e6), Affects.READING, example=-25.0)
+        float | None, Key("µC/(m² K)", (-1e5, 1e5), Affects.READING, example=-25.0)
     ] = None
     """Charge per area and kelvin of a film that is free to expand; where the film is not, its
     stress makes charge by d31 and d32. Left out when not given."""
-    thermal_diffusivity_m2_s: Annotated[float, Key("m²/s", (1e-12, 1.0))] = 6e-8
+    thermal_diffusivity_m2_s: Annotated[float, Key("m²/s", (1e-10, 0.01))] = 6e-8
     """Of the heat of a probe with temperature_K."""
     patches: Annotated[tuple[Patch, ...] | None, Field(max_length=100)] = None
     """Layers on the film: tape, ink, solder."""
     law: LawName = "hooke"
     """hooke: linear in the Green-Lagrange strain. neo-hookean: rubber at large strains, at small
     strains Hooke's law. Patches have the law of the film."""
-    pressure_Pa: Annotated[float | None, Key("Pa", (-1e9, 1e9), example=300.0)] = None
+    pressure_Pa: Annotated[float | None, Key("Pa", (-1e8, 1e8), example=300.0)] = None
     """Uniform pressure along z on the whole film, which is at rest without it."""
     pressure_follows: Annotated[bool, Key(needs=("pressure_Pa", None))] = False
     """The pressure is normal to the deformed film."""
-    gravity_m_s2: Annotated[float | None, Key("m/s²", (-1e6, 1e6), example=-9.81)] = None
+    gravity_m_s2: Annotated[float | None, Key("m/s²", (-1e5, 1e5), example=-9.81)] = None
     """Acceleration along z by which the film has a weight, also at rest; left out when not
     given."""
 

@@ -50,7 +50,7 @@ class Key:
     #: A key above in the table and its value, None for any, without which this key is refused ...
     needs: tuple[str, str | None] | None = None
     idle: Any = None  #: ... unless its value is this, or zero, or false.
-    usual: tuple[float, float] | None = None  #: A number outside is doubted, if not refused.
+    usual: tuple[float, float] | None = None  #: Numbers that nobody doubts; by default `within`.
     #: Units in which a number outside of `usual` was probably given, with their size in `unit`.
     mistaken: Mapping[str, float] = field(default_factory=dict)
     example: Any = None  #: A value for the example scene, where the default is none.
@@ -82,7 +82,7 @@ class Key:
 
     def meant(self, value: float) -> str:
         """The question whether another unit was meant; empty for a usual number."""
-        low, high = self.usual or (-1e300, 1e300)
+        low, high = self.usual or self.within or (-1e300, 1e300)
         if value == 0.0 or low <= abs(value) <= high:
             return ""
         for unit, size in self.mistaken.items():

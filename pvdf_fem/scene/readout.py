@@ -49,28 +49,28 @@ class Readout(Section):
     decays through its feedback resistance. voltage: an amplifier of the voltage that the charge
     makes on electrode and cable, loaded by its input resistance."""
     feedback_capacitance_pF: Annotated[
-        ByChannel[float], Key("pF", (1e-6, 1e12), needs=("kind", "charge"))
+        ByChannel[float], Key("pF", (1e-3, 1e9), needs=("kind", "charge"))
     ] = 1000.0
     """Feedback capacitance of the charge amplifier."""
     feedback_resistance_MOhm: Annotated[
-        ByChannel[float] | None, Key("MΩ", (1e-9, 1e12), needs=("kind", "charge"), example=1e3)
+        ByChannel[float] | None, Key("MΩ", (1e-6, 1e9), needs=("kind", "charge"), example=1e3)
     ] = None
     """Feedback resistance; without it the output does not decay."""
     input_resistance_MOhm: Annotated[
-        ByChannel[float] | None, Key("MΩ", (1e-9, 1e12), needs=("kind", "voltage"), example=1e3)
+        ByChannel[float] | None, Key("MΩ", (1e-6, 1e9), needs=("kind", "voltage"), example=1e3)
     ] = None
     """Input resistance; without it the voltage does not decay."""
     cable_capacitance_pF: Annotated[
-        ByChannel[float], Key("pF", (0.0, 1e12), needs=("kind", "voltage"))
+        ByChannel[float], Key("pF", (0.0, 1e9), needs=("kind", "voltage"))
     ] = 0.0
     """Capacitance of the cable."""
     gain: Annotated[
         ByChannel[Annotated[float, AfterValidator(_is_not_zero)]], Key("", (-1e6, 1e6))
     ] = 1.0
     """Reading over the output or the voltage of the amplifier."""
-    offset_V: Annotated[ByChannel[float], Key("V", (-1e6, 1e6))] = 0.0
+    offset_V: Annotated[ByChannel[float], Key("V", (-1e4, 1e4))] = 0.0
     """Added to each reading."""
-    noise_V: Annotated[ByChannel[float], Key("V", (0.0, 1e6))] = 0.0
+    noise_V: Annotated[ByChannel[float], Key("V", (0.0, 1e4))] = 0.0
     """Standard deviation of each reading."""
     reading: Literal["change", "total"] = "change"
     """change: readings are of the change of the charge since the untouched film. total: of all

@@ -86,7 +86,9 @@ RIVALS |= {rival: key for key, rival in RIVALS.items()}
 FORCES = ("depth_mm", "force_N", "tangential_N")
 #: Forces and depths of loads, which probes of a list have, too.
 DEPTH = Key("mm", (1e-6, 1e3), needs=("kind", "contact"), example=3.0)
-FORCE = Key("N", (0.0, 1e6), Affects.SCALE, usual=(0.0, 99.9), mistaken={"grams": 9.81e-3})
+FORCE = Key(
+    "N", (0.0, 1e6), Affects.SCALE, usual=(0.0, 99.9), mistaken={"grams": 9.81e-3}, example=0.6
+)
 TANGENTIAL = Key("N", (-1e6, 1e6), example=[0.5, 0.0])
 
 
@@ -122,7 +124,7 @@ class Load(Section):
     probe's own axes, whose total is the force. A path that ends in #sha256= and a digest refuses
     any other content of the file."""
     profile_width_mm: Annotated[
-        float | None, Key("mm", (1e-6, 1e6), needs=("profile", "gaussian"), example=2.0)
+        float | None, Key("mm", (1e-4, 1e5), needs=("profile", "gaussian"), example=2.0)
     ] = None
     """Where a gaussian is 1/e² of its largest value; by default the radius of a disc of the same
     area."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from string import ascii_uppercase
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
@@ -29,7 +30,7 @@ from pvdf_fem.scene.quantity import Affects, Key, Section, refusal
 from pvdf_fem.scene.registry import DEPTH, FORCE, FORCES, RIVALS, TANGENTIAL, Load, OwnLoad, put
 
 #: Keys of materials, which the film and its patches have.
-MODULUS = Key("GPa", (1e-6, 1e4), usual=(1e-6, 1e4), mistaken={"Pa": 1e-9, "MPa": 1e-3})
+MODULUS = Key("GPa", (1e-6, 1e4), mistaken={"Pa": 1e-9, "MPa": 1e-3})
 EXPANSION = Key("1/K", (-0.1, 0.1), Affects.STRAIN_AT_REST)
 #: Shapes of probes and electrodes. A new shape is named here.
 _SHAPES: list[type[Shape]] = [RectangleShape, CircleShape, EllipseShape, PolygonShape]
@@ -59,7 +60,7 @@ class _Flat(Section):
 class _Named(_Flat):
     """The name of an electrode."""
 
-    name: Annotated[str, AfterValidator(_is_name)]
+    name: Annotated[str, AfterValidator(_is_name), Key(example="A")]
     """A name that no other electrode has."""
 
 
@@ -67,11 +68,11 @@ class Bonded(_Flat):
     """A layer bonded to the film, as tape, ink or solder. Layers may overlap electrodes, probes and
     each other, and reach over the rim. Their material is the film's where it is not given."""
 
-    thickness_um: Annotated[float, Key("µm", (1e-3, 1e6), example=50.0)]
+    thickness_um: Annotated[float, Key("µm", (1e-3, 1e5), example=50.0)]
     """Thickness, of both layers together where the layer is on both sides."""
     both_sides: Annotated[bool, Key()] = False
     """The layer is half on the one side and half on the other."""
-    youngs_modulus_GPa: Annotated[float | None, MODULUS] = None
+    youngs_modulus_GPa: Annotated[float | None, replace(MODULUS, example=3.0)] = None
     """Young's modulus, of an isotropic layer."""
     poisson_ratio: Annotated[
         float | None, Key("", (0.0, 0.4999), needs=("youngs_modulus_GPa", None), example=0.3)
@@ -105,7 +106,7 @@ class Pressing(Section):
     """Force along z."""
     tangential_N: Annotated[tuple[float, float] | None, TANGENTIAL] = None
     """Force along x and y."""
-    load: OwnLoad | None = None
+    load: Annotated[OwnLoad | None, Key(example={"kind": "rigid"})] = None
     """Other keys of [load] that the probe has for itself."""
 
     @model_validator(mode="before")
@@ -179,7 +180,7 @@ def _made(name: str, base: Any, doc: str | None, **fields: Any) -> Any:
 def _pressing(shape: type[Shape]) -> Any:
     """The model of probes of a list of a shape."""
     name = shape.__name__.replace("Shape", "Probe")
-    return _made(name, (shape, Pressing), f"A probe of a list: {(shape.__doc__ or '').strip()}")
+    return _made(name, (shape, Pressing), shape.__doc__)
 
 
 def _flat(shape: type[Shape], base: type[_Flat], kind: str) -> Any:
@@ -195,7 +196,7 @@ def _flat(shape: type[Shape], base: type[_Flat], kind: str) -> Any:
         if name in required and not field.is_required()
     }
     name = shape.__name__.replace("Shape", kind)
-    return _made(name, (shape, base), f"{kind}: {(shape.__doc__ or '').strip()}", **fields)
+    return _made(name, (shape, base), shape.__doc__, **fields)
 
 
 def _word(shape: type[Shape]) -> str:
@@ -272,11 +273,12 @@ class Ring(Section):
     """Number of electrodes on the ring."""
     ring_radius_mm: Annotated[float, SIZE] = 10.0
     """From the film's centre to the centres of the electrodes."""
-    first_angle_deg: Annotated[float, Key("degrees", (-1e6, 1e6))] = 0.0
+    first_angle_deg: Annotated[float, Key("degrees", (-3600.0, 3600.0))] = 0.0
     """From +x to A."""
     centre: Annotated[bool, Key()] = False
     """One more electrode, the last, is on the film's centre."""
     shape: str
+    """The shape of all electrodes, with its sizes."""
 
     @cached_property
     def electrodes(self) -> tuple[Electrode, ...]:

@@ -24,11 +24,11 @@ class Stage(Section):
     scene's probe is a place on the film.
     """
 
-    x_mm: Annotated[float, Key("mm", (-1e6, 1e6))] = 0.0
+    x_mm: Annotated[float, Key("mm", (-1e5, 1e5))] = 0.0
     """The film's centre in the frame of the stage, along x."""
-    y_mm: Annotated[float, Key("mm", (-1e6, 1e6))] = 0.0
+    y_mm: Annotated[float, Key("mm", (-1e5, 1e5))] = 0.0
     """The film's centre in the frame of the stage, along y."""
-    rotation_deg: Annotated[float, Key("degrees", (-1e6, 1e6))] = 0.0
+    rotation_deg: Annotated[float, Key("degrees", (-3600.0, 3600.0))] = 0.0
     """From the axes of the stage to the axes of the film, counter-clockwise."""
 
     @property
@@ -50,10 +50,10 @@ class Stage(Section):
 class WantedModel(Section):
     """Touches for which the model of `pvdf-fem locate`, `track` and `explore` holds."""
 
-    reach_mm: Annotated[float | None, Key("mm", (1e-6, 1e6), example=12.0)] = None
+    reach_mm: Annotated[float | None, Key("mm", (1e-3, 1e5), example=12.0)] = None
     """Largest distance of the probe's centroid from the film's centre; by default 12, at most 0.6
     of the film's radius and the probe's width away from the rim."""
-    force_range_N: Annotated[tuple[float, float], Key("N", (1e-9, 1e9))] = (0.1, 5.0)
+    force_range_N: Annotated[tuple[float, float], Key("N", (1e-9, 1e6))] = (0.1, 5.0)
     """Least and largest force."""
     tolerance: Annotated[
         float | None, BeforeValidator(_none_for_auto), Key("", (1e-6, 1.0), example="auto")

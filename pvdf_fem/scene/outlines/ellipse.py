@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Literal
 
@@ -79,7 +79,9 @@ class EllipseShape(Shape):
     is_mirrored = True
     size_key = "semi_axes_mm"
     shape: Literal["ellipse"] = "ellipse"
-    semi_axes_mm: Annotated[tuple[float, float], SIZE, AfterValidator(_is_not_thin)]
+    semi_axes_mm: Annotated[
+        tuple[float, float], replace(SIZE, example=[3.0, 2.0]), AfterValidator(_is_not_thin)
+    ]
     """Semi-axes [a, b], unrotated a along x."""
 
     @cached_property

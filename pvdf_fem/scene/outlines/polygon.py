@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Literal
 
@@ -204,7 +204,7 @@ class PolygonShape(_PolygonalShape):
     vertices_mm: Annotated[
         tuple[tuple[float, float], ...],
         Field(min_length=3, max_length=1000),
-        PLACE,
+        replace(PLACE, example=[[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]]),
         AfterValidator(_is_simple),
     ]
     """Corners [[x, y], ...] of a simple polygon in order."""

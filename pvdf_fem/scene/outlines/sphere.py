@@ -20,7 +20,7 @@ class SphereShape(Shape):
     is_mirrored = True
     size_key = "radius_mm"
     shape: Literal["sphere"] = "sphere"
-    radius_mm: Annotated[float, Key("mm", (1e-6, 1e6))] = 5.0
+    radius_mm: Annotated[float, Key("mm", (1e-4, 1e5))] = 5.0
     """Radius of the sphere."""
 
     @field_validator("edge_radius_mm")
