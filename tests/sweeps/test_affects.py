@@ -216,7 +216,7 @@ CASES = list(pairs())
 def another(model: type[Section], name: str, value: Any) -> Any:
     """Another value of a key, by its type and what is said of it."""
     said = model.key_of(name)
-    words = [word for word in re.findall(r"'([\w -]+)'", str(model.model_fields[name].annotation))]
+    words = [*said.words, *re.findall(r"'([\w -]+)'", str(model.model_fields[name].annotation))]
     if isinstance(value, bool):
         return not value
     if isinstance(value, int | float) and value:
