@@ -2,26 +2,12 @@
 
 from __future__ import annotations
 
-from enum import Enum, auto
 from functools import cache
 from typing import Any
 
-from pvdf_fem.scene.quantity import Section
+from pvdf_fem.scene.quantity import Affects, Section
 
-
-class Affects(Enum):
-    """What a key affects: a mark in the type of its field, ``Annotated[float, Affects.READING]``.
-
-    A key without a mark affects the mechanics. The mark of a table holds for all its keys.
-    """
-
-    MECHANICS = auto()  #: The deformation of the film.
-    OUTLINE = auto()  #: The mechanics, through nothing but the outline of a shape.
-    STRAIN_AT_REST = auto()  #: The mechanics, through the strain at rest of an even film.
-    SCALE = auto()  #: The mechanics of a membrane, through nothing but force over thickness.
-    READING = auto()  #: The charge that a stress makes.
-    DYNAMICS = auto()  #: Motions of the film, and how fast a warm probe heats the film.
-    INSTRUMENT = auto()  #: What a charge is read as, and from where places are counted.
+__all__ = ["Affects", "affecting"]
 
 
 def affecting(table: Section, *effects: Affects) -> dict[str, Any]:
@@ -42,8 +28,5 @@ def affecting(table: Section, *effects: Affects) -> dict[str, Any]:
 
 @cache
 def _effects(model: type[Section]) -> dict[str, Affects | None]:
-    """The marks of a model's keys."""
-    return {
-        name: next((mark for mark in field.metadata if isinstance(mark, Affects)), None)
-        for name, field in model.model_fields.items()
-    }
+    """What a model's keys say that they affect."""
+    return {name: model.key_of(name).affects for name in model.model_fields}

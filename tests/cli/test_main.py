@@ -495,6 +495,28 @@ def test_help_names_every_key_of_a_scene(capsys: pytest.CaptureFixture[str]) -> 
     assert not missing
 
 
+def test_keys_are_told_by_words(capsys: pytest.CaptureFixture[str]) -> None:
+    assert Scene.parse(Run(["keys"], capsys).out) == Scene()
+    told = Run(["keys", "side_mm", "tension-field"], capsys).out
+    assert re.findall(r"^#?(\w+) = ", told, re.M) == [
+        "compression",
+        "side_mm",
+        "side_mm",
+        "side_mm",
+    ]
+    assert re.findall(r"^\[.*\]$", told, re.M) == [
+        "[film]",
+        "[electrodes]",
+        "[[electrodes]]",
+        "[probe]",
+    ]
+    run = Run(["keys", "thicknes_um"], capsys)
+    assert (run.code, run.mistakes) == (
+        2,
+        ["thicknes_um: is in no key and its meaning; did you mean thickness_um?"],
+    )
+
+
 @pytest.mark.parametrize("command", ["solve", "mesh", "modes", "respond"])
 def test_examples_of_the_help_are_valid(
     scene: Path,
