@@ -40,11 +40,11 @@ from pvdf_fem.solution.attempt import UNKNOWNS_PER_ELEMENT
 from pvdf_fem.solution.estimate import corrected
 from pvdf_fem.solution.history import Clock
 from pvdf_fem.solution.refinement import MeshLoop, TooManyUnknownsError
-from pvdf_fem.solution.solution import NotConvergedError
+from pvdf_fem.solution.summary import Grid, Told, rounded
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.newton import NewtonResult, Tried, factorise
-from pvdf_fem.solvers.status import Status
+from pvdf_fem.solvers.status import NotConvergedError, Status
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -81,8 +81,8 @@ class Spectrum:
         return (shapes / np.take_along_axis(shapes, peaks, axis=1)).reshape(len(shapes), -1, 3)
 
 
-@dataclass(frozen=True, eq=False)
-class Modes:
+@dataclass(frozen=True, eq=False, repr=False)
+class Modes(Told):
     """How the eigenvalue problem ended and, if it converged, the lowest modes."""
 
     scene: Scene
@@ -93,13 +93,26 @@ class Modes:
     seconds: dict[str, float] = field(default_factory=dict)  #: mesh, solve, modes, total.
     _spectrum: Spectrum | None = None
 
-    def __repr__(self) -> str:
-        if self._spectrum is None:
-            return f"<Modes: {self.status}: {self.reason}>"
-        told = [", ".join(f"{f:.4g}" for f in self.frequencies_Hz) + " Hz in vacuum"]
-        if self.frequencies_in_air_Hz is not None:
-            told += [", ".join(f"{f:.4g}" for f in self.frequencies_in_air_Hz) + " Hz in air"]
-        return f"<Modes: {'; '.join([*told, *self.left_out])}>"
+    def _parts(self) -> tuple[str, list[str], list[Grid], list[str]]:
+        """Status, film or reason, a table each in vacuum and in air, and what is left out."""
+        notes = [f"left out: {text}" for text in self.left_out]
+        if self.status is not Status.CONVERGED:
+            return self.status, [self.reason], [], notes
+        grids = []
+        for where, spectrum in self._spectra.items():
+            pairs = zip(spectrum.frequencies.tolist(), spectrum.errors.tolist(), strict=True)
+            rows = tuple((str(i), *rounded(*pair)) for i, pair in enumerate(pairs, 1))
+            grids.append(Grid((where, "Hz", "± Hz"), rows))
+        return self.status, [f"modes of the {self._about}"], grids, notes
+
+    @property
+    def _about(self) -> str:
+        return "film under its load" if self.loaded else "flat film"
+
+    @property
+    def _spectra(self) -> dict[str, Spectrum]:
+        air = self.spectrum.in_air
+        return {"in vacuum": self.spectrum} | ({} if air is None else {"in air": air})
 
     @property
     def spectrum(self) -> Spectrum:
@@ -144,9 +157,15 @@ class Modes:
 
     def plot(self) -> Figure:
         """Draw the shapes of the modes with their frequencies, those in air below."""
-        from pvdf_fem.output.charts import mode_shapes  # output/ is above
+        from pvdf_fem.output.charts import mode_shapes
 
-        return mode_shapes(self)
+        shapes = [
+            (f"{i + 1}: {frequency:.4g} Hz {where}", spectrum.shapes[i, :, 2])
+            for where, spectrum in self._spectra.items()
+            for i, frequency in enumerate(spectrum.frequencies)
+        ]
+        film = self.basis, self.scene.film.radius_mm
+        return mode_shapes(shapes, *film, f"Modes of the {self._about}")
 
     def to_json(self) -> dict[str, Any]:
         """What `pvdf-fem modes --json` prints; without frequencies unless converged."""

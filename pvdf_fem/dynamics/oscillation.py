@@ -24,16 +24,16 @@ from numpy.typing import NDArray
 from pvdf_fem.arrays import Array
 from pvdf_fem.charges.forces import goal_gradients
 from pvdf_fem.charges.goals import goals_of
-from pvdf_fem.derivatives.adjoint import factorised, next_order
 from pvdf_fem.dynamics.air import AirLoad
 from pvdf_fem.dynamics.modes import pencil_of
 from pvdf_fem.film.electric.raised import Raised
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.pressure import UP
 from pvdf_fem.film.term import State
-from pvdf_fem.solution.solution import NotConvergedError, Solution
+from pvdf_fem.solution.next_order import factorised, next_order
+from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solvers.newton import factorise
-from pvdf_fem.solvers.status import Status
+from pvdf_fem.solvers.status import NotConvergedError, Status
 
 CHUNK = 256  #: Frequencies that are solved for together, so that memory stays small.
 TINY = np.finfo(float).tiny
@@ -118,7 +118,7 @@ class Oscillation:
 
 def oscillations(solution: Solution) -> tuple[Oscillation, Oscillation]:
     """About a solution, and the same of the order above on the same mesh."""
-    solved, q, factors = factorised(solution)
+    solved, q, factors = factorised(solution.fields)
     better = next_order(solved, q, factors)
     return Oscillation.of(solved, q), Oscillation.of(better.rich, better.q)
 

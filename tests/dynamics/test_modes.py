@@ -15,8 +15,7 @@ from skfem.helpers import dot
 from pvdf_fem import Scene
 from pvdf_fem.dynamics.modes import MOST_MODES, Modes, modes
 from pvdf_fem.film.weak_form import vector_basis
-from pvdf_fem.solution.solution import NotConvergedError
-from pvdf_fem.solvers.status import Status
+from pvdf_fem.solvers.status import NotConvergedError, Status
 from reports.accuracy.drawn import random_scene
 from reports.reference.closed_form import disc_frequencies
 
