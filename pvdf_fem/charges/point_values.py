@@ -92,7 +92,7 @@ def _values(equilibrium: Equilibrium, state: State, elements: Indices, local: Ar
 
 
 def values_along(
-    equilibrium: Equilibrium, state: State, line_mm: ArrayLike, points: int
+    equilibrium: Equilibrium, state: State, line_mm: ArrayLike, points: int = 200
 ) -> PointValues:
     """Values at this number of points at equal distances along a polyline, its ends included."""
     corners = np.asarray(line_mm, dtype=float)

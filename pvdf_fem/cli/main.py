@@ -220,10 +220,10 @@ def _solve(options: argparse.Namespace) -> int:
         mistakes.append("--quantity: is what --plot shows; give --plot FILE, or leave it out")
     scene = scene_of(options, *mistakes)
     if options.plot:
-        from pvdf_fem.output.film_map import require_quantity
+        from pvdf_fem.output.film_map import require_map
 
         try:
-            require_quantity(quantity, scene)
+            require_map(quantity, scene)
         except ValueError as error:
             raise InputError(f"--quantity: {error}") from error
     from pvdf_fem.solution.solve import solve
@@ -267,7 +267,6 @@ def _mesh(options: argparse.Namespace) -> int:
 
 def _modes(options: argparse.Namespace) -> int:
     from pvdf_fem.dynamics.modes import MOST_MODES, modes
-    from pvdf_fem.output.text import modes_text
     from pvdf_fem.solvers.status import Status
 
     count, mistakes = options.count, []
@@ -280,7 +279,7 @@ def _modes(options: argparse.Namespace) -> int:
         if options.plot and converged:
             save_plot(result.plot(), options)
     finally:
-        _print(result.to_json(), options.json, lambda: modes_text(result))
+        _print(result.to_json(), options.json, lambda: str(result))
     return ExitCode.CONVERGED if converged else ExitCode.NOT_CONVERGED
 
 

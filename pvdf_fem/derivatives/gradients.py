@@ -20,9 +20,9 @@ from pvdf_fem.film.models import film_model
 from pvdf_fem.scene.change import number_at
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.history import Stop
-from pvdf_fem.solution.solution import NotConvergedError, Solution
+from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import solve
-from pvdf_fem.solvers.status import Status
+from pvdf_fem.solvers.status import NotConvergedError, Status
 
 #: Error over what the next order takes away, of which corners leave it the least.
 SATURATION = 1.5

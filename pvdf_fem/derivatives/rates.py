@@ -26,7 +26,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.charges.rest import heat_charges
-from pvdf_fem.derivatives.adjoint import Adjoint, factorised
+from pvdf_fem.derivatives.adjoint import Adjoint
 from pvdf_fem.derivatives.parameters import (
     COEFFICIENTS,
     HEAT,
@@ -40,6 +40,7 @@ from pvdf_fem.mesh.points import facet_quadrature
 from pvdf_fem.scene.change import number_at
 from pvdf_fem.scene.quantity import Section
 from pvdf_fem.scene.scene import Probe, Scene
+from pvdf_fem.solution.next_order import factorised
 from pvdf_fem.solution.solution import Solution
 
 Table = TypeVar("Table", bound=Section)
@@ -51,7 +52,7 @@ STEP = 1e-3
 def charge_rates(solution: Solution, keys: Sequence[str]) -> Array:
     """Derivatives of the charges of a converged solution, without errors, in C per unit of the
     keys, which are of `parameters_of` its scene, (keys, electrodes)."""
-    solved, q, factors = factorised(solution)
+    solved, q, factors = factorised(solution.fields)
     adjoint = Adjoint.of(solved, goals_of(solution.scene), q, factors)
     return np.array([rate_of(adjoint, key) for key in keys])
 
@@ -73,7 +74,7 @@ def force_rates(solution: Solution, keys: Sequence[str]) -> Array:
     """
     units = [(1.0, 0.0), (0.0, 1.0)]
     goals = [replace(goal, d=d) for goal in goals_of(solution.scene) for d in units]
-    solved, q, factors = factorised(solution)
+    solved, q, factors = factorised(solution.fields)
     adjoint = Adjoint.of(solved, goals, q, factors)
     rates = [rate_of(adjoint, key, with_heat=False) for key in keys]
     return np.reshape(rates, (len(keys), -1, 2))

@@ -63,7 +63,7 @@ def style() -> Iterator[None]:
         yield
 
 
-class Picture(Figure):
+class NotebookFigure(Figure):
     """A figure that belongs to no window and that notebooks show."""
 
     def _repr_png_(self) -> bytes:
@@ -72,7 +72,7 @@ class Picture(Figure):
 
 def new_figure(width_mm: float = 160.0, height_mm: float = 100.0) -> Figure:
     """An empty figure that belongs to no window."""
-    return Picture(figsize=(width_mm / 25.4, height_mm / 25.4), dpi=DPI)  # in inches
+    return NotebookFigure(figsize=(width_mm / 25.4, height_mm / 25.4), dpi=DPI)  # in inches
 
 
 def save(figure: Figure, path: str | Path) -> None:

@@ -432,7 +432,6 @@ def test_solve_on_a_mesh_from_a_file(
     other = ["solve", scene, "--set", "probe.x_mm=4", "--mesh", mesh]
     mistakes = Run(other, capsys).mistakes
     assert mistakes[0].startswith(f"{mesh}: probe: the mesh does not follow its outline of 98 mm2")
-    assert mistakes[-1].startswith(f"{mesh}: the names of its groups are: ")
 
 
 def test_modes(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -443,7 +442,7 @@ def test_modes(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert _untimed(run.json) == _untimed(expected)
     assert len(run.json["frequencies_Hz"]) == 2
     run = Run(["modes", scene], capsys)
-    rows = re.findall(r"^  (\d) +([\d.]+) ± +[\d.e-]+ Hz$", run.out, re.MULTILINE)
+    rows = re.findall(r"^(\d) .* ([\d.]+) +[\d.e-]+$", run.out, re.MULTILINE)
     assert [number for number, _ in rows] == list("123456")
     assert float(rows[0][1]) == pytest.approx(117.05, rel=1e-2)
 
