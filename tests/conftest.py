@@ -1,14 +1,17 @@
-"""What the whole suite shares: slow tests wait for `./run test --all`, and CPU times of tests are
-written to the file that the variable CPU_TIMES names."""
+"""What the whole suite shares: slow tests wait for `./run test --all`, the variable CPU_TIMES names
+a file for CPU times of tests, and a fixture runs commands in this process."""
 
 from __future__ import annotations
 
+import json
 import os
+from dataclasses import dataclass
+from typing import Any
 
 import pytest
 from hypothesis import settings
 
-from tests.helpers.commands import Run
+from pvdf_fem.cli import main as cli
 
 #: Examples of a property in `./run test --all`, drawn anew at each run.
 EXAMPLES_OF_ALL = "2000"
@@ -43,6 +46,38 @@ def pytest_runtest_protocol(item):
         with open(path, "a", encoding="utf-8") as file:
             file.write(f"{sum(os.times()[:4]) - began:.2f} {item.nodeid}\n")
     return result
+
+
+@dataclass(frozen=True)
+class Run:
+    """Exit code, standard output and standard error of a command."""
+
+    code: int
+    out: str
+    err: str
+
+    @classmethod
+    def of(cls, arguments: tuple[object, ...], capsys: Any) -> Run:
+        try:
+            code = cli.main([str(argument) for argument in arguments])
+        except SystemExit as exit_:  # of argparse
+            code = exit_.code
+        return cls(code, *capsys.readouterr())
+
+    @property
+    def json(self) -> Any:
+        return json.loads(self.out)
+
+    @property
+    def told(self) -> list[str]:
+        """Keys with values, options or files that standard error names, one in each line."""
+        return [line.partition(": ")[0] for line in self.err.splitlines()]
+
+    @property
+    def mistakes(self) -> list[str]:
+        """What is told by a run that refuses its input."""
+        assert (self.code, self.out) == (2, "")
+        return self.told
 
 
 @pytest.fixture
