@@ -71,7 +71,8 @@ class Run:
     @property
     def told(self) -> list[str]:
         """Keys with values, options or files that standard error names, one in each line."""
-        return [line.partition(": ")[0] for line in self.err.splitlines()]
+        lines = (line.removeprefix("warning: ") for line in self.err.splitlines())
+        return [line.partition(": ")[0] for line in lines]
 
     @property
     def mistakes(self) -> list[str]:
