@@ -329,15 +329,19 @@ def test_a_scheduler_that_is_not_there_is_bad_input(tmp_path, monkeypatch, capsy
 @pytest.mark.filterwarnings("ignore")
 def test_a_scheduler_that_stops_is_told_in_a_line(tmp_path):
     pytest.importorskip("distributed")
-    address, command = "tcp://127.0.0.1:38786", [sys.executable, "-m"]
+    where, command = tmp_path / "scheduler.json", [sys.executable, "-m"]
     (tmp_path / "s.toml").write_text(
         "[scene.probe]\n[scene.numerics]\ntolerance = 1e-5\n"
         "[[axes]]\nprobe.x_mm = { start = 0, stop = 9, count = 1000 }\n"
     )
     environment = {**os.environ, "PYTHONPATH": str(GEOMETRY.parent)}
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment}
-    dask = [*command, "distributed.cli.dask_scheduler", "--port", "38786", "--no-dashboard"]
-    scheduler = subprocess.Popen(dask, **quiet)
+    dask = [*command, "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
+    scheduler = subprocess.Popen([*dask, "--no-dashboard", "--scheduler-file", where], **quiet)
+    while not (where.exists() and where.read_text().endswith("}")):
+        assert scheduler.poll() is None
+        time.sleep(0.05)
+    address = json.loads(where.read_text())["address"]
     dask = [*command, "distributed.cli.dask_worker", address, "--no-nanny", "--no-dashboard"]
     worker = subprocess.Popen(dask, cwd=tmp_path, **quiet)
     swept = subprocess.Popen(
