@@ -226,31 +226,6 @@ def test_unwritable_places_are_named(solution: Solution, tmp_path: Path) -> None
     assert {file.name for file in tmp_path.iterdir()} == {"directory.vtu", "file"}
 
 
-def test_check_of_a_path_leaves_the_file_alone(tmp_path: Path) -> None:
-    path = tmp_path / "a.vtu"
-    require_writable(path)
-    assert not list(tmp_path.iterdir())
-    path.write_text("old")
-    require_writable(path)
-    assert path.read_text() == "old"
-
-
-def test_failed_write_leaves_the_old_file(
-    solution: Solution, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def half(_: meshio.Mesh, path: Path, **__: object) -> None:
-        path.write_text("half")
-        raise OSError(28, "No space left on device")
-
-    path = tmp_path / "a.vtu"
-    path.write_text("old")
-    monkeypatch.setattr(meshio.Mesh, "write", half)
-    with pytest.raises(FileError, match="No space left on device"):
-        solution.to_vtu(path)
-    assert [file.name for file in tmp_path.iterdir()] == ["a.vtu"]
-    assert path.read_text() == "old"
-
-
 def test_names_that_become_equal_are_refused(tmp_path: Path) -> None:
     squares = [{"name": name, "x_mm": x, "y_mm": 0.0} for name, x in (("a b", 0), ("a_b", 9))]
     mesh = uniform_mesh(Scene().with_(electrodes=squares), 9.0)

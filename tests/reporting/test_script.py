@@ -5,17 +5,17 @@ from __future__ import annotations
 import contextlib
 import io
 import math
-import os
 import re
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pvdf_fem import Report, SceneError
 from pvdf_fem.cli.main import main
 from pvdf_fem.sweeps import sweep
+from tests.helpers.damage import drawn
 from tests.helpers.report_scripts import TOUCHES, script, text_of
 
 
@@ -145,8 +145,6 @@ def test_what_is_no_script_is_refused(tmp_path):
         Report.load(tmp_path)
 
 
-#: Examples of a run of the suite; by hand: ``PVDF_FEM_EXAMPLES=300 ./run test tests/reporting``.
-EXAMPLES = int(os.environ.get("PVDF_FEM_EXAMPLES", "60"))
 JUNK = st.sampled_from(
     ["", "x", "A", "\n", -1, 0, 0.5, True, [], [[]], {}, [1, "a"], {"x": 1}, [{}], "touches"]
 )
@@ -240,7 +238,7 @@ OF_TABLES = [drop, retype, extreme, add], [rename]
 OF_FILES = [cut, cells], [no_text, no_readings, utf_16, missing]
 
 
-@settings(max_examples=EXAMPLES, deadline=None, derandomize="PVDF_FEM_EXAMPLES" not in os.environ)
+@drawn(0.2)
 @given(data=st.data())
 def test_a_damaged_script_is_refused_by_key_before_any_solve(data, tmp_path_factory):
     """The command ends with 2 and names a key or a file, or comes to the first solve of a script
