@@ -14,7 +14,8 @@ From known touches to the sensor
 From charges to touches
     `build_response` makes a `Response`, the charges as a fast function of the touch; `locate` and
     `locate_many` find the touches that explain measured charges; `Tracker` follows touches in a
-    stream of readings. `design` tells how well different sensors would do so.
+    stream of readings. `design` tells how well different sensors would do so; `dataset` draws
+    random touches with noisy readings.
 
 ``help(pvdf_fem.solve)`` describes `solve` with its arguments, and so on.
 """
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
     from pvdf_fem.calibration.calibrate import calibrate
     from pvdf_fem.derivatives.gradients import gradients
+    from pvdf_fem.designs.dataset import dataset
     from pvdf_fem.designs.design import design
     from pvdf_fem.dynamics.forced import respond, transient
     from pvdf_fem.dynamics.modes import modes
@@ -56,6 +58,7 @@ __all__ = [
     "Tracker",
     "build_response",
     "calibrate",
+    "dataset",
     "design",
     "gradients",
     "locate",
@@ -80,6 +83,7 @@ _MODULES = {
     "Tracker": "tracking.tracker",
     "build_response": "response.build",
     "calibrate": "calibration.calibrate",
+    "dataset": "designs.dataset",
     "design": "designs.design",
     "gradients": "derivatives.gradients",
     "locate": "touch.locate",

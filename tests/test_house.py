@@ -32,6 +32,7 @@ PUBLIC = (
     "locate",
     "locate_many",
     "design",
+    "dataset",
     "Tracker",
 )
 

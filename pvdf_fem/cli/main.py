@@ -31,7 +31,7 @@ from pvdf_fem.cli.program import (
     save_plot,
     scene_of,
 )
-from pvdf_fem.cli.studies import design
+from pvdf_fem.cli.studies import dataset, design
 from pvdf_fem.scene.scene_file import choose, example_text, examples, key_texts
 
 _DESCRIPTION = """\
@@ -183,7 +183,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_texts(modes, ("--count", "N", "6", "how many frequencies"))
     add_plot(modes, "the shapes of the modes")
-    for command in (respond, sweep, response_model, locate, track, calibrate, design, explore):
+    touching = response_model, locate, track, calibrate, design, dataset
+    for command in (respond, sweep, *touching, explore):
         command.add_to(commands)
     return parser
 
