@@ -30,7 +30,7 @@ from pvdf_fem.response.response_file import (
 from pvdf_fem.response.rim_places import ProbeCharges
 from pvdf_fem.response.table import Grid, scaled_force
 from pvdf_fem.response.uniform_spline import UniformSpline
-from pvdf_fem.scene.affects import Affects, affecting
+from pvdf_fem.scene.quantity import Affects, affecting
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solvers.status import Status
 

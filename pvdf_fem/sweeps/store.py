@@ -27,7 +27,7 @@ import numpy as np
 from pvdf_fem.charges.forces import Forces
 from pvdf_fem.files import FileError
 from pvdf_fem.film.loads.profiles import pinned
-from pvdf_fem.scene.affects import Affects, affecting
+from pvdf_fem.scene.quantity import Affects, affecting
 from pvdf_fem.scene.scene import Scene
 
 # SQLite's application id of our files: "pvd" in ASCII, and the version of their table.
