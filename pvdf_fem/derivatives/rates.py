@@ -45,9 +45,6 @@ from pvdf_fem.solution.solution import Solution
 
 Table = TypeVar("Table", bound=Section)
 
-#: Step of a differenced key over its value; of a place in mm or degrees, and of a temperature in K.
-STEP = 1e-3
-
 
 def charge_rates(solution: Solution, keys: Sequence[str]) -> Array:
     """Derivatives of the charges of a converged solution, without errors, in C per unit of the
@@ -80,8 +77,10 @@ def force_rates(solution: Solution, keys: Sequence[str]) -> Array:
     return np.reshape(rates, (len(keys), -1, 2))
 
 
-def rate_of(adjoint: Adjoint, key: str, *, with_heat: bool = True) -> Array:
-    """dQ/dθ in C per unit of the key, (electrodes,), with the pyroelectric charge or without it."""
+def rate_of(adjoint: Adjoint, key: str, *, with_heat: bool = True, step: float = 1e-3) -> Array:
+    """dQ/dθ in C per unit of the key, (electrodes,), with the pyroelectric charge or without it. A
+    differenced key is changed by `step` times its value; a place by `step` in mm or degrees, and a
+    temperature in K."""
     scene = adjoint.equilibrium.scene
     if key in COEFFICIENTS:
         return 1e-12 * adjoint.forces[:, COEFFICIENTS.index(key)]
@@ -94,7 +93,7 @@ def rate_of(adjoint: Adjoint, key: str, *, with_heat: bool = True) -> Array:
                 return swept
     placed = any(name in (*PLACE_NAMES, HEAT) for _, _, name in touches)
     value = 1.0 if placed else abs(number_at(scene, key)) or 1.0
-    return swept + _differenced(adjoint, key, STEP * value, with_heat)
+    return swept + _differenced(adjoint, key, step * value, with_heat)
 
 
 def _differenced(adjoint: Adjoint, key: str, step: float, with_heat: bool) -> Array:

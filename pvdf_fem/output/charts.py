@@ -32,9 +32,6 @@ from pvdf_fem.scene.scene import Scene
 if TYPE_CHECKING:
     from xarray import DataArray, Dataset
 
-PANEL_MM = 45.0  #: Width of the picture of a mode, or of an electrode's charges.
-ABREAST = 2  #: Number of panels beside each other, which are readable on a phone.
-MOST_TICKS = 5  #: Of texts and logarithmic numbers on an axis, so that they do not overlap.
 SIGNS = {"um": "µm", "degree": "°"}  #: Units as figures have them.
 
 
@@ -84,10 +81,10 @@ def mode_shapes(
     return figure
 
 
-def _panels(count: int) -> tuple[Figure, list[Axes]]:
-    """A figure with panels of the same axes."""
-    rows, columns = math.ceil(count / ABREAST), min(count, ABREAST)
-    figure = new_figure(PANEL_MM * columns + 30.0, (PANEL_MM + 8.0) * rows + 10.0)
+def _panels(count: int, abreast: int = 2, panel_mm: float = 45.0) -> tuple[Figure, list[Axes]]:
+    """A figure with panels of the same axes, few beside each other for a phone."""
+    rows, columns = math.ceil(count / abreast), min(count, abreast)
+    figure = new_figure(panel_mm * columns + 30.0, (panel_mm + 8.0) * rows + 10.0)
     panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     for ax in panels.flat[count:]:
         ax.remove()
@@ -125,10 +122,10 @@ def _label(varied: list[DataArray]) -> str:
     return ", ".join(f"{n} ({SIGNS.get(u, u)})" if u else f"{n}" for n, u in names)
 
 
-def _draw_axis(axis: XAxis | YAxis, varied: list[DataArray]) -> Array:
+def _draw_axis(axis: XAxis | YAxis, varied: list[DataArray], most_ticks: int = 5) -> Array:
     """Scale an axis as its values are spaced, and return where these stand: numbers at themselves,
-    texts and several keys in a row."""
-    values, few = varied[0].values, slice(None, None, -(-varied[0].size // MOST_TICKS))
+    texts and several keys in a row. Few texts and logarithmic numbers do not overlap."""
+    values, few = varied[0].values, slice(None, None, -(-varied[0].size // most_ticks))
     if len(varied) > 1 or values.dtype.kind != "f":
         texts = [", ".join(row) for row in zip(*map(_texts, varied), strict=True)]
         axis.set_ticks(np.arange(values.size)[few], texts[few])

@@ -25,10 +25,6 @@ from pvdf_fem.output import figures
 from pvdf_fem.output.figures import COLOURS, GREY
 from pvdf_fem.scene.scene import Scene
 
-MOST_TRIANGLES = 60_000  #: Elements are cut in four again while there are no more triangles.
-STROKES = 36  #: Number of principal directions across a map.
-LEAST_SHARE = 1e-4  #: Error share that has the palest colour, over the largest one.
-
 
 @dataclass(frozen=True)
 class FilmMap:
@@ -42,14 +38,17 @@ class FilmMap:
     veil: float = 0.0  #: How much electrodes hide of what is below them, 0 to 1.
 
 
-def sampled(film: FilmData, shown: FilmMap) -> tuple[PointValues, Indices, Array]:
+def sampled(
+    film: FilmData, shown: FilmMap, most: float = 6e4
+) -> tuple[PointValues, Indices, Array]:
     """Points of all elements, small triangles (n, 3) of them, which no two elements share, and a
-    field there. ValueError for what is no field."""
+    field there. Elements are cut in four again while there are no more than `most` triangles.
+    ValueError for what is no field."""
     if shown.values is None:
         fields = ", ".join(name for name, other in MAPS.items() if other.values)
         raise ValueError(f"quantity: is no field of the film; choose from {fields}")
     count = film.mesh.nelements
-    times = int(np.clip(np.log(MOST_TRIANGLES / count) / np.log(4.0), 1, 4))
+    times = int(np.clip(np.log(most / count) / np.log(4.0), 1, 4))
     element = MeshTri1.init_refdom().refined(times)
     at = film.in_elements(element.p)
     first = element.p.shape[1] * np.arange(count)
@@ -92,14 +91,14 @@ def _shaded(
 def _directions(ax: Axes, film: FilmData, shown: FilmMap) -> ScalarMappable:
     """Strokes along the larger principal stress, as long as it exceeds the other."""
     drawn, reach = _shades(ax, film, shown), np.ptp(ax.get_xlim()) / 2.0
-    across = np.linspace(-reach, reach, STROKES)
+    across, step = np.linspace(-reach, reach, 36, retstep=True)
     places = np.stack(np.meshgrid(across, across), axis=-1).reshape(-1, 2)
     places = places[np.hypot(*places.T) < 0.99 * film.scene.film.radius_mm]
     stress = values_at(film.equilibrium, film.state, *places.T).stress_MPa
     small, large = principal(stress)
     angle = 0.5 * np.arctan2(2.0 * stress[:, 2], stress[:, 0] - stress[:, 1])
     apart = (large - small) / (np.abs(large) + np.abs(small))
-    half = (reach / STROKES * apart / max(apart.max(), 1e-9))[:, None]
+    half = (0.5 * step * apart / max(apart.max(), 1e-9))[:, None]
     along = half * np.column_stack([np.cos(angle), np.sin(angle)])
     strokes = list(np.stack([places - along, places + along], axis=1))
     ax.add_collection(LineCollection(strokes, color="white", linewidth=0.8))
@@ -121,7 +120,7 @@ def _mesh(ax: Axes, film: FilmData, shown: FilmMap) -> None:
 def _errors(ax: Axes, film: FilmData, shown: FilmMap) -> ScalarMappable:
     shares = 1e12 * film.error_shares().max(axis=1)
     most = max(float(shares.max()), np.finfo(float).eps)
-    norm = LogNorm(LEAST_SHARE * most, most, clip=True)
+    norm = LogNorm(1e-4 * most, most, clip=True)
     filled = PolyCollection(_sides_mm(film), array=shares, norm=norm, cmap=shown.colours)
     ax.add_collection(filled)
     return filled

@@ -21,10 +21,6 @@ from pvdf_fem.files import replacing
 from pvdf_fem.output.figures import COLOURS, colours_of
 from pvdf_fem.output.film_map import FilmMap, require_map, sampled
 
-ABOVE = 0.002  #: Height of lines above the film, over its radius, so that it does not hide them.
-DEPTH = 0.25  #: Depth of the picture of the film, over its radius.
-LEVELS = 9  #: Number of lines of equal deflection.
-VIEWED_FROM: Array = np.array([-1.0, -1.5, 1.2])  #: Direction to the camera.
 #: A program that ends with 0 where VTK renders, and by a signal where VTK misses its libraries.
 TRIAL = """
 from vtkmodules import vtkRenderingOpenGL2
@@ -55,14 +51,14 @@ def film_view(data: FilmData, name: str, scale: float | None, html: str | Path |
     require_rendering()
     if scale is None:
         deepest = 1e3 * float(np.abs(data.state.dofs[2::3]).max())
-        scale = DEPTH * scene.film.radius_mm / (deepest or 1.0)
+        scale = 0.25 * scene.film.radius_mm / (deepest or 1.0)
     plotter = pyvista.Plotter(off_screen=True if html else None)
     film = film_mesh(data, shown, scale)
     bar = {"title": _plain(shown.label), "color": "black", "fmt": "%.3g"}
     colours, *limits = colours_of(film.active_scalars, shown.colours)
     plotter.add_mesh(film, cmap=colours, clim=limits, scalar_bar_args=bar, smooth_shading=True)
-    above = np.array([0.0, 0.0, ABOVE * scene.film.radius_mm])
-    lines = film.contour(LEVELS, scalars=film.points[:, 2]).translate(above)
+    above = np.array([0.0, 0.0, 2e-3 * scene.film.radius_mm])  # or the film would hide lines
+    lines = film.contour(9, scalars=film.points[:, 2]).translate(above)
     if lines.n_points:  # which a flat film has not
         plotter.add_mesh(lines, color="white", opacity=0.5)
     edges = [(electrode.outline, "black") for electrode in scene.electrode_list]
@@ -73,7 +69,7 @@ def film_view(data: FilmData, name: str, scale: float | None, html: str | Path |
         line = pyvista.lines_from_points(_hanging(along, scale) + above)
         plotter.add_mesh(line, color=colour, line_width=4)
     plotter.set_background("white")
-    plotter.view_vector(VIEWED_FROM, viewup=(0.0, 0.0, 1.0))
+    plotter.view_vector((-1.0, -1.5, 1.2), viewup=(0.0, 0.0, 1.0))
     if html:
         with replacing(Path(html)) as unfinished:
             unfinished.write_text(_page(plotter.render_window), encoding="utf-8")

@@ -19,12 +19,8 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
 
 RASTER = (33, 97)  #: Numbers of distances from the centre and of directions, the first one twice.
-ACROSS = 41  #: Places across the enlarged picture.
-WIDE = 6.0  #: Half the width of the enlarged picture, over the largest standard deviation.
-LINES = 10  #: About the number of lines of equal charge.
 #: Limits of the colours of a likelihood, in standard deviations.
 LEVELS: Array = np.array([0.0, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 1000.0])
-TITLE_LETTERS = 62  #: Longest line of the title.
 
 
 def charge_map(
@@ -45,7 +41,7 @@ def charge_map(
     charges = charge(places.reshape(-1, 2)).reshape(x.shape)
     colours, low, high = figures.colours_of(charges)
     filled = ax.contourf(x, y, charges, levels=np.linspace(low, high, 256), cmap=colours)
-    levels = [at for at in MaxNLocator(LINES).tick_values(low, high) if low < at < high]
+    levels = [at for at in MaxNLocator(10).tick_values(low, high) if low < at < high]
     centres = [1e3 * known.outline.centroid for known in scene.electrode_list]
     figures.named_lines(ax, x, y, charges, levels, np.array(centres))
     _electrodes(ax, scene, 1.15 * reach_mm, Stage())
@@ -70,7 +66,7 @@ def likelihood_map(
     """
     stage, best = scene.stage or Stage(), touches[0]
     deviations, middle = best["standard_deviations"], np.array([best["x_mm"], best["y_mm"]])
-    wide = min(WIDE * max(deviations["x_mm"], deviations["y_mm"]), reach_mm)
+    wide = min(6.0 * max(deviations["x_mm"], deviations["y_mm"]), reach_mm)
     with figures.style():
         figure = figures.new_figure(120.0, 190.0)  # one above the other: a phone shows them
         figure.set_layout_engine("compressed")
@@ -78,7 +74,7 @@ def likelihood_map(
         centre = np.array([stage.x_mm, stage.y_mm])
         drawn = _likelihood(film, apart, polar_grid(reach_mm, *RASTER) + centre)
         _electrodes(film, scene, 1.15 * reach_mm, stage)
-        across = np.linspace(-wide, wide, ACROSS)
+        across = np.linspace(-wide, wide, 41)
         _likelihood(near, apart, np.stack(np.meshgrid(across, across), axis=-1) + middle)
         near.set(xlim=middle[0] + across[[0, -1]], ylim=middle[1] + across[[0, -1]])
         near.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
@@ -93,7 +89,7 @@ def likelihood_map(
         figure.colorbar(drawn, ax=[film, near], label=label, shrink=0.9, format="%g")
         if remarks:
             heads = (remark.partition(";")[0] for remark in remarks)
-            figure.suptitle("\n".join(fill(h, TITLE_LETTERS) for h in heads), fontsize="medium")
+            figure.suptitle("\n".join(fill(h, 62) for h in heads), fontsize="medium")
     return figure
 
 
