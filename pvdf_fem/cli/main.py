@@ -31,7 +31,7 @@ from pvdf_fem.cli.program import (
     save_plot,
     scene_of,
 )
-from pvdf_fem.cli.studies import design
+from pvdf_fem.cli.studies import dataset, design
 from pvdf_fem.scene.scene_file import choose, example_text, examples, key_texts
 
 _DESCRIPTION = """\
@@ -183,7 +183,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_texts(modes, ("--count", "N", "6", "how many frequencies"))
     add_plot(modes, "the shapes of the modes")
-    for command in (respond, sweep, response_model, locate, track, calibrate, design, explore):
+    touching = response_model, locate, track, calibrate, design, dataset
+    for command in (respond, sweep, *touching, explore):
         command.add_to(commands)
     return parser
 
@@ -220,10 +221,10 @@ def _solve(options: argparse.Namespace) -> int:
         mistakes.append("--quantity: is what --plot shows; give --plot FILE, or leave it out")
     scene = scene_of(options, *mistakes)
     if options.plot:
-        from pvdf_fem.output.film_map import require_quantity
+        from pvdf_fem.output.film_map import require_map
 
         try:
-            require_quantity(quantity, scene)
+            require_map(quantity, scene)
         except ValueError as error:
             raise InputError(f"--quantity: {error}") from error
     from pvdf_fem.solution.solve import solve
@@ -267,7 +268,6 @@ def _mesh(options: argparse.Namespace) -> int:
 
 def _modes(options: argparse.Namespace) -> int:
     from pvdf_fem.dynamics.modes import MOST_MODES, modes
-    from pvdf_fem.output.text import modes_text
     from pvdf_fem.solvers.status import Status
 
     count, mistakes = options.count, []
@@ -280,7 +280,7 @@ def _modes(options: argparse.Namespace) -> int:
         if options.plot and converged:
             save_plot(result.plot(), options)
     finally:
-        _print(result.to_json(), options.json, lambda: modes_text(result))
+        _print(result.to_json(), options.json, lambda: str(result))
     return ExitCode.CONVERGED if converged else ExitCode.NOT_CONVERGED
 
 
