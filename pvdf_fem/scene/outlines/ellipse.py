@@ -112,14 +112,6 @@ class Ellipse(Outline):
         return self.at(angles), step * np.stack([tangents[:, 1], -tangents[:, 0]], axis=-1)
 
     @cached_property
-    def perimeter(self) -> float:
-        """Length of the outline in m, by the complete elliptic integral of the second kind."""
-        from scipy.special import ellipe  # scenes are read without scipy
-
-        short, long = sorted(np.linalg.norm(self.axes, axis=0))
-        return float(4.0 * long * ellipe(1.0 - (short / long) ** 2))
-
-    @cached_property
     def reach(self) -> float:
         """Largest distance of a point of the ellipse from the film's centre, in m. At z = exp(it)
         the derivative of |centre + axes (cos t, sin t)|² is a polynomial of degree 4 over z²."""
