@@ -13,6 +13,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.charges.rest import known_at_rest, untouched
 from pvdf_fem.film.loads.profiles import pinned
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
+from pvdf_fem.scene.given import SceneLike, scene_of
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.sweeps.grid import Grid
 from pvdf_fem.sweeps.plan import SweepPlan, plan
@@ -69,7 +70,7 @@ class Counted:
 
 
 def sweep(
-    scene: Scene,
+    scene: SceneLike,
     axes: Sequence[Mapping[str, Any]],
     store: Store | Path | str | None = None,
     *,
@@ -81,7 +82,7 @@ def sweep(
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene, path of its file, dict of its tables, or a result of it
         The base scene.
     axes : sequence of mapping
         See `pvdf_fem.sweeps.grid.Grid.of`: ``[{"film.thickness_um": [9, 25, 110]}, ...]``.
@@ -102,7 +103,7 @@ def sweep(
     if isinstance(store, Path | str):
         with Store(Path(store)) as opened:
             return sweep(scene, axes, opened, **how)
-    grid = Grid.of(scene, axes)
+    grid = Grid.of(scene_of(scene), axes)
     todo = planned(grid.scenes(), store)
     return dataset(grid, todo, records(todo, store, **how))
 
