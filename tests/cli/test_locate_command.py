@@ -12,7 +12,7 @@ from pvdf_fem import Scene
 from pvdf_fem.response import response
 from pvdf_fem.response.model import Domain
 from pvdf_fem.response.response import reads_alike
-from pvdf_fem.solution.solution import NotConvergedError
+from pvdf_fem.solvers.status import NotConvergedError
 from tests.helpers.touch_models import bumps
 
 TOUCH = np.array([3.0, -4.0, 25.0, 0.7])

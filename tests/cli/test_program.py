@@ -20,7 +20,7 @@ from pvdf_fem import Scene, Solution, solve
 from pvdf_fem.cli.main import main
 from pvdf_fem.cli.program import InputError, run_program
 from pvdf_fem.files import FileError, replacing, require_writable
-from pvdf_fem.output.export import write_mesh, write_vtu
+from pvdf_fem.output.export import write_mesh
 from pvdf_fem.output.figures import new_figure, save
 from pvdf_fem.sweeps.records import record_of
 from pvdf_fem.sweeps.store import Store, StoreError
@@ -71,7 +71,7 @@ def _mesh(path: Path, solution: Solution) -> None:
 
 
 WRITERS: dict[str, Callable[[Path, Solution], None]] = {
-    "a.vtu": lambda path, solution: write_vtu(solution, path),
+    "a.vtu": lambda path, solution: solution.to_vtu(path),
     "b.vtu": _mesh,
     "a.msh": _mesh,
     "a.inp": _mesh,

@@ -180,6 +180,17 @@ def test_a_kind_of_ones_own_is_registered_and_its_faults_do_not_stop_the_others(
     assert '<svg id="svg-sensor"' in made.page.read_text(encoding="utf-8")
 
 
+def test_warnings_of_scenes_stand_below_their_figure(tmp_path):
+    """A coefficient in C/N is a doubt about the scene, which is solved all the same."""
+    table = only("curve")
+    (curve,) = table["section"][0]["figure"]
+    del curve["family"]
+    curve |= {"x": "film.d31_pC_N", "values": [1e-7, 2e-7, 8.0]}
+    made = Report.load(write(tmp_path, table)).make(tmp_path / "out", processes=1)
+    assert made.complete
+    assert "2 of the scenes have warnings" in made.page.read_text("utf-8")
+
+
 OWN = """
 from dataclasses import dataclass
 from pathlib import Path

@@ -92,7 +92,7 @@ REFUSALS = [
     (electrode() + electrode(x_mm=9), 'electrodes[1].name = "A"', "the name of electrodes[0]"),
     (electrode() + electrode("B", x_mm=2.9), "electrodes[1].x_mm = 2.9", "overlaps electrodes[0]"),
     ("[electrodes]\nring_radius_mm = 2", "electrodes.ring_radius_mm = 2.0", "A and B overlap"),
-    ("[film]\nradius_mm = 0.045", "electrodes.ring_radius_mm = 10.0", "(were 45 mm meant?)"),
+    ("[film]\nradius_mm = 0.045", "electrodes.ring_radius_mm = 10.0", "were 45 mm meant"),
     # lists as one table, and tables as lists
     ('[electrodes]\nname = "A"', 'electrodes.name = "A"', "begin each with [[electrodes]]"),
     ("[film.patches]\nx_mm = 1", "film.patches = a table", "begin each with [[film.patches]]"),

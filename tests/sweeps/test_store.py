@@ -196,32 +196,6 @@ def test_a_store_is_a_file_by_whatever_name(name, tmp_path, monkeypatch):
     assert [file.name for file in tmp_path.iterdir()] == [Path(name).name]
 
 
-def test_a_claim_is_for_one_process(tmp_path):
-    code = (
-        "import sys\n"
-        "from pathlib import Path\n"
-        "from pvdf_fem.sweeps.store import Store\n"
-        "with Store(Path(sys.argv[1])) as store, store.claims() as claim:\n"
-        "    print(claim('a'), claim('b'))\n"
-    )
-    path = tmp_path / "s.db"
-    (tmp_path / "link.db").symlink_to(path)
-
-    def claimed_by_another() -> str:
-        command = [sys.executable, "-c", code, tmp_path / "link.db"]
-        root = Path(__file__).parents[2]
-        run = subprocess.run(command, cwd=root, capture_output=True, text=True, check=True)
-        return run.stdout.strip()
-
-    with Store(path) as store:
-        with store.claims() as claim:
-            assert claim("a")
-            assert claimed_by_another() == "False True"
-            assert claimed_by_another() == "False True"  # claims of the other one end, ours stay
-        assert claimed_by_another() == "True True"
-        assert [file.name for file in tmp_path.glob("s.db*")] == ["s.db"]
-
-
 def _open_at(path, moment):
     while time.time() < moment:
         pass

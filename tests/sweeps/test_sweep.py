@@ -222,45 +222,24 @@ def _stored(path):
         return {key(scene) for scene in sweep.Grid.of(BASE, AXES).scenes() if scene in store}
 
 
-def _started(*arguments):
-    process = AGAIN.Process(target=run, args=arguments)
-    process.start()
-    return process
+def test_what_another_program_has_solved_meanwhile_is_not_solved_again(tmp_path, monkeypatch):
+    """The other one begins and ends while this one is at its second solve."""
+    path, log, solves = tmp_path / "s.db", tmp_path / "log", []
 
+    def watched(scenes, frames):
+        solves.append(scenes)
+        if len(solves) == 2:
+            other = AGAIN.Process(target=run, args=(path, log))
+            other.start()
+            other.join()
+        return made_up(scenes, frames)
 
-def test_two_processes_share_the_solves_of_one_store(tmp_path):
-    path, logs = tmp_path / "s.db", [tmp_path / "one", tmp_path / "two"]
-    both = [_started(path, log, 0.1) for log in logs]
-    for process in both:
-        process.join()
-    assert [process.exitcode for process in both] == [0, 0]
-    assert len(_stored(path)) == 48
-    solved = [log.read_text().splitlines() for log in logs]
-    assert len(solved[0] + solved[1]) == len({*solved[0], *solved[1]}) == 24
-    assert min(map(len, solved)) >= 8
-    assert [file.name for file in tmp_path.glob("s.db*")] == ["s.db"]
-    log = tmp_path / "again"
-    log.touch()
-    assert run(path, log).identical(run(tmp_path / "alone.db"))
-    assert log.read_text() == ""
-
-
-def test_claims_end_with_a_killed_process(tmp_path):
-    path, log = tmp_path / "s.db", tmp_path / "log"
-    hangs = _started(path, tmp_path / "begun", 600.0)
-    while not (tmp_path / "s.db-claims").exists():
-        time.sleep(0.01)
-    time.sleep(0.5)
-    other = _started(path, log, 0.0)
-    while len(_stored(path)) < 46:  # all but the two scenes of the solve that hangs
-        time.sleep(0.05)
-    other.join(0.5)
-    assert other.is_alive()
-    os.kill(hangs.pid, signal.SIGKILL)
-    other.join(20.0)
-    assert other.exitcode == 0
-    assert len(_stored(path)) == 48
-    hangs.join()
+    monkeypatch.setattr(sweep, "records_of", watched)
+    with Store(path) as store:
+        data = sweep.sweep(BASE, AXES, store, processes=1)
+    assert len(solves) == 2
+    assert len(log.read_text().splitlines()) == 23
+    assert data.identical(run(tmp_path / "alone.db"))
 
 
 def test_processes_end_with_a_parent_that_is_killed(tmp_path):
@@ -353,8 +332,8 @@ def test_a_scheduler_that_stops_is_told_in_a_line(tmp_path):
         text=True,
     )
     try:
-        wal = tmp_path / "s.db-wal"
-        while not (wal.exists() and wal.stat().st_size > 8_000):  # some solves are stored
+        rows = tmp_path / "s.db"
+        while not (rows.exists() and rows.stat().st_size > 16_000):  # some solves are stored
             assert swept.poll() is None, swept.communicate()
             time.sleep(0.1)
         scheduler.kill()
