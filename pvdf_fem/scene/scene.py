@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, overload
+from typing import TYPE_CHECKING, Annotated, Any, Self, overload
 
 from pydantic import (
     SerializerFunctionWrapHandler,
@@ -60,19 +60,16 @@ __all__ = [
 ]
 
 
-if TYPE_CHECKING:
-    ObservableName: TypeAlias = str
-else:
-    ObservableName = Literal[tuple(OBSERVABLE_ENTRIES)]
-
-
 class Numerics(Section):
     """The error that is wanted in every charge, what is called charge, and limits of a solve."""
 
     tolerance: Annotated[float, Key("", (2e-8, 0.49))] = 1e-3
     """Error wanted in every charge, relative to the charge. Where its parts, d31 S11 and d32 S22,
     cancel to less than 5 % of them, relative to 5 % of them; a warning says so."""
-    observable: Annotated[ObservableName, Key(affects=Affects.READING)] = "material"
+    observable: Annotated[
+        str,
+        Key(affects=Affects.READING, words=OBSERVABLE_ENTRIES),
+    ] = "material"
     """material: d31 S11 + d32 S22 over the electrode. thesis-edge: mean stress on opposite edges
     times the area."""
     load_steps: Annotated[int | None, Key("", (3, 50), example=6)] = None
