@@ -311,10 +311,10 @@ def test_options_that_do_not_go_together_are_refused(file, tmp_path, capsys):
     assert run(file, source, "--output", file) == 2
     assert run(file, source, "--output", tmp_path / "touches.txt") == 2
     assert "choose from .csv .json .jsonl" in capsys.readouterr().err
-    assert run(file, source, "--polish", "--or", file) == 2
+    assert run(file, source, "--plot", "a.svg", "--or", file) == 2
     assert capsys.readouterr().err.splitlines() == [
         "--or: is for single touches; leave it out",
-        "--polish: is for single touches; leave it out",
+        "--plot: is for single touches; leave it out",
     ]
     single = ["--charges", "A=1", "--quick", "--output", "x.csv", "--reading", "total"]
     assert main(["locate", str(file), *single]) == 2
