@@ -39,8 +39,9 @@ if TYPE_CHECKING:
     from pvdf_fem.response.build import build_response
     from pvdf_fem.response.response import Response
     from pvdf_fem.scene.scene import Replaced, Scene, SceneError
-    from pvdf_fem.solution.solution import NotConvergedError, Solution
+    from pvdf_fem.solution.solution import Solution
     from pvdf_fem.solution.solve import solve
+    from pvdf_fem.solvers.status import NotConvergedError
     from pvdf_fem.sweeps.sweep import sweep
     from pvdf_fem.touch.locate import locate
     from pvdf_fem.touch.locate_many import locate_many
@@ -72,7 +73,7 @@ __version__ = "0.1.0"
 
 # Where the public names are defined.
 _MODULES = {
-    "NotConvergedError": "solution.solution",
+    "NotConvergedError": "solvers.status",
     "Report": "reporting.report",
     "Replaced": "scene.scene",
     "Response": "response.response",

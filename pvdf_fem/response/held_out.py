@@ -52,7 +52,7 @@ class HeldOut:
 
         Raises `NotConvergedError` when fewer than half of the touches have a solution.
         """
-        from pvdf_fem.solution.solution import NotConvergedError  # with gmsh
+        from pvdf_fem.solvers.status import NotConvergedError
         from pvdf_fem.sweeps.sweep import silent, solve_all
 
         scenes = [scene_of_touch(scene, touch, tolerance) for touch in touches]

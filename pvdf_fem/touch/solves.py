@@ -23,8 +23,8 @@ from pvdf_fem.scene.outlines.shape import HEAT
 from pvdf_fem.scene.scene import Numerics, Scene, SceneError
 from pvdf_fem.scene.shapes import Pressing
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.solution.solution import NotConvergedError
 from pvdf_fem.solution.solve import solve_goals
+from pvdf_fem.solvers.status import NotConvergedError
 from pvdf_fem.touch.problem import LONGEST, kind_of
 
 UNSOLVED_PC = 1e15  #: Charges of a scene that cannot be solved.

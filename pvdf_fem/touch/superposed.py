@@ -14,7 +14,7 @@ from pvdf_fem.film.loads.profiles import pinned
 from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, probes_of, rest_of
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.solution.solution import NotConvergedError
+from pvdf_fem.solvers.status import NotConvergedError
 from pvdf_fem.sweeps.sweep import solve_all
 from pvdf_fem.touch.least_squares import Descent, descend, joined
 from pvdf_fem.touch.problem import Problem, kind_of

@@ -69,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
         wrong.append(f"{options.output}: needs pyarrow; install pvdf-fem[parquet], or give .nc")
     scene = scene_of(options, *wrong)
     from pvdf_fem.designs.dataset import dataset, mistakes, write
-    from pvdf_fem.solution.solution import NotConvergedError
+    from pvdf_fem.solvers.status import NotConvergedError
 
     count, seed = (int(n) if n.isdecimal() else n for n in (options.touches, options.seed))
     wrong = [*mistakes(scene, count, seed, sigma, noise, options.reading)]
