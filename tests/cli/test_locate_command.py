@@ -197,9 +197,9 @@ def test_all_mistakes_are_told_before_anything_is_built(built, file, command):
     bare = file.with_name("bare.toml")
     bare.write_text(Scene().to_toml())
     assert command("locate", bare, "--charges", "A=1").code == 2
-    drawn = ["--polish", "--plot", file.with_name("a.svg")]
+    drawn = ["--or", file, "--plot", file.with_name("a.svg")]
     two = command("locate", file, "--charges", given(), "--touches", "2", *drawn)
-    assert set(two.mistakes) == {"--plot", "--polish"}
+    assert set(two.mistakes) == {"--plot", "--or"}
     assert not built
 
 
