@@ -133,6 +133,10 @@ class Section(BaseModel):
         said = (mark for mark in cls.model_fields[name].metadata if isinstance(mark, Key))
         return next(said, Key())
 
+    def __setattr__(self, name: str, value: Any) -> None:
+        told = f"{name} = {value!r:.60}: a scene does not change; make another one by Scene.with_"
+        raise AttributeError(told)
+
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """A copy with some other values, and nothing cached of the old ones."""
         copy = super().model_copy(update=update, deep=deep)

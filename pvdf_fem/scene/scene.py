@@ -8,7 +8,7 @@ nothing else in the package converts lengths or moduli. Defaults are the thesis'
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
@@ -295,11 +295,13 @@ class Scene(Section):
         scenes = {k: text for k, text in examples().items() if not any(o in text for o in others)}
         return cls.parse(example_text(name, scenes), name)
 
-    def with_(self, /, **changes: Any) -> Scene:
+    def with_(self, tables: Mapping[str, Any] | None = None, /, **changes: Any) -> Scene:
         """Another scene, with some values changed.
 
         Parameters
         ----------
+        tables : mapping, optional
+            Changes as a dict instead of keywords.
         **changes
             Values by dotted key, ``{"load.force_N": 2.0, "electrodes.0.x_mm": 8}``, or tables,
             ``film={"thickness_um": 12}``, which are merged: keys that a table does not have stay. A
@@ -316,8 +318,8 @@ class Scene(Section):
         SceneError
             Listing all mistakes, as for a file.
         """
-        tables = self._tables()
-        return self._from_tables(tables, "", change(tables, changes))
+        own = self._tables()
+        return self._from_tables(own, "", change(own, {**(tables or {}), **changes}))
 
     def to_toml(self) -> str:
         """The scene as a scene file with every key; parsing it gives an equal scene."""
