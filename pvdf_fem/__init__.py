@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
     from pvdf_fem.calibration.calibrate import calibrate
     from pvdf_fem.derivatives.gradients import gradients
+    from pvdf_fem.derivatives.uncertainty import uncertainty
     from pvdf_fem.designs.dataset import dataset
     from pvdf_fem.designs.design import design
     from pvdf_fem.dynamics.forced import respond, transient
@@ -68,6 +69,7 @@ __all__ = [
     "solve",
     "sweep",
     "transient",
+    "uncertainty",
 ]
 __version__ = "0.1.0"
 
@@ -93,6 +95,7 @@ _MODULES = {
     "solve": "solution.solve",
     "sweep": "sweeps.sweep",
     "transient": "dynamics.forced",
+    "uncertainty": "derivatives.uncertainty",
 }
 
 
