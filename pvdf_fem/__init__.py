@@ -5,7 +5,8 @@ Scene and solution
     `SceneError` lists the mistakes of a scene; `NotConvergedError` says why there are no charges.
     `Replaced` is a table that takes the place of a whole one in `Scene.with_`.
 About one solution
-    `gradients` differentiates the charges; `modes` gives the frequencies of the film, `respond` the
+    `gradients` differentiates the charges, `uncertainty` tells what uncertain values of the scene
+    make of these; `modes` gives the frequencies of the film, `respond` the
     charges of an oscillating force by frequency, `transient` those of a touch by time.
 Many scenes
     `sweep` solves a grid of scenes; `Report` makes a page of a report script.
