@@ -188,7 +188,8 @@ def test_warnings_of_scenes_stand_below_their_figure(tmp_path):
     curve |= {"x": "film.d31_pC_N", "values": [1e-7, 2e-7, 8.0]}
     made = Report.load(write(tmp_path, table)).make(tmp_path / "out", processes=1)
     assert made.complete
-    assert "2 of the scenes have warnings" in made.page.read_text("utf-8")
+    [remark] = re.findall('<p class="pending">(.*?)</p>', made.page.read_text("utf-8"))
+    assert "film.d31_pC_N = 1e-07" in remark
 
 
 OWN = """
