@@ -283,7 +283,10 @@ def test_tasks_of_a_file_run_once_in_processes_and_in_this_one(tmp_path, counted
     assert pd.read_csv(tmp_path / "out" / "data" / "told.csv").letters.tolist() == [8, 6]
 
 
-@pytest.mark.parametrize(("word", "processes"), [("raise", 1), ("raise", 2), ("crash", 2)])
+@pytest.mark.parametrize(
+    ("word", "processes"),
+    [("raise", 1), ("raise", 2), pytest.param("crash", 2, marks=pytest.mark.slow)],
+)
 def test_a_task_that_fails_is_told_in_its_place_and_tried_again(
     tmp_path, counted, capfd, word, processes
 ):

@@ -306,6 +306,7 @@ def test_a_scheduler_that_is_not_there_is_bad_input(tmp_path, monkeypatch, capsy
 
 
 @pytest.mark.filterwarnings("ignore")
+@pytest.mark.slow
 def test_a_scheduler_that_stops_is_told_in_a_line(tmp_path):
     pytest.importorskip("distributed")
     where, command = tmp_path / "scheduler.json", [sys.executable, "-m"]
