@@ -131,7 +131,12 @@ def test_what_cannot_be_told_apart_is_decided_by_the_priors():
     [
         (lambda c: {n: 1e-3 * c[n] for n in NAMES}, "wrong_unit", "in nC, not in pC"),
         (lambda c: {n: -c[n] for n in NAMES}, "wrong_sign", "the wrong sign"),
-        (lambda c: {"force_N": c["force_N"] / 9.81}, "wrong_force", "force_N is in kgf"),
+        pytest.param(
+            lambda c: {"force_N": c["force_N"] / 9.81},
+            "wrong_force",
+            "force_N is in kgf",
+            marks=pytest.mark.slow,
+        ),
         (lambda c: {"y_mm": -c["y_mm"]}, "swapped_channels", "B and D are swapped; or y_mm has"),
     ],
 )
