@@ -95,7 +95,7 @@ def test_a_full_disk_loses_no_record(solution: Solution, tmp_path: Path) -> None
     record = record_of(solution)
     with Store(tmp_path / "results.db") as store:
         store.put([(solution.scene, record)])
-        with small_disk(100), pytest.raises(StoreError, match="see to its disk"):
+        with small_disk(100), pytest.raises(StoreError):
             store.put([(Scene(), record)])
     with Store(tmp_path / "results.db") as store:
         assert store.get(solution.scene) == record
