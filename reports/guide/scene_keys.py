@@ -50,6 +50,10 @@ ABOUT = {
     "[[electrodes]]": "In place of the layout, any electrodes; they may touch, but not overlap.",
     "[probe]": "What presses on the film; without this table nothing does.",
 }
+UNCERTAIN = (
+    "Standard deviations of numbers of the scene by their keys, in the key's unit or as shares of "
+    "the number: `pvdf-fem solve` tells what they make of each charge."
+)
 HEAD = """\
 # The sensor with four electrodes, without a probe: the film under its pretension only.
 # Copy, keep what you change, delete the rest: every key has the value below as its default. Lines
@@ -129,6 +133,9 @@ def commented_scene() -> str:
             lines += [line for key in keys for line in _entry(model, key, used)]
             told |= {caption} - {""}
         blocks.append("\n".join(lines) + "\n")
+    blocks.append(
+        "\n".join([*_comment(UNCERTAIN), "#[uncertain]", '#"film.thickness_um" = "5 %"\n'])
+    )
     return "\n".join(blocks)
 
 
@@ -173,6 +180,7 @@ def scene_page() -> str:
             shape, _, about = caption.partition(": ")
             lines += ["", f"`{shape}`: {about}", ""] if caption else []
             lines += table_of(model, keys)
+    lines += ["", "## `[uncertain]`", "", UNCERTAIN]
     commented = example_text("four_electrodes", examples()).rstrip()
     lines += ["", "## A scene with every key", "", "```toml", commented, "```"]
     return "\n".join(lines) + "\n"

@@ -34,6 +34,7 @@ def solved(built):
     return HeldOut.of(touches, [*Work(1).run(solves_of(SPHERE, touches, 5e-4, share=1.0))])
 
 
+@pytest.mark.slow
 def test_a_response_is_true_to_the_solver(built, solved):
     """Though the contact grows with the force, and elements along its edge with it."""
     assert (built.status, built.remarks) == (Status.CONVERGED, ())

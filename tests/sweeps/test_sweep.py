@@ -274,6 +274,7 @@ def test_a_task_that_always_kills_its_process_has_no_result():
 
 
 @pytest.mark.filterwarnings("ignore")
+@pytest.mark.slow
 def test_a_cluster_gives_the_same_dataset_even_if_a_worker_dies():
     distributed = pytest.importorskip("distributed")
     axes = [{"load.force_N": [0.5, 1.0, 2.0]}, {"probe.x_mm": [0.0, 3.0]}, AXES[-1]]
@@ -306,6 +307,7 @@ def test_a_scheduler_that_is_not_there_is_bad_input(tmp_path, monkeypatch, capsy
 
 
 @pytest.mark.filterwarnings("ignore")
+@pytest.mark.slow
 def test_a_scheduler_that_stops_is_told_in_a_line(tmp_path):
     pytest.importorskip("distributed")
     where, command = tmp_path / "scheduler.json", [sys.executable, "-m"]
