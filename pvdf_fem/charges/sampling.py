@@ -45,19 +45,20 @@ class Sampling:
 
 def area_samplings(goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
     """Points over the areas of electrodes, for both forces."""
-    follows = np.array([goal.patch is not None for goal in goals], dtype=bool)
-    followed, others = np.flatnonzero(follows), np.flatnonzero(~follows)
-    if len(followed):
+    followed, others = (
+        [i for i, goal in enumerate(goals) if (goal.patch is None) is cut] for cut in (False, True)
+    )
+    if followed:
         patches = [goals[i].elements(space.mesh) for i in followed]
         elements, owners = np.concatenate(patches), np.repeat(followed, list(map(len, patches)))
         gradients, weights = space.gradients[elements], space.weights[elements]
         points = space.basis.quadrature[0][:, None]
         local = np.broadcast_to(points, (2, len(elements), points.shape[-1]))
         yield Sampling(owners, (0, 1), elements, gradients, weights, local)
-    if len(others):
+    if others:
         cut = area_quadrature(space.mesh, [goals[i].placed for i in others])
         gradients = space.gradients_at(cut.elements, cut.points)
-        owners = others[cut.owners]
+        owners = np.array(others)[cut.owners]
         yield Sampling(owners, (0, 1), cut.elements, gradients, cut.weights, cut.points)
 
 

@@ -99,7 +99,7 @@ The extension chooses the format:
   .msh                physical groups; where patches overlap, their combination
                       is a group of its own, such as `electrode A + probe`
   .inp                element sets, and the node set `rim`
-  .vtu .vtk .xdmf     a 0/1 array for each patch"""
+  .vtu                a 0/1 array for each patch"""
 
 _MESH_EPILOG = """\
 example:

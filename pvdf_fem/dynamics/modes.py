@@ -249,7 +249,8 @@ class _ModalProblem:
         order = max(2, film_model(self.scene).lowest_order + 1)
         coarse, rich = (Equilibrium(self.scene, mesh, p) for p in (order, order + 1))
         q, q_rich = np.zeros(coarse.unknowns.count), np.zeros(rich.unknowns.count)
-        least, solver = self.scene.film.stress_at_rest[:2].min(), (0, ())
+        least = self.scene.film.stress_at_rest[:2].min()
+        solver: tuple[int, tuple[Tried, ...]] = 0, ()
         if not coarse.is_flat:
             with self.clock("solve"):
                 result = equilibrate(coarse, budget=self.budget)

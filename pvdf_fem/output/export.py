@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -99,26 +98,8 @@ def _components(stress: Array) -> dict[str, Array]:
     return dict(zip(("S11_Pa", "S22_Pa", "S12_Pa"), np.moveaxis(stress, -1, 0), strict=True))
 
 
-@dataclass(frozen=True)
-class MeshFormat:
-    """A file format and the way it holds patches."""
-
-    name: str  #: Name that meshio has for the format.
-    #: ``arrays`` for 0/1 cell data of each patch; ``groups`` for named groups without overlap, one
-    #: for each combination of patches; ``sets`` for named sets, which may overlap.
-    patches: Literal["arrays", "groups", "sets"]
-    #: Names and values of keyword arguments of meshio's writer.
-    options: tuple[tuple[str, Any], ...] = ()
-
-
-#: Formats of meshio that hold six-node triangles and patches, by extension.
-FORMATS = {
-    ".msh": MeshFormat("gmsh22", "groups", (("binary", False),)),
-    ".inp": MeshFormat("abaqus", "sets"),
-    ".vtu": MeshFormat("vtu", "arrays"),
-    ".vtk": MeshFormat("vtk", "arrays"),
-    ".xdmf": MeshFormat("xdmf", "arrays", (("data_format", "XML"),)),  # the others: in two files
-}
+#: meshio's names of formats that hold six-node triangles and patches, by extension.
+FORMATS = {".msh": "gmsh22", ".inp": "abaqus", ".vtu": "vtu"}
 
 
 def write_mesh(mesh: MeshTri2, path: str | Path) -> None:
@@ -131,31 +112,28 @@ def write_mesh(mesh: MeshTri2, path: str | Path) -> None:
       ``electrode A + probe``, ``film`` outside of all patches, and ``rim`` with three-node lines.
     - ``.inp``: element sets of the patches, which may overlap, and the node set ``rim``. Blanks in
       names become underscores.
-    - ``.vtu``, ``.vtk``, ``.xdmf``: cell data, 1 inside a patch and 0 outside. Blanks in names
-      become underscores in ``.vtk``.
+    - ``.vtu``: cell data, 1 inside a patch and 0 outside.
 
-    Raises `ExportError` when there is no such format, or meshio lacks a library for it, and
-    `FileError` when the file cannot be written.
+    Raises `ExportError` when there is no such format, and `FileError` when the file cannot be
+    written.
     """
     path = Path(path)
-    if (file_format := FORMATS.get(path.suffix.lower())) is None:
+    if (name := FORMATS.get(path.suffix.lower())) is None:
         raise ExportError(
             f"{path}: no format for six-node triangles with patches has the extension "
             f"{path.suffix!r}; choose from {' '.join(FORMATS)}"
         )
-    patches = _masks(mesh)
-    if file_format.name in ("abaqus", "vtk"):
-        patches = _without_blanks(patches, path)
     data: dict[str, Any] = {}
-    if file_format.patches == "arrays":
-        data["cell_data"] = patches
-    elif file_format.patches == "sets":
-        data["cell_sets"] = {name: [np.flatnonzero(mask)] for name, mask in patches.items()}
+    if name == "vtu":
+        data["cell_data"] = _masks(mesh)
+    elif name == "abaqus":
+        patches = _without_blanks(_masks(mesh), path)
+        data["cell_sets"] = {patch: [np.flatnonzero(mask)] for patch, mask in patches.items()}
         data["point_sets"] = {RIM: np.unique(_rim(mesh))}
     grid = _grid(mesh, **data)
-    if file_format.patches == "groups":
+    if name == "gmsh22":
         _add_groups(grid, mesh)
-    _write(grid, path, file_format.name, **dict(file_format.options))
+    _write(grid, path, name, **({"binary": False} if name == "gmsh22" else {}))
 
 
 def _add_groups(grid: Any, mesh: MeshTri2) -> None:
@@ -228,16 +206,10 @@ def _counter_clockwise(mesh: MeshTri2) -> Indices:
 def _write(grid: Any, path: Path, name: str, **options: Any) -> None:
     if name == "vtu":  # meshio writes names into the XML as they are
         grid.cell_data = {_xml(key): values for key, values in grid.cell_data.items()}
-    try:
-        with replacing(path) as temporary:
-            grid.write(temporary, file_format=name, **options)
-            if name == "vtu" and grid.field_data:
-                _add_field_data(temporary, grid.field_data)
-    except ImportError as error:
-        raise ExportError(
-            f"{path}: meshio writes this format with {error.name}; run `pip install {error.name}`,"
-            " or choose another extension"
-        ) from error
+    with replacing(path) as temporary:
+        grid.write(temporary, file_format=name, **options)
+        if name == "vtu" and grid.field_data:
+            _add_field_data(temporary, grid.field_data)
 
 
 def _xml(name: str) -> str:
