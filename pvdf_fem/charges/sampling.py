@@ -45,20 +45,19 @@ class Sampling:
 
 def area_samplings(goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
     """Points over the areas of electrodes, for both forces."""
-    followed, others = (
-        [i for i, goal in enumerate(goals) if (goal.patch is None) is cut] for cut in (False, True)
-    )
-    if followed:
-        patches = [goals[i].elements(space.mesh) for i in followed]
+    follows = np.array([goal.patch is not None for goal in goals], dtype=bool)
+    followed, others = np.flatnonzero(follows), np.flatnonzero(~follows)
+    if len(followed):
+        patches = [goals[i].elements(space.mesh) for i in followed.tolist()]
         elements, owners = np.concatenate(patches), np.repeat(followed, list(map(len, patches)))
         gradients, weights = space.gradients[elements], space.weights[elements]
         points = space.basis.quadrature[0][:, None]
         local = np.broadcast_to(points, (2, len(elements), points.shape[-1]))
         yield Sampling(owners, (0, 1), elements, gradients, weights, local)
-    if others:
-        cut = area_quadrature(space.mesh, [goals[i].placed for i in others])
+    if len(others):
+        cut = area_quadrature(space.mesh, [goals[i].placed for i in others.tolist()])
         gradients = space.gradients_at(cut.elements, cut.points)
-        owners = np.array(others)[cut.owners]
+        owners = others[cut.owners]
         yield Sampling(owners, (0, 1), cut.elements, gradients, cut.weights, cut.points)
 
 

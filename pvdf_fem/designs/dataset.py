@@ -15,15 +15,16 @@ import numpy as np
 from pvdf_fem import __version__
 from pvdf_fem.arrays import Array
 from pvdf_fem.files import replacing
+from pvdf_fem.progress import Progress
 from pvdf_fem.response import model as touched
 from pvdf_fem.response.build import build_response, refuse
 from pvdf_fem.response.held_out import random_touches
 from pvdf_fem.response.model import QUANTITIES, ROTATION
 from pvdf_fem.response.response import Response
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.sweeps.sweep import Progress
+from pvdf_fem.scene.stage import Stage
 from pvdf_fem.touch.locate_many import CHUNK
-from pvdf_fem.touch.measurement import Measurement, centre_mm, charge_mistakes, electrode_columns
+from pvdf_fem.touch.measurement import Measurement, charge_mistakes, electrode_columns
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -49,7 +50,7 @@ def dataset(
     reading: str | None = None,
     model: Response | None = None,
     processes: int | None = None,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> xarray.Dataset:
     """Random touches of a sensor, with charges and noisy readings of its electrodes.
 
@@ -88,13 +89,13 @@ def dataset(
     model = model.for_scene(scene, processes, progress=progress)
     measured = Measurement.of(model, model.names, sigma, noise_pC, reading)
     at = random_touches(model.domain, touches, seed)
-    at[:, ROTATION] %= touched.period_deg(model)
     parts = np.array_split(at, 1 + touches // CHUNK)
-    charges = np.concatenate([measured.model.evaluate(part)[0] for part in parts])
+    charges = np.concatenate([model.evaluate(part)[0] for part in parts])
     # the touches have used the stream of random numbers of the seed alone
     normal = np.random.default_rng([seed, 1]).standard_normal(charges.shape)
     signals = charges + measured.noise(charges) * normal
-    at[:, :ROTATION] += centre_mm(scene)
+    at[:, :ROTATION], turned = (scene.stage or Stage()).to_stage(at[:, :ROTATION], at[:, ROTATION])
+    at[:, ROTATION] = turned % touched.period_deg(model)
     of_electrodes = charges, model.error_bound * np.abs(charges), measured.readings(signals)
     told = {
         "seed": seed,
