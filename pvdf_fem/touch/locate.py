@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.progress import Progress
 from pvdf_fem.readout.channel import READINGS, channels, units_pC
 from pvdf_fem.readout.misread import Misreading, misreadings
 from pvdf_fem.response.model import QUANTITIES, Model, touch_of
@@ -49,7 +50,7 @@ def locate(
     reading: str | None = None,
     touches: int = 1,
     options: LocateOptions | SolveOptions | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | bool | None = None,
 ) -> Location:
     """All touches that may have given some charges, the likeliest first.
 
@@ -73,8 +74,9 @@ def locate(
     reading : str, optional
         ``"total"`` charges, or their ``"change"`` by the touch, as by an amplifier that was zeroed
         before it. By default that of the scene's readout, or else in total.
-    progress : callable, optional
-        Called with the numbers of finished and of expected solves, if there are any.
+    progress : callable or bool, optional
+        Called with the numbers of finished and of expected solves, if there are any; or whether
+        these are shown, see `pvdf_fem.progress.shown`.
 
     Raises
     ------

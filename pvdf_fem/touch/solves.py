@@ -8,7 +8,6 @@ ones.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar
@@ -19,13 +18,13 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.derivatives.parameters import parameters_of
 from pvdf_fem.derivatives.rates import charge_rates
+from pvdf_fem.progress import Counted, Progress, shown, silent
 from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Domain, probes_of, room_mm
 from pvdf_fem.scene.change import number_at, plain, steps_of
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.solution.solve import solve_goals
 from pvdf_fem.solvers.status import NotConvergedError
-from pvdf_fem.sweeps.sweep import Counted, Progress, shown, silent
 from pvdf_fem.touch.least_squares import Descent, SearchOptions, descend, joined
 from pvdf_fem.touch.location import Location
 from pvdf_fem.touch.measurement import Deviations, Measurement, charge_mistakes
@@ -169,12 +168,12 @@ def locate_by_solves(
     touches: int,
     unknown: Sequence[str],
     options: SolveOptions,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> Location:
     """The touches that may have given some charges; see `pvdf_fem.touch.locate.locate`."""
     if mistakes := [*charge_mistakes(scene, charges_pC, sigma, noise_pC, reading)]:
         raise ValueError("\n".join(mistakes))
-    with nullcontext(progress) if progress else shown("solve", lines=False) as show:
+    with shown("solves", progress) as show:
         model = Solves.of(scene, touches, unknown, options, show)
         return _located(model, charges_pC, sigma, noise_pC, reading, options)
 
