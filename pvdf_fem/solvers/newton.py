@@ -230,7 +230,7 @@ class NewtonOptions:
     #: Below this size full steps keep the quadratic convergence, and no line search is made.
     local_size: float = 1e-2
     defer_size: float = 0.3  #: A tangent serves on after a smaller step ...
-    contraction: float = 0.3  #: ... as long as each step is at most this part of the one before.
+    contraction: float = 0.5  #: ... as long as each step is at most this part of the one before.
     max_iterations: int = 60
     #: The same under a load that follows the film, whose energy along a step is not known.
     max_following: int = 25
