@@ -19,7 +19,6 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pvdf_fem.scene.change import plain
 from pvdf_fem.scene.film import Air, Film
-from pvdf_fem.scene.outlines.shape import HEAT
 from pvdf_fem.scene.quantity import Key, Section
 from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.registry import Load
@@ -110,13 +109,10 @@ def groups(models: Sequence[type[Section]]) -> Iterator[tuple[str, type[Section]
         yield "", first, list(first.model_fields)
         return
     shared = [key for key in first.model_fields if all(key in m.model_fields for m in others)]
-    if first not in PROBES.values():
-        shared = [key for key in shared if key not in ("edge_radius_mm", *HEAT)]
     yield "", first, shared
     for model in models:
-        own = model.model_fields.keys() - {"edge_radius_mm", *HEAT, *shared}
         caption = f'shape = "{model.model_fields["shape"].default}": {cleaned(model.__doc__)}'
-        yield caption, model, [key for key in model.model_fields if key in own]
+        yield caption, model, [key for key in model.model_fields if key not in shared]
 
 
 def commented_scene() -> str:
