@@ -14,7 +14,8 @@ From known touches to the sensor
 From charges to touches
     `build_response` makes a `Response`, the charges as a fast function of the touch; `locate` and
     `locate_many` find the touches that explain measured charges; `Tracker` follows touches in a
-    stream of readings. `design` tells how well different sensors would do so.
+    stream of readings. `design` tells how well different sensors would do so; `dataset` draws
+    random touches with noisy readings.
 
 ``help(pvdf_fem.solve)`` describes `solve` with its arguments, and so on.
 """
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
     from pvdf_fem.calibration.calibrate import calibrate
     from pvdf_fem.derivatives.gradients import gradients
+    from pvdf_fem.designs.dataset import dataset
     from pvdf_fem.designs.design import design
     from pvdf_fem.dynamics.forced import respond, transient
     from pvdf_fem.dynamics.modes import modes
@@ -37,8 +39,9 @@ if TYPE_CHECKING:
     from pvdf_fem.response.build import build_response
     from pvdf_fem.response.response import Response
     from pvdf_fem.scene.scene import Replaced, Scene, SceneError
-    from pvdf_fem.solution.solution import NotConvergedError, Solution
+    from pvdf_fem.solution.solution import Solution
     from pvdf_fem.solution.solve import solve
+    from pvdf_fem.solvers.status import NotConvergedError
     from pvdf_fem.sweeps.sweep import sweep
     from pvdf_fem.touch.locate import locate
     from pvdf_fem.touch.locate_many import locate_many
@@ -55,6 +58,7 @@ __all__ = [
     "Tracker",
     "build_response",
     "calibrate",
+    "dataset",
     "design",
     "gradients",
     "locate",
@@ -69,7 +73,7 @@ __version__ = "0.1.0"
 
 # Where the public names are defined.
 _MODULES = {
-    "NotConvergedError": "solution.solution",
+    "NotConvergedError": "solvers.status",
     "Report": "reporting.report",
     "Replaced": "scene.scene",
     "Response": "response.response",
@@ -79,6 +83,7 @@ _MODULES = {
     "Tracker": "tracking.tracker",
     "build_response": "response.build",
     "calibrate": "calibration.calibrate",
+    "dataset": "designs.dataset",
     "design": "designs.design",
     "gradients": "derivatives.gradients",
     "locate": "touch.locate",

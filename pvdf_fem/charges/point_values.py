@@ -14,9 +14,6 @@ from pvdf_fem.film.space import shape_values
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.points import located
 
-#: Points whose values are computed together, so that memory beyond the results stays small.
-CHUNK = 20_000
-
 
 @dataclass(frozen=True, eq=False)
 class PointValues:
@@ -40,10 +37,15 @@ class PointValues:
 
 
 def values_at(
-    equilibrium: Equilibrium, state: State, x_mm: ArrayLike, y_mm: ArrayLike
+    equilibrium: Equilibrium,
+    state: State,
+    x_mm: ArrayLike,
+    y_mm: ArrayLike,
+    together: int = 20_000,
 ) -> PointValues:
-    """Values at points, whose coordinates are numbers or arrays that broadcast together. Raises
-    ValueError for coordinates that are no numbers on the film."""
+    """Values at points, whose coordinates are numbers or arrays that broadcast together. Few are
+    computed `together`, so that memory beyond the results stays small. Raises ValueError for
+    coordinates that are no numbers on the film."""
     x, y = np.broadcast_arrays(np.asarray(x_mm, dtype=float), np.asarray(y_mm, dtype=float))
     radius_mm = 1e3 * equilibrium.film.radius
     # rounding may put a point of the rim outside
@@ -54,7 +56,7 @@ def values_at(
             f"{first} is not on the film; give points up to {radius_mm:g} mm from (0, 0)"
         )
     points = 1e-3 * np.stack([x.ravel(), y.ravel()])
-    chunks = (points[:, i : i + CHUNK] for i in range(0, x.size, CHUNK))
+    chunks = (points[:, i : i + together] for i in range(0, x.size, together))
     found = (located(equilibrium.space.mesh, chunk) for chunk in chunks)
     parts = [_values(equilibrium, state, elements, p[:, :, None])[:, :, 0] for elements, p in found]
     values = np.concatenate([np.empty((4, 0, 3)), *parts], axis=1).reshape(4, *x.shape, 3)
@@ -92,7 +94,7 @@ def _values(equilibrium: Equilibrium, state: State, elements: Indices, local: Ar
 
 
 def values_along(
-    equilibrium: Equilibrium, state: State, line_mm: ArrayLike, points: int
+    equilibrium: Equilibrium, state: State, line_mm: ArrayLike, points: int = 200
 ) -> PointValues:
     """Values at this number of points at equal distances along a polyline, its ends included."""
     corners = np.asarray(line_mm, dtype=float)

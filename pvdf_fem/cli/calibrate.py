@@ -112,9 +112,7 @@ def run(options: argparse.Namespace) -> int:
             with replacing(options.output) as unfinished:
                 unfinished.write_text(found.scene.to_toml(), encoding="utf-8")
         if options.page:
-            from pvdf_fem.output.calibration_page import write_page
-
-            write_page(found, options.page)
+            found.write_page(options.page)
     finally:  # a full disk does not take the result with it
         if options.json:
             print(json.dumps(found.to_json(), allow_nan=False))

@@ -141,7 +141,7 @@ def run(options: argparse.Namespace) -> int:
     if mistakes:
         raise InputError(*mistakes)
     from pvdf_fem.cli.locate_rows import locate_rows
-    from pvdf_fem.solution.solution import NotConvergedError
+    from pvdf_fem.solvers.status import NotConvergedError
     from pvdf_fem.touch.locate import PolishError
 
     try:

@@ -70,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
         mistakes.append(f"{options.scene}: has no [probe]; add one")
     if mistakes := [*mistakes, *([] if mistakes else choice.mistakes(scene, options.scene))]:
         raise InputError(*mistakes)
-    from pvdf_fem.solution.solution import NotConvergedError
+    from pvdf_fem.solvers.status import NotConvergedError
 
     if options.list:
         present = [*choice.present(scene, options.scene)]
@@ -222,7 +222,7 @@ def model_of(scene: Scene, scene_file: str, choice: ModelChoice) -> Response:
     from pvdf_fem.response.build import build_response
     from pvdf_fem.response.model import centred
     from pvdf_fem.response.response import Response, reads_alike, refuse_other_mechanics
-    from pvdf_fem.solution.solution import NotConvergedError
+    from pvdf_fem.solvers.status import NotConvergedError
 
     path = choice.path(scene, scene_file)
     if not path.exists():

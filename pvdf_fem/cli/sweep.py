@@ -48,7 +48,7 @@ examples:
   dask scheduler & dask worker tcp://localhost:8786 --nworkers 8 --nthreads 1 &
   pvdf-fem sweep sweep.toml --scheduler tcp://localhost:8786
 
-Several sweeps may use one store at the same time; they share the solves.
+Several sweeps may use one store; what one has solved the others take from it.
 
 exit codes: 0 all converged, 2 bad input, 3 some scenes have no charges (their
 `status` in the file says why) or the Dask scheduler stopped, 130 interrupted"""

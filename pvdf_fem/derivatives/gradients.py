@@ -20,16 +20,10 @@ from pvdf_fem.film.models import film_model
 from pvdf_fem.scene.change import number_at
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.history import Stop
-from pvdf_fem.solution.solution import NotConvergedError, Solution
+from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import solve
-from pvdf_fem.solvers.status import Status
+from pvdf_fem.solvers.status import NotConvergedError, Status
 
-#: Error over what the next order takes away, of which corners leave it the least.
-SATURATION = 1.5
-#: Least error that is stated of a derivative, over the mean one: an estimate may vanish by chance.
-CHANCE = 0.5
-#: Derivatives count as no smaller than this part of the largest charge over the parameter's scale.
-NEGLIGIBLE = 1e-3
 TINY = np.finfo(float).tiny
 
 
@@ -125,11 +119,19 @@ def _finer(found: Gradients, tolerance: float, least: float = 2e-8) -> Solution:
     )
 
 
-def _gradients_of(solution: Solution, wanted: Sequence[str]) -> Gradients:
+def _gradients_of(
+    solution: Solution,
+    wanted: Sequence[str],
+    chance: float = 0.5,
+    saturation: float = 1.5,
+    negligible: float = 1e-3,
+) -> Gradients:
     """Derivatives of the solution's charges, and what the next order changes as their errors.
 
     The derivatives share the displacement's error, so a tiny error is chance: an error over its
-    `unit` counts as at least `CHANCE` times the mean of its electrode, and times the overall mean.
+    `unit` counts as at least `chance` times the mean of its electrode, and times the overall mean.
+    The true error is up to `saturation` times what the next order takes away, of which corners
+    leave it the least. A derivative counts as at least the part `negligible` of its unit.
     """
     scene, keys = solution.scene, parameters_of(solution.scene, solution.pressure)
     adjoint, rich = adjoints(solution)
@@ -141,10 +143,10 @@ def _gradients_of(solution: Solution, wanted: Sequence[str]) -> Gradients:
     by_place = np.array([key.endswith(PLACE_NAMES) for key in keys])
     for group in (by_place, ~by_place):
         means = relative[group].sum(axis=0) / max(group.sum(), 1)
-        floors = CHANCE * np.maximum(means, means @ sizes / max(sizes.sum(), TINY))
+        floors = chance * np.maximum(means, means @ sizes / max(sizes.sum(), TINY))
         errors[group] = np.maximum(errors[group], floors * unit[group])
-    errors *= SATURATION * film_model(scene).saturation
-    largest = np.maximum(np.abs(rates), NEGLIGIBLE * unit).max(axis=1, initial=TINY)
+    errors *= saturation * film_model(scene).saturation
+    largest = np.maximum(np.abs(rates), negligible * unit).max(axis=1, initial=TINY)
     names = [electrode.name for electrode in scene.electrode_list]
     found = Gradients()
     found.errors, found.relative_errors, found.solution = {}, {}, solution

@@ -42,7 +42,7 @@ def half_sine(force_N: float, duration_s: float) -> Exponentials:
     return tuple((t, p * np.pi / duration_s, c * force_N) for t in starts for p, c in waves)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FrequencyResponse:
     """Complex amplitudes over that of the force, (n,), by electrode, about a solution."""
 
@@ -53,11 +53,6 @@ class FrequencyResponse:
     readings_V_N: dict[str, ComplexArray]  #: Of the channels; empty without ``[readout]``.
     left_out: tuple[str, ...]  #: What the model neglects.
 
-    def __repr__(self) -> str:
-        low, high = self.frequencies_Hz.min(), self.frequencies_Hz.max()
-        told = f"{self.frequencies_Hz.size} from {low:g} to {high:g} Hz", *self.left_out
-        return f"<FrequencyResponse: {'; '.join(told)}>"
-
     def columns(self) -> dict[str, Array]:
         """The columns of the table that `pvdf-fem respond` prints."""
         found = {"frequency_Hz": self.frequencies_Hz}
@@ -67,7 +62,7 @@ class FrequencyResponse:
         return found | {f"{n}_error_pC_N": error for n, error in self.charge_errors_pC_N.items()}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Transient:
     """Changes against a solution by time, (n,), by electrode."""
 

@@ -16,6 +16,7 @@ import contourpy
 import numpy as np
 
 from pvdf_fem.arrays import Array, polar_grid
+from pvdf_fem.output.touch_map import deviation_ellipse
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.response.build import build_response
 from pvdf_fem.response.model import Domain, Model, centred, touch_of, wanted_model
@@ -24,7 +25,6 @@ from pvdf_fem.response.response_file import response_key
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.summary import Grid
 from pvdf_fem.touch.locate import locate
-from pvdf_fem.touch.posterior import deviation_ellipse
 
 TOLERANCE = 1e-2  #: Error bound of the response that is built for the page.
 LINE_STEP_MM = 0.5  #: Distance of the places between which isocharge lines are interpolated.

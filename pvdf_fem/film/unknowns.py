@@ -21,8 +21,6 @@ from pvdf_fem.film.term import Seat, State, Term
 
 #: Marks a dof without an unknown.
 FIXED = -1
-#: Values of shape functions below this, at nodes of a richer element, are rounding.
-ROUNDING = 1e-13
 
 
 class Unknowns:
@@ -218,19 +216,19 @@ def prolongation(coarse: Discrete, rich: Discrete, state: State | None = None) -
 
 
 def _representatives(
-    coarse: Space, rich: Space, nodes: Indices
+    coarse: Space, rich: Space, nodes: Indices, rounding: float = 1e-13
 ) -> tuple[Array, Indices, Mask, Indices]:
     """What makes a function of `coarse` at scalar dofs of `rich`.
 
     The values (n, functions) and scalar dofs (n, functions) of `coarse` in an element of each,
-    which of the values are not zero, and their sums, (n + 1,).
+    which of the values are not zero but for rounding, and their sums, (n + 1,).
     """
     shapes = shape_values(coarse.basis.elem, ELEMENTS[rich.order].doflocs.T)
     rich_nodes = rich.basis.element_dofs
     element, local = np.divmod(
         _first_places(rich_nodes.T.ravel(), rich.basis.N)[nodes], len(rich_nodes)
     )
-    matters = np.abs(shapes)[local] > ROUNDING
+    matters = np.abs(shapes)[local] > rounding
     ends = np.append(0, np.cumsum(matters.sum(axis=1)))
     return shapes[local], coarse.nodes[element], matters, ends
 

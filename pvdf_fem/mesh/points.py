@@ -9,12 +9,8 @@ from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array, Indices, Mask
 
-CANDIDATES = 8  #: A point is sought in this number of triangles, those with the nearest centroids.
 
-
-def nearest_elements(
-    mesh: MeshTri2, points: Array, candidates: int = CANDIDATES
-) -> tuple[Indices, Array]:
+def nearest_elements(mesh: MeshTri2, points: Array, candidates: int = 8) -> tuple[Indices, Array]:
     """Elements (n,) of points (2, n), and the points' local coordinates (2, n) there. Elements
     count as straight-sided. A point is sought in the `candidates` with the nearest centroids; a
     point outside the candidates gets the candidate with the least negative local coordinate."""
@@ -41,7 +37,7 @@ def located(mesh: MeshTri2, points: Array, steps: int = 50) -> tuple[Indices, Ar
     facets = mesh.t2f[[1, 2, 0]]  # opposite of each vertex
     first, second = mesh.f2t[:, facets]
     across = np.where(first == np.arange(mesh.nelements), second, first)
-    elements, _ = nearest_elements(mesh, points, 4 * CANDIDATES)
+    elements, _ = nearest_elements(mesh, points, 32)
     for step in range(steps + 1):
         local = local_coordinates(mesh, elements, points.T[:, None])[:, :, 0]
         weights = np.stack([1.0 - local.sum(axis=0), *local])

@@ -189,11 +189,17 @@ def _frame(where: str, source: DataSource, folder: Path) -> pd.DataFrame:
         text = source.table or ""
         if source.file is not None:
             text = read_text(folder / source.file, MOST_BYTES, "a table")
-        header = text.lstrip().partition("\n")[0]
+        text = text.strip()
+        header = text.partition("\n")[0]
         # as of spreadsheets in countries with decimal commas
-        semicolons = {"sep": ";", "decimal": ","} if ";" in header and "," not in header else {}
-        how: dict[str, Any] = {"skipinitialspace": True, **semicolons}
-        return pd.read_csv(io.StringIO(text.strip()), **how)
+        mark = ";" if ";" in header and "," not in header else ","
+        columns = [column.strip() for column in header.split(mark)]
+        if twice := {column for column in columns if columns.count(column) > 1}:
+            raise ValueError(f"the column {min(twice)!r} is there twice")
+        decimal = "," if mark == ";" and "," in text else "."
+        # a cell such as nan is a mistake, and not empty
+        how: dict[str, Any] = {"sep": mark, "decimal": decimal, "keep_default_na": False}
+        return pd.read_csv(io.StringIO(text), skipinitialspace=True, na_values=[""], **how)
     except (FileError, ValueError) as error:
         first = str(error).partition("\n")[0]
         reason = f"is no table ({first}); give a CSV file with a header"

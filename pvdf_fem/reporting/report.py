@@ -153,18 +153,19 @@ class _Work:
     def _compose(self, part: _Part) -> None:
         item, solved = part.need.item, Solved(self.found)
         remarks = solved.failures(part.need.scenes, part.need.tasks)
+        warnings = solved.warnings(part.need.scenes)
         try:
             with style():
                 content = item.kind.compose(self.inputs, solved)
                 svg = content_of(content.figure, ".svg").decode() if content.figure else ""
-            part.entry = Entry(item, content, svg, remarks=tuple(remarks))
+            part.entry = Entry(item, content, svg, remarks=(*remarks, *warnings))
             table = content.frame.to_csv(index=False, lineterminator="\n")
             write(self.out / "data" / f"{item.name}.csv", table)
             if svg:
                 write(self.out / "figures" / f"{item.name}.svg", svg)
         except NothingToShow as error:
             others = [remark for remark in remarks if remark != str(error)]
-            part.entry = Entry(item, error=str(error), remarks=tuple(others))
+            part.entry = Entry(item, error=str(error), remarks=(*others, *warnings))
             remarks = [str(error), *others]
         except Exception as error:  # of one figure must not take the others with it
             traceback.print_exc(file=sys.stderr)

@@ -24,7 +24,7 @@ from pvdf_fem.response.response_file import Contents, mechanics_of, read, write
 from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces
 from pvdf_fem.response.table import Grid, scaled_force
 from pvdf_fem.response.uniform_spline import UniformSpline
-from pvdf_fem.scene.affects import Affects, affecting
+from pvdf_fem.scene.quantity import Affects, affecting
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solvers.status import Status
 
@@ -228,9 +228,19 @@ class Response:
         ax: Axes | None = None,
     ) -> Figure:
         """Draw the charge of an electrode by the place of the probe, with lines of equal charge."""
-        from pvdf_fem.output.touch_map import charge_map  # output/ is above
+        from pvdf_fem.output.touch_map import charge_map
 
-        return charge_map(self, electrode, rotation_deg, force_N, ax)
+        if electrode not in self.names:
+            known = ", ".join(self.names)
+            raise ValueError(f"electrode {electrode!r}: is none of the response; give {known}")
+
+        def charge(places_mm: Array) -> Array:
+            others = np.tile([rotation_deg, force_N], (len(places_mm), 1))
+            charges, _ = self.evaluate(np.hstack([places_mm, others]))
+            return np.asarray(charges[:, self.names.index(electrode)])
+
+        title = f"Charge of {electrode} by the probe's place, {force_N:g} N, {rotation_deg:g}°"
+        return charge_map(self.scene, self.domain.reach_mm, charge, title, ax)
 
     def save(self, path: Path | str) -> None:
         """Write the response to a file, which replaces an older one only when it is complete."""

@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, PlainSerializer, PlainValidator
 from pvdf_fem.files import FileError, reading, replacing
 from pvdf_fem.response.model import AtRest, Domain, centred
 from pvdf_fem.response.uniform_spline import UniformAxis
-from pvdf_fem.scene.affects import affecting
+from pvdf_fem.scene.quantity import affecting
 from pvdf_fem.scene.scene import Numerics, Scene
 
 FORMAT = b"pvdf_fem response 5, SHA-256 "

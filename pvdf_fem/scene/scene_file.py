@@ -6,9 +6,9 @@ import difflib
 import json
 import re
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pvdf_fem.files import FileError, printable, read_text
 
@@ -63,6 +63,28 @@ def example_text(name: str, files: Mapping[str, str]) -> str:
     if name not in files:
         raise SceneError([f"{quote(name)}: is no example; {choose(name, list(files))}"])
     return files[name]
+
+
+class KeyText(NamedTuple):
+    """A key of a scene file with its meaning."""
+
+    table: str  #: As its heading has it: ``[film]``.
+    name: str
+    text: str  #: The key with its default or an example, below lines of comment.
+
+
+def key_texts() -> Iterator[KeyText]:
+    """The keys of scene files as the example with every key has them."""
+    table = ""
+    lines: list[str] = []
+    for line in examples()["four_electrodes"].splitlines():
+        if heading := re.match(r"#?(\[+[\w.]+\]+)", line):
+            table, lines = heading[1], []
+        elif name := re.match(r"#?(\w+) = ", line):
+            yield KeyText(table, name[1], "\n".join([*lines, line]))
+            lines = []
+        else:
+            lines = [*lines, line] if line.startswith("# ") else []
 
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,9 @@ from numpy.typing import ArrayLike
 from skfem import Basis, MeshTri2
 
 from pvdf_fem.arrays import Array, finite
+from pvdf_fem.charges.film_data import FilmData
 from pvdf_fem.charges.forces import Forces
+from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.charges.point_values import PointValues, values_along, values_at
 from pvdf_fem.charges.rest import heat_charges
 from pvdf_fem.charges.thickness import thickness_charges
@@ -26,7 +29,7 @@ from pvdf_fem.solution.fields import Fields, largest
 from pvdf_fem.solution.history import MeshRecord, Stop
 from pvdf_fem.solution.summary import solution_html, solution_text
 from pvdf_fem.solvers.newton import Iteration
-from pvdf_fem.solvers.status import Status
+from pvdf_fem.solvers.status import NotConvergedError, Status
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,10 +40,6 @@ if TYPE_CHECKING:
 
 KINDS = "charge", "rest_charge", "charge_change"
 CHARGES = tuple(f"{kind}{end}" for kind in KINDS for end in ("s_pC", "_errors_pC"))
-
-
-class NotConvergedError(RuntimeError):
-    """A result was asked of a solve that has none; the text says its status and what to change."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,7 +266,7 @@ class Solution:
     def _repr_html_(self) -> str:
         return solution_html(self.to_json())
 
-    # What draws and writes is above, and slow to import.
+    # What draws and writes is slow to import.
     def plot(
         self, quantity: str = "deflection", ax: Axes | None = None, reach_mm: float | None = None
     ) -> Figure:
@@ -280,7 +279,7 @@ class Solution:
         """
         from pvdf_fem.output.film_map import film_map
 
-        return film_map(self, quantity, ax, reach_mm)
+        return film_map(self.film_data(), quantity, ax, reach_mm)
 
     def view(
         self,
@@ -297,7 +296,7 @@ class Solution:
         """
         from pvdf_fem.output.film_view import film_view
 
-        return film_view(self, quantity, scale, html)
+        return film_view(self.film_data(), quantity, scale, html)
 
     def to_dataframe(self) -> DataFrame:
         """Charges in pC and, with ``[readout]``, readings in V, by electrode."""
@@ -310,7 +309,16 @@ class Solution:
         """Write displacement, stresses, patches, charges and the scene to a VTU file."""
         from pvdf_fem.output.export import write_vtu
 
-        write_vtu(self, Path(path))
+        write_vtu(self.film_data(), Path(path))
+
+    def film_data(self) -> FilmData:
+        """Fields and charges, as `plot`, `view` and `to_vtu` take them."""
+        from pvdf_fem.solution.next_order import error_shares  # it imports the solvers
+
+        fields, charges = self.fields, (self.charges_pC, self.charge_errors_pC)
+        shares = partial(error_shares, fields, goals_of(self.scene))
+        film = fields.equilibrium, fields.state, self.unknowns
+        return FilmData(*film, *charges, self.contacts, self.included, shares)
 
 
 def _known(values: dict[str, float]) -> dict[str, float] | None:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,8 +25,6 @@ if TYPE_CHECKING:
 #: Status of a scene whose solve ended in an exception or with the death of its process. Such
 #: records are not stored, so that the next run tries the scenes again.
 CRASHED = "crashed"
-
-WAIT = 0.2  #: Seconds between two looks at what other processes have solved.
 
 Task = tuple[list[Scene], Array]
 Run = Callable[..., Iterator[tuple[int, Any]]]
@@ -111,49 +106,35 @@ def records(
     at_rest = solve_all(films, store, processes=processes, scheduler=scheduler) if films else []
     done, total = 0, todo.missing
     progress(done, total)
-    for number, result in _shared(todo, store, run, dict(zip(films, at_rest, strict=True))):
+    for number, result in _solves(todo, store, run, dict(zip(films, at_rest, strict=True))):
         indices = todo.blocks[number].indices
         done += len(indices)
         progress(done, total)
         yield from zip(indices, result, strict=True)
 
 
-def _shared(
+def _solves(
     todo: SweepPlan, store: Store | None, run: Run, films: Films
 ) -> Iterator[tuple[int, list[Record]]]:
-    """Numbers of blocks with their records, which join the store, as they come. A block that
-    another process solves at the same time is left until the store has its records."""
-    left = set(range(len(todo.blocks)))
-    if not left:
-        return
-    with nullcontext(lambda solve: True) if store is None else store.claims() as claim:
-        while left:
-            stored: dict[int, list[Record]] = {}
-            tasks = _claimed(todo, sorted(left), store, claim, stored)
-            if first := next(tasks, None):
-                for number, result in run(_solved, itertools.chain([first], tasks)):
-                    left.remove(number)
-                    yield number, _kept(todo.scenes_of(number), result, store, films)
-            left -= stored.keys()
-            yield from stored.items()
-            if left:
-                time.sleep(WAIT)
+    """Numbers of blocks with their records, which join the store, as they come."""
+    if store is not None and todo.blocks:
+        store.require_writable()
+    elsewhere: dict[int, list[Record]] = {}
+    for number, result in run(_solved, _tasks(todo, store, elsewhere)):
+        yield number, _kept(todo.scenes_of(number), result, store, films)
+    yield from elsewhere.items()
 
 
-def _claimed(
-    todo: SweepPlan,
-    left: list[int],
-    store: Store | None,
-    claim: Callable[[str], bool],
-    stored: dict[int, list[Record]],
+def _tasks(
+    todo: SweepPlan, store: Store | None, elsewhere: dict[int, list[Record]]
 ) -> Iterator[tuple[int, Task]]:
-    """Blocks to be solved here and their tasks; those that are in the store join `stored`."""
-    for number in left:
-        block, scenes = todo.blocks[number], todo.scenes_of(number)
-        is_claimed = claim(block.mechanics)
-        if store is not None and all(scene in store for scene in scenes):
-            stored[number] = [record for scene in scenes if (record := store.get(scene))]
-        elif is_claimed:
+    """The tasks of blocks, but for blocks that another program has solved `elsewhere` by now."""
+    for number, block in enumerate(todo.blocks):
+        scenes = todo.scenes_of(number)
+        stored = [record for scene in scenes if (record := store and store.get(scene))]
+        if len(stored) == len(scenes):
+            elsewhere[number] = stored
+        else:
             yield number, (scenes, block.frames)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.readout.channel import READINGS
 from pvdf_fem.solution.summary import Grid, Told, rounded
-from pvdf_fem.touch.posterior import Posterior, posterior
+from pvdf_fem.touch.posterior import Posterior, least_chi_square, posterior
 from pvdf_fem.touch.problem import Problem
 from pvdf_fem.touch.touch import EXPLAINED, Touch, TouchStatus
 
@@ -172,9 +172,21 @@ class Location(Told):
         standard deviation and the rivals. What else was sought is the likeliest at each place.
         Where each charge takes a solve, and of two touches at once, there are ellipses alone.
         Raises ValueError without a touch of which x and y were sought."""
-        from pvdf_fem.output.touch_map import likelihood_map  # output/ is above
+        from pvdf_fem.output.touch_map import ellipses_map, likelihood_map
 
-        return likelihood_map(self)
+        keys = [n for n in self.unknown if n.endswith("x_mm") and f"{n[:-4]}y_mm" in self.unknown]
+        if not self.touches or not keys:
+            raise ValueError("a map of the likelihood needs a touch of which x and y were sought")
+        model, touches = self.problem.model, self.to_json()["touches"]
+        if not model.cheap:
+            return ellipses_map(model.scene, model.domain.reach_mm, touches, keys)
+        about = model.scene, model.domain.reach_mm, touches
+        return likelihood_map(*about, self._apart, self.remarks)
+
+    def _apart(self, places_mm: Array) -> Array:
+        """√(2 ln(L max/L)), (n,), of the likelihood L of places (n, 2)."""
+        least = least_chi_square(self.problem, self.best, places_mm)
+        return np.sqrt(np.maximum(least - self.best.chi_square, 0.0))
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for JSON."""

@@ -76,21 +76,32 @@ class Measurement:
 
     def problem(self, readings_pC: Array, unknown: Indices) -> Problem:
         """The problem of the touches that gave readings (n, electrodes)."""
-        signals = self.signals(readings_pC)
-        changes = self.reading == "change"
-        charges = signals + self.rest_pC if changes else signals
+        charges = self.signals(readings_pC) + self.zero_pC
         # an error evenly distributed within the bound
         model_error = self.model.error_bound / math.sqrt(3.0)
-        variance = np.square(self.sigma * signals) + np.square(self.noise_pC / self.gains)
-        if changes:
-            variance = variance + np.square(self.rest_errors_pC)
-        spread = np.sqrt(variance + np.square(model_error * charges))
+        variance = np.square(self.noise(charges)) + np.square(model_error * charges)
+        if self.reading == "change":
+            variance += np.square(self.rest_errors_pC)
         centre = centre_mm(self.model.scene)
-        return Problem(self.model, self.electrodes, charges, spread, unknown, centre)
+        return Problem(self.model, self.electrodes, charges, np.sqrt(variance), unknown, centre)
+
+    @property
+    def zero_pC(self) -> Array:
+        """Charges (electrodes,) that the channels read as zero."""
+        return self.rest_pC if self.reading == "change" else np.zeros(len(self.rest_pC))
 
     def signals(self, readings_pC: Array) -> Array:
         """The charges or changes that readings stand for, in pC."""
         return np.asarray((readings_pC - self.offsets_pC) / self.gains)
+
+    def readings(self, charges_pC: Array) -> Array:
+        """Readings in nominal pC of charges (n, electrodes)."""
+        return np.asarray(self.offsets_pC + self.gains * (charges_pC - self.zero_pC))
+
+    def noise(self, charges_pC: Array) -> Array:
+        """Standard deviations in pC, over the gain, of readings of charges (n, electrodes)."""
+        signals = charges_pC - self.zero_pC
+        return np.asarray(np.hypot(self.sigma * signals, self.noise_pC / self.gains))
 
 
 @lru_cache(maxsize=8)

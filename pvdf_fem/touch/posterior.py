@@ -16,15 +16,15 @@ Statist. 39, 2012).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, reduce
-from typing import Any
 
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.response.model import FORCE, ROTATION, period_deg
+from pvdf_fem.response.model import FORCE, ROTATION, X, Y, period_deg
+from pvdf_fem.touch.least_squares import SearchOptions, descend
 from pvdf_fem.touch.problem import Problem
 from pvdf_fem.touch.touch import Touch
 
@@ -150,12 +150,17 @@ def _standard(dimension: int, seed: int) -> tuple[Array, Array, Array]:
     return normal, radius, (np.arange(DRAWS) + 0.5) / DRAWS
 
 
-def deviation_ellipse(touch: Mapping[str, Any], x_key: str = "x_mm", points: int = 97) -> Array:
-    """Points in mm, (points, 2), of the ellipse about a place of a touch as JSON whose shadows are
-    its standard deviations."""
-    keys = [x_key, x_key.replace("x_mm", "y_mm")]
-    rows = [[*touch["standard_deviations"]].index(key) for key in keys]
-    squares, vectors = np.linalg.eigh(np.array(touch["covariance"])[np.ix_(rows, rows)])
-    root, angle = vectors * np.sqrt(np.maximum(squares, 0.0)), np.linspace(0.0, 2 * np.pi, points)
-    around = root @ [np.cos(angle), np.sin(angle)]
-    return np.asarray([touch[key] for key in keys] + around.T)
+def least_chi_square(problem: Problem, touch: Touch, places_mm: Array, turns: int = 6) -> Array:
+    """Least chi-square (n,) by force and rotation, if sought, at places (n, 2) in mm. Searches
+    start from a touch, with this number of rotations, and take few steps, as most places are far
+    from any touch that fits."""
+    at = np.tile(touch.values, (len(places_mm), 1))
+    at[:, :ROTATION] = places_mm
+    at = problem.coordinates(at)
+    sought = problem.unknown[~np.isin(problem.unknown, (X, Y))]
+    of_first, held = np.zeros(len(at), dtype=int), replace(problem, unknown=sought)
+    ends = []
+    for turn in period_deg(problem.model) * np.arange(turns if ROTATION in sought else 1) / turns:
+        start = at + turn * (np.arange(at.shape[1]) == ROTATION)
+        ends.append(descend(held, start, of_first, options=SearchOptions(max_steps=8)))
+    return np.min([end.chi_square for end in ends], axis=0)

@@ -23,8 +23,8 @@ from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Domain, probes_
 from pvdf_fem.scene.change import number_at, plain, steps_of
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.solution.solution import NotConvergedError
 from pvdf_fem.solution.solve import solve_goals
+from pvdf_fem.solvers.status import NotConvergedError
 from pvdf_fem.touch.least_squares import Descent, SearchOptions, descend, joined
 from pvdf_fem.touch.location import Location
 from pvdf_fem.touch.measurement import Deviations, Measurement, charge_mistakes

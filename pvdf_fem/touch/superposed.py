@@ -16,7 +16,7 @@ from pvdf_fem.scene.outlines.shape import HEAT
 from pvdf_fem.scene.scene import Numerics, Scene
 from pvdf_fem.scene.shapes import Pressing
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.solution.solution import NotConvergedError
+from pvdf_fem.solvers.status import NotConvergedError
 from pvdf_fem.sweeps.sweep import solve_all
 from pvdf_fem.touch.problem import Problem
 

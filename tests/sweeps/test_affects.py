@@ -13,10 +13,9 @@ from pvdf_fem import Response, Scene, SceneError, build_response, solve
 from pvdf_fem.mesh.symmetry import part_of
 from pvdf_fem.response.build import ResponseOptions
 from pvdf_fem.response.response_file import mechanics_of
-from pvdf_fem.scene.affects import Affects
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.circle import CircleShape
-from pvdf_fem.scene.quantity import Section
+from pvdf_fem.scene.quantity import Affects, Key, Section
 from pvdf_fem.scene.registry import Load
 from pvdf_fem.scene.shapes import LISTED_PROBES, MODELS
 from pvdf_fem.sweeps.plan import plan
@@ -340,7 +339,7 @@ class CoatedFilm(Film):
     """A film with keys that are new."""
 
     coating_um: float = 0.0
-    shade: Annotated[float, Affects.READING] = 0.0
+    shade: Annotated[float, Key(affects=Affects.READING)] = 0.0
 
 
 class CoatedProbe(CircleShape):

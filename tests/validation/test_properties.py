@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.solvers.status import Status
 from reports.accuracy.drawn import KINDS, drawn_scenes
+from tests.helpers.damage import drawn
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE
 
-few = settings(max_examples=8, deadline=None, derandomize=True)
+few = drawn(0.03)
 places = st.tuples(st.floats(-12, 12), st.floats(-12, 12))
 angles = st.floats(-180, 180)
 forces = st.floats(0.01, 50)

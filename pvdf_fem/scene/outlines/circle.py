@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.outlines.disc import ImageOfDisc
-from pvdf_fem.scene.outlines.shape import Shape, Size
+from pvdf_fem.scene.outlines.shape import SIZE, Shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,8 @@ class CircleShape(Shape):
     is_mirrored = True
     size_key = "radius_mm"
     shape: Literal["circle"] = "circle"
-    radius_mm: Size = 1.0
+    radius_mm: Annotated[float, SIZE] = 1.0
+    """Radius of the disc."""
 
     @cached_property
     def outline(self) -> Circle:

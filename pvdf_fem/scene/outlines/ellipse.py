@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Literal
 
@@ -10,15 +10,10 @@ import numpy as np
 from pydantic import AfterValidator
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.scene.affects import Affects
 from pvdf_fem.scene.outlines.disc import ImageOfDisc
 from pvdf_fem.scene.outlines.outline import turn
-from pvdf_fem.scene.outlines.shape import Shape
-from pvdf_fem.scene.quantity import Length, refusal
-
-#: An ellipse is refused whose one axis is a smaller part of the other than this: its ends are too
-#: sharp for the rounding of a mesh.
-THINNEST = 1e-3
+from pvdf_fem.scene.outlines.shape import SIZE, Shape
+from pvdf_fem.scene.quantity import refusal
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +67,8 @@ class Ellipse(ImageOfDisc):
 
 
 def _is_not_thin(semi_axes: tuple[float, float]) -> tuple[float, float]:
-    if min(semi_axes) < THINNEST * max(semi_axes):
-        raise refusal(f"is too thin; give axes whose ratio is {1.0 / THINNEST:g} at the most")
+    if max(semi_axes) > 1000.0 * min(semi_axes):  # ends too sharp for the rounding of a mesh
+        raise refusal("is too thin; give axes whose ratio is 1000 at the most")
     return semi_axes
 
 
@@ -84,7 +79,10 @@ class EllipseShape(Shape):
     is_mirrored = True
     size_key = "semi_axes_mm"
     shape: Literal["ellipse"] = "ellipse"
-    semi_axes_mm: Annotated[tuple[Length, Length], AfterValidator(_is_not_thin), Affects.OUTLINE]
+    semi_axes_mm: Annotated[
+        tuple[float, float], replace(SIZE, example=[3.0, 2.0]), AfterValidator(_is_not_thin)
+    ]
+    """Semi-axes [a, b], unrotated a along x."""
 
     @cached_property
     def outline(self) -> Ellipse:
