@@ -209,6 +209,9 @@ LISTED_PROBES = {word: _pressing(shape) for word, shape in PROBES.items()}
 _FLAT = _OF_ELECTRODES_ONLY + _SHAPES
 ELECTRODES = {_word(shape): _flat(shape, _Named, "Electrode") for shape in _FLAT}
 PATCHES = {_word(shape): _flat(shape, Bonded, "Patch") for shape in _FLAT}
+#: Keys that shapes do not share. A shape that becomes another one leaves them behind.
+SIZES = {key for shape in _FLAT + _OF_PROBES_ONLY for key in shape.model_fields}
+SIZES -= {"shape", *Shape.model_fields} - {"edge_radius_mm"}
 
 
 def _one_of(models: Mapping[str, type[Section]], default: str) -> Any:

@@ -32,6 +32,7 @@ from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError
 from pvdf_fem.mesh.mesh_file import mesh_of
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart, part_of
+from pvdf_fem.scene.given import SceneLike, scene_of
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.solution import admissible
@@ -77,7 +78,7 @@ class RestError(SceneError):
 
 
 def solve(
-    scene: Scene,
+    scene: SceneLike,
     *,
     mesh: MeshTri2 | str | Path | None = None,
     order: int = ORDER,
@@ -89,7 +90,7 @@ def solve(
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene, path of its file, dict of its tables, or a result of it
     mesh : MeshTri2 or path, optional
         Solve on this mesh of `mesh_scene`, or in a file that `read_mesh` reads, of the whole film,
         whatever the error, instead of meshing for ``scene.numerics.tolerance``.
@@ -114,6 +115,7 @@ def solve(
     SceneError
         For a pressure that cannot be used or has no single dead load; it is a ValueError, too.
     """
+    scene = scene_of(scene)
     posed = Posed.under(scene, pressure)
     if order not in tuple(UNKNOWNS_PER_ELEMENT):
         raise ValueError(f"order = {order!r}: there are no such elements; give 1, 2 or 3")

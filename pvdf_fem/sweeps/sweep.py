@@ -12,6 +12,7 @@ from pvdf_fem.charges.rest import known_at_rest, untouched
 from pvdf_fem.film.loads.profiles import pinned
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
 from pvdf_fem.progress import Progress, shown, silent
+from pvdf_fem.scene.given import SceneLike, scene_of
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.sweeps.grid import Grid
 from pvdf_fem.sweeps.plan import SweepPlan, plan
@@ -32,7 +33,7 @@ Films = dict[Scene, Record]  #: Records of untouched films.
 
 
 def sweep(
-    scene: Scene,
+    scene: SceneLike,
     axes: Sequence[Mapping[str, Any]],
     store: Store | Path | str | None = None,
     *,
@@ -44,7 +45,7 @@ def sweep(
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene, path of its file, dict of its tables, or a result of it
         The base scene.
     axes : sequence of mapping
         See `pvdf_fem.sweeps.grid.Grid.of`: ``[{"film.thickness_um": [9, 25, 110]}, ...]``.
@@ -66,7 +67,7 @@ def sweep(
     if isinstance(store, Path | str):
         with Store(Path(store)) as opened:
             return sweep(scene, axes, opened, **how, progress=progress)
-    grid = Grid.of(scene, axes)
+    grid = Grid.of(scene_of(scene), axes)
     todo = planned(grid.scenes(), store)
     with shown("scenes", progress) as show:
         return dataset(grid, todo, records(todo, store, **how, progress=show))

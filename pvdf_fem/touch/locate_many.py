@@ -176,7 +176,7 @@ def locate_many(
         raise ValueError("\n".join(mistakes))
     measurement = Measurement.of(model, names, sigma, noise_pC, reading)
     sought = np.array([i for i in range(len(QUANTITIES)) if i not in known])
-    status = _status(measurement, charges, known)
+    status = _status(measurement, charges, known, sought)
     found = Touches.empty(status, tuple(QUANTITIES[i] for i in sought), measurement.reading)
     usable = np.flatnonzero(status == TouchStatus.LOCATED)
     for first in range(0, len(usable), CHUNK):
@@ -248,14 +248,16 @@ def _numbers(values: Any, width: int = 0) -> Array:
 
 
 def _status(
-    measurement: Measurement, readings: Array, known: Mapping[int, Array]
+    measurement: Measurement, readings: Array, known: Mapping[int, Array], sought: Indices
 ) -> NDArray[np.object_]:
     """What keeps rows from being located; `TouchStatus.LOCATED` for those that can be."""
+    determinable = measurement.problem(readings[:1], sought).is_determinable
     small = np.abs(measurement.signals(readings)) < LEAST_PC
     lowest, highest = measurement.model.domain.force_N
     forces = known.get(FORCE, np.full(len(readings), lowest))
     # the last reasons win
     reasons = {
+        TouchStatus.UNDETERMINED: np.full(len(readings), not determinable),
         TouchStatus.OUTSIDE: ~((lowest <= forces) & (forces <= highest)),
         TouchStatus.ZERO: small.all(axis=1) | (small & (measurement.noise_pC == 0.0)).any(axis=1),
         TouchStatus.TOO_LARGE: (np.abs(readings) > LARGEST_PC).any(axis=1),
@@ -285,9 +287,7 @@ def _nearest_end(
     options: SearchOptions = DEFAULTS.search,
 ) -> Descent:
     """The best end of searches from `count` starts each, for some rows of the charges."""
-    known = held[ROTATION][rows] if ROTATION in held else None
-    charges = problem.charges_pC[rows]
-    at = nearest_starts(problem.model, charges, problem.electrodes, known, count)
+    at = nearest_starts(problem, rows, held[ROTATION][rows] if ROTATION in held else None, count)
     for quantity, values in held.items():
         at[..., quantity] = values[rows, None]
     at = at.reshape(-1, 4)

@@ -20,7 +20,8 @@ from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.readout.channel import READINGS, channels
 from pvdf_fem.response.model import QUANTITIES, AtRest, Domain, Model, rest_of
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.touch.problem import Problem, along_stage
+from pvdf_fem.scene.stage import Stage
+from pvdf_fem.touch.problem import Problem
 
 LARGEST_PC = 1e12  #: Readings beyond this many pC are in another unit, or none.
 LEAST_PC = 1e-12  #: Charges or changes below this many pC count as zero.
@@ -66,7 +67,7 @@ class Measurement:
             reading = reading_of(model.scene)
         rest = at_rest(model, reading)[:, electrodes]
         columns = gains, offsets, *rest, relative, noise
-        return cls(along_stage(model), electrodes, reading, *columns)
+        return cls(model, electrodes, reading, *columns)
 
     @property
     def other(self) -> Measurement | None:
@@ -82,8 +83,9 @@ class Measurement:
         variance = np.square(self.noise(charges)) + np.square(model_error * charges)
         if self.reading == "change":
             variance += np.square(self.rest_errors_pC)
-        centre = centre_mm(self.model.scene)
-        return Problem(self.model, self.electrodes, charges, np.sqrt(variance), unknown, centre)
+        stage = self.model.scene.stage or Stage()
+        given = self.model, self.electrodes, charges, np.sqrt(variance)
+        return Problem(*given, unknown, stage, self.reading)
 
     @property
     def zero_pC(self) -> Array:

@@ -61,6 +61,8 @@ class TouchStatus(StrEnum):
     AT_EDGE = "at edge"  #: The limits of the model's domain hold the touch.
     AMBIGUOUS = "ambiguous"  #: Other touches are likely, too.
     UNEXPLAINED = "unexplained"  #: The nearest touch of the model's domain does not fit.
+    #: There are fewer charges than unknown quantities, and no search is made.
+    UNDETERMINED = "undetermined"
     #: No search ended: the charges fit no touch of the model's domain.
     NOT_FOUND = "no_touch_found"
     NOT_FINITE = "not_finite"

@@ -213,6 +213,8 @@ def _written(value: Any) -> str:
 def _values(annotation: Any, key: Key) -> str:
     """What a type takes, in words; `key` has the range of its numbers."""
     origin, arguments = get_origin(annotation), get_args(annotation)
+    if key.words:
+        return ", ".join(map(_written, key.words))
     if origin is Annotated:
         return _values(arguments[0], next((k for k in arguments if isinstance(k, Key)), key))
     if origin is Literal:

@@ -87,6 +87,7 @@ def test_a_touch_is_located_and_the_model_kept(built, file, command):
     )
     assert result["deviations"] == best["standard_deviations"]
     assert best["standard_deviations"]["x_mm"] > 0.01
+    assert "building the model" in done.err
     assert "a remark" in done.err
     assert "40 s of one core" in done.err
     [(scene, *wanted)] = built
@@ -196,9 +197,9 @@ def test_all_mistakes_are_told_before_anything_is_built(built, file, command):
     bare = file.with_name("bare.toml")
     bare.write_text(Scene().to_toml())
     assert command("locate", bare, "--charges", "A=1").code == 2
-    drawn = ["--polish", "--plot", file.with_name("a.svg")]
+    drawn = ["--or", file, "--plot", file.with_name("a.svg")]
     two = command("locate", file, "--charges", given(), "--touches", "2", *drawn)
-    assert set(two.mistakes) == {"--plot", "--polish"}
+    assert set(two.mistakes) == {"--plot", "--or"}
     assert not built
 
 

@@ -124,7 +124,7 @@ def axes(draw, scene: Scene):
 
 
 @given(changes=combinations(), data=st.data())
-@drawn(0.05)
+@drawn(0.025)
 def test_sweeps_have_the_charges_of_fresh_solves(changes, data):
     scene = scene_of(changes)
     grid = data.draw(axes(scene))
