@@ -109,7 +109,7 @@ class Designs:
             try:
                 refuse(scene, domain, tolerance)
             except ValueError as error:
-                yield str(error)
+                yield from str(error).splitlines()
 
 
 def design(
