@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model, X, Y
 from pvdf_fem.touch.least_squares import Descent, SearchOptions, descend, joined
-from pvdf_fem.touch.locate import meant_otherwise
 from pvdf_fem.touch.measurement import (
     LARGEST_PC,
     LEAST_PC,
@@ -190,13 +189,28 @@ def locate_many(
             _calibrate(found, rows, problem, ends)
         found.put(rows, problem, ends, significance)
         strange = np.flatnonzero(~found.explained[rows])
-        for text, meant, undone in meant_otherwise(measurement) if len(strange) else ():
-            problem = meant.problem(undone(charges[rows[strange]]), sought)
-            other = {i: values[strange] for i, values in held.items()}
-            ends = _nearest_end(problem, np.arange(len(strange)), other, 1, SHORT)
-            explained = rows[strange[_explained(problem, ends, significance)]]
-            found.explanations[explained] += f"; explained if {text}"
+        if strange.size:
+            given, other = charges[rows[strange]], {i: of[strange] for i, of in held.items()}
+            for text, _, _, which in explanations(measurement, given, sought, other):
+                found.explanations[rows[strange[which]]] += f"; explained if {text}"
     return found
+
+
+def explanations(
+    measurement: Measurement,
+    readings: Array,
+    sought: Indices,
+    held: Mapping[int, Array],
+    count: int = 1,
+) -> Iterator[tuple[str, Problem, Descent, Indices]]:
+    """Mistakes in readings (n, electrodes): a text, the problem without the mistake, the ends of
+    searches from `count` starts that explain the readings then, and their rows."""
+    every = np.arange(len(readings))
+    for text, meant, undone in measurement.meant_otherwise():
+        problem = meant.problem(undone(readings), sought)
+        ends = _nearest_end(problem, every, held, count, SHORT)
+        rows = np.flatnonzero(_explained(problem, ends))
+        yield text, problem, ends.take(rows), rows
 
 
 def _calibrate(found: Touches, rows: Indices, problem: Problem, ends: Descent) -> None:
@@ -307,9 +321,7 @@ def _explained(problem: Problem, ends: Descent, significance: float = SIGNIFICAN
 
 def _search_everywhere(problem: Problem, ends: Descent, row: int) -> Descent:
     """Replace the end of a row by the best that a search from everywhere finds; return all."""
-    touch = ends.at[row].tolist()
-    touch[FORCE] = math.exp(touch[FORCE])
-    known = {i: touch[i] for i in (ROTATION, FORCE) if i not in problem.unknown}
+    known = {i: float(ends.at[row, i]) for i in (ROTATION, FORCE) if i not in problem.unknown}
     others = search(problem.row(row), known, DEFAULTS)
     ends.improve(np.array([row]), others.take(np.array([others.ranking.argmin()])))
     return joined([others, ends.take(np.array([row]))])

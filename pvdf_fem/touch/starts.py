@@ -151,7 +151,7 @@ def tabulate(
     options: StartOptions = DEFAULTS,
 ) -> TouchTable:
     """The table of a model, along axes in which the film is turned, over all that is not `known`,
-    which are values by their index."""
+    which are coordinates by their index."""
     reach, (lowest, highest) = model.domain.reach_mm, model.domain.force_N
     line = np.linspace(-reach, reach, options.across)
     x, y = (np.array([known[i]]) if i in known else line for i in (X, Y))
@@ -166,7 +166,7 @@ def tabulate(
     count = options.rotations if rotation_counts(model) else 1
     rotations = np.arange(count) * period / count if period else np.array([known[ROTATION]])
     steps = np.geomspace(lowest, highest, options.forces)
-    forces = np.array([known[FORCE]]) if FORCE in known else steps
+    forces = np.exp([known[FORCE]]) if FORCE in known else steps
     nodes = np.empty((4, len(rotations), len(model.names), len(forces), len(places)), np.float32)
     touches = np.empty((len(forces), len(places), 4))
     touches[..., :ROTATION], touches[..., FORCE] = places, forces[:, None]
@@ -192,7 +192,7 @@ def table_of(model: Model, turn_deg: float, electrodes: tuple[int, ...]) -> Touc
 
 def starts(problem: Problem, known: Mapping[int, float]) -> Array:
     """Coordinates (n, 4) to start searches from, for the first row of a problem; a sought rotation
-    starts from all of the table's. `known` are values by index."""
+    starts from all of the table's. `known` are coordinates by index."""
     turn_deg, electrodes = problem.stage.rotation_deg, problem.electrodes
     if set(known) <= {ROTATION}:
         table = table_of(problem.model, turn_deg, tuple(electrodes.tolist()))
