@@ -19,7 +19,6 @@ from pvdf_fem.touch.measurement import (
     Deviations,
     Measurement,
     charge_mistakes,
-    number,
 )
 from pvdf_fem.touch.problem import Problem, extents
 from pvdf_fem.touch.search import DEFAULTS, location, search
@@ -166,11 +165,13 @@ def locate_many(
     mistakes = [
         *charge_mistakes(model.scene, any_charges, sigma, noise_pC, reading, model.at_rest_pC)
     ]
-    given = {ROTATION: rotations_deg, FORCE: forces_N}
-    known = {i: _numbers(values) for i, values in given.items() if values is not None}
-    for name, i in {"rotations_deg": ROTATION, "forces_N": FORCE}.items():
-        if i in known and known[i].shape != charges.shape[:1]:
-            mistakes.append(f"{name} of shape {known[i].shape}: give one per row")
+    known = {}
+    given = {"rotations_deg": (ROTATION, rotations_deg), "forces_N": (FORCE, forces_N)}
+    for name, (i, values) in given.items():
+        if values is not None:
+            known[i] = _numbers(values, name)
+            if known[i].shape != charges.shape[:1]:
+                mistakes.append(f"{name} of shape {known[i].shape}: give one per row")
     if mistakes:
         raise ValueError("\n".join(mistakes))
     measurement = Measurement.of(model, names, sigma, noise_pC, reading)
@@ -230,7 +231,7 @@ def _table(
     """Names of electrodes, and their charges (n, electrodes); NaN for what is no number."""
     if not hasattr(charges_pC, "keys"):
         names = tuple(model.names if electrodes is None else electrodes)
-        charges = _numbers(charges_pC, len(names))
+        charges = _numbers(charges_pC, "charges_pC")
         if charges.ndim != 2 or charges.shape[1] != len(names):
             raise ValueError(f"charges_pC of shape {charges.shape}: give (n, {len(names)})")
     else:
@@ -238,7 +239,7 @@ def _table(
         names = tuple(by_name.keys() if electrodes is None else electrodes)
         if missing := [name for name in names if name not in by_name]:
             raise ValueError(f"charges_pC: has no {missing[0]}; choose from {', '.join(by_name)}")
-        columns = [_numbers(by_name[name]) for name in names]
+        columns = [_numbers(by_name[name], f"charges_pC.{name}") for name in names]
         if len({column.shape for column in columns}) > 1:
             raise ValueError("charges_pC: columns differ in length; give one charge per row")
         charges = np.stack(columns, axis=1) if columns else np.empty((0, 0))
@@ -247,18 +248,12 @@ def _table(
     return names, charges
 
 
-def _numbers(values: Any, width: int = 0) -> Array:
-    """Values, or rows of a `width`, as floats; NaN for a value, or in a row, that is none."""
+def _numbers(values: Any, what: str) -> Array:
+    """Values as floats, NaN for None; raises `ValueError` for what is no table of numbers."""
     try:
         return np.asarray(values, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        if not width:
-            return np.array([number(value) for value in values])
-    rows = np.full((len(values), width), np.nan)
-    for row, given in zip(rows, values, strict=True):
-        if not isinstance(given, str) and np.size(given) == width:
-            row[:] = _numbers(given)
-    return rows
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"{what}: {error}; give numbers, NaN where there is none") from None
 
 
 def _status(
