@@ -19,7 +19,7 @@ import numpy as np
 
 from pvdf_fem.response.model import FORCE, QUANTITIES, Model, touch_of
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.touch.locate_many import RETRIES, explanations
+from pvdf_fem.touch.locate_many import explanations
 from pvdf_fem.touch.location import Explanation, Location
 from pvdf_fem.touch.measurement import (
     Deviations,
@@ -109,7 +109,9 @@ def locate(
     held = {i: np.array([value]) for i, value in fixed.items()}
     right = (
         Explanation(text, location(meant, ends, options).best)
-        for text, meant, ends, rows in explanations(measurement, readings, sought, held, RETRIES)
+        for text, meant, ends, rows in explanations(
+            measurement, readings, sought, held, options.retries
+        )
         if rows.size
     )
     return replace(found, explanations=tuple(right))

@@ -27,7 +27,6 @@ from pvdf_fem.touch.touch import SIGNIFICANCE, TouchStatus, explains, p_values, 
 
 #: Rows that are located together: they take some 3 kB each while searches are under way.
 CHUNK = 32768
-RETRIES = 8  #: Starts of the second search for a row.
 SHORT = SearchOptions(max_steps=12)  #: Of searches with mistakes undone, few of which end.
 
 
@@ -282,7 +281,7 @@ def _ends(problem: Problem, held: Mapping[int, Array], significance: float) -> D
     """The best end found for each row of the charges."""
     ends = _nearest_end(problem, np.arange(len(problem.charges_pC)), held, 1)
     if (rows := np.flatnonzero(~_explained(problem, ends, significance))).size:
-        ends.improve(rows, _nearest_end(problem, rows, held, RETRIES))
+        ends.improve(rows, _nearest_end(problem, rows, held, DEFAULTS.retries))
     for row in np.flatnonzero(~_explained(problem, ends, significance)).tolist():
         _search_everywhere(problem, ends, row)
     return ends
