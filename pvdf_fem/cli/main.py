@@ -64,14 +64,12 @@ scene files are TOML. Their keys, each with a default:
   [load]        force_N, kind (dead, follower, rigid, contact), tangential_N
                 ([Fx, Fy]; dead or stuck); for rigid: contact (sliding, stuck);
                 tilt (held, free); for contact: depth_mm, instead of
-                force_N, friction (0 to 10, "stuck"); for dead:
-                profile (uniform, hertz, gaussian, or a CSV or NetCDF file),
-                profile_width_mm (of gaussian)
+                force_N; for dead: profile (uniform, hertz, gaussian, or a
+                CSV or NetCDF file), profile_width_mm (of gaussian)
   [numerics]    tolerance (of every charge), observable (material, thesis-edge),
                 max_unknowns (of a mesh; default 60000, more for tolerances
                 below 1e-3), max_seconds (work of one core, counted by unknowns
-                and iterations; default 20, more for tolerances below 1e-3),
-                load_steps (to friction; default 4, stuck 6)
+                and iterations; default 20, more for tolerances below 1e-3)
   [readout]     kind (charge, voltage), feedback_capacitance_pF,
                 feedback_resistance_MOhm, input_resistance_MOhm,
                 cable_capacitance_pF, gain, offset_V, noise_V: each for all
@@ -246,14 +244,14 @@ def _mesh(options: argparse.Namespace) -> int:
     from pvdf_fem.output.export import FORMATS, write_mesh
 
     scene = scene_of(options, *output_mistakes(options.file, list(FORMATS), options.scene))
+    from pvdf_fem.film.loads.contact_guess import tip_outlines
     from pvdf_fem.film.models import film_model
     from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
     from pvdf_fem.solution.first_sizes import ORDER, first_sizes
-    from pvdf_fem.solution.tips.edges import outlines_of
 
     try:
         sizes, jacobian = first_sizes(scene, ORDER), film_model(scene).least_jacobian
-        contacts = outlines_of(scene)
+        contacts = tip_outlines(scene)
         mesh = mesh_scene(scene, sizes, least_jacobian=jacobian, contacts=contacts)
         write_mesh(mesh, options.file)
     except MeshError as error:

@@ -87,7 +87,7 @@ def rate_of(adjoint: Adjoint, key: str, *, with_heat: bool = True) -> Array:
     swept, touches = np.zeros(len(adjoint.goals)), touched(scene).get(key, [])
     for touch, i, name in touches:
         load = adjoint.equilibrium.loads[i]
-        if name in PLACE_NAMES and load.seat is None:
+        if name in PLACE_NAMES and not len(load.own_dofs):
             swept = swept + _swept(adjoint, load, name)
             if not touch.probe.temperature_K:  # nothing else of it has a place
                 return swept

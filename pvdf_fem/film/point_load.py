@@ -54,14 +54,19 @@ def _tension(rest: float, cube: float) -> float:
     return N
 
 
-def point_force(film: Film, depth: float) -> float:
-    """About the force in N that deflects the film's centre by `depth` in m."""
-    a, low, high = film.radius, 1e-12, 1e12
-    r = np.geomspace(1e-2 * a, a, 40)
+def point_deflection(film: Film, force: float) -> float:
+    """About the deflection in m of the film's centre by a force in N."""
+    r = np.geomspace(1e-2 * film.radius, film.radius, 40)
+    tension = np.array([tension_at(film, force, x) for x in r])
+    slopes = force / (2.0 * np.pi * r * tension)
+    return float(np.sum(0.5 * (slopes[1:] + slopes[:-1]) * np.diff(r)))
+
+
+def point_force(film: Film, deflection: float) -> float:
+    """About the force in N that deflects the film's centre by `deflection` in m."""
+    low, high = 1e-12, 1e12
     while high > 1.01 * low:
-        force = np.sqrt(low * high)
-        tension = np.array([tension_at(film, force, x) for x in r])
-        slopes = force / (2.0 * np.pi * r * tension)
-        reached = float(np.sum(0.5 * (slopes[1:] + slopes[:-1]) * np.diff(r)))
-        low, high = (force, high) if reached < depth else (low, force)
-    return float(force)
+        force = float(np.sqrt(low * high))
+        below = point_deflection(film, force) < deflection
+        low, high = (force, high) if below else (low, force)
+    return force

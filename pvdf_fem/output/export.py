@@ -15,7 +15,6 @@ from skfem import ElementTriP2, MeshTri2
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.charges.point_values import values_in_elements
 from pvdf_fem.files import FileError, replacing
-from pvdf_fem.film.loads.touchdown import tips_of
 from pvdf_fem.film.membrane import principal
 from pvdf_fem.mesh.gmsh_mesh import FILM, RIM
 
@@ -85,12 +84,9 @@ def _at_nodes(solution: Solution) -> tuple[Array, Array]:
 def _contact_pressure(solution: Solution) -> Array:
     """Mean pressure of tips in the elements about each node, zero beside them, (nodes,)."""
     fields, nodes = solution.fields, solution.mesh.dofs.element_dofs.T
-    total, areas = np.zeros((2, len(nodes), 1))
-    for contact in tips_of(fields.solved):
-        _, pressure = contact.traction(fields.solved_state, solution.scene.film.thickness)
-        weights = contact.space.weights[contact.patch]
-        total[contact.patch, 0] = (pressure * weights).sum(axis=1)
-        areas[contact.patch, 0] = weights.sum(axis=1)
+    weights, pressure = fields.solved.space.weights, fields.contact_pressure
+    areas = (weights * (pressure > 0.0)).sum(axis=1, keepdims=True)
+    total = (weights * pressure).sum(axis=1, keepdims=True)
     return _means(nodes, total / np.where(areas > 0.0, areas, 1.0), areas)
 
 

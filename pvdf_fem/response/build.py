@@ -254,9 +254,6 @@ def refuse(
         if value := getattr(scene.film, key):
             reason = "a response is of a film that is flat before it is touched"
             raise ValueError(f"film.{key}: {value!r} is not for a response; {reason}; remove it")
-    if scene.load.friction:
-        friction = f"load.friction: {scene.load.friction!r}"
-        raise ValueError(f"{friction}: a response is of film that slides freely; give 0")
     if scene.load.tangential_N is not None or scene.load.profile != "uniform":
         uniform = "remove load.tangential_N and load.profile"
         raise ValueError(f"load: a response is of a uniform pressure along z; {uniform}")

@@ -72,8 +72,6 @@ class Numerics(Section):
 
     `tolerance` is relative to each charge. Where its parts, d31 S11 and d32 S22, cancel to less
     than 5 % of them, it is relative to 5 % of them, and a warning names charge, parts and error.
-    `load_steps` is the number of steps in which film comes to stick to a tip, 6 by default, or
-    slides against friction, 4 by default.
     `max_unknowns` is the largest number of unknowns of a mesh. `max_seconds` is the work allowed
     for a solve in seconds of one core, counted by unknowns and iterations, so that a result does
     not depend on the machine's load. A limit that is None is the solver's, which grows where the
@@ -82,7 +80,6 @@ class Numerics(Section):
 
     tolerance: Annotated[Finite, within(1e-8, 0.5, ends=False)] = 1e-3
     observable: Annotated[ObservableName, Affects.READING] = "material"
-    load_steps: Annotated[Whole, within(3, 50)] | None = None
     max_unknowns: Annotated[Whole, within(100, 10_000_000, "unknowns")] | None = None
     max_seconds: Annotated[Finite, within(0.1, 1e6, "s")] | None = None
 

@@ -32,6 +32,8 @@ STRENGTH = 180e6
 SLOPE_LIMIT = 0.5
 
 
+#: Reach of a contact over the film's radius from which a tip meets the clamped rim.
+NEAR_RIM = 0.99
 #: Relative change of a charge by wrinkles above which a membrane in compression is no result.
 MOST_CHANGE = 0.1
 
@@ -46,6 +48,9 @@ def refusal(fields: Fields, factors: SuperLU | None, change: float | None) -> St
     equilibrium, state = fields.solved, fields.solved_state
     if not balanced(equilibrium, state, factors, equilibrium.model.imbalance):
         return Status.UNBALANCED
+    reach = max(term.reach(state) for term in equilibrium.terms)
+    if reach > NEAR_RIM * equilibrium.film.radius:
+        return Status.RIM
     if not equilibrium.conservative and beyond_limit(factors):
         return Status.UNSTABLE
     # without compression the energy has no other stationary point

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Generic, Protocol, TypeVar
 
 from skfem import MeshTri2
 
+from pvdf_fem.film.loads.contact_guess import tip_outlines
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
 from pvdf_fem.mesh.size_field import SizeField, Sizes
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
-from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.history import Clock, MeshRecord, Stop
 from pvdf_fem.solvers.budget import Budget, iteration_seconds
@@ -72,8 +72,6 @@ class Rules:
     #: A mesh that may only have this part of the last one's unknowns would not be better.
     least: float = 0.7
     most_meshes: int = 10
-    #: The edge of a contact is moved at most this often on meshes of the same sizes.
-    most_fits: int = 5
     #: The unknowns that can be paid grow as this power of the work of a mesh.
     work_exponent: float = 0.8
     #: Newton iterations that a solve on a mesh, with the estimate of its error, takes at least.
@@ -98,8 +96,6 @@ class MeshLoop(Generic[T]):
     unknowns_per_element: float
     #: The part of the film that is meshed.
     part: MirroredPart = WHOLE
-    #: Edges of contacts with tips by patch name, after the attempt before or None.
-    contacts_of: Callable[[T | None], Mapping[str, Outline]] = lambda attempt: {}
     rules: Rules = field(default_factory=Rules)
     history: list[MeshRecord] = field(default_factory=list)
 
@@ -151,19 +147,11 @@ class MeshLoop(Generic[T]):
         return most, Stop.SECONDS if most == by_work else Stop.UNKNOWNS
 
     def attempt(self, sizes: Sizes | SizeField, coarser: T | None) -> T:
-        """Mesh and solve, again where the edge of a contact has to move."""
-        attempt = self._attempt_once(sizes, coarser)
-        for _ in range(self.rules.most_fits):
-            if attempt.status is not Status.MISPLACED:
-                break
-            attempt = self._attempt_once(sizes, attempt)
-        return attempt
-
-    def _attempt_once(self, sizes: Sizes | SizeField, coarser: T | None) -> T:
+        """Mesh and solve."""
         start = time.perf_counter()
         require = partial(self._require_affordable, overestimate=self.rules.overestimate)
         with self.clock("mesh"):
-            jacobian, contacts = film_model(self.scene).least_jacobian, self.contacts_of(coarser)
+            jacobian, contacts = film_model(self.scene).least_jacobian, tip_outlines(self.scene)
             mesh = mesh_scene(
                 self.scene, sizes, self.part, jacobian, contacts=contacts, require=require
             )

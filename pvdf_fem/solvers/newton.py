@@ -335,8 +335,9 @@ class FullSteps(Variant):
     """Undamped Newton from a near start. It gives up after eight steps, at a step of relative size
     above 3, or when a step grows from the third on."""
 
-    max_iterations = 8
     largest_step = 3.0
+
+    max_iterations = 8
 
     def __init__(self, equilibrium: Equilibrium, tolerance: float) -> None:
         super().__init__(equilibrium)
@@ -350,10 +351,23 @@ class FullSteps(Variant):
         return 1.0 if step.size < self.largest_step else 0.0
 
     def ended(self, step: Step, state: State, table: Sequence[Iteration]) -> Status | None:
-        grows = len(table) > 2 and step.size > table[-2].step
-        if not step.size < self.largest_step or grows:
+        if not step.size < self.largest_step or self.grows(table):
             return Status.MAX_ITERATIONS
         return Status.CONVERGED if step.size < self.tolerance else None
+
+    def grows(self, table: Sequence[Iteration]) -> bool:
+        """Whether the last step leads away."""
+        return len(table) > 2 and table[-1].step > table[-2].step
+
+
+class ActiveSet(FullSteps):
+    """Undamped Newton for film on tips: a step that changes which points touch may grow."""
+
+    max_iterations = 20
+
+    def grows(self, table: Sequence[Iteration]) -> bool:
+        """Not decided by single steps."""
+        return False
 
 
 def convex_tangent(

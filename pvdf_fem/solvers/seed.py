@@ -38,7 +38,7 @@ def seed(equilibrium: Equilibrium) -> Array:
     tension = induced + max(film.thickness * film.stress_at_rest[:2].mean(), 0.0)
     assembly = equilibrium.assembly
     stretched = assembly.matrix(equilibrium.space.laplace() * tension)
-    q[deflections] = _solve_block(equilibrium.with_coupled(stretched), forces, deflections)
+    q[deflections] = _solve_block(equilibrium.with_coupled(stretched, flat), forces, deflections)
     residual = equilibrium.residual(equilibrium.state(q)) + forces
     q[in_plane] = -factors.solve(residual[in_plane])
     length = least_energy(_energy_of_scaled(equilibrium, q, deflections, forces))
@@ -77,7 +77,7 @@ def _energy_of_scaled(
     w = np.zeros_like(q)
     w[deflections] = q[deflections]
     x = equilibrium.unknowns.expand(w)
-    bent = equilibrium.with_coupled(sp.csc_matrix((len(q), len(q))))
+    bent = equilibrium.with_coupled(sp.csc_matrix((len(q), len(q))), equilibrium.state(0.0 * q))
     in_plane = equilibrium.space.gradient(equilibrium.unknowns.expand(q - w))
     strain = strain_rate(IDENTITY, in_plane) + strain_of(equilibrium.space.gradient(x))
     weighted = strain * membrane.volumes[..., None]

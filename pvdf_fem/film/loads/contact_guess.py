@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
-from pvdf_fem.film.point_load import point_force, tension_at
+from pvdf_fem.film.point_load import point_deflection, point_force, tension_at
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.outlines.tip import STEEPEST
@@ -15,6 +17,27 @@ from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 #: Width of the contact over that guessed, measured for spheres: 1.07 to 1.11.
 WIDER = 1.09
+#: Overlap of film and tip in the middle of a contact over the tip's depth, as a part of the
+#: tolerance: under a force it changes charges by a twentieth of that, at a depth by as much.
+OVERLAP = 0.02
+
+
+@dataclass(frozen=True)
+class Guess:
+    """What a contact with a rigid tip is guessed to be."""
+
+    force: float  #: That presses, in N.
+    softness: float  #: Overlap over the tip's depth.
+    stiffness: float  #: Traction over overlap in Pa/m, times the softness.
+
+    @classmethod
+    def of(cls, scene: Scene, touch: LoadedProbe) -> Self:
+        """The guess for a tip of a scene."""
+        force, outline = guessed_force(touch.load, scene.film), first_contacts(scene)[touch.patch]
+        face, depth = touch.tip.face, touch.load.depth or point_deflection(scene.film, force)
+        pressed = outline.area - (face.area if face else 0.0)
+        softness = OVERLAP * min(scene.numerics.tolerance, 1e-2)
+        return cls(force, softness, force / pressed / depth)
 
 
 def guessed_force(load: Load, film: Film) -> float:
@@ -25,6 +48,11 @@ def guessed_force(load: Load, film: Film) -> float:
 def first_contacts(scene: Scene) -> dict[str, Outline]:
     """Guessed contacts with a scene's tips, by patch name."""
     return {t.patch: t.tip.grown(guessed_width(t, scene.film)) for t in scene.tips}
+
+
+def tip_outlines(scene: Scene) -> dict[str, Outline]:
+    """What a mesh follows of a scene's tips, by patch name: guessed contacts and flat faces."""
+    return first_contacts(scene) | faces(scene)
 
 
 def guessed_press(scene: Scene, touch: LoadedProbe) -> tuple[Outline, float]:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
+import shapely
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.contact import Contact
-from pvdf_fem.film.loads.contact_edge import Edge
+from pvdf_fem.film.loads.rigid_tip import RigidTip
 from pvdf_fem.film.term import State
+
+#: Directions in which the edge of a contact is sought from its middle.
+RAYS = 72
+#: Points along a ray, and how far these go over the farthest point that touches.
+POINTS, FARTHEST = 120, 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,10 +36,7 @@ class Touchdown:
     mean_pressure_MPa: float
     least_pressure_MPa: float
     largest_pressure_MPa: float
-    #: How far a node lies in the tip: how well the discrete contact is complementary.
-    penetration_mm: float
-    #: How far the film reaches into the tip between nodes, at the worst quadrature point.
-    overlap_mm: float
+    overlap_mm: float  #: Largest overlap of film and tip at a quadrature point, by the penalty.
 
     def to_json(self) -> dict[str, Any]:
         """Its values but for the points of its edge."""
@@ -44,52 +45,74 @@ class Touchdown:
         return {key: np.asarray(value).tolist() for key, value in table.items()}
 
     @classmethod
-    def of(cls, equilibrium: Equilibrium, contact: Contact, edge: Edge, state: State) -> Self:
-        """The touchdown on the tip of a contact in equilibrium."""
-        x = state.dofs.reshape(-1, 3)[contact.nodes]
-        depth, forces = contact.depth_of(state.dofs), equilibrium.film_forces(state)
-        fx, fy, fz = forces.reshape(-1, 3)[contact.nodes].T
-        arms = contact.places + x[:, :2] - contact.touch.outline.centroid
-        rise = x[:, 2] - depth
-        moments = [arms[:, 1] @ fz - rise @ fy, rise @ fx - arms[:, 0] @ fz]
-        weights, (_, pressure) = (
-            contact.space.weights[contact.patch],
-            contact.traction(state, equilibrium.film.thickness),
-        )
-        F = state.deformation_gradient[contact.patch]
-        deformed = weights * np.linalg.norm(np.cross(F[..., 0], F[..., 1]), axis=-1)
-        projected = weights * np.linalg.det(F[..., :2, :])
-        # the edge on the mesh is not quite where it should be
-        area = 1e6 * edge.fitted.area / float(weights.sum())
+    def of(cls, equilibrium: Equilibrium, tip: RigidTip, state: State) -> Self:
+        """The touchdown of one of the tips of an equilibrium."""
+        overlap, weights = tip.overlap(state), tip.space.weights
+        traction = tip.tractions(state)
+        forces = -(overlap.rates * traction[..., None])
+        fx, fy, fz = forces.sum(axis=(0, 1))
+        arms = tip.displaced(state)[..., :2] - tip.touch.outline.centroid
+        risen = tip.displaced(state)[..., 2] - overlap.depth
+        moments = [
+            (arms[..., 1] * forces[..., 2] - risen * forces[..., 1]).sum(),
+            (risen * forces[..., 0] - arms[..., 0] * forces[..., 2]).sum(),
+        ]
+        pressure = tip.pressure_on(state, equilibrium.film.thickness)
+        F, touching = state.deformation_gradient, overlap.touching
+        deformed = weights * touching * np.linalg.norm(np.cross(F[..., 0], F[..., 1]), axis=-1)
+        projected = weights * touching * np.linalg.det(F[..., :2, :])
+        edge = contact_edge(tip, state)
+        area = shapely.Polygon(edge).area
+        # the points that touch cover the area only roughly
+        share = area / float((weights * touching).sum())
         return cls(
-            1e3 * depth,
-            float(fz.sum()),
-            -np.array([fx.sum(), fy.sum()]),
+            1e3 * overlap.depth,
+            float(fz),
+            -np.array([fx, fy]),
             -1e3 * np.array(moments),
-            1e6 * edge.fitted.area,
-            area * float(deformed.sum()),
-            area * float(projected.sum()),
-            1e3 * np.array(edge.fitted.shape.exterior.coords),
+            1e6 * area,
+            1e6 * share * float(deformed.sum()),
+            1e6 * share * float(projected.sum()),
+            1e3 * edge,
             1e-6 * float((pressure * deformed).sum() / deformed.sum()),
-            1e-6 * float(pressure.min()),
+            1e-6 * float(pressure[touching].min()),
             1e-6 * float(pressure.max()),
-            1e3 * contact.penetration(state),
-            1e3 * contact.overlap(state),
+            1e3 * float(overlap.value.max()),
         )
 
 
-def tips_of(equilibrium: Equilibrium) -> list[Contact]:
+def tips_of(equilibrium: Equilibrium) -> list[RigidTip]:
     """The tips on which a film rests."""
-    return [term for term in equilibrium.terms if isinstance(term, Contact)]
+    return [term for term in equilibrium.terms if isinstance(term, RigidTip)]
 
 
-def edges_of(equilibrium: Equilibrium, state: State) -> tuple[Edge, ...]:
-    """The edges of the contacts with tips."""
-    forces, membrane = equilibrium.film_forces(state), equilibrium.membrane
-    return tuple(contact.edge(membrane, state, forces) for contact in tips_of(equilibrium))
+def touchdowns(equilibrium: Equilibrium, state: State) -> dict[str, Touchdown]:
+    """What the tips do, by the names of their patches."""
+    tips = tips_of(equilibrium)
+    return {tip.touch.patch: Touchdown.of(equilibrium, tip, state) for tip in tips}
 
 
-def overlap_at(equilibrium: Equilibrium, x: Array, edges: Sequence[Edge]) -> float:
-    """Largest overlap of film and a tip where their contact ends, over the tip's depth."""
-    pairs = zip(tips_of(equilibrium), edges, strict=True)
-    return max(edge.penetration / contact.depth_of(x) for contact, edge in pairs)
+def contact_edge(tip: RigidTip, state: State) -> Array:
+    """Points (`RAYS`, 2) in m of the film, before it deforms, where it leaves the tip.
+
+    Beside the contact the gap grows as the square of the distance from there. So along a ray from
+    the contact's middle the place is a smooth function of the gap's root, whose value without a gap
+    is fitted as a parabola.
+    """
+    touching = tip.space.places[tip.overlap(state).touching]
+    middle, angles = touching.mean(axis=0), 2.0 * np.pi * np.arange(RAYS) / RAYS
+    rays = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    farthest = FARTHEST * float(np.linalg.norm(touching - middle, axis=1).max())
+    along = farthest * (np.arange(POINTS) + 1.0) / POINTS
+    gaps = tip.gaps(state, middle + along[:, None, None] * rays)
+    ends = np.array([_end(along, gap) for gap in gaps.T])
+    return np.asarray(middle + ends[:, None] * rays)
+
+
+def _end(along: Array, gap: Array) -> float:
+    """Where the contact ends along a ray, from the gaps at points along it."""
+    touches = np.flatnonzero(gap <= 0.0)
+    last = int(touches[-1]) if len(touches) else 0
+    beyond = slice(last + 1, max(last + 6, int(FARTHEST * last)))
+    curve = np.polynomial.Polynomial.fit(np.sqrt(gap[beyond]), along[beyond], 2)
+    return float(curve(0.0))

@@ -18,7 +18,6 @@ import shapely
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.outlines.circle import Circle
-from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.outlines.polygon import Polygon
 from pvdf_fem.scene.outlines.shape import Shape
@@ -56,14 +55,6 @@ class Tip(ABC):
     @abstractmethod
     def grown(self, distance: float) -> Outline:
         """The outline of the points nearer to the core than this."""
-
-    @abstractmethod
-    def fitted(self, points: Array) -> Outline:
-        """The outline through points (n, 2) about the core, ordered counter-clockwise."""
-
-    def modes(self, points: Array) -> Array | None:
-        """Harmonic functions (n, modes) that tell how the edge of a round contact moves."""
-        return None
 
     @property
     @abstractmethod
@@ -117,26 +108,8 @@ class DiscTip(Tip):
         normal = np.where(outside[:, None], away / safe[:, None], 0.0)
         return Distances(np.where(outside, r - self.core, 0.0), normal, curvature)
 
-    def modes(self, points: Array) -> Array:
-        z = ((points - self.centre) @ [1.0, 1j]) / (self.radius + self.core)
-        return np.stack([z.real**0, z.real, z.imag, (z * z).real, (z * z).imag], axis=-1)
-
     def grown(self, distance: float) -> Circle:
         return Circle(self.centre, self.core + distance)
-
-    def fitted(self, points: Array) -> Ellipse:
-        """The ellipse nearest to the points, by least squares of a conic's equation."""
-        scale = float(np.linalg.norm(points - self.centre, axis=1).mean())
-        x, y = ((points - self.centre) / scale).T
-        columns = np.stack([x * x - y * y, 2.0 * x * y, x, y, np.ones_like(x)], axis=-1)
-        a, b, c, d, e = np.linalg.lstsq(columns, -(x * x + y * y), rcond=None)[0]
-        form = np.array([[1.0 + a, b], [b, 1.0 - a]])
-        middle = -0.5 * np.linalg.solve(form, [c, d])
-        level = middle @ form @ middle - e
-        values, vectors = np.linalg.eigh(form)
-        first, second = np.sqrt(level / values)
-        centre = self.centre + scale * middle
-        return Ellipse(centre, scale * first * vectors[:, 0], float(scale * second))
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,12 +151,6 @@ class PolygonTip(Tip):
 
     def grown(self, distance: float) -> Polygon:
         return self._outline(self.core.shape.buffer(distance, quad_segs=4), distance)
-
-    def fitted(self, points: Array) -> Polygon:
-        shape = shapely.Polygon(points)
-        if not shape.is_valid:  # gmsh does not end on sides that cross at a narrow corner
-            shape = max(shapely.get_parts(shape.buffer(0.0)), key=shapely.area)
-        return self._outline(shape, float(self.distances(points).value.mean()))
 
     @staticmethod
     def _outline(shape: shapely.Polygon, width: float, detail: float = 0.03) -> Polygon:
