@@ -54,9 +54,15 @@ def _tension(rest: float, cube: float) -> float:
     return N
 
 
-def point_deflection(film: Film, force: float) -> float:
-    """About the deflection in m of the film's centre by a force in N."""
-    r = np.geomspace(1e-2 * film.radius, film.radius, 40)
+def point_deflection(
+    film: Film, force: float, nearest: float | None = None, reach: float | None = None
+) -> float:
+    """About the deflection in m at the distance `nearest` in m from a force in N.
+
+    By default a hundredth of the film's radius; `reach` is the distance of the rim.
+    """
+    reach = reach or film.radius
+    r = np.geomspace(nearest or 1e-2 * reach, reach, 40)
     tension = np.array([tension_at(film, force, x) for x in r])
     slopes = force / (2.0 * np.pi * r * tension)
     return float(np.sum(0.5 * (slopes[1:] + slopes[:-1]) * np.diff(r)))

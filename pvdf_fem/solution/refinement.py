@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Generic, Protocol, TypeVar
 
 from skfem import MeshTri2
 
-from pvdf_fem.film.loads.contact_guess import tip_outlines
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
 from pvdf_fem.mesh.size_field import SizeField, Sizes
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
+from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.history import Clock, MeshRecord, Stop
 from pvdf_fem.solvers.budget import Budget, iteration_seconds
@@ -96,6 +96,8 @@ class MeshLoop(Generic[T]):
     unknowns_per_element: float
     #: The part of the film that is meshed.
     part: MirroredPart = WHOLE
+    #: Outlines of contacts with tips by patch name, after the attempt before or None.
+    contacts_of: Callable[[T | None], Mapping[str, Outline]] = lambda attempt: {}
     rules: Rules = field(default_factory=Rules)
     history: list[MeshRecord] = field(default_factory=list)
 
@@ -151,7 +153,7 @@ class MeshLoop(Generic[T]):
         start = time.perf_counter()
         require = partial(self._require_affordable, overestimate=self.rules.overestimate)
         with self.clock("mesh"):
-            jacobian, contacts = film_model(self.scene).least_jacobian, tip_outlines(self.scene)
+            jacobian, contacts = film_model(self.scene).least_jacobian, self.contacts_of(coarser)
             mesh = mesh_scene(
                 self.scene, sizes, self.part, jacobian, contacts=contacts, require=require
             )

@@ -24,14 +24,18 @@ from pvdf_fem.charges.goals import Goal, goals_of
 from pvdf_fem.charges.rest import known_at_rest, untouched
 from pvdf_fem.charges.thickness import thickness_remarks
 from pvdf_fem.film.electric.coupling import coupling_remarks
+from pvdf_fem.film.loads.contact_edge import outlines_found
+from pvdf_fem.film.loads.contact_guess import tip_outlines
 from pvdf_fem.film.loads.everywhere.weight import weight_remarks
 from pvdf_fem.film.loads.heat import heat_remarks
 from pvdf_fem.film.loads.posed import NOTHING, Posed, Pressure
 from pvdf_fem.film.loads.profiles import pinned, profile_of
+from pvdf_fem.film.loads.touchdown import tips_of
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError
 from pvdf_fem.mesh.mesh_file import mesh_of
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart, part_of
+from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.solution import admissible
@@ -215,7 +219,17 @@ def _mesh_loop(problem: Problem, part: MirroredPart) -> MeshLoop[Attempt]:
         problem.clock,
         UNKNOWNS_PER_ELEMENT[problem.order],
         part,
+        partial(_contacts, problem.scene),
     )
+
+
+def _contacts(scene: Scene, attempt: Attempt | None) -> dict[str, Outline]:
+    """What a mesh follows of tips: outlines as guessed, or as an attempt found."""
+    if attempt is None:
+        return tip_outlines(scene)
+    state = attempt.fields.solved_state
+    found = (outlines_found(tip, state) for tip in tips_of(attempt.equilibrium))
+    return {name: outline for outlines in found for name, outline in outlines.items()}
 
 
 def _on_part(problem: Problem) -> Solution | None:

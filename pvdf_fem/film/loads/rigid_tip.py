@@ -18,7 +18,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from pvdf_fem.arrays import Array, Indices, Mask, Selection
-from pvdf_fem.film.loads.contact_guess import face_patch
 from pvdf_fem.film.loads.posed import PosedProbe
 from pvdf_fem.film.loads.pressure import DeadPressure
 from pvdf_fem.film.space import Space
@@ -140,14 +139,6 @@ class RigidTip(DeadPressure):
         moves = np.matmul(self.space.values, state.dofs.reshape(-1, 3)[self.space.nodes])
         moves[..., :2] += self.space.places
         return moves
-
-    def gaps(self, state: State, points: Array) -> Array:
-        """Gaps in m between the tip and the film at points (..., 2) of the film."""
-        flat = points.reshape(-1, 2)
-        moves = self.space.interpolation(flat.T) @ state.dofs.reshape(-1, 3)[: self.space.basis.N]
-        height = self.tip.height((flat + moves[:, :2]) @ self.part.frame).value
-        gaps = height + moves[:, 2] - self.overlap(state).depth
-        return np.asarray(gaps.reshape(points.shape[:-1]))
 
     # --- the term
 

@@ -10,13 +10,9 @@ import shapely
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.film.loads.contact_edge import contact_edge
 from pvdf_fem.film.loads.rigid_tip import RigidTip
 from pvdf_fem.film.term import State
-
-#: Directions in which the edge of a contact is sought from its middle.
-RAYS = 72
-#: Points along a ray, and how far these go over the farthest point that touches.
-POINTS, FARTHEST = 120, 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,27 +88,3 @@ def touchdowns(equilibrium: Equilibrium, state: State) -> dict[str, Touchdown]:
     return {tip.touch.patch: Touchdown.of(equilibrium, tip, state) for tip in tips}
 
 
-def contact_edge(tip: RigidTip, state: State) -> Array:
-    """Points (`RAYS`, 2) in m of the film, before it deforms, where it leaves the tip.
-
-    Beside the contact the gap grows as the square of the distance from there. So along a ray from
-    the contact's middle the place is a smooth function of the gap's root, whose value without a gap
-    is fitted as a parabola.
-    """
-    touching = tip.space.places[tip.overlap(state).touching]
-    middle, angles = touching.mean(axis=0), 2.0 * np.pi * np.arange(RAYS) / RAYS
-    rays = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    farthest = FARTHEST * float(np.linalg.norm(touching - middle, axis=1).max())
-    along = farthest * (np.arange(POINTS) + 1.0) / POINTS
-    gaps = tip.gaps(state, middle + along[:, None, None] * rays)
-    ends = np.array([_end(along, gap) for gap in gaps.T])
-    return np.asarray(middle + ends[:, None] * rays)
-
-
-def _end(along: Array, gap: Array) -> float:
-    """Where the contact ends along a ray, from the gaps at points along it."""
-    touches = np.flatnonzero(gap <= 0.0)
-    last = int(touches[-1]) if len(touches) else 0
-    beyond = slice(last + 1, max(last + 6, int(FARTHEST * last)))
-    curve = np.polynomial.Polynomial.fit(np.sqrt(gap[beyond]), along[beyond], 2)
-    return float(curve(0.0))

@@ -9,15 +9,16 @@ its own distance.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import shapely
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.outlines.circle import Circle
+from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.outlines.polygon import Polygon
 from pvdf_fem.scene.outlines.shape import Shape
@@ -56,6 +57,14 @@ class Tip(ABC):
     def grown(self, distance: float) -> Outline:
         """The outline of the points nearer to the core than this."""
 
+    @abstractmethod
+    def fitted(self, points: Array) -> Outline:
+        """The outline through points (n, 2) about the core, ordered counter-clockwise."""
+
+    @abstractmethod
+    def carried(self, motion: Array, stretch: float) -> Self:
+        """The tip moved by `motion` (2,) in m, its core larger by the factor 1 + `stretch`."""
+
     @property
     @abstractmethod
     def face(self) -> Outline | None:
@@ -90,6 +99,9 @@ class DiscTip(Tip):
     radius: float  #: Of the rounding.
     core: float = 0.0  #: Radius of the flat face.
 
+    def carried(self, motion: Array, stretch: float) -> DiscTip:
+        return replace(self, centre=self.centre + motion, core=(1.0 + stretch) * self.core)
+
     @property
     def face(self) -> Circle | None:
         return Circle(self.centre, self.core) if self.core else None
@@ -111,6 +123,20 @@ class DiscTip(Tip):
     def grown(self, distance: float) -> Circle:
         return Circle(self.centre, self.core + distance)
 
+    def fitted(self, points: Array) -> Ellipse:
+        """The ellipse nearest to the points, by least squares of a conic's equation."""
+        scale = float(np.linalg.norm(points - self.centre, axis=1).mean())
+        x, y = ((points - self.centre) / scale).T
+        columns = np.stack([x * x - y * y, 2.0 * x * y, x, y, np.ones_like(x)], axis=-1)
+        a, b, c, d, e = np.linalg.lstsq(columns, -(x * x + y * y), rcond=None)[0]
+        form = np.array([[1.0 + a, b], [b, 1.0 - a]])
+        middle = -0.5 * np.linalg.solve(form, [c, d])
+        level = middle @ form @ middle - e
+        values, vectors = np.linalg.eigh(form)
+        first, second = np.sqrt(level / values)
+        centre = self.centre + scale * middle
+        return Ellipse(centre, scale * first * vectors[:, 0], float(scale * second))
+
 
 @dataclass(frozen=True, eq=False)
 class PolygonTip(Tip):
@@ -118,6 +144,10 @@ class PolygonTip(Tip):
 
     core: Polygon  #: The flat face.
     radius: float  #: Of the rounding, m.
+
+    def carried(self, motion: Array, stretch: float) -> PolygonTip:
+        arms = self.core.vertices - self.core.centroid
+        return replace(self, core=Polygon(self.core.vertices + motion + stretch * arms))
 
     @property
     def face(self) -> Polygon:
@@ -151,6 +181,12 @@ class PolygonTip(Tip):
 
     def grown(self, distance: float) -> Polygon:
         return self._outline(self.core.shape.buffer(distance, quad_segs=4), distance)
+
+    def fitted(self, points: Array) -> Polygon:
+        shape = shapely.Polygon(points)
+        if not shape.is_valid:  # gmsh does not end on sides that cross at a narrow corner
+            shape = max(shapely.get_parts(shape.buffer(0.0)), key=shapely.area)
+        return self._outline(shape, float(self.distances(points).value.mean()))
 
     @staticmethod
     def _outline(shape: shapely.Polygon, width: float, detail: float = 0.03) -> Polygon:
