@@ -48,14 +48,20 @@ def refusal(fields: Fields, factors: SuperLU | None, change: float | None) -> St
     equilibrium, state = fields.solved, fields.solved_state
     if not balanced(equilibrium, state, factors, equilibrium.model.imbalance):
         return Status.UNBALANCED
-    reach = max(term.reach(state) for term in equilibrium.terms)
-    if reach > NEAR_RIM * equilibrium.film.radius:
+    if meets_rim(fields):
         return Status.RIM
     if not equilibrium.conservative and beyond_limit(factors):
         return Status.UNSTABLE
     # without compression the energy has no other stationary point
     buckled = compressed(state) and not is_stable(equilibrium, factors)
     return Status.UNSTABLE if buckled or (change or 0.0) > MOST_CHANGE else None
+
+
+def meets_rim(fields: Fields) -> bool:
+    """Whether a tip touches the film up to the rim."""
+    solved = fields.solved
+    reach = max(term.reach(fields.solved_state) for term in solved.terms)
+    return reach > NEAR_RIM * solved.film.radius
 
 
 def changes_by_wrinkles(attempt: Attempt) -> Array | None:

@@ -306,6 +306,8 @@ def _status(attempt: Attempt, stop: Stop, change: float | None) -> Status:
     if status is Status.CONVERGED and attempt.bound > scene.numerics.tolerance:
         status = Status.TOLERANCE
     missed = status in (Status.MAX_ITERATIONS, Status.UNBALANCED)
+    if missed and admissible.meets_rim(fields):
+        return Status.RIM
     unknown = status is Status.TOLERANCE and attempt.worst > UNKNOWN_CHARGE
     slack = film_model(scene).wrinkles and barely_loaded(scene)
     return Status.SLACK if slack and (missed or unknown) else status

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.polynomial import polynomial
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.loads.contact_guess import face_patch
@@ -10,19 +13,30 @@ from pvdf_fem.film.loads.rigid_tip import RigidTip
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.size_field import element_sizes
 from pvdf_fem.scene.outlines.outline import Outline
-from pvdf_fem.scene.outlines.tip import STEEPEST
 
 #: Rays from the core, on each of which the edge of a contact is sought.
 RAYS = 72
-#: Film from and to which a ray is followed beyond the touching points, over the elements' size.
-BESIDE = (0.3, 1.3)
 
 
-def contact_edge(tip: RigidTip, state: State) -> Array:
+class Fit(NamedTuple):
+    """A polynomial of the film beside a contact, in the logarithm of the distance."""
+
+    degree: int
+    #: From where to where the film is sampled, beyond the points that touch, over elements' size.
+    begin: float
+    end: float
+
+
+#: The fit that finds an edge, and a poorer fit that tells how well; measured on 10 tips at two
+#: tolerances, the area of contacts is within 0.4 % of the truth, and 1 and 3 % in two cases.
+FITS = Fit(4, 0.2, 2.5), Fit(3, 0.3, 1.3)
+
+
+def contact_edge(tip: RigidTip, state: State, fit: Fit = FITS[0]) -> Array:
     """Points (`RAYS`, 2) in m of the film, before it deforms, where it leaves the tip.
 
     The film leaves tangentially: where the smooth film beside the contact, continued along a ray
-    from the core, is nearest to the tip.
+    from the core, is nearest to the tip. That film is about a logarithm of the distance.
     """
     assert tip.touch.contact is not None
     width = tip.touch.contact.width
@@ -33,20 +47,24 @@ def contact_edge(tip: RigidTip, state: State) -> Array:
     last = np.where(touches.any(axis=0), along[-1 - touches[::-1].argmax(axis=0)], width)
     touched = tip.overlap(state).touching.any(axis=1)
     size = float(element_sizes(tip.space.mesh)[touched].mean())
-    s = last + size * np.linspace(*BESIDE, 12)[:, None]
-    distance, gap = _gaps(tip, state, start + s[..., None] * outwards)
-    z = np.linspace(*BESIDE, 12)
-    film = np.polynomial.polynomial.polyfit(z, gap - _height(tip, distance), 3)
-    away = np.polynomial.polynomial.polyfit(z, distance, 3)
-    fine = np.linspace(-1.5, BESIDE[1], 700)
-    powers = np.vander(fine, 4, increasing=True)
-    D = powers @ away
-    found = (powers @ film + _height(tip, D)).argmin(axis=0)
-    return np.asarray(start + (last + size * fine[found])[:, None] * outwards)
+    core = tip.tip.core_perimeter / (2.0 * np.pi)
+    beside = last + size * np.linspace(fit.begin, fit.end, 4 * fit.degree)[:, None]
+    distances, gaps = _gaps(tip, state, start + beside[..., None] * outwards)
+    ends = np.empty(RAYS)
+    for i in range(RAYS):
+        z = np.log((core + beside[:, i]) / (core + last[i]))
+        heights = gaps[:, i] - tip.tip.profile(distances[:, i])[0]
+        film, away = polynomial.polyfit(z, np.stack([heights, distances[:, i]], -1), fit.degree).T
+        nearest = np.log(max(1.0 - size / (core + last[i]), 0.1))
+        fine = np.linspace(nearest, z[-1], 1500)
+        height, _, _ = tip.tip.profile(polynomial.polyval(fine, away))
+        gap = polynomial.polyval(fine, film) + height
+        ends[i] = (core + last[i]) * np.exp(fine[gap.argmin()]) - core
+    return np.asarray(start + ends[:, None] * outwards)
 
 
 def outlines_found(tip: RigidTip, state: State) -> dict[str, Outline]:
-    """Where film lies, before it deforms, that leaves a tip, and its flat face, by patch name."""
+    """Outlines of the film, before it deforms, on a tip and on its flat face, by patch name."""
     outlines = {tip.touch.patch: tip.tip.fitted(contact_edge(tip, state))}
     if tip.tip.face is not None:
         points = np.array(tip.tip.face.shape.exterior.coords)[:-1]
@@ -73,12 +91,7 @@ def _gaps(tip: RigidTip, state: State, points: Array) -> tuple[Array, Array]:
     """Distances from the core of displaced points (..., 2), and their gaps to the tip, in m."""
     flat = points.reshape(-1, 2)
     moves = _moves(tip, state, flat)
-    distance = tip.tip.distances(flat + moves[:, :2]).value
-    gap = _height(tip, distance) + moves[:, 2] - tip.overlap(state).depth
-    return distance.reshape(points.shape[:-1]), gap.reshape(points.shape[:-1])
+    distances = tip.tip.distances(flat + moves[:, :2]).value
+    gaps = tip.tip.profile(distances)[0] + moves[:, 2] - tip.overlap(state).depth
+    return distances.reshape(points.shape[:-1]), gaps.reshape(points.shape[:-1])
 
-
-def _height(tip: RigidTip, distance: Array) -> Array:
-    """Height of the tip over its lowest point, in m."""
-    radius = tip.tip.radius
-    return radius - np.sqrt(radius**2 - np.clip(distance, 0.0, STEEPEST * radius) ** 2)

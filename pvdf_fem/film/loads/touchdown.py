@@ -6,11 +6,10 @@ from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
-import shapely
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.contact_edge import contact_edge
+from pvdf_fem.film.loads.contact_edge import FITS, contact_edge
 from pvdf_fem.film.loads.rigid_tip import RigidTip
 from pvdf_fem.film.term import State
 
@@ -25,6 +24,7 @@ class Touchdown:
     lateral_N: Array  #: The film's force on the tip along x and y, (2,).
     moments_N_mm: Array  #: About axes along x and y, (2,).
     area_mm2: float  #: Before the film deforms.
+    area_error_mm2: float  #: Estimated.
     deformed_area_mm2: float
     projected_area_mm2: float  #: Deformed, seen along z.
     #: Points of the film, before it deforms, along the contact's edge, (n, 2).
@@ -57,8 +57,8 @@ class Touchdown:
         F, touching = state.deformation_gradient, overlap.touching
         deformed = weights * touching * np.linalg.norm(np.cross(F[..., 0], F[..., 1]), axis=-1)
         projected = weights * touching * np.linalg.det(F[..., :2, :])
-        edge = contact_edge(tip, state)
-        area = shapely.Polygon(edge).area
+        edge, poorer = (contact_edge(tip, state, fit) for fit in FITS)
+        area = tip.tip.fitted(edge).area
         # the points that touch cover the area only roughly
         share = area / float((weights * touching).sum())
         return cls(
@@ -67,6 +67,7 @@ class Touchdown:
             -np.array([fx, fy]),
             -1e3 * np.array(moments),
             1e6 * area,
+            1e6 * abs(tip.tip.fitted(poorer).area - area),
             1e6 * share * float(deformed.sum()),
             1e6 * share * float(projected.sum()),
             1e3 * edge,
@@ -86,5 +87,3 @@ def touchdowns(equilibrium: Equilibrium, state: State) -> dict[str, Touchdown]:
     """What the tips do, by the names of their patches."""
     tips = tips_of(equilibrium)
     return {tip.touch.patch: Touchdown.of(equilibrium, tip, state) for tip in tips}
-
-

@@ -75,15 +75,21 @@ class Tip(ABC):
     def core_perimeter(self) -> float:
         """Length of the core's outline in m."""
 
+    def profile(self, d: Array) -> tuple[Array, Array, Array]:
+        """Height in m over the lowest point at distances from the core, its first and second
+        derivatives; 0 on the core."""
+        most = STEEPEST * self.radius
+        root = np.sqrt(self.radius**2 - np.clip(d, 0.0, most) ** 2)
+        beyond = np.maximum(d - most, 0.0)
+        second = self.radius**2 / root**3
+        first = np.clip(d, 0.0, most) / root + second * beyond
+        value = self.radius - root + (first - 0.5 * second * beyond) * beyond
+        return value, first, second
+
     def height(self, points: Array) -> Height:
         """The tip's height at points (n, 2)."""
         d, n, curvature = self.distances(points)
-        most = STEEPEST * self.radius
-        root = np.sqrt(self.radius**2 - np.minimum(d, most) ** 2)
-        beyond = np.maximum(d - most, 0.0)
-        second = self.radius**2 / root**3
-        first = np.minimum(d, most) / root + second * beyond
-        value = self.radius - root + (first - 0.5 * second * beyond) * beyond
+        value, first, second = self.profile(d)
         normal = n[:, :, None] * n[:, None, :]
         across = np.where(d > 0.0, first * curvature, 1.0 / self.radius)[:, None, None]
         flat = ((d > 0.0) | (curvature > 0.0))[:, None, None]
