@@ -45,7 +45,8 @@ from pvdf_fem.solution.solution import Solution
 Table = TypeVar("Table", bound=Section)
 
 #: Step of a differenced key over its value; of a place in mm or degrees, and of a temperature in K.
-STEP = 1e-3
+#: A tip presses by an overlap that is this small a part of its depth.
+STEP = 1e-7
 
 
 def charge_rates(solution: Solution, keys: Sequence[str]) -> Array:
@@ -87,7 +88,7 @@ def rate_of(adjoint: Adjoint, key: str, *, with_heat: bool = True) -> Array:
     swept, touches = np.zeros(len(adjoint.goals)), touched(scene).get(key, [])
     for touch, i, name in touches:
         load = adjoint.equilibrium.loads[i]
-        if name in PLACE_NAMES and not len(load.own_dofs):
+        if name in PLACE_NAMES and load.on_patch:
             swept = swept + _swept(adjoint, load, name)
             if not touch.probe.temperature_K:  # nothing else of it has a place
                 return swept

@@ -47,6 +47,8 @@ class DeadPressure(Load):
     """
 
     rigid = False
+    #: Whether the place of the probe is the place of its patch in the mesh.
+    on_patch = True
     #: About the part of the force that acts along the patch's edge.
     edge_share = 0.0
 

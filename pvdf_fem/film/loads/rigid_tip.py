@@ -50,6 +50,7 @@ class RigidTip(DeadPressure):
     """
 
     edge_share = 0.5
+    on_patch = False
 
     def __init__(self, touch: PosedProbe, space: Space, part: MirroredPart = WHOLE) -> None:
         super().__init__(touch, space, part)
