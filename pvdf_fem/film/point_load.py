@@ -16,10 +16,6 @@ import numpy as np
 
 from pvdf_fem.scene.film import Film
 
-#: N of Schwerin's point load without pretension over (E h F^2/r^2)^(1/3), for a Poisson's ratio of
-#: 1/3.
-SCHWERIN = 0.24
-
 
 def tension_at(film: Film, force: float, r: float) -> float:
     """Tension in N/m that a force makes about the distance r in m."""
@@ -27,10 +23,12 @@ def tension_at(film: Film, force: float, r: float) -> float:
     return _tension(rest, cube_at(film, force, r))
 
 
-def cube_at(film: Film, force: float, r: float) -> float:
+def cube_at(film: Film, force: float, r: float, schwerin: float = 0.24) -> float:
+    """Cube in N^3/m^3 of the tension without pretension; `schwerin` is the tension over
+    (E h F^2/r^2)^(1/3) for a Poisson's ratio of 1/3."""
     C = film.stiffness[:2, :2]
     modulus = float(np.linalg.det(C) / C.max())
-    return SCHWERIN**3 * modulus * film.thickness * (force / r) ** 2
+    return schwerin**3 * modulus * film.thickness * (force / r) ** 2
 
 
 def part_by_force(film: Film, force: float, r: float) -> float:

@@ -22,7 +22,7 @@ from skfem import (
 )
 
 from pvdf_fem.arrays import ALL, COMPLEX_STEP, Array, Indices, Selection, components_last
-from pvdf_fem.mesh.points import CANDIDATES, local_coordinates, nearest_elements
+from pvdf_fem.mesh.points import local_coordinates, nearest_elements
 
 ELEMENTS: dict[int, type[Element]] = {
     1: ElementTriP1,
@@ -132,7 +132,7 @@ class Space:
         local = local.reshape(*points.shape[1:], -1, 2)
         return np.matmul(local, inverse.transpose(2, 3, 0, 1))
 
-    def interpolation(self, points: Array, candidates: int = CANDIDATES) -> sp.csr_matrix:
+    def interpolation(self, points: Array, candidates: int = 8) -> sp.csr_matrix:
         """Matrix (points, scalar dofs) that takes nodal values to values at points (2, n)."""
         elements, _ = nearest_elements(self.mesh, points, candidates)
         local = local_coordinates(self.mesh, elements, points.T[:, None])[:, :, 0]
@@ -169,8 +169,5 @@ def transferred(space: Space, x: Array, target: Space) -> Array:
 
     A starting guess: points in none of the triangles tried are extrapolated from the nearest.
     """
-    elements, local = nearest_elements(space.mesh, target.basis.doflocs)
-    nodal = x.reshape(-1, 3)[space.basis.element_dofs[:, elements]]
-    values = shape_values(space.basis.elem, local)
-    film = np.einsum("pi,ipc->pc", values, nodal).ravel()
+    film = (space.interpolation(target.basis.doflocs) @ x.reshape(-1, 3)[: space.basis.N]).ravel()
     return np.append(film, x[space.own_dofs])

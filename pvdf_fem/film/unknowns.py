@@ -18,8 +18,6 @@ from pvdf_fem.film.term import Term
 
 #: Marks a dof without an unknown.
 FIXED = -1
-#: Values of shape functions below this, at nodes of a richer element, are rounding.
-ROUNDING = 1e-13
 
 
 class Unknowns:
@@ -158,12 +156,13 @@ def prolongation(coarse: Discrete, rich: Discrete) -> sp.csr_matrix:
 
 
 def _representatives(
-    coarse: Space, rich: Space, nodes: Indices
+    coarse: Space, rich: Space, nodes: Indices, rounding: float = 1e-13
 ) -> tuple[Array, Indices, Mask, Indices]:
     """What makes a function of `coarse` at scalar dofs of `rich`.
 
     The values (n, functions) and scalar dofs (n, functions) of `coarse` in an element of each,
-    which of the values are not zero, and their sums, (n + 1,). A node beside the film is its own.
+    which of the values are not zero but for rounding, and their sums, (n + 1,). A node beside the
+    film is its own.
     """
     shapes = shape_values(coarse.basis.elem, ELEMENTS[rich.order].doflocs.T)
     rich_nodes, beside = rich.basis.element_dofs, nodes >= rich.basis.N
@@ -172,7 +171,7 @@ def _representatives(
     values, coarse_nodes = shapes[local], coarse.nodes[element]
     values[beside] = np.eye(1, values.shape[1])
     coarse_nodes[beside, 0] = nodes[beside] - rich.basis.N + coarse.basis.N
-    matters = np.abs(values) > ROUNDING
+    matters = np.abs(values) > rounding
     ends = np.append(0, np.cumsum(matters.sum(axis=1)))
     return values, coarse_nodes, matters, ends
 

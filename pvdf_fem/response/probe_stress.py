@@ -26,10 +26,9 @@ from pvdf_fem.mesh.size_field import Sizes
 from pvdf_fem.response.polar_raster import PolarRaster
 from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.solution import NotConvergedError
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.newton import factorise
-from pvdf_fem.solvers.status import Status
+from pvdf_fem.solvers.status import NotConvergedError, Status
 
 INSIDE = 0.999  #: Share of the film's radius within which the stress is evaluated.
 

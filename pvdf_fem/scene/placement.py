@@ -18,8 +18,6 @@ from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES, SPREAD_CLASSES, Load, sa
 from pvdf_fem.scene.scene_file import problem
 from pvdf_fem.scene.shapes import Electrode, Layout, Pressing, PressingProbe, Probe, Ring
 
-LEAST_RADIUS_MM = 0.3  #: A smaller radius of a film in mm was probably meant in m.
-
 
 def misplacements(
     radius_mm: float | None,
@@ -207,8 +205,9 @@ def _over_rim(key: str, shape: Electrode | Probe, radius_mm: float) -> Iterator[
 
 def _beyond(reach_mm: float, radius_mm: float) -> str:
     excess = reach_mm - radius_mm
-    meant = f" (were {1e3 * radius_mm:g} mm meant?)" if radius_mm < LEAST_RADIUS_MM else ""
-    return f"reaches {excess:.3g} mm over the rim at film.radius_mm = {radius_mm:g}{meant}"
+    told = f"reaches {excess:.3g} mm over the rim at film.radius_mm = {radius_mm:g}"
+    meant = Film.key_of("radius_mm").meant(radius_mm)
+    return f"{told} ({meant})" if meant else told
 
 
 def _without_edges(observable: str, electrodes: Mapping[str, Electrode]) -> Iterator[str]:

@@ -5,6 +5,10 @@ from __future__ import annotations
 from enum import StrEnum
 
 
+class NotConvergedError(RuntimeError):
+    """A result was asked of a solve that has none; the text says its status and what to change."""
+
+
 class Status(StrEnum):
     """How a solve ended."""
 

@@ -249,7 +249,6 @@ def test_derivatives_are_by_the_keys_that_probes_have():
 VALUES = {
     "contact": ["sliding", "stuck"],
     "tilt": ["held", "free"],
-    "friction": [0.0, 0.2],
     "depth_mm": [1.0, 2.0],
     "force_N": [0.2, 1.0],
     "tangential_N": [[0.01, 0.0], [0.0, 0.02]],
@@ -259,7 +258,7 @@ OF_KIND = {
     "dead": ["profile", "force_N", "tangential_N"],
     "follower": ["force_N"],
     "rigid": ["contact", "tilt", "force_N"],
-    "contact": ["friction", "depth_mm"],
+    "contact": ["depth_mm"],
 }
 
 

@@ -87,3 +87,11 @@ def touchdowns(equilibrium: Equilibrium, state: State) -> dict[str, Touchdown]:
     """What the tips do, by the names of their patches."""
     tips = tips_of(equilibrium)
     return {tip.touch.patch: Touchdown.of(equilibrium, tip, state) for tip in tips}
+
+
+def contact_pressure(equilibrium: Equilibrium, state: State) -> Array:
+    """Pressure of tips on the deformed film in Pa at the quadrature points, 0 where none touches,
+    (elements, points)."""
+    tips, thickness = tips_of(equilibrium), equilibrium.film.thickness
+    pressures = (tip.pressure_on(state, thickness) for tip in tips)
+    return sum(pressures, np.zeros(equilibrium.space.weights.shape))
