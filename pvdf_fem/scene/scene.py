@@ -29,7 +29,7 @@ from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.outlines.tip import Tip, tip_of
 from pvdf_fem.scene.placement import clashes, misplacements
 from pvdf_fem.scene.quantity import Affects, Key, Section
-from pvdf_fem.scene.readout import Readout
+from pvdf_fem.scene.readout import Readout, Uncertain
 from pvdf_fem.scene.registry import FORCES, OBSERVABLE_ENTRIES, Load, OwnLoad
 from pvdf_fem.scene.scene_file import (
     SceneError,
@@ -151,6 +151,11 @@ class Scene(Section):
     """The air on both sides of the film, for vibrations."""
     model: Annotated[WantedModel | None, Key(affects=Affects.INSTRUMENT)] = None
     """The model of the charges by the touch."""
+    uncertain: Annotated[
+        Uncertain | None,
+        Key(affects=Affects.INSTRUMENT, example={"film.thickness_um": "5 %"}),
+    ] = None
+    """Standard deviations of numbers of the scene, by key: ``{ "film.thickness_um" = "5 %" }``."""
 
     if not TYPE_CHECKING:  # type checkers have the keys from the fields
 

@@ -15,6 +15,7 @@ from pvdf_fem.charges.forces import (
     Forces,
     area_defects,
     charge_sizes,
+    charges_of,
     force_errors,
     goal_forces,
     goal_gradients,
@@ -190,8 +191,9 @@ def _with_errors(attempt: Attempt, iterations: int = 4) -> Attempt:
         errors = larger(errors, least, problem.goals)
     # both orders share the elements, and the area that these lack of a round electrode
     lacking = area_defects(problem.goals, equilibrium.space, equilibrium.part)
-    defects = lacking[:, None] * np.abs(forces)
-    errors += np.where(errors < 0.0, -defects, defects)
+    defects = lacking[:, None] * forces
+    charges, lost = (charges_of(problem.goals, some) for some in (errors, defects))
+    errors += np.where(charges * lost < 0.0, -1.0, 1.0)[:, None] * defects
     if attempt.fields.edges:
         errors += edges.errors_by_edges(attempt.fields, result.factors, problem.goals)
     fields = replace(attempt.fields, forces=Forces(forces, errors))

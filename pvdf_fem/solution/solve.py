@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -198,13 +197,12 @@ def solve_goals(
 
 def _solved(problem: Problem, mesh: MeshTri2 | None) -> Solution:
     """The solution of a problem on a mesh, or on those that its tolerance asks for."""
-    scene, loop = problem.scene, _mesh_loop(problem, WHOLE)
+    scene = problem.scene
+    loop = _mesh_loop(problem, WHOLE if mesh is not None else _part(problem))
     if mesh is not None:
         attempt = loop.attempt_on(mesh, None, time.perf_counter())
         return _solution(steps.with_errors(attempt), Stop.GIVEN_MESH, loop.history)
     try:
-        if (on_part := _on_part(problem)) is not None:
-            return on_part
         attempt, stop = loop.run()
     except MeshError as error:
         reason = f"{Status.MESH_FAILED.advice} ({error})"
@@ -216,6 +214,16 @@ def _solved(problem: Problem, mesh: MeshTri2 | None) -> Solution:
     judged = steps.with_errors(attempt)
     few = attempt.bound <= scene.numerics.tolerance < judged.bound
     return _solution(judged, Stop.STEPS if few else stop, loop.history)
+
+
+def _part(problem: Problem) -> MirroredPart:
+    """The part of the film that is solved for all of it."""
+    scene, model = problem.scene, film_model(problem.scene)
+    leaning = scene.tips or any(touch.load.tilt == "free" for touch in scene.loaded_probes)
+    whole = leaning or problem.posed.pressure
+    if whole or not (model.solved_on_parts and model.electrodes_only_read):
+        return WHOLE
+    return part_of(scene)
 
 
 def _mesh_loop(problem: Problem, part: MirroredPart) -> MeshLoop[Attempt]:
@@ -231,26 +239,6 @@ def _mesh_loop(problem: Problem, part: MirroredPart) -> MeshLoop[Attempt]:
         part,
         lambda attempt: outlines_of(scene, attempt.fields if attempt else None),
     )
-
-
-def _on_part(problem: Problem) -> Solution | None:
-    """The solution on a mirrored part of a film; None if only the whole film can be solved."""
-    scene, pressure = problem.scene, problem.posed.pressure
-    loads = [touch.load for touch in scene.loaded_probes]
-    leaning = scene.tips or any(load.tilt == "free" for load in loads)
-    model = film_model(scene)
-    whole = leaning or pressure or not (model.solved_on_parts and model.electrodes_only_read)
-    part = WHOLE if whole else part_of(scene)
-    if not part.mirrored:
-        return None
-    loop, spent = _mesh_loop(problem, part), problem.budget.spent_seconds
-    with suppress(MeshError):
-        attempt, stop = loop.run()
-        with problem.clock("solve"):
-            if attempt.status is Status.CONVERGED:
-                return _solution(attempt, stop, loop.history)
-    problem.budget.spent_seconds = spent  # the whole film gets all of it
-    return None
 
 
 def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> Solution:

@@ -29,7 +29,7 @@ from pvdf_fem.solvers.newton import (
     factorise,
     newton,
 )
-from pvdf_fem.solvers.seed import deflected_film
+from pvdf_fem.solvers.seed import seed
 from pvdf_fem.solvers.status import Status
 
 
@@ -119,8 +119,6 @@ class PredictedStress(Variant):
         return length
 
     def ended(self, step: Step, state: State, table: Sequence[Iteration]) -> Status | None:
-        if not np.isfinite(step.size):
-            return Status.MAX_ITERATIONS
         self._predict(step)
         length = table[-1].length
         if length < self.options.stalled:
@@ -163,7 +161,7 @@ def from_larger_loads(
         variant = PredictedStress(loaded, passing)
         if factor == 1.0:
             variant = PredictedStress(loaded, tolerance, WrinklingOptions(max_iterations=left))
-        result = newton(variant, deflected_film(loaded) if q is None else q)
+        result = newton(variant, seed(loaded) if q is None else q)
         table.extend(result.iterations)
         if (result.converged and factor == 1.0) or len(table) >= most:
             break

@@ -34,6 +34,7 @@ class LocateOptions:
     same: float = 0.1
     same_deg: float = 8.0
     search: SearchOptions = field(default_factory=SearchOptions)
+    retries: int = 8  #: Starts of the second search for a row of `locate_many`.
     #: A fold of the charges is near where the longest step along some direction changes them by
     #: less than the share `fold` of themselves, and is searched about where this share is more than
     #: `resolved` standard deviations: from starts along the direction, in longest steps.
@@ -52,9 +53,11 @@ class LocateOptions:
     #: at 1e-4, to 6 % at 1e-3, measured where the probe's rim crosses an electrode.
     first_tolerance: float = 1e-2
     tolerance: float = 1e-4
-    #: Distance of the places of single touches that are solved, and that are superposed.
+    #: Distance of the places of single touches that are solved, and that are superposed. A force
+    #: is its share times this power of the sum of shares: the common tension stiffens the film.
     pitch_mm: float = 2.5
     fine_mm: float = 1.0
+    stiffening: float = 0.35
     #: Number of starts, their least distance, and of steps from all of them.
     starts: int = 25
     apart_mm: float = 3.0

@@ -71,7 +71,6 @@ WRITERS: dict[str, Callable[[Path, Solution], None]] = {
     "b.vtu": _mesh,
     "a.msh": _mesh,
     "a.inp": _mesh,
-    "a.vtk": _mesh,
     "a.png": _figure,
     "a.svg": _figure,
     "a.pdf": _figure,
@@ -82,9 +81,7 @@ WRITERS: dict[str, Callable[[Path, Solution], None]] = {
 def test_a_full_disk_leaves_the_old_file(solution: Solution, tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_text("old")
-    # numpy, which writes .vtk, has its own words for a full disk
-    problem = pytest.raises(FileError, match=f"{NO_SPACE}|problem writing")
-    with small_disk(), problem as caught:
+    with small_disk(), pytest.raises(FileError, match=NO_SPACE) as caught:
         WRITERS[name](path, solution)
     assert str(caught.value).startswith(f"{path}: cannot be written")
     assert [file.name for file in tmp_path.iterdir()] == [name]

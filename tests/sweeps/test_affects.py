@@ -16,10 +16,9 @@ from pvdf_fem.response.build import ResponseOptions
 from pvdf_fem.response.response_file import mechanics_of
 from pvdf_fem.scene.change import steps_of
 from pvdf_fem.scene.film import Film
-from pvdf_fem.scene.outlines.circle import CircleShape
 from pvdf_fem.scene.quantity import Affects, Key, Section
 from pvdf_fem.scene.registry import Load
-from pvdf_fem.scene.shapes import LISTED_PROBES, MODELS
+from pvdf_fem.scene.shapes import LISTED_PROBES, MODELS, PROBES
 from pvdf_fem.sweeps.plan import plan
 from pvdf_fem.sweeps.store import key
 from pvdf_fem.sweeps.sweep import solve_all
@@ -332,7 +331,7 @@ class CoatedFilm(Film):
     shade: Annotated[float, Key(affects=Affects.READING)] = 0.0
 
 
-class CoatedProbe(CircleShape):
+class CoatedProbe(PROBES["circle"]):
     """A probe with a key that is new."""
 
     coating_um: float = 0.0
