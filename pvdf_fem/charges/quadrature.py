@@ -18,7 +18,8 @@ from skfem import MeshTri2
 from skfem.quadrature import get_quadrature
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.mesh.points import PlacedQuadrature, curved_elements, local_coordinates
+from pvdf_fem.mesh.points import PlacedQuadrature, local_coordinates
+from pvdf_fem.mesh.six_node import curved_elements
 from pvdf_fem.scene.outlines.outline import Outline
 
 Geometries = NDArray[np.object_]

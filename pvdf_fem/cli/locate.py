@@ -29,9 +29,8 @@ before the touch. Gains and offsets are those of the scene's [readout], also for
 readings in pC, and places and rotations are in the frame of its [stage].
 
 A model of the charges is needed, over all places within --reach and forces in
---force-range. It is built on the first call, which takes a minute or two and is
-shown on standard error, and kept beside the scene file; later calls take a
-moment. A call that was stopped goes on where it was.
+--force-range. It is built on the first call, which says how long that takes, and
+kept beside the scene file; later calls take a moment.
 
 Two touches at once (--touches 2), tangential forces and temperatures (--unknown
 with tangential or temperature) are found by full solves instead, without a
@@ -168,7 +167,7 @@ def located(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, 
     errors: dict[str, Any] = {"sigma": request.sigma, "noise_pC": request.noise_pC(sensor)}
     asked: dict[str, Any] = {"unknown": request.unknown, "reading": request.reading}
     if request.by_solves:
-        asked["touches"] = request.touches
+        asked |= {"touches": request.touches, "progress": request.model.progress}
         return match({file: locate(sensor, readings, **asked, **errors)})
     touch = staged_touch(sensor)
     known = {name: value for name, value in touch.items() if name not in request.unknown}

@@ -78,8 +78,9 @@ exit codes: 0 printed, 2 no key has a word"""
 
 _SOLVE = """\
 Charges of the electrodes in pC, each with its estimated discretisation error,
-and the largest deflection in mm. Meshes are refined until every charge is
-within numerics.tolerance of the scene."""
+and the largest deflection in mm; with `uncertain` in the scene also the
+standard deviations that uncertain values of film, force and place make.
+Meshes are refined until every charge is within numerics.tolerance of the scene."""
 
 _SOLVE_EPILOG = """\
 examples:
@@ -230,16 +231,24 @@ def _solve(options: argparse.Namespace) -> int:
     from pvdf_fem.solution.solve import solve
     from pvdf_fem.solvers.status import Status
 
+    if scene.uncertain:
+        from pvdf_fem.derivatives.uncertainty import require_known, uncertainty
+
+        require_known(scene)
     solution = solve(scene, mesh=options.mesh)
     converged = solution.status is Status.CONVERGED
+    told, text = solution.to_json(), lambda: str(solution)
     try:
+        if converged and scene.uncertain:
+            found = uncertainty(solution)
+            told["uncertainty"], text = found.to_json(), lambda: f"{solution}\n\n{found}"
         if converged:
             if options.vtu:
                 solution.to_vtu(options.vtu)
             if options.plot:
                 save_plot(solution.plot(quantity), options)
     finally:  # a full disk does not take the charges with it
-        _print(solution.to_json(), options.json, lambda: str(solution))
+        _print(told, options.json, text)
     return ExitCode.CONVERGED if converged else ExitCode.NOT_CONVERGED
 
 

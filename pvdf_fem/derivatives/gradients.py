@@ -18,6 +18,7 @@ from pvdf_fem.derivatives.parameters import (
 from pvdf_fem.derivatives.rates import rate_of
 from pvdf_fem.film.models import film_model
 from pvdf_fem.scene.change import number_at
+from pvdf_fem.scene.given import SceneLike, scene_of
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.history import Stop
 from pvdf_fem.solution.solution import Solution
@@ -48,7 +49,7 @@ class Gradients(dict[str, dict[str, float]]):
 
 
 def gradients(
-    solution: Solution | Scene,
+    solution: Solution | SceneLike,
     parameters: Sequence[str] | None = None,
     *,
     tolerance: float | None = None,
@@ -57,7 +58,7 @@ def gradients(
 
     Parameters
     ----------
-    solution : Solution or Scene
+    solution : Solution, Scene, or what `solve` takes for a scene
         A converged one, or a scene that is solved first.
     parameters : sequence of str, optional
         Keys of the scene file as in `Scene.with_`, by default all of `parameters_of` the scene.
@@ -80,8 +81,8 @@ def gradients(
         For a key that is not among `parameters_of` the scene, and for a tolerance out of range or
         of a solution on a mesh that was given.
     """
-    scene = solution if isinstance(solution, Scene) else solution.scene
-    pressure = None if isinstance(solution, Scene) else solution.pressure
+    scene = scene_of(solution)
+    pressure = solution.pressure if isinstance(solution, Solution) else None
     known = parameters_of(scene, pressure)
     wanted = known if parameters is None else tuple(parameters)
     for key in wanted:
@@ -93,7 +94,7 @@ def gradients(
     if tolerance and isinstance(solution, Solution) and solution.stop is Stop.GIVEN_MESH:
         reason = "would leave the mesh that was given; give the scene instead, or no tolerance"
         raise ValueError(f"tolerance = {tolerance:g}: {reason}")
-    found = _gradients_of(solve(scene) if isinstance(solution, Scene) else solution, wanted)
+    found = _gradients_of(solution if isinstance(solution, Solution) else solve(scene), wanted)
     while tolerance and max(found.relative_errors.values(), default=0.0) > tolerance:
         found = _gradients_of(_finer(found, tolerance), wanted)
     return found

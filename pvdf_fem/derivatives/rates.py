@@ -101,7 +101,7 @@ def _differenced(adjoint: Adjoint, key: str, step: float, with_heat: bool) -> Ar
     and R at the unknowns that stay."""
     equilibrium, rate = adjoint.equilibrium, np.zeros(len(adjoint.goals))
     for weight, change in ((8.0, step), (-8.0, -step), (-1.0, 2.0 * step), (1.0, -2.0 * step)):
-        moved = equilibrium.with_(scene=_changed(equilibrium.scene, key, change))
+        moved = equilibrium.with_(scene=changed(equilibrium.scene, key, change))
         charges = adjoint.in_other(moved)
         if with_heat:
             charges = charges + heat_charges(moved.scene, equilibrium)
@@ -109,7 +109,7 @@ def _differenced(adjoint: Adjoint, key: str, step: float, with_heat: bool) -> Ar
     return rate
 
 
-def _changed(scene: Scene, key: str, change: float) -> Scene:
+def changed(scene: Scene, key: str, change: float) -> Scene:
     """The scene with a number changed, beyond the range of its key if need be."""
     if touches := touched(scene).get(key):
         probes = list(scene.loaded_probes)

@@ -15,6 +15,7 @@ import numpy as np
 from pvdf_fem import __version__
 from pvdf_fem.arrays import Array
 from pvdf_fem.files import replacing
+from pvdf_fem.progress import Progress
 from pvdf_fem.response import model as touched
 from pvdf_fem.response.build import build_response, refuse
 from pvdf_fem.response.held_out import random_touches
@@ -22,7 +23,6 @@ from pvdf_fem.response.model import QUANTITIES, ROTATION
 from pvdf_fem.response.response import Response
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.sweeps.sweep import Progress
 from pvdf_fem.touch.locate_many import CHUNK
 from pvdf_fem.touch.measurement import Measurement, charge_mistakes, electrode_columns
 
@@ -50,7 +50,7 @@ def dataset(
     reading: str | None = None,
     model: Response | None = None,
     processes: int | None = None,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> xarray.Dataset:
     """Random touches of a sensor, with charges and noisy readings of its electrodes.
 

@@ -29,6 +29,7 @@ from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import FILM, MeshError
 from pvdf_fem.mesh.size_field import Sizes
 from pvdf_fem.scene.film import Air
+from pvdf_fem.scene.given import SceneLike, scene_of
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.attempt import UNKNOWNS_PER_ELEMENT
 from pvdf_fem.solution.estimate import corrected
@@ -135,12 +136,12 @@ class Modes(Told):
         return {"status": str(self.status), **results, "loaded": self.loaded, **told}
 
 
-def modes(scene: Scene, count: int = 6, loaded: bool = False) -> Modes:
+def modes(scene: SceneLike, count: int = 6, loaded: bool = False) -> Modes:
     """Lowest modes of vibration of a scene's film.
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene, path of its file, dict of its tables, or a result of it
         Its ``numerics.tolerance`` is the relative error wanted in every frequency.
     count : int
         How many, from 1 to 200.
@@ -148,6 +149,7 @@ def modes(scene: Scene, count: int = 6, loaded: bool = False) -> Modes:
         About the equilibrium under the load instead of the flat film, which has no frequencies
         without tension in all directions.
     """
+    scene = scene_of(scene)
     if count not in range(1, MOST_MODES + 1):
         raise ValueError(f"count = {count!r}: is no number of modes; give 1 to {MOST_MODES}")
     count, bare = int(count), scene

@@ -33,17 +33,15 @@ from pvdf_fem.scene.scene_file import quote
 
 
 class FilmModel:
-    """What a scene's film is taken for."""
+    """What a scene's film is taken for; by default a membrane, which carries compression where it
+    must."""
 
-    name: str
     #: Lowest polynomial order of a displacement.
     lowest_order = 1
     #: Elements of a mesh are compressed to no less than this part of their mean Jacobian.
     least_jacobian = 0.14
     #: Whether a part of a symmetric film may be solved for the whole.
     solved_on_parts = True
-    #: Whether the energy is convex, so that any equilibrium under a dead load is a minimum.
-    convex = False
     #: Whether the film wrinkles instead of carrying compression.
     wrinkles = False
     #: Whether bending is part of the model, and meshes resolve the layers in which it acts.
@@ -150,16 +148,9 @@ class FilmModel:
 ROUNDING = 1e-9
 
 
-class MembraneModel(FilmModel):
-    """A film without bending stiffness, which carries compression where it must."""
-
-    name = "membrane"
-
-
 class PlateModel(FilmModel):
     """A film that bends: membrane and plate."""
 
-    name = "plate"
     lowest_order = 2
     iteration_cost = 1.6
     least_jacobian = 0.2
@@ -198,8 +189,6 @@ class PlateModel(FilmModel):
 class TensionFieldModel(FilmModel):
     """A film that wrinkles or goes slack instead of carrying compression."""
 
-    name = "tension field"
-    convex = True
     wrinkles = True
     smooth = False
     most_unknowns = 30_000
@@ -245,4 +234,4 @@ def film_model(scene: Scene) -> FilmModel:
     bends = film.bending
     if bends == "auto":
         bends = not scene.tips and bending_effect(scene).change > scene.numerics.tolerance
-    return PlateModel(scene) if bends else MembraneModel(scene)
+    return PlateModel(scene) if bends else FilmModel(scene)

@@ -25,7 +25,7 @@ from skfem import MeshTri2
 
 from pvdf_fem.arrays import Indices
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError, missing_text
-from pvdf_fem.mesh.six_node import bulge, compression, straightened, with_sorted_vertices
+from pvdf_fem.mesh.six_node import bulge, straightened, with_sorted_vertices
 from pvdf_fem.mesh.size_field import SPARE, SizeField, Sizes, element_sizes
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
 from pvdf_fem.scene.outlines.circle import Circle
@@ -120,16 +120,17 @@ def mesh_scene(
         require(sizes.elements(film.area, {FILM: film, **shapes}, arcs) / len(part.signs))
     for _ in range(attempts):
         # moving a side by this part of the smallest outline changes its area by less than 1e-6
-        mesh = straightened(_mesh_once(scene, shapes, sizes, part), least_jacobian, 1e-5 * smallest)
-        distorted = compression(mesh) < least_jacobian
+        mesh, distorted = straightened(
+            _mesh_once(scene, shapes, sizes, part), least_jacobian, 1e-5 * smallest
+        )
         if not distorted.any():
             return mesh
         next_sizes = SPARE * element_sizes(mesh)
         next_sizes[distorted] = 0.4 * element_sizes(mesh, sliver=0.1)[distorted]
         sizes = SizeField.of_elements(mesh, next_sizes)
         require(sizes.elements)
-    mesh = straightened(mesh, least_jacobian, np.inf)
-    if (distorted := compression(mesh) < least_jacobian).any():
+    mesh, distorted = straightened(mesh, least_jacobian, np.inf)
+    if distorted.any():
         raise MeshError(f"{distorted.sum()} elements fold: an outline nearly touches another")
     return mesh
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from skfem import MeshTri2
 
-from pvdf_fem.arrays import Array, Indices, Mask
+from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.mesh.six_node import curved_elements
 
 
 def nearest_elements(mesh: MeshTri2, points: Array, candidates: int = 8) -> tuple[Indices, Array]:
@@ -67,14 +68,6 @@ def local_coordinates(
         miss = target - mapping.F(here, elements[rows])
         local[:, rows] += np.einsum("ijnp,jnp->inp", mapping.invDF(here, elements[rows]), miss)
     return local
-
-
-def curved_elements(nodes: Array, bent: float = 1e-9) -> Mask:
-    """Which of the elements with the nodes (2, 6, elements) have a curved edge. An edge is curved
-    whose midside node is farther than `bent` from its middle, relative to the element's size."""
-    corners = nodes[:, :3]
-    off = np.abs(nodes[:, 3:] - 0.5 * (corners + np.roll(corners, -1, axis=1)))
-    return off.max(axis=(0, 1)) > bent * np.ptp(corners, axis=1).max(axis=0)
 
 
 @dataclass(frozen=True, eq=False)

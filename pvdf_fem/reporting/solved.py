@@ -80,7 +80,9 @@ class Solved:
         """How many scenes have warnings, and the first warning."""
         every = ((*one.doubts, *self._found[one].warnings) for one in dict.fromkeys(scenes))
         warned = [told for told in every if told]
-        return [f"{len(warned)} of the scenes have warnings, such as: {warned[0][0]}"] * any(warned)
+        if not warned:
+            return []
+        return [f"{len(warned)} of the scenes have warnings, such as: {warned[0][0]}"]
 
     def _values(self, scenes: Sequence[Scene], names: Sequence[str], what: Reader) -> Array:
         values = np.full((len(scenes), len(names)), np.nan)

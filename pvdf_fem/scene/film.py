@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeAlias, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +17,6 @@ from pvdf_fem.scene.scene_file import quote
 from pvdf_fem.scene.shapes import EXPANSION, MODULUS, Patch
 
 Value = TypeVar("Value")
-if TYPE_CHECKING:
-    LawName: TypeAlias = str
-else:
-    LawName = Literal[tuple(LAW_CLASSES)]
-
-
 #: A number, or a pair of numbers along x and y.
 NumberOrPair = Annotated[
     Annotated[Value, Tag("<number>")] | Annotated[tuple[Value, Value], Tag("<pair>")],
@@ -125,7 +119,7 @@ class Film(Section):
     """Of the heat of a probe with temperature_K."""
     patches: Annotated[tuple[Patch, ...] | None, Field(max_length=100)] = None
     """Layers on the film: tape, ink, solder."""
-    law: LawName = "hooke"
+    law: Annotated[str, Key(words=LAW_CLASSES)] = "hooke"
     """hooke: linear in the Green-Lagrange strain. neo-hookean: rubber at large strains, at small
     strains Hooke's law. Patches have the law of the film."""
     pressure_Pa: Annotated[float | None, Key("Pa", (-1e8, 1e8), example=300.0)] = None

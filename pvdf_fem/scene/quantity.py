@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from functools import cache
@@ -11,6 +11,7 @@ from typing import Annotated, Any, Self
 from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationInfo
 from pydantic_core import PydanticCustomError
 from pydantic_core.core_schema import (
+    literal_schema,
     no_info_after_validator_function,
     with_info_after_validator_function,
 )
@@ -54,11 +55,29 @@ class Key:
     usual: tuple[float, float] | None = None  #: Numbers that nobody doubts; by default `within`.
     #: Units in which a number outside of `usual` was probably given, with their size in `unit`.
     mistaken: Mapping[str, float] = field(default_factory=dict)
+    words: Iterable[str] = ()  #: All that a text may be, where it is a name in a registry.
     example: Any = None  #: A value for the example scene, where the default is none.
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
-        schema = _with_numbers(handler(source), self._check if self.within else None)
+        schema = self._checked(handler(source))
         return with_info_after_validator_function(self._needed, schema) if self.needs else schema
+
+    def _checked(self, schema: Any) -> Any:
+        """A schema whose numbers are strictly numbers, finite and within the range, and whose texts
+        are among the words; tables in it are not changed."""
+        if isinstance(schema, list):
+            return [self._checked(part) for part in schema]
+        kind = schema.get("type") if isinstance(schema, dict) else "model"
+        if kind == "model":
+            return schema
+        if kind == "str" and self.words:
+            return literal_schema([*self.words])
+        if kind not in ("float", "int", "bool"):
+            return {name: self._checked(part) for name, part in schema.items()}
+        strict = {**schema, "strict": True, **({"allow_inf_nan": False} if kind == "float" else {})}
+        if self.within is None or kind == "bool":
+            return strict
+        return no_info_after_validator_function(self._ranged, strict)
 
     def _needed(self, value: Any, info: ValidationInfo) -> Any:
         assert self.needs is not None
@@ -71,7 +90,7 @@ class Key:
                 raise refusal(f'is for {key} = "{needed}" only; remove it or change {key}')
         return value
 
-    def _check(self, value: float) -> float:
+    def _ranged(self, value: float) -> float:
         assert self.within is not None
         low, high = self.within
         if low <= value <= high:
@@ -90,23 +109,6 @@ class Key:
             if low <= abs(meant := value * size) <= high:
                 return f"were {meant:.3g} {self.unit} meant, which are {value:g} {unit}?"
         return ""
-
-
-def _with_numbers(schema: Any, check: Callable[[float], float] | None) -> Any:
-    """A schema in which numbers are strictly numbers, finite, and checked; in tables they are not
-    changed."""
-    if isinstance(schema, list):
-        return [_with_numbers(part, check) for part in schema]
-    if not isinstance(schema, dict) or schema.get("type") == "model":
-        return schema
-    if schema.get("type") not in ("float", "int", "bool"):
-        return {name: _with_numbers(part, check) for name, part in schema.items()}
-    strict = {**schema, "strict": True}
-    if schema["type"] == "float":
-        strict["allow_inf_nan"] = False
-    if check is None or schema["type"] == "bool":
-        return strict
-    return no_info_after_validator_function(check, strict)
 
 
 def within(low: float, high: float, unit: str = "") -> Key:
@@ -130,6 +132,10 @@ class Section(BaseModel):
         """What is said of a key of the table."""
         said = (mark for mark in cls.model_fields[name].metadata if isinstance(mark, Key))
         return next(said, Key())
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        told = f"{name} = {value!r:.60}: a scene does not change; make another one by Scene.with_"
+        raise AttributeError(told)
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """A copy with some other values, and nothing cached of the old ones."""

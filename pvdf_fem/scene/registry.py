@@ -7,7 +7,7 @@ A further one is a class in a file of its own and its line here. Classes are giv
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 from pydantic import (
     Field,
@@ -75,10 +75,6 @@ OBSERVABLE_ENTRIES = {
     "thesis-edge": ObservableEntry("pvdf_fem.charges.observables:ThesisEdge", needs_edges=True),
 }
 
-if TYPE_CHECKING:
-    LoadKind: TypeAlias = str
-else:
-    LoadKind = Literal[tuple(LOAD_CLASSES)]
 #: Pairs of keys of a table; a key with a value removes its rival.
 RIVALS = {"depth_mm": "force_N", "temperature_change_K": "pretension_N_m"}
 RIVALS |= {rival: key for key, rival in RIVALS.items()}
@@ -95,7 +91,7 @@ TANGENTIAL = Key("N", (-1e6, 1e6), example=[0.5, 0.0])
 class Load(Section):
     """The force of a probe on the film."""
 
-    kind: LoadKind = "dead"
+    kind: Annotated[str, Key(words=LOAD_CLASSES)] = "dead"
     """dead: a traction along z on the reference area. follower: a pressure normal to the deformed
     film. rigid: a flat punch. contact: a rigid tip, a sphere or a probe with edge_radius_mm, on
     which the film slides where it touches."""

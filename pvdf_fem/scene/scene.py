@@ -8,11 +8,11 @@ nothing else in the package converts lengths or moduli. Defaults are the thesis'
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, overload
+from typing import TYPE_CHECKING, Annotated, Any, Self, overload
 
 from pydantic import (
     SerializerFunctionWrapHandler,
@@ -29,7 +29,7 @@ from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.outlines.tip import Tip, tip_of
 from pvdf_fem.scene.placement import clashes, misplacements
 from pvdf_fem.scene.quantity import Affects, Key, Section
-from pvdf_fem.scene.readout import Readout
+from pvdf_fem.scene.readout import Readout, Uncertain
 from pvdf_fem.scene.registry import FORCES, OBSERVABLE_ENTRIES, Load, OwnLoad
 from pvdf_fem.scene.scene_file import (
     SceneError,
@@ -60,19 +60,16 @@ __all__ = [
 ]
 
 
-if TYPE_CHECKING:
-    ObservableName: TypeAlias = str
-else:
-    ObservableName = Literal[tuple(OBSERVABLE_ENTRIES)]
-
-
 class Numerics(Section):
     """The error that is wanted in every charge, what is called charge, and limits of a solve."""
 
     tolerance: Annotated[float, Key("", (2e-8, 0.49))] = 1e-3
     """Error wanted in every charge, relative to the charge. Where its parts, d31 S11 and d32 S22,
     cancel to less than 5 % of them, relative to 5 % of them; a warning says so."""
-    observable: Annotated[ObservableName, Key(affects=Affects.READING)] = "material"
+    observable: Annotated[
+        str,
+        Key(affects=Affects.READING, words=OBSERVABLE_ENTRIES),
+    ] = "material"
     """material: d31 S11 + d32 S22 over the electrode. thesis-edge: mean stress on opposite edges
     times the area."""
     load_steps: Annotated[int | None, Key("", (3, 50), example=6)] = None
@@ -154,6 +151,11 @@ class Scene(Section):
     """The air on both sides of the film, for vibrations."""
     model: Annotated[WantedModel | None, Key(affects=Affects.INSTRUMENT)] = None
     """The model of the charges by the touch."""
+    uncertain: Annotated[
+        Uncertain | None,
+        Key(affects=Affects.INSTRUMENT, example={"film.thickness_um": "5 %"}),
+    ] = None
+    """Standard deviations of numbers of the scene, by key: ``{ "film.thickness_um" = "5 %" }``."""
 
     if not TYPE_CHECKING:  # type checkers have the keys from the fields
 
@@ -298,11 +300,13 @@ class Scene(Section):
         scenes = {k: text for k, text in examples().items() if not any(o in text for o in others)}
         return cls.parse(example_text(name, scenes), name)
 
-    def with_(self, /, **changes: Any) -> Scene:
+    def with_(self, tables: Mapping[str, Any] | None = None, /, **changes: Any) -> Scene:
         """Another scene, with some values changed.
 
         Parameters
         ----------
+        tables : mapping, optional
+            Changes as a dict instead of keywords.
         **changes
             Values by dotted key, ``{"load.force_N": 2.0, "electrodes.0.x_mm": 8}``, or tables,
             ``film={"thickness_um": 12}``, which are merged: keys that a table does not have stay. A
@@ -319,8 +323,8 @@ class Scene(Section):
         SceneError
             Listing all mistakes, as for a file.
         """
-        tables = self._tables()
-        return self._from_tables(tables, "", change(tables, changes))
+        own = self._tables()
+        return self._from_tables(own, "", change(own, {**(tables or {}), **changes}))
 
     def to_toml(self) -> str:
         """The scene as a scene file with every key; parsing it gives an equal scene."""

@@ -24,13 +24,13 @@ from pvdf_fem.scene.outlines.circle import CircleShape
 from pvdf_fem.scene.outlines.ellipse import EllipseShape
 from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.scene.outlines.polygon import PolygonShape, RectangleShape, SquareShape, TriangleShape
-from pvdf_fem.scene.outlines.shape import HEAT, SIZE, Shape
+from pvdf_fem.scene.outlines.shape import HEAT, SIZE, Shape, Touching
 from pvdf_fem.scene.outlines.sphere import SphereShape
 from pvdf_fem.scene.quantity import Affects, Key, Section, refusal
 from pvdf_fem.scene.registry import DEPTH, FORCE, FORCES, RIVALS, TANGENTIAL, Load, OwnLoad, put
 
 #: Keys of materials, which the film and its patches have.
-MODULUS = Key("GPa", (1e-6, 1e4), mistaken={"Pa": 1e-9, "MPa": 1e-3})
+MODULUS = Key("GPa", (1e-6, 1e4), usual=(1e-6, 1500.0), mistaken={"Pa": 1e-9, "MPa": 1e-3})
 EXPANSION = Key("1/K", (-0.1, 0.1), Affects.STRAIN_AT_REST)
 #: Shapes of probes and electrodes. A new shape is named here.
 _SHAPES: list[type[Shape]] = [RectangleShape, CircleShape, EllipseShape, PolygonShape]
@@ -46,25 +46,14 @@ def _is_name(name: str) -> str:
     return name
 
 
-class _Flat(Section):
-    """What is no probe."""
-
-    @field_validator("edge_radius_mm", *HEAT, check_fields=False)
-    @classmethod
-    def _is_of_probes(cls, value: float | None) -> float | None:
-        if value is not None:
-            raise refusal("is of probes only; remove it")
-        return value
-
-
-class _Named(_Flat):
+class _Named(Section):
     """The name of an electrode."""
 
     name: Annotated[str, AfterValidator(_is_name), Key(example="A")]
     """A name that no other electrode has."""
 
 
-class Bonded(_Flat):
+class Bonded(Section):
     """A layer bonded to the film, as tape, ink or solder. Layers may overlap electrodes, probes and
     each other, and reach over the rim. Their material is the film's where it is not given."""
 
@@ -156,7 +145,7 @@ def _over(table: dict[str, Any], said: Mapping[str, Any]) -> dict[str, Any]:
 
 if TYPE_CHECKING:
 
-    class Probe(Shape):
+    class Probe(Touching):
         """A probe, whatever its shape."""
 
     class PressingProbe(Probe, Pressing):
@@ -177,13 +166,14 @@ def _made(name: str, base: Any, doc: str | None, **fields: Any) -> Any:
     return model
 
 
-def _pressing(shape: type[Shape]) -> Any:
-    """The model of probes of a list of a shape."""
-    name = shape.__name__.replace("Shape", "Probe")
-    return _made(name, (shape, Pressing), shape.__doc__)
+def _probe(shape: type[Shape], kind: str, *bases: type[Section]) -> Any:
+    """The model of probes of a shape."""
+    name = shape.__name__.replace("Shape", kind)
+    touching = () if issubclass(shape, Touching) else (Touching,)
+    return _made(name, (shape, *touching, *bases), shape.__doc__)
 
 
-def _flat(shape: type[Shape], base: type[_Flat], kind: str) -> Any:
+def _flat(shape: type[Shape], base: type[Section], kind: str) -> Any:
     """The model of electrodes or patches of a shape, without default for place and sizes. A shape
     of probes has the sizes of the thesis's probe by default, so electrodes and patches must give
     their sizes; the square keeps its default, the size of the thesis's electrodes."""
@@ -204,11 +194,15 @@ def _word(shape: type[Shape]) -> str:
 
 
 #: The models of probes, of probes of a list and of electrodes by shape.
-PROBES = {_word(shape): shape for shape in _OF_PROBES_ONLY + _SHAPES}
-LISTED_PROBES = {word: _pressing(shape) for word, shape in PROBES.items()}
+_PROBES = _OF_PROBES_ONLY + _SHAPES
+PROBES = {_word(shape): _probe(shape, "Probe") for shape in _PROBES}
+LISTED_PROBES = {_word(shape): _probe(shape, "ListedProbe", Pressing) for shape in _PROBES}
 _FLAT = _OF_ELECTRODES_ONLY + _SHAPES
 ELECTRODES = {_word(shape): _flat(shape, _Named, "Electrode") for shape in _FLAT}
 PATCHES = {_word(shape): _flat(shape, Bonded, "Patch") for shape in _FLAT}
+#: Keys that shapes do not share. A shape that becomes another one leaves them behind.
+SIZES = {key for probe in PROBES.values() for key in probe.model_fields}
+SIZES -= {*Shape.model_fields, *HEAT}
 
 
 def _one_of(models: Mapping[str, type[Section]], default: str) -> Any:

@@ -15,6 +15,7 @@ from pvdf_fem.charges.forces import (
     Forces,
     area_defects,
     charge_sizes,
+    charges_of,
     force_errors,
     goal_forces,
     goal_gradients,
@@ -27,7 +28,7 @@ from pvdf_fem.film.loads.kinds import rigid_elements
 from pvdf_fem.film.loads.posed import NOTHING, Posed
 from pvdf_fem.film.space import transferred
 from pvdf_fem.film.unknowns import prolonged
-from pvdf_fem.mesh.size_field import SizeField, element_sizes, refined_sizes
+from pvdf_fem.mesh.size_field import SizeField, refined_sizes
 from pvdf_fem.mesh.symmetry import MirroredPart
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.estimate import Correction, corrected, duals, indicators
@@ -37,24 +38,15 @@ from pvdf_fem.solution.tips import edges
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.newton import NewtonResult, Tried
-from pvdf_fem.solvers.settled import OF_TOLERANCE, Settled
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.solvers.wrinkling import barely_loaded
 
-#: Relative size of Newton's last step in the orders below, whose discretisation errors are larger.
-LOWER_TOLERANCE = 3e-2
-#: Newton iterations that an error estimate costs as much as.
-ESTIMATE_ITERATIONS = 4
 #: Unknowns per element, by order of the displacement.
 UNKNOWNS_PER_ELEMENT = {1: 1.5, 2: 6.0, 3: 13.5}
-#: Number of charges that a refined mesh follows, those with the largest errors.
-MOST_DUALS = 32
 #: Part of the sum of all elements' shares, which cannot cancel, that the error of a charge is at
 #: least. Shares at the singular edge of a rigid probe cancel by chance. Measured on 100 solves of
 #: rigid scenes, true errors are 0.02 to 1.5 times the sum, in the median a quarter.
 UNCANCELLED = 0.3
-
-
 #: A charge is accepted whose estimated error times this is within the tolerance. Measured on 36
 #: pressures at 1e-3 and at 1e-4, errors beyond 0.4 of the tolerance are up to 1.5 times the
 #: estimate, one in ten beyond 1.4 times. What rigid scenes have by `UNCANCELLED` is large enough.
@@ -168,19 +160,19 @@ def _forces(problem: Problem, equilibrium: Equilibrium, q: Array) -> Array:
     return goal_forces(problem.goals, equilibrium.membrane, x, equilibrium.part)
 
 
-def _with_errors(attempt: Attempt) -> Attempt:
-    """The attempt with estimated errors, or with the status of a richer space that has none."""
+def _with_errors(attempt: Attempt, iterations: int = 4) -> Attempt:
+    """The attempt with estimated errors, or with the status of a richer space that has none. An
+    estimate without a solve in the richer space costs as much as these Newton `iterations`."""
     problem, equilibrium, result = attempt.problem, attempt.equilibrium, attempt.result
     assert result.factors is not None
     rich = equilibrium.with_(order=equilibrium.space.order + 1)
-    settled = Settled(problem.goals, rich)
-    correction = corrected(equilibrium, result.q, result.factors, rich, problem.budget, settled)
+    correction = corrected(equilibrium, result.q, result.factors, rich, problem.budget)
     if isinstance(correction, NewtonResult):
         problem.budget.spend(rich, correction.fresh_count)
         tried = (*result.tried, *correction.as_tried("order above"))
         return replace(attempt, result=replace(result, status=correction.status, tried=tried))
     if correction.result is None:
-        problem.budget.spend(equilibrium, ESTIMATE_ITERATIONS)
+        problem.budget.spend(equilibrium, iterations)
     else:
         problem.budget.spend(rich, correction.result.fresh_count)
 
@@ -193,28 +185,19 @@ def _with_errors(attempt: Attempt) -> Attempt:
         # the next order sees a part of the layers only: both errors may have one sign
         by_layers = np.abs(_forces(problem, equilibrium, changed) - forces)
         errors += np.where(errors < 0.0, -by_layers, by_layers)
-    least = force_errors(_least_errors(attempt, correction), forces, problem.goals)
-    errors = larger(errors, least, problem.goals)
+    if len(rigid_elements(equilibrium.terms)):
+        _, shares = error_indicators(correction, result.factors, problem.goals)
+        least = force_errors(UNCANCELLED * shares.sum(axis=0), forces, problem.goals)
+        errors = larger(errors, least, problem.goals)
     # both orders share the elements, and the area that these lack of a round electrode
     lacking = area_defects(problem.goals, equilibrium.space, equilibrium.part)
-    defects = lacking[:, None] * np.abs(forces)
-    errors += np.where(errors < 0.0, -defects, defects)
+    defects = lacking[:, None] * forces
+    charges, lost = (charges_of(problem.goals, some) for some in (errors, defects))
+    errors += np.where(charges * lost < 0.0, -1.0, 1.0)[:, None] * defects
     if attempt.fields.edges:
         errors += edges.errors_by_edges(attempt.fields, result.factors, problem.goals)
     fields = replace(attempt.fields, forces=Forces(forces, errors))
     return replace(attempt, fields=fields, correction=correction, layers=layers)
-
-
-def _least_errors(attempt: Attempt, correction: Correction) -> Array:
-    """What is no chance of signs in the error of each charge, in C, (goals,)."""
-    problem, factors, least = attempt.problem, attempt.result.factors, np.zeros(1)
-    assert factors is not None
-    if attempt.equilibrium.model.wrinkles:  # its iteration ends when the charges move that little
-        least = OF_TOLERANCE * problem.scene.numerics.tolerance * attempt.charge_sizes
-    if len(rigid_elements(attempt.equilibrium.terms)):
-        _, shares = error_indicators(correction, factors, problem.goals)
-        least = np.maximum(least, UNCANCELLED * shares.sum(axis=0))
-    return np.broadcast_to(least, len(problem.goals))
 
 
 def error_indicators(
@@ -232,21 +215,24 @@ def _equilibrated(
     problem: Problem, equilibrium: Equilibrium, coarser: Attempt | None
 ) -> NewtonResult:
     """The equilibrium, from the coarser mesh's solution or from those of lower orders."""
-    settled, budget = Settled(problem.goals, equilibrium), problem.budget
+    budget = problem.budget
     # the stress that a change of mesh leaves in film in compression leads nowhere, and in film that
     # wrinkles takes longer than a start on the same mesh
     slack = equilibrium.film.stress_at_rest[:2].min() < 0.0 or equilibrium.model.wrinkles
     if coarser is not None and not slack:
         x = transferred(coarser.equilibrium.space, coarser.fields.solved_dofs, equilibrium.space)
-        return equilibrate(equilibrium, equilibrium.restrict(x), budget=budget, settled=settled)
+        return equilibrate(equilibrium, equilibrium.restrict(x), budget=budget)
     start = _from_below(equilibrium, budget)
     if isinstance(start, Status):
         return NewtonResult(np.zeros(equilibrium.unknowns.count), start, (), None)
-    return equilibrate(equilibrium, start, budget=budget, settled=settled)
+    return equilibrate(equilibrium, start, budget=budget)
 
 
-def _from_below(equilibrium: Equilibrium, budget: Budget) -> Array | Status | None:
+def _from_below(
+    equilibrium: Equilibrium, budget: Budget, tolerance: float = 3e-2
+) -> Array | Status | None:
     """The solution of the order below: a start that costs less than the iterations it saves.
+    Newton's last step there has the relative size `tolerance`, less than the error by the mesh.
 
     None where it would not help or was not found. A status where the order below is unstable in a
     film that bends: so is this one, whose displacements contain those.
@@ -260,20 +246,23 @@ def _from_below(equilibrium: Equilibrium, budget: Budget) -> Array | Status | No
     start = _from_below(lower, budget)
     if isinstance(start, Status):
         return start
-    result = equilibrate(lower, start, LOWER_TOLERANCE, budget=budget)
+    result = equilibrate(lower, start, tolerance, budget=budget)
     budget.spend(lower, result.fresh_count)
     if result.status is Status.UNSTABLE and lower.model.bends:
         return result.status
     return prolonged(lower, equilibrium, result.q) if result.converged else None
 
 
-def refined(attempt: Attempt, tolerance: float, most_unknowns: float) -> SizeField:
-    """Element sizes at which the worst error would be `tolerance`, or coarser ones."""
+def refined(
+    attempt: Attempt, tolerance: float, most_unknowns: float, most_duals: int = 32
+) -> SizeField:
+    """Element sizes at which the worst error would be `tolerance`, or coarser ones. They follow the
+    `most_duals` charges with the largest errors."""
     correction, factors = attempt.correction, attempt.result.factors
     if correction is None or factors is None:
         raise ValueError("only a converged attempt can be refined")
     mesh, flat = attempt.equilibrium.space.mesh, rigid_elements(attempt.equilibrium.terms)
-    worst = np.argsort(attempt.charge_errors)[-MOST_DUALS:]
+    worst = np.argsort(attempt.charge_errors)[-most_duals:]
     goals = [attempt.problem.goals[i] for i in worst]
     dual, by_goal = error_indicators(correction, factors, goals, attempt.charge_sizes[worst])
     shares = by_goal.max(axis=1)
@@ -285,34 +274,5 @@ def refined(attempt: Attempt, tolerance: float, most_unknowns: float) -> SizeFie
         effects = layers.effects(dual).max(axis=1)
         total = float((effects * remaining_part(layers.widths)).sum())
         most = layers.sizes(effects, max(reduction * total, tolerance))
-        if len(flat):
-            corners = _sizes_at_corners(attempt, shares, reduction)
-            most = np.minimum(most, corners)
     sizes = refined_sizes(mesh, shares, reduction, most, flat)
     return sizes.coarsened(most_unknowns / UNKNOWNS_PER_ELEMENT[attempt.problem.order])
-
-
-def _sizes_at_corners(
-    attempt: Attempt, shares: Array, reduction: float, smallest: float = 0.01
-) -> Array:
-    """Element sizes in m at a punch's corners; infinite elsewhere, (elements,).
-
-    A plate clamped along the edges of a corner has moments that grow to it as the root of the
-    distance falls, so that an element's share is only proportional to its size. The elements at the
-    corners may make half of the error; they become smaller by the factor `smallest` at the most.
-    """
-    equilibrium = attempt.equilibrium
-    mesh, frame = equilibrium.space.mesh, equilibrium.part.frame
-    sizes = np.full(mesh.nelements, np.inf)
-    punches = [load.touch.outline for load in equilibrium.loads if len(load.rigid_patch)]
-    if len(
-        corners_m := np.concatenate([np.empty((0, 2)), *(p.corners for p in punches)]) @ frame.T
-    ):
-        from scipy.spatial import cKDTree  # many scenes are solved without
-
-        near = cKDTree(mesh.p.T).query(corners_m)[1]
-        corners = np.isin(mesh.t, near).any(axis=0)
-        share = max(0.5 * reduction * shares.sum() / corners.sum(), np.finfo(float).tiny)
-        factor = share / np.maximum(shares[corners], share)
-        sizes[corners] = element_sizes(mesh)[corners] * np.maximum(factor, smallest)
-    return sizes

@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,6 +32,7 @@ from pvdf_fem.solvers.newton import Iteration
 from pvdf_fem.solvers.status import NotConvergedError, Status
 
 if TYPE_CHECKING:
+    import xarray
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from pandas import DataFrame
@@ -187,12 +188,40 @@ class Solution:
         told = {load.touch.patch: load.leaning(state, forces) for load in film.loads}
         return {patch: leaning for patch, leaning in told.items() if leaning}
 
-    def at(self, x_mm: ArrayLike, y_mm: ArrayLike) -> PointValues:
+    def at(
+        self, x_mm: ArrayLike, y_mm: ArrayLike, outside: Literal["refuse", "nan"] = "refuse"
+    ) -> PointValues:
         """Values at points of the film: coordinates are numbers, or arrays of any shape.
 
-        Raises ValueError, which names the first one, for points that are not on the film.
+        Raises ValueError, which names the first one, for points that are not on the film, unless
+        values `outside` shall be ``"nan"``.
         """
-        return values_at(self.fields.equilibrium, self.fields.state, x_mm, y_mm)
+        return values_at(self.fields.equilibrium, self.fields.state, x_mm, y_mm, outside)
+
+    def to_xarray(self, step_mm: float = 0.5) -> xarray.Dataset:
+        """The fields on a square grid about the film's centre, NaN off the film.
+
+        Parameters
+        ----------
+        step_mm : float
+            Distance of the grid's points.
+
+        Returns
+        -------
+        xarray.Dataset
+            ``deflection_mm``, ``charge_density_pC_mm2`` (y_mm, x_mm), and with named components
+            ``displacement_mm``, ``slopes``, ``strain`` and ``stress_MPa`` (y_mm, x_mm, ...).
+
+        Examples
+        --------
+        >>> fields = solve(Scene.example("triangle")).to_xarray(step_mm=1.0)
+        >>> fields.deflection_mm.plot()
+        """
+        from pvdf_fem.output.grid import dataset_of, ticks
+
+        x_mm = ticks(self.scene.film.radius_mm, step_mm)
+        values = self.at(x_mm[None], x_mm[:, None], outside="nan")
+        return dataset_of(values, self.scene.to_toml())
 
     def along(self, line_mm: ArrayLike, points: int = 200) -> PointValues:
         """Values at this number of equally spaced points of a line, with both ends.
@@ -217,11 +246,6 @@ class Solution:
     def unknowns(self) -> int:
         """Number of equations on the last mesh, which may be that of a part of the film."""
         return self._fields.solved.unknowns.count if self._fields else 0
-
-    @property
-    def newton_iterations(self) -> int:
-        """Newton iterations on the last mesh."""
-        return len(self.iterations)
 
     def to_json(self) -> dict[str, Any]:
         """What `pvdf-fem solve --json` prints; without results unless converged."""
@@ -248,7 +272,7 @@ class Solution:
             **results,
             "observable": self.scene.numerics.observable,
             "unknowns": self.unknowns,
-            "newton_iterations": self.newton_iterations,
+            "newton_iterations": len(self.iterations),
             "left_out": list(self.left_out),
             "included": list(self.included),
             "warnings": list(self.warnings),

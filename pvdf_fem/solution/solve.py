@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -32,6 +31,7 @@ from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError
 from pvdf_fem.mesh.mesh_file import mesh_of
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart, part_of
+from pvdf_fem.scene.given import SceneLike, scene_of
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.solution import admissible
@@ -77,7 +77,7 @@ class RestError(SceneError):
 
 
 def solve(
-    scene: Scene,
+    scene: SceneLike,
     *,
     mesh: MeshTri2 | str | Path | None = None,
     order: int = ORDER,
@@ -89,7 +89,7 @@ def solve(
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene, path of its file, dict of its tables, or a result of it
     mesh : MeshTri2 or path, optional
         Solve on this mesh of `mesh_scene`, or in a file that `read_mesh` reads, of the whole film,
         whatever the error, instead of meshing for ``scene.numerics.tolerance``.
@@ -114,6 +114,7 @@ def solve(
     SceneError
         For a pressure that cannot be used or has no single dead load; it is a ValueError, too.
     """
+    scene = scene_of(scene)
     posed = Posed.under(scene, pressure)
     if order not in tuple(UNKNOWNS_PER_ELEMENT):
         raise ValueError(f"order = {order!r}: there are no such elements; give 1, 2 or 3")
@@ -196,13 +197,12 @@ def solve_goals(
 
 def _solved(problem: Problem, mesh: MeshTri2 | None) -> Solution:
     """The solution of a problem on a mesh, or on those that its tolerance asks for."""
-    scene, loop = problem.scene, _mesh_loop(problem, WHOLE)
+    scene = problem.scene
+    loop = _mesh_loop(problem, WHOLE if mesh is not None else _part(problem))
     if mesh is not None:
         attempt = loop.attempt_on(mesh, None, time.perf_counter())
         return _solution(steps.with_errors(attempt), Stop.GIVEN_MESH, loop.history)
     try:
-        if (on_part := _on_part(problem)) is not None:
-            return on_part
         attempt, stop = loop.run()
     except MeshError as error:
         reason = f"{Status.MESH_FAILED.advice} ({error})"
@@ -214,6 +214,16 @@ def _solved(problem: Problem, mesh: MeshTri2 | None) -> Solution:
     judged = steps.with_errors(attempt)
     few = attempt.bound <= scene.numerics.tolerance < judged.bound
     return _solution(judged, Stop.STEPS if few else stop, loop.history)
+
+
+def _part(problem: Problem) -> MirroredPart:
+    """The part of the film that is solved for all of it."""
+    scene, model = problem.scene, film_model(problem.scene)
+    leaning = scene.tips or any(touch.load.tilt == "free" for touch in scene.loaded_probes)
+    whole = leaning or problem.posed.pressure
+    if whole or not (model.solved_on_parts and model.electrodes_only_read):
+        return WHOLE
+    return part_of(scene)
 
 
 def _mesh_loop(problem: Problem, part: MirroredPart) -> MeshLoop[Attempt]:
@@ -229,26 +239,6 @@ def _mesh_loop(problem: Problem, part: MirroredPart) -> MeshLoop[Attempt]:
         part,
         lambda attempt: outlines_of(scene, attempt.fields if attempt else None),
     )
-
-
-def _on_part(problem: Problem) -> Solution | None:
-    """The solution on a mirrored part of a film; None if only the whole film can be solved."""
-    scene, pressure = problem.scene, problem.posed.pressure
-    loads = [touch.load for touch in scene.loaded_probes]
-    leaning = scene.tips or any(load.tilt == "free" for load in loads)
-    model = film_model(scene)
-    whole = leaning or pressure or not (model.solved_on_parts and model.electrodes_only_read)
-    part = WHOLE if whole else part_of(scene)
-    if not part.mirrored:
-        return None
-    loop, spent = _mesh_loop(problem, part), problem.budget.spent_seconds
-    with suppress(MeshError):
-        attempt, stop = loop.run()
-        with problem.clock("solve"):
-            if attempt.status is Status.CONVERGED:
-                return _solution(attempt, stop, loop.history)
-    problem.budget.spent_seconds = spent  # the whole film gets all of it
-    return None
 
 
 def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> Solution:

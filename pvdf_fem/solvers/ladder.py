@@ -23,13 +23,11 @@ from pvdf_fem.solvers.newton import (
     FullSteps,
     NewtonOptions,
     NewtonResult,
-    beyond_limit,
     factorise,
     negative_pivots,
     newton,
 )
 from pvdf_fem.solvers.seed import seed
-from pvdf_fem.solvers.settled import Settled
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.solvers.wrinkling import PredictedStress, from_larger_loads
 
@@ -53,7 +51,6 @@ class Task:
     budget: Budget
     start: Array | None = None  #: Unknowns near the solution, if they are known.
     tolerance: float = STEP_TOLERANCE  #: Relative size of Newton's last step in the energy norm.
-    settled: Settled | None = None  #: Charges to be settled where the film wrinkles.
     tried: list[tuple[str, NewtonResult]] = field(default_factory=list)
 
     @property
@@ -84,28 +81,6 @@ class Rung(ABC):
     @abstractmethod
     def solve(self, task: Task) -> NewtonResult:
         """How it ends."""
-
-
-class FlatFilm(Rung):
-    """The unloaded film: an equilibrium for any tension, a stable one unless it is compressed."""
-
-    name = "flat film"
-
-    def applies(self, task: Task) -> bool:
-        """Where the flat film is in balance."""
-        return task.equilibrium.is_flat
-
-    def solve(self, task: Task) -> NewtonResult:
-        """Tells whether the film stays flat."""
-        equilibrium = task.equilibrium
-        q = np.zeros(equilibrium.unknowns.count)
-        state = equilibrium.state(q)
-        least, largest = principal(state.stress)
-        # a slack film is stable, too
-        stable = task.wrinkles or least.min() >= -ROUNDING * np.abs(largest).max()
-        if not stable and equilibrium.model.bends:  # it bears less than makes it buckle
-            stable = negative_pivots(factorise(equilibrium.tangent(state))) == 0
-        return NewtonResult(q, Status.CONVERGED if stable else Status.UNSTABLE, (), None)
 
 
 class OnTip(Rung):
@@ -142,7 +117,7 @@ class LineSearchNewton(Rung):
         if task.equilibrium.unknowns.seats:
             options = replace(options, defer_size=ON_TIP, max_following=MOST_ON_TIP)
         near = task.start is not None
-        return newton(DeferredNewton(task.equilibrium, options, task.budget, near=near), start)
+        return newton(DeferredNewton(task.equilibrium, options, near=near), start)
 
 
 class AgainstFriction(LineSearchNewton):
@@ -173,7 +148,7 @@ class NearNewton(Rung):
     def solve(self, task: Task) -> NewtonResult:
         """From the start."""
         assert task.start is not None
-        return newton(PredictedStress(task.equilibrium, task.last_step, task.settled), task.start)
+        return newton(PredictedStress(task.equilibrium, task.last_step), task.start)
 
 
 class FallingLoad(Rung):
@@ -182,48 +157,25 @@ class FallingLoad(Rung):
     name = "continuation in the load"
 
     def applies(self, task: Task) -> bool:
-        """Under a dead load only."""
-        conservative = task.equilibrium.conservative and not task.equilibrium.unknowns.seats
-        return task.wrinkles and conservative
+        """Without a tip."""
+        return task.wrinkles and not task.equilibrium.unknowns.seats
 
     def solve(self, task: Task) -> NewtonResult:
-        """From the linear membrane's deflection."""
-        return from_larger_loads(task.equilibrium, task.last_step, task.settled, task.iterations)
-
-
-class FromDeadPressure(Rung):
-    """A pressure that follows the film, from the equilibrium under the dead one."""
-
-    name = "Newton from the dead pressure"
-
-    def applies(self, task: Task) -> bool:
-        """Under a pressure that follows."""
-        return any(term.held() is not term for term in task.equilibrium.terms)
-
-    def solve(self, task: Task) -> NewtonResult:
-        """Without a line search, since no energy exists."""
-        following = task.equilibrium
-        dead_film = following.each(lambda term: term.held())
-        dead = climb(Task(dead_film, task.budget, tolerance=task.tolerance))
-        if not dead.converged:
-            return dead
-        if task.wrinkles:
-            result = newton(PredictedStress(following, task.last_step, task.settled), dead.q)
-        else:
-            result = newton(FullSteps(following, task.tolerance), dead.q)
-        if beyond_limit(result.factors):
-            result = replace(result, status=Status.MAX_ITERATIONS)
-        return replace(result, tried=dead.as_tried("dead pressure"))
+        """Under dead loads; a pressure that follows the film starts from their equilibrium."""
+        film = task.equilibrium.each(lambda term: term.held())
+        result = from_larger_loads(film, task.last_step, task.iterations)
+        if task.equilibrium.conservative or not result.converged:
+            return result
+        last = newton(PredictedStress(task.equilibrium, task.last_step), result.q)
+        return replace(last, tried=result.as_tried("dead pressure"))
 
 
 LADDER: tuple[Rung, ...] = (
-    FlatFilm(),
     OnTip(),
     AgainstFriction(),
     LineSearchNewton(),
     NearNewton(),
     FallingLoad(),
-    FromDeadPressure(),
 )
 
 
@@ -233,22 +185,24 @@ def equilibrate(
     tolerance: float = STEP_TOLERANCE,
     *,
     budget: Budget | None = None,
-    settled: Settled | None = None,
 ) -> NewtonResult:
     """The equilibrium of a scene, whatever its film and load are; see `Task` for the parameters."""
     budget = Budget.of(equilibrium.scene) if budget is None else budget
-    task = Task(equilibrium, budget, start, tolerance, settled)
+    task = Task(equilibrium, budget, start, tolerance)
     return climb(task)
 
 
 def climb(task: Task) -> NewtonResult:
-    """The result of the first converging rung, or else of the last applicable rung."""
+    """The flat film where it is in balance; else the result of the first converging rung, or of the
+    last applicable rung."""
+    if task.equilibrium.is_flat:
+        return flat_film(task.equilibrium)
     for rung in LADDER:
         if not rung.applies(task):
             continue
         result = rung.solve(task)
         task.tried.append((rung.name, result))
-        if result.converged or task.equilibrium.is_flat:
+        if result.converged:
             break
     if not task.tried:
         nowhere = np.zeros(task.equilibrium.unknowns.count)
@@ -256,3 +210,16 @@ def climb(task: Task) -> NewtonResult:
     earlier = tuple(entry for name, failed in task.tried[:-1] for entry in failed.as_tried(name))
     last = task.tried[-1][1]
     return replace(last, tried=(*earlier, *last.tried))
+
+
+def flat_film(equilibrium: Equilibrium) -> NewtonResult:
+    """The unloaded film: an equilibrium for any tension, a stable one unless it is compressed."""
+    q = np.zeros(equilibrium.unknowns.count)
+    state = equilibrium.state(q)
+    least, largest = principal(state.stress)
+    # a slack film is stable, too
+    wrinkles = equilibrium.model.wrinkles
+    stable = wrinkles or least.min() >= -ROUNDING * np.abs(largest).max()
+    if not stable and equilibrium.model.bends:  # it bears less than makes it buckle
+        stable = negative_pivots(factorise(equilibrium.tangent(state))) == 0
+    return NewtonResult(q, Status.CONVERGED if stable else Status.UNSTABLE, (), None)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +11,8 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.charges.rest import known_at_rest, untouched
 from pvdf_fem.film.loads.profiles import pinned
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
+from pvdf_fem.progress import Progress, shown, silent
+from pvdf_fem.scene.given import SceneLike, scene_of
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.sweeps.grid import Grid
 from pvdf_fem.sweeps.plan import SweepPlan, plan
@@ -27,61 +27,25 @@ if TYPE_CHECKING:
 #: records are not stored, so that the next run tries the scenes again.
 CRASHED = "crashed"
 
-Progress = Callable[[int, int], None]
 Task = tuple[list[Scene], Array]
 Run = Callable[..., Iterator[tuple[int, Any]]]
 Films = dict[Scene, Record]  #: Records of untouched films.
 
 
-def silent(done: int, total: int) -> None:
-    """A `Progress` that shows nothing."""
-
-
-@contextmanager
-def shown(unit: str, lines: bool = True) -> Iterator[Progress]:
-    """A `Progress` on standard error: a bar on a terminal, else a line for each tenth, or none."""
-    from tqdm import tqdm  # most scenes are solved without
-
-    terminal, tenths = sys.stderr.isatty(), 0
-    with tqdm(unit=unit, disable=not terminal) as bar:
-
-        def show(done: int, total: int) -> None:
-            nonlocal tenths
-            bar.total = total
-            bar.update(done - bar.n)
-            before, tenths = tenths, 10 * done // max(total, 1)
-            if lines and not terminal and tenths != before:
-                print(f"{done} of {total} {unit}s", file=sys.stderr, flush=True)
-
-        yield show
-
-
-class Counted:
-    """Tells a `Progress` of solves whose number is only expected."""
-
-    def __init__(self, progress: Progress, expected: int) -> None:
-        self.progress, self.expected, self.done = progress, expected, 0
-
-    def __call__(self) -> None:
-        """One solve more."""
-        self.done += 1
-        self.progress(self.done, max(self.expected, self.done))
-
-
 def sweep(
-    scene: Scene,
+    scene: SceneLike,
     axes: Sequence[Mapping[str, Any]],
     store: Store | Path | str | None = None,
     *,
     processes: int = -1,
     scheduler: str | None = None,
-    progress: Progress = silent,
+    progress: Progress | bool | None = None,
 ) -> xarray.Dataset:
     """Charges of a scene over a grid, as the dataset of `pvdf_fem.sweeps.dataset.dataset`.
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene, path of its file, dict of its tables, or a result of it
         The base scene.
     axes : sequence of mapping
         See `pvdf_fem.sweeps.grid.Grid.of`: ``[{"film.thickness_um": [9, 25, 110]}, ...]``.
@@ -91,20 +55,22 @@ def sweep(
         Number of processes, -1 for all cores; 1 solves in this one.
     scheduler : str, optional
         Address of a Dask scheduler, whose workers solve instead of processes of this machine.
-    progress : callable
-        Called with two numbers of distinct scenes: how many are solved, and how many had to be.
+    progress : callable or bool, optional
+        Called with the numbers of distinct scenes that are solved and that had to be; or whether
+        these are shown, see `pvdf_fem.progress.shown`.
 
     Raises `SceneError` when an axis, or a scene of the grid, has a mistake.
     """
     from pvdf_fem.sweeps.dataset import dataset  # xarray is slow to import
 
-    how: dict[str, Any] = {"processes": processes, "scheduler": scheduler, "progress": progress}
+    how: dict[str, Any] = {"processes": processes, "scheduler": scheduler}
     if isinstance(store, Path | str):
         with Store(Path(store)) as opened:
-            return sweep(scene, axes, opened, **how)
-    grid = Grid.of(scene, axes)
+            return sweep(scene, axes, opened, **how, progress=progress)
+    grid = Grid.of(scene_of(scene), axes)
     todo = planned(grid.scenes(), store)
-    return dataset(grid, todo, records(todo, store, **how))
+    with shown("scenes", progress) as show:
+        return dataset(grid, todo, records(todo, store, **how, progress=show))
 
 
 def solve_all(scenes: Sequence[Scene], store: Store | None = None, **how: Any) -> list[Record]:

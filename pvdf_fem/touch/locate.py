@@ -10,13 +10,13 @@ explains, the edge of the model's domain. `weigh` tells which of several probes 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from pvdf_fem.progress import Counted, Progress, shown
 from pvdf_fem.response.model import FORCE, QUANTITIES, Model, touch_of
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.touch.locate_many import explanations
@@ -44,7 +44,7 @@ def locate(
     reading: str | None = None,
     touches: int = 1,
     options: LocateOptions = DEFAULTS,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | bool | None = None,
 ) -> Location:
     """All touches that may have given some charges, the likeliest first.
 
@@ -68,8 +68,9 @@ def locate(
     reading : str, optional
         ``"total"`` charges, or their ``"change"`` by the touch, as by an amplifier that was zeroed
         before it. By default that of the scene's readout, or else in total.
-    progress : callable, optional
-        Called with the numbers of finished and of expected solves, if there are any.
+    progress : callable or bool, optional
+        Called with the numbers of finished and of expected solves, if there are any; or whether
+        these are shown, see `pvdf_fem.progress.shown`.
 
     Raises
     ------
@@ -119,17 +120,16 @@ def _by_solves(
     unknown: Sequence[str],
     touches: int,
     options: LocateOptions,
-    progress: Callable[[int, int], None] | None,
+    progress: Progress | bool | None,
 ) -> Location:
     """`locate` with a scene; `noise` has its sigma, noise_pC and reading."""
-    from pvdf_fem.sweeps.sweep import Counted, shown  # with gmsh
-    from pvdf_fem.touch.solves import Solves
+    from pvdf_fem.touch.solves import Solves  # with gmsh
     from pvdf_fem.touch.superposed import search_by_solves
 
     if wrong := [*charge_mistakes(scene, charges_pC, *noise)]:
         raise ValueError("\n".join(wrong))
     expected = options.starts * (1 + options.first_steps) + 10 * options.followed
-    with nullcontext(progress) if progress else shown("solve", lines=False) as show:
+    with shown("solves", progress) as show:
         solves = Solves.of(scene, touches, unknown, options.tolerance, Counted(show, expected))
         measurement = Measurement.of(solves, tuple(charges_pC), *noise)
         readings = np.array([[*charges_pC.values()]], dtype=float)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -120,7 +120,7 @@ class Touches:
 
 def locate_many(
     model: Model,
-    charges_pC: ArrayLike | Mapping[str, Sequence[float]],
+    charges_pC: ArrayLike | Mapping[str, ArrayLike],
     sigma: Deviations = 0.01,
     *,
     rotations_deg: ArrayLike | None = None,
@@ -184,8 +184,9 @@ def locate_many(
         found.put(rows, problem, ends)
         strange = np.flatnonzero(~found.explained[rows])
         if strange.size:
-            given, other = charges[rows[strange]], {i: of[strange] for i, of in held.items()}
-            for text, _, _, which in explanations(measurement, given, sought, other):
+            other = {i: of[strange] for i, of in held.items()}
+            mistakes_of = explanations(measurement, charges[rows[strange]], sought, other)
+            for text, _, _, which in mistakes_of:
                 found.explanations[rows[strange[which]]] += f"; explained if {text}"
     return found
 

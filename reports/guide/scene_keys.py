@@ -19,7 +19,6 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pvdf_fem.scene.change import plain
 from pvdf_fem.scene.film import Air, Film
-from pvdf_fem.scene.outlines.shape import HEAT
 from pvdf_fem.scene.quantity import Key, Section
 from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.registry import Load
@@ -51,6 +50,10 @@ ABOUT = {
     "[[electrodes]]": "In place of the layout, any electrodes; they may touch, but not overlap.",
     "[probe]": "What presses on the film; without this table nothing does.",
 }
+UNCERTAIN = (
+    "Standard deviations of numbers of the scene by their keys, in the key's unit or as shares of "
+    "the number: `pvdf-fem solve` tells what they make of each charge."
+)
 HEAD = """\
 # The sensor with four electrodes, without a probe: the film under its pretension only.
 # Copy, keep what you change, delete the rest: every key has the value below as its default. Lines
@@ -106,13 +109,10 @@ def groups(models: Sequence[type[Section]]) -> Iterator[tuple[str, type[Section]
         yield "", first, list(first.model_fields)
         return
     shared = [key for key in first.model_fields if all(key in m.model_fields for m in others)]
-    if first not in PROBES.values():
-        shared = [key for key in shared if key not in ("edge_radius_mm", *HEAT)]
     yield "", first, shared
     for model in models:
-        own = model.model_fields.keys() - {"edge_radius_mm", *HEAT, *shared}
         caption = f'shape = "{model.model_fields["shape"].default}": {cleaned(model.__doc__)}'
-        yield caption, model, [key for key in model.model_fields if key in own]
+        yield caption, model, [key for key in model.model_fields if key not in shared]
 
 
 def commented_scene() -> str:
@@ -133,6 +133,9 @@ def commented_scene() -> str:
             lines += [line for key in keys for line in _entry(model, key, used)]
             told |= {caption} - {""}
         blocks.append("\n".join(lines) + "\n")
+    blocks.append(
+        "\n".join([*_comment(UNCERTAIN), "#[uncertain]", '#"film.thickness_um" = "5 %"\n'])
+    )
     return "\n".join(blocks)
 
 
@@ -177,6 +180,7 @@ def scene_page() -> str:
             shape, _, about = caption.partition(": ")
             lines += ["", f"`{shape}`: {about}", ""] if caption else []
             lines += table_of(model, keys)
+    lines += ["", "## `[uncertain]`", "", UNCERTAIN]
     commented = example_text("four_electrodes", examples()).rstrip()
     lines += ["", "## A scene with every key", "", "```toml", commented, "```"]
     return "\n".join(lines) + "\n"
@@ -213,6 +217,8 @@ def _written(value: Any) -> str:
 def _values(annotation: Any, key: Key) -> str:
     """What a type takes, in words; `key` has the range of its numbers."""
     origin, arguments = get_origin(annotation), get_args(annotation)
+    if key.words:
+        return ", ".join(map(_written, key.words))
     if origin is Annotated:
         return _values(arguments[0], next((k for k in arguments if isinstance(k, Key)), key))
     if origin is Literal:

@@ -236,6 +236,7 @@ def test_taut_centre_and_wrinkled_surroundings(force, strain):
     assert result.deflection_max_mm == pytest.approx(deflection, rel=5e-4)
 
 
+@pytest.mark.slow
 def test_a_load_that_hardly_reaches_the_film_is_named():
     """Beside a rigid probe of 0.01 mm at the rim: tension runs in a line or two."""
     star = [[8.0, 2.6], [3.3, 6.1], [-2.2, 7.5], [-8.8, -1.8], [-2.7, -4.5], [3.7, -4.3]]

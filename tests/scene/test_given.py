@@ -37,3 +37,11 @@ def test_mistakes_are_those_of_the_file_or_the_table(tmp_path):
         scene_of(tmp_path / "none.toml")
     with pytest.raises(SceneError, match=r"film\.radius"):
         scene_of({"film": {"radius": 2}})
+
+
+def test_a_scene_is_changed_by_a_dict_and_not_in_place():
+    changed = Scene().with_({"probe": {"shape": "circle"}, "film.thickness_um": 12.0})
+    assert changed == SCENE
+    with pytest.raises(AttributeError, match=r"Scene\.with_"):
+        changed.film.thickness_um = 25.0
+    assert changed == SCENE

@@ -62,6 +62,7 @@ def found_near(model, charges, start, sigma=1e-3):
     return location(problem, descend(problem, np.array([start]), options=FEW.solve_search))
 
 
+@pytest.mark.slow
 def test_a_warm_touch_is_found_with_its_temperature():
     """Half of it on an electrode of four, from the place that a cold film would have."""
     truth = {"probe.x_mm": 8.0, "probe.y_mm": 1.0, "probe.temperature_K": 10.0}

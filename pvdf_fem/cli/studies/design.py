@@ -103,7 +103,7 @@ def run(options: argparse.Namespace) -> int:
             raise InputError(*dict.fromkeys(wrong))
         print(designs, file=sys.stderr)
         asked["model"] = lambda film: model_of(film, options.scene, choice, as_kept=True)
-        data = design(scene, vary, **asked)
+        data = design(scene, vary, progress=options.progress, **asked)
     except ValueError as error:
         raise InputError(*str(error).splitlines()) from error
     except NotConvergedError as error:

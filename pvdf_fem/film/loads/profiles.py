@@ -21,7 +21,7 @@ import shapely
 from pvdf_fem.arrays import Array
 from pvdf_fem.files import FileError, decoded, read_bytes
 from pvdf_fem.film.loads.posed import PosedProbe, Pressure, name_of
-from pvdf_fem.scene.outlines.disc import ImageOfDisc
+from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.outline import mean_over, turn
 from pvdf_fem.scene.registry import PIN, PROFILE_ENTRIES, said_at
 from pvdf_fem.scene.scene import Scene, SceneError
@@ -66,7 +66,7 @@ class Hertz(Profile):
 
     def __call__(self, points: Array) -> Array:
         outline = self.touch.outline
-        assert isinstance(outline, ImageOfDisc)  # the scene refuses others
+        assert isinstance(outline, Ellipse)  # the scene refuses others
         z = (points - outline.centre) @ np.linalg.inv(outline.axes).T
         return np.sqrt(np.maximum(1.0 - (z**2).sum(axis=-1), 0.0))
 

@@ -36,11 +36,6 @@ class Polygon(Outline):
         return _moments(self.vertices)[0]
 
     @cached_property
-    def perimeter(self) -> float:
-        edges = self.vertices - np.roll(self.vertices, 1, axis=0)
-        return float(np.linalg.norm(edges, axis=1).sum())
-
-    @cached_property
     def centroid(self) -> Array:
         return _moments(self.vertices)[1]
 

@@ -21,7 +21,7 @@ from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.outlines.polygon import Polygon
-from pvdf_fem.scene.outlines.shape import Shape
+from pvdf_fem.scene.outlines.shape import Touching
 
 #: Part of the edge's radius up to which the height is that of the ball; farther out it goes on as
 #: a parabola, so that an iterate there has finite heights.
@@ -191,7 +191,7 @@ class PolygonTip(Tip):
         return Polygon(np.array(shape.simplify(detail * width).exterior.coords)[:-1])
 
 
-def tip_of(probe: Shape) -> Tip:
+def tip_of(probe: Touching) -> Tip:
     """The rigid tip of a probe's shape; raises `ValueError` with the reason for other shapes."""
     outline, radius = probe.outline, (probe.rounding_mm or 0.0) / 1e3
     if not radius:
