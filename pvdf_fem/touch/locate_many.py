@@ -20,10 +20,10 @@ from pvdf_fem.touch.measurement import (
     Measurement,
     charge_mistakes,
 )
-from pvdf_fem.touch.problem import Problem, extents
-from pvdf_fem.touch.search import DEFAULTS, location, search
+from pvdf_fem.touch.problem import Problem
+from pvdf_fem.touch.search import DEFAULTS, described, location, search
 from pvdf_fem.touch.starts import nearest_starts
-from pvdf_fem.touch.touch import TouchStatus, explains, p_values, roots_of
+from pvdf_fem.touch.touch import TouchStatus, explains
 
 #: Rows that are located together: they take some 3 kB each while searches are under way.
 CHUNK = 32768
@@ -73,25 +73,18 @@ class Touches:
 
     def put(self, rows: Indices, problem: Problem, ends: Descent) -> None:
         """Write down the ends of searches for some rows."""
-        sought = problem.unknown
         self.status[rows[~ends.arrived]] = TouchStatus.NOT_FOUND
         rows, ends = rows[ends.arrived], ends.take(np.flatnonzero(ends.arrived))
-        values = problem.touches(ends.at)
-        scale = problem.per_coordinate(values)[:, sought]
-        extent = extents(problem.model)[sought] * scale
-        root, free = roots_of(ends.slopes[:, :, sought] / scale[:, None], extent)
+        values, root, free, chi_square, p_value, explained = described(problem, ends)
         self.values[rows], self.determined[rows] = values, ~free.any(axis=1)
         self.covariances[rows] = root @ root.swapaxes(1, 2)
         if np.isnan(self.alternatives[rows]).all():  # not calibrated
             self.deviations[rows] = np.sqrt(np.einsum("nuu->nu", self.covariances[rows]))
-        freedom = len(problem.electrodes) - len(sought)
-        self.chi_square[rows] = ends.chi_square
-        self.p_value[rows] = p_values(ends.chi_square, freedom)
+        self.chi_square[rows], self.p_value[rows] = chi_square, p_value
         self.at_edge[rows] = [bool(limits) for limits in problem.edges(ends.at)]
         self.status[rows[self.at_edge[rows]]] = TouchStatus.AT_EDGE
         self.status[rows[self.alternatives[rows] > 0]] = TouchStatus.AMBIGUOUS
-        strange = ~explains(ends.chi_square, freedom)
-        self.status[rows[strange]] = TouchStatus.UNEXPLAINED
+        self.status[rows[~explained]] = TouchStatus.UNEXPLAINED
 
     def to_table(self) -> dict[str, NDArray[Any]]:
         """Columns (n,): touches, deviations (NaN where known), fit, alternatives, status, remark.
@@ -296,8 +289,7 @@ def _nearest_end(
 
 def _explained(problem: Problem, ends: Descent) -> Mask:
     """Rows whose search was not given up, and ended where the charges are explained."""
-    freedom = len(problem.electrodes) - len(problem.unknown)
-    return ends.arrived & explains(ends.chi_square, freedom)
+    return ends.arrived & explains(ends.chi_square, problem.freedom)
 
 
 def _search_everywhere(problem: Problem, ends: Descent, row: int) -> Descent:
