@@ -176,7 +176,7 @@ class Contact:
         errors' walk is a bridge between onset and end then. The touch is that at its peak."""
         last, count = self.history[-1], self.rested
         (left, noise), along = self._mean(-count, count), np.square(self._unit)
-        total, missed = self._total + noise, last.missed + along @ (last.walked + noise)
+        total, missed = self._total + noise, last.missed + float(along @ (last.walked + noise))
         closed = copy(self)
         size = (self.charges[:-count] - left) @ self._unit
         walks = [along @ (last.walked - s.walked + s.noise) for s in self.history[:-count]]

@@ -74,8 +74,15 @@ class ChangeModel(Problem):
         """The changes of a model's charges."""
         unknown = np.array([i for i in range(len(QUANTITIES)) if i not in known])
         charges = np.arange(len(rest_pC)), rest_pC[None], np.ones((1, len(rest_pC)))
-        parts = {"rest_pC": rest_pC, "circuit": circuit, "known": known, "options": options}
-        return cls(model, *charges, unknown, **parts)
+        return cls(
+            model,
+            *charges,
+            unknown,
+            rest_pC=rest_pC,
+            circuit=circuit,
+            known=known,
+            options=options,
+        )
 
     @property
     def least(self) -> float:
