@@ -103,6 +103,8 @@ class Tracker:
         else:
             row = self._begin_anew(t)
         self._time = t
+        if row.status == "settling":
+            row = replace(row, settling_s=self.settled_s - t)
         return replace(row, missing=" ".join(silent)) if silent else row
 
     @property

@@ -30,6 +30,8 @@ def test_a_tap_through_a_resistance_is_found_located_and_weighed():
     assert_found(touch, TAP)
     assert touch.impulse_N_s == pytest.approx(0.8 * 0.12 * 2.0 / np.pi, rel=0.05)
     assert {row.status for row in rows[:200]} == {"settling"}
+    assert rows[100].settling_s == pytest.approx(0.22, abs=2e-3)
+    assert rows[400].settling_s == 0.0
     assert {row.status for row in rows if row.t_s < 0.59} == {"settling", "quiet"}
     pressed = [row for row in rows if row.status == "touch"]
     assert {row.touch for row in pressed} == {1}
