@@ -113,16 +113,13 @@ def _of_tip(key: str, probe: Any, load: Load) -> Iterator[str]:
     """Complaints about a probe that is a tip but does not touch, or touches and is none."""
     touches, rounding = load.kind == "contact", probe.edge_radius_mm
     try:
-        tip = tip_of(probe)
+        tip_of(probe)
     except ValueError as error:
         if touches or rounding is not None:
             reason = f'{error}; give shape = "sphere" or edge_radius_mm'
             name = "shape" if rounding is None else "edge_radius_mm"
             yield problem(f"{key}.{name}", getattr(probe, name), reason)
         return
-    if load.friction == "stuck" and tip.modes(probe.outline.centroid[None]) is None:
-        reason = "is of round tips: spheres, and circles with edge_radius_mm; give 0"
-        yield problem(said_at(key, probe, "friction"), load.friction, reason)
     if not touches:
         reason = "is of a tip that the film touches where it must"
         name = "shape" if rounding is None else "edge_radius_mm"

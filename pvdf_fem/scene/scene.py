@@ -70,9 +70,6 @@ class Numerics(Section):
     ] = "material"
     """material: d31 S11 + d32 S22 over the electrode. thesis-edge: mean stress on opposite edges
     times the area."""
-    load_steps: Annotated[int | None, Key("", (3, 50), example=6)] = None
-    """Steps in which film comes to stick to a tip, 6 by default, or slides against friction, 4 by
-    default."""
     max_unknowns: Annotated[int | None, Key("unknowns", (100, 10_000_000), example=60000)] = None
     """Largest number of unknowns of a refined mesh; by default 60000, 30000 if the film wrinkles,
     and more for tolerances below 1e-3."""
