@@ -40,7 +40,7 @@ from pvdf_fem.scene.scene_file import (
     read_scene_text,
     write_toml,
 )
-from pvdf_fem.scene.shapes import Electrode, Electrodes, Layout, Probe, Probes
+from pvdf_fem.scene.shapes import LAYOUTS, Electrode, Electrodes, Layout, Probe, Probes
 from pvdf_fem.scene.stage import Stage, WantedModel
 
 __all__ = [
@@ -129,7 +129,7 @@ class Scene(Section):
 
     film: Film = Film()
     """The film and its material."""
-    electrodes: Annotated[Electrodes, Key(affects=Affects.READING)] = Layout()
+    electrodes: Annotated[Electrodes, Key(affects=Affects.READING)] = LAYOUTS["square"]()
     """The electrodes: a layout, or a list of any."""
     probe: Probes | None = None
     """What presses on the film, or a list of several; nothing does where it is not given."""
