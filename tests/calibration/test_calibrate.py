@@ -92,6 +92,7 @@ def test_derivatives_are_those_of_solves():
         np.testing.assert_allclose(prediction.by_touch[0, :, i], slope, atol=1e-3 * scale)
 
 
+@pytest.mark.slow
 def test_one_misplaced_touch_is_named_and_does_not_bias(found):
     columns = made(sigma=0.01, place_sd=0.3)
     x_mm = columns["x_mm"].copy()

@@ -59,6 +59,7 @@ def test_a_touch_beyond_reach_is_told():
     assert found.status == "unexplained"
 
 
+@pytest.mark.slow
 def test_a_film_that_bears_no_touch_is_told():
     slack = PAIR.with_(**{"film.temperature_change_K": 20.0, "film.bending": False})
     charges = dict.fromkeys("ABCDEFGH", 500.0)
