@@ -256,14 +256,14 @@ def _mesh(options: argparse.Namespace) -> int:
     from pvdf_fem.output.export import FORMATS, write_mesh
 
     scene = scene_of(options, *output_mistakes(options.file, list(FORMATS), options.scene))
+    from pvdf_fem.film.loads.contact_guess import tip_outlines
     from pvdf_fem.film.models import film_model
     from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
     from pvdf_fem.solution.first_sizes import ORDER, first_sizes
-    from pvdf_fem.solution.tips.edges import outlines_of
 
     try:
         sizes, jacobian = first_sizes(scene, ORDER), film_model(scene).least_jacobian
-        contacts = outlines_of(scene)
+        contacts = tip_outlines(scene)
         mesh = mesh_scene(scene, sizes, least_jacobian=jacobian, contacts=contacts)
         write_mesh(mesh, options.file)
     except MeshError as error:

@@ -40,7 +40,7 @@ from pvdf_fem.scene.scene_file import (
     read_scene_text,
     write_toml,
 )
-from pvdf_fem.scene.shapes import Electrode, Electrodes, Layout, Probe, Probes
+from pvdf_fem.scene.shapes import LAYOUTS, Electrode, Electrodes, Layout, Probe, Probes
 from pvdf_fem.scene.stage import Stage, WantedModel
 
 __all__ = [
@@ -72,9 +72,6 @@ class Numerics(Section):
     ] = "material"
     """material: d31 S11 + d32 S22 over the electrode. thesis-edge: mean stress on opposite edges
     times the area."""
-    load_steps: Annotated[int | None, Key("", (3, 50), example=6)] = None
-    """Steps in which film comes to stick to a tip, 6 by default, or slides against friction, 4 by
-    default."""
     max_unknowns: Annotated[int | None, Key("unknowns", (100, 10_000_000), example=60000)] = None
     """Largest number of unknowns of a refined mesh; by default 60000, 30000 if the film wrinkles,
     and more for tolerances below 1e-3."""
@@ -132,7 +129,7 @@ class Scene(Section):
 
     film: Film = Film()
     """The film and its material."""
-    electrodes: Annotated[Electrodes, Key(affects=Affects.READING)] = Layout()
+    electrodes: Annotated[Electrodes, Key(affects=Affects.READING)] = LAYOUTS["square"]()
     """The electrodes: a layout, or a list of any."""
     probe: Probes | None = None
     """What presses on the film, or a list of several; nothing does where it is not given."""

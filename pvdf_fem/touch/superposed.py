@@ -31,7 +31,7 @@ def search_by_solves(problem: Problem, model: Solves, options: LocateOptions) ->
     coarse, how = replace(problem, model=rough, deviations_pC=spread), options.solve_search
     other = model.other_probe
     begun = _begun(coarse, model.touch, options)
-    freedom, found = len(problem.electrodes) - len(problem.unknown), []
+    freedom, found = problem.freedom, []
     for starts in (begun[: options.followed], begun[options.followed :]):
         ends = _ordered(coarse, descend(coarse, starts, options=how), other, options)
         for _ in range(options.rounds if ends.at.size else 0):

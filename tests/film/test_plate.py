@@ -253,7 +253,7 @@ def test_tangent_is_the_derivative_of_the_residual(kind):
     difference = (residual[-2] - 8 * residual[-1] + 8 * residual[1] - residual[2]) / 12
     derivative = problem.tangent(problem.state(q)) @ d
     assert np.abs(derivative - difference).max() <= 1e-10 * np.abs(difference).max()
-    bending = plate_of(problem).coupled_tangent(problem.assembly) @ d
+    bending = plate_of(problem).coupled_tangent(problem.assembly, problem.state(q)) @ d
     assert np.linalg.norm(bending) > 1e-2 * np.linalg.norm(derivative)
 
 
@@ -372,6 +372,7 @@ def test_form_is_positive_definite_beside_a_cusp(order):
     assert compression(mesh).min() > 0.2
     equilibrium = Equilibrium(scene, mesh, order)
     deflections = np.flatnonzero(equilibrium.unknowns.deflections())
-    tangent = plate_of(equilibrium).coupled_tangent(equilibrium.assembly)
+    flat = equilibrium.state(np.zeros(equilibrium.unknowns.count))
+    tangent = plate_of(equilibrium).coupled_tangent(equilibrium.assembly, flat)
     stiffness = tangent[deflections][:, deflections].tocsc()
     assert negative_pivots(factorise(stiffness)) == 0
