@@ -48,6 +48,7 @@ def test_touches_are_sought_where_the_scenes_model_says():
     assert Solves.of(near, 2, ("x_mm", "y_mm"), 1e-2).domain == Domain(4.0, (0.2, 3.0))
 
 
+@pytest.mark.slow
 def test_a_film_that_bears_no_touch_is_told():
     slack = PAIR.with_(**{"film.temperature_change_K": 20.0, "film.bending": False})
     charges = dict.fromkeys("ABCDEFGH", 500.0)
